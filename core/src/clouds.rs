@@ -1,0 +1,187 @@
+//! The registered clouds, in ascending priority, and what a configuration may be.
+
+use crate::gate::Gate;
+use crate::priority::{Priorities, Priority, priority_of};
+use crate::source::{Source, Sources};
+
+/// One cloud as configured.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Cloud {
+    /// 1 to 65535, unlike every other cloud's.
+    pub priority: Priority,
+    /// The gate shuts at this many queued requests; at least 1.
+    pub limit: u64,
+    /// The shut gate opens at this many queued requests or fewer; less than `limit`.
+    pub resume: u64,
+}
+
+impl Cloud {
+    /// A cloud whose gate resumes at `limit − 1`.
+    #[must_use]
+    pub const fn new(priority: Priority, limit: u64) -> Self {
+        Self { priority, limit, resume: limit.saturating_sub(1) }
+    }
+}
+
+/// Why a configuration is refused.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ConfigError {
+    /// The window is 0 or above the machine's capacity.
+    Window {
+        /// The window asked for.
+        window: usize,
+        /// The machine's capacity, its type parameter.
+        capacity: usize,
+    },
+    /// There are more clouds than the machine's capacity.
+    TooManyClouds {
+        /// The clouds given.
+        clouds: usize,
+        /// The machine's capacity, its type parameter.
+        capacity: usize,
+    },
+    /// A cloud has priority 0, which is local's.
+    LocalPriority,
+    /// Two clouds have this priority (A10).
+    DuplicatePriority(Priority),
+    /// This cloud's gate has limit 0 or does not resume below its limit (F2g).
+    Gate(Priority),
+}
+
+impl core::fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Window { window, capacity } => {
+                write!(f, "a window of {window}; it must be from 1 to {capacity}")
+            }
+            Self::TooManyClouds { clouds, capacity } => {
+                write!(f, "{clouds} clouds; there can be at most {capacity}")
+            }
+            Self::LocalPriority => f.write_str("a cloud with priority 0; that is local's"),
+            Self::DuplicatePriority(p) => write!(f, "two clouds with priority {}", p.as_u16()),
+            Self::Gate(p) => {
+                write!(f, "cloud {}: its gate must resume below its limit", p.as_u16())
+            }
+        }
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
+/// The clouds in ascending priority; cloud `i` is source `i + 1`. Entries from `len` on mean nothing.
+#[derive(Clone, Copy)]
+pub(crate) struct Clouds<const CLOUDS: usize> {
+    priorities: [Priority; CLOUDS],
+    gates: [Gate; CLOUDS],
+    len: usize,
+}
+
+/// Fills entries that hold no cloud; never consulted.
+const NO_GATE: Gate = match Gate::new(1, 0) {
+    Some(gate) => gate,
+    None => unreachable!(),
+};
+
+impl<const CLOUDS: usize> Clouds<CLOUDS> {
+    pub(crate) fn new(clouds: &[Cloud]) -> Result<Self, ConfigError> {
+        let mut registered =
+            Self { priorities: [Priority::LOCAL; CLOUDS], gates: [NO_GATE; CLOUDS], len: 0 };
+        if clouds.len() > CLOUDS {
+            return Err(ConfigError::TooManyClouds { clouds: clouds.len(), capacity: CLOUDS });
+        }
+        for cloud in clouds {
+            registered.insert(*cloud)?;
+        }
+        Ok(registered)
+    }
+
+    /// Keeps the order of priorities: the new cloud sinks below those that outrank it.
+    fn insert(&mut self, cloud: Cloud) -> Result<(), ConfigError> {
+        if cloud.priority == Priority::LOCAL {
+            return Err(ConfigError::LocalPriority);
+        }
+        // A10: with equal priorities neither result would be the better one.
+        if self.source(cloud.priority).is_some() {
+            return Err(ConfigError::DuplicatePriority(cloud.priority));
+        }
+        let Some(gate) = Gate::new(cloud.limit, cloud.resume) else {
+            return Err(ConfigError::Gate(cloud.priority));
+        };
+        let mut sinking = (cloud.priority, gate);
+        for (i, (priority, gate)) in self.priorities.iter_mut().zip(&mut self.gates).enumerate() {
+            let place = (priority, gate);
+            if i == self.len {
+                (*place.0, *place.1) = sinking;
+                break;
+            }
+            if *place.0 > sinking.0 {
+                core::mem::swap(place.0, &mut sinking.0);
+                core::mem::swap(place.1, &mut sinking.1);
+            }
+        }
+        self.len = self.len.saturating_add(1);
+        Ok(())
+    }
+
+    /// The source with this priority; 0 is local.
+    pub(crate) fn source(&self, priority: Priority) -> Option<Source> {
+        if priority == Priority::LOCAL {
+            return Some(Source::LOCAL);
+        }
+        let mut source = 1;
+        for (i, registered) in self.priorities.iter().enumerate() {
+            if i < self.len && *registered == priority {
+                return Source::new(source);
+            }
+            source = u8::wrapping_add(source, 1);
+        }
+        None
+    }
+
+    pub(crate) fn priority(&self, source: Source) -> Priority {
+        priority_of(&self.priorities, source)
+    }
+
+    pub(crate) fn priorities(&self, members: Sources) -> Priorities<CLOUDS> {
+        Priorities::new(self.priorities, members)
+    }
+
+    /// All clouds, as the set of their sources.
+    pub(crate) fn all(&self) -> Sources {
+        (1..=Source::COUNT).filter(|i| usize::from(*i) <= self.len).filter_map(Source::new).collect()
+    }
+
+    pub(crate) fn gate(&self, source: Source) -> Option<&Gate> {
+        self.gates.get(..self.len)?.get(usize::from(source.index()).checked_sub(1)?)
+    }
+
+    pub(crate) fn gate_mut(&mut self, source: Source) -> Option<&mut Gate> {
+        self.gates.get_mut(..self.len)?.get_mut(usize::from(source.index()).checked_sub(1)?)
+    }
+}
+
+impl<const CLOUDS: usize> PartialEq for Clouds<CLOUDS> {
+    fn eq(&self, other: &Self) -> bool {
+        self.entries().eq(other.entries())
+    }
+}
+
+impl<const CLOUDS: usize> Eq for Clouds<CLOUDS> {}
+
+impl<const CLOUDS: usize> core::hash::Hash for Clouds<CLOUDS> {
+    fn hash<H: core::hash::Hasher>(&self, state: &mut H) {
+        self.len.hash(state);
+        for entry in self.entries() {
+            entry.hash(state);
+        }
+    }
+}
+
+impl<const CLOUDS: usize> Clouds<CLOUDS> {
+    pub(crate) fn entries(&self) -> impl Iterator<Item = (Priority, Gate)> {
+        self.priorities.iter().copied().zip(self.gates.iter().copied()).take(self.len)
+    }
+}

@@ -1,0 +1,376 @@
+//! The machine: bookkeeping of window, due instants and gates around the step of one timestamp.
+
+use crate::answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
+use crate::clouds::{Cloud, Clouds, ConfigError};
+use crate::gate::Gate;
+use crate::priority::Priority;
+use crate::slot::{Commit, Decision, Event, Slot};
+use crate::source::{Source, Sources};
+use crate::time::{Deadline, Instant, Timestamp};
+use crate::window::{Entry, Place, Window};
+
+/// One operator's machine, for up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open timestamps.
+///
+/// Two machines are equal if they answer all inputs alike.
+///
+/// - constructor: [`new`](Self::new)
+/// - inputs: [`at`](Self::at), then one method of [`Ready`]
+/// - questions: [`next_due`](Self::next_due), [`now`](Self::now), [`newest`](Self::newest),
+///   [`len`](Self::len), [`slot`](Self::slot), [`due`](Self::due), [`open`](Self::open),
+///   [`gate`](Self::gate), [`source`](Self::source), [`priority`](Self::priority), [`clouds`](Self::clouds),
+///   [`window`](Self::window), [`commit`](Self::commit)
+#[derive(Clone)]
+pub struct Fusion<const CLOUDS: usize, const WINDOW: usize> {
+    commit: Commit,
+    window: usize,
+    clouds: Clouds<CLOUDS>,
+    now: Instant,
+    newest: Option<Timestamp>,
+    open: Window<CLOUDS, WINDOW>,
+}
+
+/// The machine at an instant (F0): either a firing comes first, or it takes inputs.
+#[derive(Debug)]
+#[must_use = "a firing may forward a result; without `Ready` there is no input"]
+pub enum At<'a, const CLOUDS: usize, const WINDOW: usize> {
+    /// These timers fired (F5). Act on it and call [`Fusion::at`] again.
+    Fired(Firing<CLOUDS>),
+    /// Nothing is due.
+    Ready(Ready<'a, CLOUDS, WINDOW>),
+}
+
+/// The machine with nothing due at its instant: the one place where inputs go in.
+///
+/// It may take several inputs of the same instant: whatever they arm is due later.
+pub struct Ready<'a, const CLOUDS: usize, const WINDOW: usize> {
+    fusion: &'a mut Fusion<CLOUDS, WINDOW>,
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
+    /// A machine with nothing open, its clock at [`Instant::START`] and its gates open.
+    ///
+    /// `window`, 1 to `WINDOW`, bounds how many timestamps are open at once. The order of `clouds` means nothing
+    /// (P10). Capacities beyond 15 clouds or 1024 timestamps do not compile.
+    ///
+    /// # Errors
+    /// The first [`ConfigError`] that holds.
+    pub fn new(window: usize, commit: Commit, clouds: &[Cloud]) -> Result<Self, ConfigError> {
+        const {
+            assert!(CLOUDS < Source::COUNT as usize, "a machine has at most 15 clouds");
+            assert!(WINDOW >= 1 && WINDOW <= 1024, "a window holds 1 to 1024 timestamps");
+        }
+        if window == 0 || window > WINDOW {
+            return Err(ConfigError::Window { window, capacity: WINDOW });
+        }
+        Ok(Self {
+            commit,
+            window,
+            clouds: Clouds::new(clouds)?,
+            now: Instant::START,
+            newest: None,
+            open: Window::new(),
+        })
+    }
+
+    /// F0: moves the clock to `now`, never back, and fires the earliest timers due by then, if any.
+    ///
+    /// Call it until it is [`At::Ready`]; the number of calls is at most one more than that of the armed timers.
+    /// A tick is such a call with no input after it.
+    pub fn at(&mut self, now: Instant) -> At<'_, CLOUDS, WINDOW> {
+        self.now = self.now.max(now);
+        match self.open.next_to_fire() {
+            // A1: the due instant itself is past.
+            Some((due, place)) if due <= self.now => At::Fired(self.fire(due, place)),
+            Some(_) | None => At::Ready(Ready { fusion: self }),
+        }
+    }
+
+    /// The earliest instant at which a timer is due; tick then. Constant time.
+    #[must_use]
+    pub fn next_due(&self) -> Option<Instant> {
+        self.open.next_due()
+    }
+
+    /// The greatest instant seen, at which all decisions so far were made.
+    #[must_use]
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// The greatest timestamp ever opened.
+    #[must_use]
+    pub const fn newest(&self) -> Option<Timestamp> {
+        self.newest
+    }
+
+    /// How many timestamps are open; at most [`Self::window`].
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.open.len()
+    }
+
+    /// Whether no timestamp is open.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.open.len() == 0
+    }
+
+    /// What an open timestamp knows.
+    #[must_use]
+    pub fn slot(&self, timestamp: Timestamp) -> Option<Slot> {
+        Some(self.open.entry(self.open.find(timestamp)?).slot)
+    }
+
+    /// When the timer of `(timestamp, priority)` is due, if it is armed.
+    #[must_use]
+    pub fn due(&self, timestamp: Timestamp, priority: Priority) -> Option<Instant> {
+        let source = self.clouds.source(priority)?;
+        let entry = self.open.entry(self.open.find(timestamp)?);
+        entry.slot.armed().contains(source).then(|| entry.due(source))
+    }
+
+    /// The open timestamps and what they know, in ascending order.
+    pub fn open(&self) -> impl Iterator<Item = (Timestamp, Slot)> {
+        self.entries().map(|(timestamp, entry)| (timestamp, entry.slot))
+    }
+
+    /// A cloud's gate.
+    #[must_use]
+    pub fn gate(&self, cloud: Priority) -> Option<Gate> {
+        self.clouds.gate(self.clouds.source(cloud)?).copied()
+    }
+
+    /// The source that has this priority; 0 is local.
+    #[must_use]
+    pub fn source(&self, priority: Priority) -> Option<Source> {
+        self.clouds.source(priority)
+    }
+
+    /// The priority of a source; local's for one that is not registered.
+    #[must_use]
+    pub fn priority(&self, source: Source) -> Priority {
+        self.clouds.priority(source)
+    }
+
+    /// The sources of all registered clouds.
+    #[must_use]
+    pub fn clouds(&self) -> Sources {
+        self.clouds.all()
+    }
+
+    /// How many timestamps may be open at once.
+    #[must_use]
+    pub const fn window(&self) -> usize {
+        self.window
+    }
+
+    /// When the best in hand goes.
+    #[must_use]
+    pub const fn commit(&self) -> Commit {
+        self.commit
+    }
+
+    /// F5 for one timestamp at one due instant.
+    fn fire(&mut self, due: Instant, place: Place) -> Firing<CLOUDS> {
+        let timestamp = self.open.timestamp(place);
+        let timers = self.open.entry(place).armed_at(due);
+        let outcome = self.close(place, Event::Timers(timers));
+        Firing { timestamp, due, timers: self.clouds.priorities(timers), outcome }
+    }
+
+    /// Steps an open timestamp, and retires it if the step does.
+    fn close(&mut self, place: Place, event: Event) -> Outcome<CLOUDS> {
+        let mut entry = *self.open.entry(place);
+        let (slot, decision) = entry.slot.step(self.commit, event);
+        if slot.is_open() {
+            entry.slot = slot;
+            self.open.set(place, entry);
+        } else {
+            self.open.remove(place);
+        }
+        match decision {
+            Decision::Dropped(reason) => Outcome::Dropped(reason),
+            Decision::Held => Outcome::Held,
+            Decision::Waiting => Outcome::Waiting,
+            Decision::Missed => Outcome::Missed,
+            Decision::Forwarded { by, cancelled } => Outcome::Forwarded {
+                by: self.clouds.priority(by),
+                cancelled: self.clouds.priorities(cancelled),
+            },
+        }
+    }
+
+    /// Whether this timestamp or a later one was ever opened.
+    fn was_reached(&self, timestamp: Timestamp) -> bool {
+        self.newest.is_some_and(|newest| timestamp <= newest)
+    }
+
+    fn entries(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {
+        let mut next = Some(Timestamp::new(0));
+        core::iter::from_fn(move || {
+            let (timestamp, entry) = self.open.at_least(next?)?;
+            next = timestamp.as_u64().checked_add(1).map(Timestamp::new);
+            Some((timestamp, entry))
+        })
+    }
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
+    /// F1: a message with this timestamp came. `limit`, if any, is how long the local computation may take.
+    pub fn open(&mut self, timestamp: Timestamp, limit: Option<Deadline>) -> Opening {
+        let fusion = &mut *self.fusion;
+        if fusion.was_reached(timestamp) {
+            return Opening::Refused(OpenRefusal::Order);
+        }
+        if fusion.open.len() >= fusion.window {
+            return Opening::Refused(OpenRefusal::Full);
+        }
+        let mut entry = Entry::EMPTY;
+        entry.slot = Slot::open(limit.is_some());
+        if let Some(limit) = limit {
+            let due = fusion.now.saturating_add(limit);
+            if due <= fusion.now {
+                return Opening::Refused(OpenRefusal::Deadline);
+            }
+            entry.set_due(Source::LOCAL, due);
+        }
+        let had_room = fusion.open.push(timestamp, entry);
+        debug_assert!(had_room, "the window is no greater than its capacity");
+        fusion.newest = Some(timestamp);
+        Opening::Accepted
+    }
+
+    /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
+    /// the cloud's outgoing queue without this message.
+    pub fn offer(
+        &mut self,
+        timestamp: Timestamp,
+        cloud: Priority,
+        deadline: Deadline,
+        backlog: u64,
+    ) -> Admission {
+        let fusion = &mut *self.fusion;
+        let source = fusion.clouds.source(cloud).filter(|source| *source != Source::LOCAL);
+        let Some(source) = source.filter(|_| fusion.was_reached(timestamp)) else {
+            return Admission::Refused(OfferRefusal::Unknown);
+        };
+        let Some(place) = fusion.open.find(timestamp) else {
+            return Admission::Refused(OfferRefusal::Closed);
+        };
+        let mut entry = *fusion.open.entry(place);
+        let (admitted, refusal) = entry.slot.offer(source);
+        if let Some(reason) = refusal {
+            return Admission::Refused(reason);
+        }
+        let due = fusion.now.saturating_add(deadline);
+        if due <= fusion.now {
+            return Admission::Refused(OfferRefusal::Deadline);
+        }
+        // F2g: consulted last, so that a request refused anyhow does not move the gate.
+        if !fusion.clouds.gate_mut(source).is_some_and(|gate| gate.admits(backlog)) {
+            return Admission::Refused(OfferRefusal::Queue);
+        }
+        entry.slot = admitted;
+        entry.set_due(source, due);
+        fusion.open.set(place, entry);
+        Admission::Admitted { due }
+    }
+
+    /// F3: this source's result came. It is forwarded, held or dropped, never anything else.
+    pub fn result(&mut self, timestamp: Timestamp, source: Priority) -> Outcome<CLOUDS> {
+        self.close(timestamp, source, Event::Result)
+    }
+
+    /// F4: no result will come from this source: the call failed, or the local computation produced nothing.
+    pub fn fail(&mut self, timestamp: Timestamp, source: Priority) -> Outcome<CLOUDS> {
+        self.close(timestamp, source, Event::Failure)
+    }
+
+    /// The machine's clock: the instant of the decisions made here.
+    #[must_use]
+    pub const fn now(&self) -> Instant {
+        self.fusion.now
+    }
+
+    fn close(
+        &mut self,
+        timestamp: Timestamp,
+        priority: Priority,
+        event: impl FnOnce(Source) -> Event,
+    ) -> Outcome<CLOUDS> {
+        let source = self.fusion.clouds.source(priority);
+        let Some(source) = source.filter(|_| self.fusion.was_reached(timestamp)) else {
+            return Outcome::Dropped(DropReason::Unknown);
+        };
+        match self.fusion.open.find(timestamp) {
+            Some(place) => self.fusion.close(place, event(source)),
+            // A16: also when it is late as well.
+            None => Outcome::Dropped(DropReason::Superseded),
+        }
+    }
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> PartialEq for Fusion<CLOUDS, WINDOW> {
+    fn eq(&self, other: &Self) -> bool {
+        self.commit == other.commit
+            && self.window == other.window
+            && self.clouds == other.clouds
+            && self.now == other.now
+            && self.newest == other.newest
+            && self.entries().map(canonical).eq(other.entries().map(canonical))
+    }
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Eq for Fusion<CLOUDS, WINDOW> {}
+
+impl<const CLOUDS: usize, const WINDOW: usize> core::hash::Hash for Fusion<CLOUDS, WINDOW> {
+    fn hash<H: core::hash::Hasher>(&self, state: &mut H) {
+        (self.commit, self.window, &self.clouds, self.now, self.newest).hash(state);
+        self.len().hash(state);
+        for entry in self.entries() {
+            canonical(entry).hash(state);
+        }
+    }
+}
+
+/// An entry without the dues of timers that are not armed.
+fn canonical<const CLOUDS: usize>(
+    (timestamp, entry): (Timestamp, &Entry<CLOUDS>),
+) -> (Timestamp, Slot, [Option<Instant>; Source::COUNT as usize]) {
+    let mut dues = [None; Source::COUNT as usize];
+    for source in entry.slot.armed() {
+        if let Some(due) = dues.get_mut(usize::from(source.index())) {
+            *due = Some(entry.due(source));
+        }
+    }
+    (timestamp, entry.slot, dues)
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> core::fmt::Debug for Fusion<CLOUDS, WINDOW> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Fusion")
+            .field("commit", &self.commit)
+            .field("window", &self.window)
+            .field("now", &self.now)
+            .field("newest", &self.newest)
+            .field("next_due", &self.next_due())
+            .field("open", &OpenTimestamps(self))
+            .finish_non_exhaustive()
+    }
+}
+
+struct OpenTimestamps<'a, const CLOUDS: usize, const WINDOW: usize>(&'a Fusion<CLOUDS, WINDOW>);
+
+impl<const CLOUDS: usize, const WINDOW: usize> core::fmt::Debug
+    for OpenTimestamps<'_, CLOUDS, WINDOW>
+{
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_map().entries(self.0.open()).finish()
+    }
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> core::fmt::Debug for Ready<'_, CLOUDS, WINDOW> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_tuple("Ready").field(self.fusion).finish()
+    }
+}

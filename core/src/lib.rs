@@ -1,0 +1,24 @@
+#![doc = include_str!("../README.md")]
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+mod answer;
+mod clouds;
+mod fusion;
+mod gate;
+mod priority;
+mod slot;
+mod source;
+mod time;
+mod window;
+
+pub use answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
+pub use clouds::{Cloud, ConfigError};
+pub use fusion::{At, Fusion, Ready};
+pub use gate::Gate;
+pub use priority::{Priorities, Priority};
+pub use slot::{Commit, Decision, Event, InvalidSlot, Slot};
+pub use source::{Source, Sources};
+pub use time::{Deadline, Instant, Timestamp};

@@ -1,0 +1,96 @@
+//! The priorities of sources, as the operator's owner numbers them, and sets of them.
+
+use crate::source::{Source, Sources};
+
+/// How good a source's results are: 0 is local, clouds have 1 to 65535, the greater wins.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Priority(u16);
+
+impl Priority {
+    /// The local computation's priority, the lowest.
+    pub const LOCAL: Self = Self(0);
+
+    /// The priority with this number.
+    #[must_use]
+    pub const fn new(number: u16) -> Self {
+        Self(number)
+    }
+
+    /// The number.
+    #[must_use]
+    pub const fn as_u16(self) -> u16 {
+        self.0
+    }
+}
+
+/// A set of an operator's priorities, iterated in ascending order; 0 may be among them.
+#[derive(Clone, Copy)]
+pub struct Priorities<const CLOUDS: usize> {
+    of_clouds: [Priority; CLOUDS],
+    members: Sources,
+}
+
+impl<const CLOUDS: usize> Priorities<CLOUDS> {
+    pub(crate) const fn new(of_clouds: [Priority; CLOUDS], members: Sources) -> Self {
+        Self { of_clouds, members }
+    }
+
+    /// Whether nothing is a member.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.members.is_empty()
+    }
+
+    /// Whether `priority` is a member.
+    #[must_use]
+    pub fn contains(&self, priority: Priority) -> bool {
+        self.into_iter().any(|member| member == priority)
+    }
+
+    /// The same set as sources.
+    #[must_use]
+    pub const fn sources(&self) -> Sources {
+        self.members
+    }
+}
+
+impl<const CLOUDS: usize> Iterator for Priorities<CLOUDS> {
+    type Item = Priority;
+
+    /// Takes the least member out of the set.
+    fn next(&mut self) -> Option<Priority> {
+        let source = self.members.next()?;
+        Some(priority_of(&self.of_clouds, source))
+    }
+}
+
+/// The priority of `source` where clouds have these, in ascending order.
+pub(crate) fn priority_of(of_clouds: &[Priority], source: Source) -> Priority {
+    let cloud = usize::from(source.index()).checked_sub(1);
+    cloud.and_then(|cloud| of_clouds.get(cloud)).copied().unwrap_or(Priority::LOCAL)
+}
+
+impl<const CLOUDS: usize> PartialEq for Priorities<CLOUDS> {
+    fn eq(&self, other: &Self) -> bool {
+        self.into_iter().eq(*other)
+    }
+}
+
+impl<const CLOUDS: usize> Eq for Priorities<CLOUDS> {}
+
+impl<const CLOUDS: usize> core::fmt::Debug for Priorities<CLOUDS> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_set().entries(self.map(Priority::as_u16)).finish()
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl<const CLOUDS: usize> defmt::Format for Priorities<CLOUDS> {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        for priority in *self {
+            defmt::write!(f, "{} ", priority.as_u16());
+        }
+    }
+}

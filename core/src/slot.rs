@@ -1,0 +1,281 @@
+//! The heart: what one timestamp knows, and the pure step that decides about it (F2–F7).
+
+use crate::answer::{DropReason, OfferRefusal};
+use crate::source::{Source, Sources};
+
+/// When the best result in hand goes although something better is still pending (F6).
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Commit {
+    /// The first cloud's timer to fire commits the best in hand, whoever's timer it is.
+    #[default]
+    Eager,
+    /// A timer closes its own request alone; the best in hand goes when nothing pending outranks it.
+    Patient,
+}
+
+/// The four sets of one timestamp. Every value is valid for the commit rule that it was made and stepped with.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Slot {
+    requested: Sources,
+    pending: Sources,
+    armed: Sources,
+    cached: Sources,
+}
+
+/// What can close requests of one timestamp.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Event {
+    /// A result came (F3).
+    Result(Source),
+    /// No result will come (F4).
+    Failure(Source),
+    /// These timers, all due at one instant, fired (F5). Those that are not armed count for nothing.
+    Timers(Sources),
+}
+
+/// What a step decided.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Decision {
+    /// The input was dropped and changed nothing.
+    Dropped(DropReason),
+    /// The result is in hand, something pending outranks it.
+    Held,
+    /// Requests were closed and something is still pending.
+    Waiting,
+    /// The result of `by` goes downstream; the timestamp is retired.
+    Forwarded {
+        /// Whose result it is.
+        by: Source,
+        /// The clouds that were still pending.
+        cancelled: Sources,
+    },
+    /// Nothing came and nothing will; the timestamp is retired.
+    Missed,
+}
+
+/// Why four sets are no state of a timestamp.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum InvalidSlot {
+    /// Local is not requested (F1).
+    LocalNotRequested,
+    /// A pending or cached source is not requested.
+    NotRequested,
+    /// A source is both pending and cached.
+    PendingAndCached,
+    /// Nothing is pending, so the timestamp would have been retired (F6).
+    NothingPending,
+    /// Nothing pending outranks the best in hand, so it would have been forwarded (P4).
+    Overripe,
+    /// The armed timers are not those that the commit rule keeps (P8).
+    Timers,
+}
+
+impl core::fmt::Display for InvalidSlot {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::LocalNotRequested => "local is not requested",
+            Self::NotRequested => "a pending or cached source is not requested",
+            Self::PendingAndCached => "a source is both pending and cached",
+            Self::NothingPending => "nothing is pending",
+            Self::Overripe => "nothing pending outranks the best in hand",
+            Self::Timers => "the armed timers are not those that the commit rule keeps",
+        })
+    }
+}
+
+impl core::error::Error for InvalidSlot {}
+
+impl Slot {
+    /// A timestamp that is open no more: all sets empty. What comes for it is superseded or closed.
+    pub const RETIRED: Self = Self {
+        requested: Sources::EMPTY,
+        pending: Sources::EMPTY,
+        armed: Sources::EMPTY,
+        cached: Sources::EMPTY,
+    };
+
+    /// F1: a timestamp just opened, waiting for local; `limited` if a limit was given for it.
+    #[must_use]
+    pub const fn open(limited: bool) -> Self {
+        let armed = if limited { Sources::LOCAL } else { Sources::EMPTY };
+        Self { requested: Sources::LOCAL, pending: Sources::LOCAL, armed, cached: Sources::EMPTY }
+    }
+
+    /// The state with these sets under `commit`.
+    ///
+    /// # Errors
+    /// The first [`InvalidSlot`] that holds: no sequence of inputs leads to such sets.
+    pub fn from_sets(
+        commit: Commit,
+        requested: Sources,
+        pending: Sources,
+        armed: Sources,
+        cached: Sources,
+    ) -> Result<Self, InvalidSlot> {
+        let slot = Self { requested, pending, armed, cached };
+        if slot == Self::RETIRED {
+            return Ok(slot);
+        }
+        if !requested.contains(Source::LOCAL) {
+            return Err(InvalidSlot::LocalNotRequested);
+        }
+        if !requested.contains_all(pending.union(cached)) {
+            return Err(InvalidSlot::NotRequested);
+        }
+        if !pending.intersection(cached).is_empty() {
+            return Err(InvalidSlot::PendingAndCached);
+        }
+        if pending.is_empty() {
+            return Err(InvalidSlot::NothingPending);
+        }
+        if cached.greatest().is_some_and(|best| !pending.any_above(best)) {
+            return Err(InvalidSlot::Overripe);
+        }
+        let of_clouds = match commit {
+            Commit::Eager => pending.union(cached).clouds(),
+            Commit::Patient => pending.clouds(),
+        };
+        let limit_outlives_local = armed.contains(Source::LOCAL) && !pending.contains(Source::LOCAL);
+        if armed.clouds() != of_clouds || limit_outlives_local {
+            return Err(InvalidSlot::Timers);
+        }
+        Ok(slot)
+    }
+
+    /// F2, as far as one timestamp decides it: the state with `source` requested, and the reason to refuse instead.
+    ///
+    /// The offer's deadline and the gate come after these reasons; a caller that refuses for them drops the new state.
+    #[must_use]
+    pub fn offer(self, source: Source) -> (Self, Option<OfferRefusal>) {
+        if !self.is_open() {
+            return (self, Some(OfferRefusal::Closed));
+        }
+        if self.requested.contains(source) {
+            return (self, Some(OfferRefusal::Duplicate));
+        }
+        // F2 outranked: the commit rule can only forward what is in hand or better.
+        if self.cached.any_above(source) {
+            return (self, Some(OfferRefusal::Outranked));
+        }
+        let admitted = Self {
+            requested: self.requested.with(source),
+            pending: self.pending.with(source),
+            armed: self.armed.with(source),
+            ..self
+        };
+        (admitted, None)
+    }
+
+    /// The pure step: closes requests and decides (F3–F7).
+    #[must_use]
+    pub fn step(self, commit: Commit, event: Event) -> (Self, Decision) {
+        match event {
+            Event::Result(source) => self.result(commit, source),
+            Event::Failure(source) => self.failure(commit, source),
+            Event::Timers(fired) => self.timers(commit, fired.intersection(self.armed)),
+        }
+    }
+
+    /// Whether the timestamp is open.
+    #[must_use]
+    pub const fn is_open(self) -> bool {
+        !self.requested.is_empty()
+    }
+
+    /// Asked for; local always is while the timestamp is open.
+    #[must_use]
+    pub const fn requested(self) -> Sources {
+        self.requested
+    }
+
+    /// Asked for, and no result, failure or timer yet.
+    #[must_use]
+    pub const fn pending(self) -> Sources {
+        self.pending
+    }
+
+    /// Those whose timer is live.
+    #[must_use]
+    pub const fn armed(self) -> Sources {
+        self.armed
+    }
+
+    /// Those whose result arrived in time and is held.
+    #[must_use]
+    pub const fn cached(self) -> Sources {
+        self.cached
+    }
+
+    /// F3.
+    fn result(mut self, commit: Commit, source: Source) -> (Self, Decision) {
+        if let Some(reason) = self.drops(source) {
+            return (self, Decision::Dropped(reason));
+        }
+        self.pending = self.pending.without(source);
+        if !self.pending.any_above(source) {
+            return self.forward(source);
+        }
+        self.cached = self.cached.with(source);
+        // A3: an eager cloud's timer runs on, to commit the best in hand; the limit never commits.
+        if commit == Commit::Patient || source == Source::LOCAL {
+            self.armed = self.armed.without(source);
+        }
+        (self, Decision::Held)
+    }
+
+    /// F4.
+    fn failure(mut self, commit: Commit, source: Source) -> (Self, Decision) {
+        if let Some(reason) = self.drops(source) {
+            return (self, Decision::Dropped(reason));
+        }
+        self.pending = self.pending.without(source);
+        self.armed = self.armed.without(source);
+        self.settle(commit, false)
+    }
+
+    /// F5, for the armed timers of one instant.
+    fn timers(mut self, commit: Commit, fired: Sources) -> (Self, Decision) {
+        if fired.is_empty() {
+            return (self, Decision::Waiting);
+        }
+        self.armed = self.armed.difference(fired);
+        self.pending = self.pending.difference(fired);
+        // A9: the limit's firing alone commits nothing.
+        self.settle(commit, !fired.clouds().is_empty())
+    }
+
+    /// The reasons of F3 and F4, in their order, that a timestamp knows of.
+    fn drops(self, source: Source) -> Option<DropReason> {
+        if !self.is_open() {
+            Some(DropReason::Superseded)
+        } else if !self.requested.contains(source) {
+            Some(DropReason::Unsolicited)
+        } else if self.cached.contains(source) {
+            Some(DropReason::Duplicate)
+        } else if !self.pending.contains(source) {
+            Some(DropReason::Late)
+        } else {
+            None
+        }
+    }
+
+    /// F6: some requests were closed; forward, miss or wait.
+    fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
+        match self.cached.greatest() {
+            Some(best) if !self.pending.any_above(best) => self.forward(best),
+            Some(best) if timer && commit == Commit::Eager => self.forward(best),
+            None if self.pending.is_empty() => (Self::RETIRED, Decision::Missed),
+            Some(_) | None => (self, Decision::Waiting),
+        }
+    }
+
+    /// F7.
+    fn forward(self, by: Source) -> (Self, Decision) {
+        (Self::RETIRED, Decision::Forwarded { by, cancelled: self.pending.clouds() })
+    }
+}

@@ -1,0 +1,158 @@
+//! The sources of results and sets of them.
+
+/// Where a result comes from: source 0 is the local computation, sources 1 to 15 are the configured
+/// clouds in ascending priority. So a greater source always outranks a lesser one.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Source(u8);
+
+impl Source {
+    /// The most sources that a [`Slot`](crate::Slot) holds: local and 15 clouds.
+    pub const COUNT: u8 = 16;
+    /// The local computation, which everything outranks.
+    pub const LOCAL: Self = Self(0);
+
+    /// The source with this index, or none if it is 16 or more.
+    #[must_use]
+    pub const fn new(index: u8) -> Option<Self> {
+        if index < Self::COUNT { Some(Self(index)) } else { None }
+    }
+
+    /// 0 for local, else the cloud's place, from 1, among the clouds in ascending priority.
+    #[must_use]
+    pub const fn index(self) -> u8 {
+        self.0
+    }
+
+    const fn bit(self) -> u16 {
+        1_u16.wrapping_shl(self.0 as u32)
+    }
+}
+
+/// A set of [`Source`]s, one bit each.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Sources(u16);
+
+impl Sources {
+    /// The empty set.
+    pub const EMPTY: Self = Self(0);
+    /// The local computation alone.
+    pub const LOCAL: Self = Self(1);
+
+    /// The set whose members are the set bits of `bits`; bit 0 is local.
+    #[must_use]
+    pub const fn from_bits(bits: u16) -> Self {
+        Self(bits)
+    }
+
+    /// The set as bits; bit 0 is local.
+    #[must_use]
+    pub const fn bits(self) -> u16 {
+        self.0
+    }
+
+    /// This set and `source`.
+    #[must_use]
+    pub const fn with(self, source: Source) -> Self {
+        Self(self.0 | source.bit())
+    }
+
+    /// This set less `source`.
+    #[must_use]
+    pub const fn without(self, source: Source) -> Self {
+        Self(self.0 & !source.bit())
+    }
+
+    /// The members of either set.
+    #[must_use]
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// The members of both sets.
+    #[must_use]
+    pub const fn intersection(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// The members of this set that are not in `other`.
+    #[must_use]
+    pub const fn difference(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// The clouds among the members.
+    #[must_use]
+    pub const fn clouds(self) -> Self {
+        self.difference(Self::LOCAL)
+    }
+
+    /// Whether nothing is a member.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether `source` is a member.
+    #[must_use]
+    pub const fn contains(self, source: Source) -> bool {
+        self.0 & source.bit() != 0
+    }
+
+    /// Whether every member of `other` is a member.
+    #[must_use]
+    pub const fn contains_all(self, other: Self) -> bool {
+        other.0 & !self.0 == 0
+    }
+
+    /// Whether some member outranks `source`.
+    #[must_use]
+    pub const fn any_above(self, source: Source) -> bool {
+        // The bits up to the source's own are all that a number no greater than them can have.
+        self.0 > source.bit() | source.bit().wrapping_sub(1)
+    }
+
+    /// The member that outranks all others.
+    #[must_use]
+    pub const fn greatest(self) -> Option<Source> {
+        match self.0.checked_ilog2() {
+            #[expect(clippy::cast_possible_truncation, reason = "a u16 has its bits at 0 to 15")]
+            Some(index) => Some(Source(index as u8)),
+            None => None,
+        }
+    }
+
+    /// The least member.
+    #[must_use]
+    pub const fn least(self) -> Option<Source> {
+        if self.is_empty() {
+            return None;
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "a u16 has its bits at 0 to 15")]
+        Some(Source(self.0.trailing_zeros() as u8))
+    }
+}
+
+impl Iterator for Sources {
+    type Item = Source;
+
+    /// Takes the least member out of the set.
+    fn next(&mut self) -> Option<Source> {
+        let least = self.least()?;
+        *self = self.without(least);
+        Some(least)
+    }
+}
+
+impl FromIterator<Source> for Sources {
+    fn from_iter<I: IntoIterator<Item = Source>>(sources: I) -> Self {
+        sources.into_iter().fold(Self::EMPTY, Self::with)
+    }
+}
+
+impl core::fmt::Debug for Sources {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_set().entries(self.map(Source::index)).finish()
+    }
+}

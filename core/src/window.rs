@@ -1,0 +1,385 @@
+//! The open timestamps: one balanced tree, ordered by timestamp, in which each node knows the earliest due
+//! instant at or below it (P9).
+//!
+//! So a timestamp and the next timer are found in at most [`MAX_HEIGHT`] steps, the next due instant in none,
+//! and equal dues are met in the order of their timestamps (F5). It is an AVL tree (Adelson-Velsky and Landis,
+//! 1962) over a fixed array. Timestamps come in ascending order (F1), so nodes join at the right end alone.
+//! Reading beside the tree yields [`Node::NIL`] and writing there does nothing: no place can panic.
+
+use crate::slot::Slot;
+use crate::source::{Source, Sources};
+use crate::time::{Instant, Timestamp};
+
+/// The height of the sparsest AVL tree with 1024 nodes: one with 15 levels has at least 1596.
+const MAX_HEIGHT: usize = 14;
+
+/// An index into the arrays.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Place(u16);
+
+const NIL: Place = Place(u16::MAX);
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Left,
+    Right,
+}
+
+impl Side {
+    const fn other(self) -> Self {
+        match self {
+            Self::Left => Self::Right,
+            Self::Right => Self::Left,
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Node {
+    timestamp: Timestamp,
+    /// The earliest due instant among this timestamp's armed timers.
+    due: Option<Instant>,
+    /// The earliest at or below this node.
+    below: Option<Instant>,
+    left: Place,
+    right: Place,
+    up: Place,
+    height: u8,
+}
+
+impl Node {
+    const NIL: Self = Self {
+        timestamp: Timestamp::new(0),
+        due: None,
+        below: None,
+        left: NIL,
+        right: NIL,
+        up: NIL,
+        height: 0,
+    };
+}
+
+/// What the machine keeps for an open timestamp.
+#[derive(Clone, Copy)]
+pub(crate) struct Entry<const CLOUDS: usize> {
+    pub(crate) slot: Slot,
+    limit_due: Instant,
+    dues: [Instant; CLOUDS],
+}
+
+impl<const CLOUDS: usize> Entry<CLOUDS> {
+    pub(crate) const EMPTY: Self =
+        Self { slot: Slot::RETIRED, limit_due: Instant::START, dues: [Instant::START; CLOUDS] };
+
+    /// The due instant of `source`; means something while its timer is armed.
+    pub(crate) fn due(&self, source: Source) -> Instant {
+        match usize::from(source.index()).checked_sub(1) {
+            None => self.limit_due,
+            Some(cloud) => self.dues.get(cloud).copied().unwrap_or(Instant::END),
+        }
+    }
+
+    pub(crate) fn set_due(&mut self, source: Source, due: Instant) {
+        match usize::from(source.index()).checked_sub(1) {
+            None => self.limit_due = due,
+            Some(cloud) => {
+                if let Some(place) = self.dues.get_mut(cloud) {
+                    *place = due;
+                }
+            }
+        }
+    }
+
+    /// The armed sources that are due exactly then.
+    pub(crate) fn armed_at(&self, due: Instant) -> Sources {
+        self.slot.armed().filter(|source| self.due(*source) == due).collect()
+    }
+
+    fn earliest(&self) -> Option<Instant> {
+        self.slot.armed().map(|source| self.due(source)).min()
+    }
+}
+
+/// The earlier of two dues; none is later than any.
+fn earlier(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.min(b)),
+        (due, None) | (None, due) => due,
+    }
+}
+
+#[derive(Clone)]
+pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
+    nodes: [Node; CAPACITY],
+    entries: [Entry<CLOUDS>; CAPACITY],
+    root: Place,
+    /// The greatest timestamp, at the right end.
+    last: Place,
+    /// The first free place; the others follow by `right`.
+    free: Place,
+    len: usize,
+}
+
+impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
+    pub(crate) fn new() -> Self {
+        let mut nodes = [Node::NIL; CAPACITY];
+        let mut free = NIL;
+        let mut place = 0;
+        for node in &mut nodes {
+            node.right = free;
+            free = Place(place);
+            place = place.wrapping_add(1);
+        }
+        Self { nodes, entries: [Entry::EMPTY; CAPACITY], root: NIL, last: NIL, free, len: 0 }
+    }
+
+    /// Adds a timestamp greater than all present; false if there is no room.
+    pub(crate) fn push(&mut self, timestamp: Timestamp, entry: Entry<CLOUDS>) -> bool {
+        let place = self.free;
+        let next_free = self.node(place).right;
+        let due = entry.earliest();
+        let (Some(node), Some(slot)) =
+            (self.nodes.get_mut(usize::from(place.0)), self.entries.get_mut(usize::from(place.0)))
+        else {
+            return false;
+        };
+        *node = Node { timestamp, due, below: due, height: 1, ..Node::NIL };
+        *slot = entry;
+        self.free = next_free;
+        self.len = self.len.saturating_add(1);
+        if self.root == NIL {
+            self.root = place;
+        } else {
+            self.join(self.last, Side::Right, place);
+        }
+        let parent = self.last;
+        self.last = place;
+        self.mend(parent);
+        true
+    }
+
+    /// Changes what is kept at a place of the tree.
+    pub(crate) fn set(&mut self, place: Place, entry: Entry<CLOUDS>) {
+        let due = entry.earliest();
+        if let Some(slot) = self.entries.get_mut(usize::from(place.0)) {
+            *slot = entry;
+        }
+        let changed = self.nodes.get_mut(usize::from(place.0)).is_some_and(|node| {
+            let before = core::mem::replace(&mut node.due, due);
+            before != due
+        });
+        if changed {
+            self.mend(place);
+        }
+    }
+
+    /// Takes a place of the tree out of it.
+    pub(crate) fn remove(&mut self, place: Place) {
+        let Node { left, right, up, height, below, .. } = *self.node(place);
+        if place == self.last {
+            // Nothing is at its right, so at most a leaf is at its left.
+            self.last = if left == NIL { up } else { left };
+        }
+        if left == NIL || right == NIL {
+            self.replace(place, if left == NIL { right } else { left });
+            self.mend(up);
+        } else {
+            let heir = self.leftmost(right);
+            let mut lowest = self.node(heir).up;
+            if lowest == place {
+                lowest = heir;
+            } else {
+                self.replace(heir, self.node(heir).right);
+                self.join(heir, Side::Right, right);
+            }
+            self.join(heir, Side::Left, left);
+            self.replace(place, heir);
+            // What its ancestors know of the place still stands; mending says what changed.
+            if let Some(node) = self.nodes.get_mut(usize::from(heir.0)) {
+                node.height = height;
+                node.below = below;
+            }
+            self.mend(lowest);
+            self.mend(heir);
+        }
+        if let Some(node) = self.nodes.get_mut(usize::from(place.0)) {
+            *node = Node { right: self.free, ..Node::NIL };
+            self.free = place;
+            self.len = self.len.saturating_sub(1);
+        }
+    }
+
+    pub(crate) fn find(&self, timestamp: Timestamp) -> Option<Place> {
+        let mut at = self.root;
+        for _ in 0..MAX_HEIGHT {
+            let node = self.nodes.get(usize::from(at.0))?;
+            if timestamp == node.timestamp {
+                return Some(at);
+            }
+            at = if timestamp < node.timestamp { node.left } else { node.right };
+        }
+        None
+    }
+
+    /// The least open timestamp that is at least `timestamp`.
+    pub(crate) fn at_least(&self, timestamp: Timestamp) -> Option<(Timestamp, &Entry<CLOUDS>)> {
+        let mut at = self.root;
+        let mut found = None;
+        for _ in 0..MAX_HEIGHT {
+            let Some(node) = self.nodes.get(usize::from(at.0)) else { break };
+            if node.timestamp >= timestamp {
+                found = Some((node.timestamp, self.entry(at)));
+                at = node.left;
+            } else {
+                at = node.right;
+            }
+        }
+        found
+    }
+
+    /// The earliest due instant.
+    pub(crate) fn next_due(&self) -> Option<Instant> {
+        self.node(self.root).below
+    }
+
+    /// F5: the least timestamp with a timer due at the earliest due instant.
+    pub(crate) fn next_to_fire(&self) -> Option<(Instant, Place)> {
+        let due = self.next_due()?;
+        let mut at = self.root;
+        for _ in 0..MAX_HEIGHT {
+            let node = self.node(at);
+            if self.node(node.left).below == Some(due) {
+                at = node.left;
+            } else if node.due == Some(due) {
+                return Some((due, at));
+            } else {
+                at = node.right;
+            }
+        }
+        None
+    }
+
+    pub(crate) fn entry(&self, place: Place) -> &Entry<CLOUDS> {
+        self.entries.get(usize::from(place.0)).unwrap_or(&Entry::EMPTY)
+    }
+
+    pub(crate) fn timestamp(&self, place: Place) -> Timestamp {
+        self.node(place).timestamp
+    }
+
+    pub(crate) const fn len(&self) -> usize {
+        self.len
+    }
+
+    fn node(&self, place: Place) -> &Node {
+        self.nodes.get(usize::from(place.0)).unwrap_or(&Node::NIL)
+    }
+
+    fn child(&self, place: Place, side: Side) -> Place {
+        match side {
+            Side::Left => self.node(place).left,
+            Side::Right => self.node(place).right,
+        }
+    }
+
+    fn leftmost(&self, mut place: Place) -> Place {
+        for _ in 0..MAX_HEIGHT {
+            let left = self.node(place).left;
+            if left == NIL {
+                break;
+            }
+            place = left;
+        }
+        place
+    }
+
+    /// Makes `child` the child of `parent` on that side.
+    fn join(&mut self, parent: Place, side: Side, child: Place) {
+        if let Some(node) = self.nodes.get_mut(usize::from(parent.0)) {
+            match side {
+                Side::Left => node.left = child,
+                Side::Right => node.right = child,
+            }
+        }
+        if let Some(node) = self.nodes.get_mut(usize::from(child.0)) {
+            node.up = parent;
+        }
+    }
+
+    /// Puts `new` where `old` hangs.
+    fn replace(&mut self, old: Place, new: Place) {
+        let up = self.node(old).up;
+        if up == NIL {
+            self.root = new;
+            if let Some(node) = self.nodes.get_mut(usize::from(new.0)) {
+                node.up = NIL;
+            }
+        } else {
+            let side = if self.node(up).left == old { Side::Left } else { Side::Right };
+            self.join(up, side, new);
+        }
+    }
+
+    /// Restores balance and dues from `at` upwards, until an ancestor already knows.
+    fn mend(&mut self, mut at: Place) {
+        for _ in 0..MAX_HEIGHT {
+            let before = *self.node(at);
+            if at == NIL {
+                break;
+            }
+            self.pull(at);
+            let top = self.balance(at);
+            let now = self.node(top);
+            if now.height == before.height && now.below == before.below {
+                break;
+            }
+            at = now.up;
+        }
+    }
+
+    /// Computes what `at` knows from its children.
+    fn pull(&mut self, at: Place) {
+        let Node { left, right, due, .. } = *self.node(at);
+        let (left, right) = (self.node(left), self.node(right));
+        let below = earlier(due, earlier(left.below, right.below));
+        let height = left.height.max(right.height).saturating_add(1);
+        if let Some(node) = self.nodes.get_mut(usize::from(at.0)) {
+            node.below = below;
+            node.height = height;
+        }
+    }
+
+    /// Rotates if one side is two levels higher; returns what hangs there then.
+    fn balance(&mut self, at: Place) -> Place {
+        let Node { left, right, .. } = *self.node(at);
+        let (left_height, right_height) = (self.node(left).height, self.node(right).height);
+        if left_height > right_height.saturating_add(1) {
+            self.rotate_towards(at, Side::Right)
+        } else if right_height > left_height.saturating_add(1) {
+            self.rotate_towards(at, Side::Left)
+        } else {
+            at
+        }
+    }
+
+    /// Lowers `at` to that side, once its other child leans outwards.
+    fn rotate_towards(&mut self, at: Place, side: Side) -> Place {
+        let high = self.child(at, side.other());
+        let (outer, inner) = (self.child(high, side.other()), self.child(high, side));
+        if self.node(inner).height > self.node(outer).height {
+            self.rotate(high, side.other());
+        }
+        self.rotate(at, side)
+    }
+
+    fn rotate(&mut self, at: Place, side: Side) -> Place {
+        let riser = self.child(at, side.other());
+        let moved = self.child(riser, side);
+        self.replace(at, riser);
+        self.join(at, side.other(), moved);
+        self.join(riser, side, at);
+        self.pull(at);
+        self.pull(riser);
+        riser
+    }
+}

@@ -1,0 +1,343 @@
+//! The words of the trace: header, inputs and decisions.
+
+use std::fmt;
+
+/// The first line of a trace: one operator's configuration.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Header {
+    /// The operator's name, for people.
+    pub operator: Option<String>,
+    /// How many timestamps may be open at once, 1 to 1024.
+    pub window: u16,
+    /// When the best result in hand goes (F6).
+    pub commit: Commit,
+    /// The registered clouds, up to 15, in the order written.
+    pub clouds: Vec<Cloud>,
+}
+
+/// One cloud's entry in the header.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Cloud {
+    /// The priority, 1 to 65535; the greater wins.
+    pub p: u16,
+    /// The cloud's name, for people.
+    pub name: Option<String>,
+    /// The gate shuts at this many queued requests (F2g).
+    pub limit: u64,
+    /// The shut gate opens at this many or fewer.
+    pub resume: u64,
+}
+
+/// The commit rule (F6).
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub enum Commit {
+    /// The first cloud's timer to fire commits the best in hand.
+    #[default]
+    Eager,
+    /// A timer closes its own request alone.
+    Patient,
+}
+
+/// What happened to the operator. Instants and durations are nanoseconds.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Input {
+    /// A message came (F1).
+    Open {
+        /// The clock's reading.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// How long the local computation may take.
+        limit: Option<u64>,
+    },
+    /// The message handler wants a request sent (F2).
+    Offer {
+        /// The clock's reading.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The cloud's priority; any number.
+        p: u64,
+        /// How long the cloud may take.
+        deadline: u64,
+        /// The cloud's queue without this request.
+        backlog: u64,
+    },
+    /// A result came (F3).
+    Result {
+        /// The clock's reading.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The source's priority; any number.
+        p: u64,
+    },
+    /// No result will come (F4).
+    Fail {
+        /// The clock's reading.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The source's priority; any number.
+        p: u64,
+    },
+    /// Time went by (F5).
+    Tick {
+        /// The clock's reading.
+        at: u64,
+    },
+}
+
+/// What the operator did. `at` is the `now` that F0 used.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Decision {
+    /// The timer of `(t, p)` fired; `p` 0 is the local limit's.
+    Timer {
+        /// When it was served.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The priority.
+        p: u64,
+    },
+    /// An open (no `p`) or an offer was refused.
+    Refuse {
+        /// When.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The cloud, if an offer was refused.
+        p: Option<u64>,
+        /// Why.
+        why: Refusal,
+    },
+    /// An offer was admitted.
+    Request {
+        /// When.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The cloud.
+        p: u64,
+        /// The due instant.
+        due: u64,
+    },
+    /// A result was cached.
+    Hold {
+        /// When.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The source.
+        p: u64,
+    },
+    /// A result or a failure was dropped.
+    Drop {
+        /// When.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The source.
+        p: u64,
+        /// Why.
+        why: DropReason,
+    },
+    /// A result was forwarded.
+    Emit {
+        /// When.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// Whose result.
+        p: u64,
+    },
+    /// The timestamp was missed.
+    Miss {
+        /// When.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+    },
+    /// A pending call was cancelled.
+    Cancel {
+        /// When.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The cloud.
+        p: u64,
+    },
+}
+
+/// Why an open or an offer was refused (F1, F2).
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Refusal {
+    /// Open: this timestamp or a later one was opened before.
+    Order,
+    /// Open: the window is full.
+    Full,
+    /// Open or offer: due at once.
+    Deadline,
+    /// Offer: no such cloud, or a timestamp beyond all opened.
+    Unknown,
+    /// Offer: the timestamp is not open.
+    Closed,
+    /// Offer: asked for before.
+    Duplicate,
+    /// Offer: something better is in hand.
+    Outranked,
+    /// Offer: the gate is shut.
+    Queue,
+}
+
+/// Why a result or a failure was dropped (F3, F4).
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum DropReason {
+    /// No such source, or a timestamp beyond all opened.
+    Unknown,
+    /// The timestamp is not open.
+    Superseded,
+    /// Never asked for.
+    Unsolicited,
+    /// Already in hand.
+    Duplicate,
+    /// Closed by its timer or a failure.
+    Late,
+}
+
+impl Commit {
+    /// Both rules.
+    pub const ALL: [Self; 2] = [Self::Eager, Self::Patient];
+
+    /// The word in a trace.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Eager => "eager",
+            Self::Patient => "patient",
+        }
+    }
+}
+
+impl Refusal {
+    /// All reasons, in the order in which F1 and F2 ask for them.
+    pub const ALL: [Self; 8] = [
+        Self::Order,
+        Self::Full,
+        Self::Unknown,
+        Self::Closed,
+        Self::Duplicate,
+        Self::Outranked,
+        Self::Deadline,
+        Self::Queue,
+    ];
+
+    /// The word in a trace.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Order => "order",
+            Self::Full => "full",
+            Self::Deadline => "deadline",
+            Self::Unknown => "unknown",
+            Self::Closed => "closed",
+            Self::Duplicate => "duplicate",
+            Self::Outranked => "outranked",
+            Self::Queue => "queue",
+        }
+    }
+}
+
+impl DropReason {
+    /// All reasons, in the order in which F3 asks for them.
+    pub const ALL: [Self; 5] =
+        [Self::Unknown, Self::Superseded, Self::Unsolicited, Self::Duplicate, Self::Late];
+
+    /// The word in a trace.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Unknown => "unknown",
+            Self::Superseded => "superseded",
+            Self::Unsolicited => "unsolicited",
+            Self::Duplicate => "duplicate",
+            Self::Late => "late",
+        }
+    }
+}
+
+impl fmt::Display for Commit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+impl fmt::Display for DropReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+impl Input {
+    /// The clock's reading that came with the input.
+    #[must_use]
+    pub const fn at(&self) -> u64 {
+        match self {
+            Self::Open { at, .. }
+            | Self::Offer { at, .. }
+            | Self::Result { at, .. }
+            | Self::Fail { at, .. }
+            | Self::Tick { at } => *at,
+        }
+    }
+
+    /// The timestamp, unless it is a tick.
+    #[must_use]
+    pub const fn t(&self) -> Option<u64> {
+        match self {
+            Self::Open { t, .. }
+            | Self::Offer { t, .. }
+            | Self::Result { t, .. }
+            | Self::Fail { t, .. } => Some(*t),
+            Self::Tick { .. } => None,
+        }
+    }
+}
+
+impl Decision {
+    /// When it was decided.
+    #[must_use]
+    pub const fn at(&self) -> u64 {
+        match self {
+            Self::Timer { at, .. }
+            | Self::Refuse { at, .. }
+            | Self::Request { at, .. }
+            | Self::Hold { at, .. }
+            | Self::Drop { at, .. }
+            | Self::Emit { at, .. }
+            | Self::Miss { at, .. }
+            | Self::Cancel { at, .. } => *at,
+        }
+    }
+
+    /// The timestamp it is about.
+    #[must_use]
+    pub const fn t(&self) -> u64 {
+        match self {
+            Self::Timer { t, .. }
+            | Self::Refuse { t, .. }
+            | Self::Request { t, .. }
+            | Self::Hold { t, .. }
+            | Self::Drop { t, .. }
+            | Self::Emit { t, .. }
+            | Self::Miss { t, .. }
+            | Self::Cancel { t, .. } => *t,
+        }
+    }
+}
