@@ -5,7 +5,11 @@ use crate::time::{Instant, Timestamp};
 
 /// What became of an open (F1).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase")
+)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use = "a refused message has no timestamp that an answer could come for"]
 pub enum Opening {
@@ -17,7 +21,11 @@ pub enum Opening {
 
 /// Why an open was refused; the first that holds, in this order (F1).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase")
+)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum OpenRefusal {
     /// This timestamp or a later one was opened before.
@@ -30,7 +38,11 @@ pub enum OpenRefusal {
 
 /// What became of an offer (F2).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase")
+)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use = "a refused request must not be sent"]
 pub enum Admission {
@@ -45,7 +57,11 @@ pub enum Admission {
 
 /// Why an offer was refused; the first that holds, in this order (F2).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase")
+)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum OfferRefusal {
     /// No such cloud is registered, or neither this timestamp nor a later one was ever opened.
@@ -86,7 +102,11 @@ pub enum Outcome<const CLOUDS: usize> {
 
 /// Why a result or a failure was dropped; the first that holds, in this order (F3, F4).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase")
+)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum DropReason {
     /// No such source, or neither this timestamp nor a later one was ever opened.

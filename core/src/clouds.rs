@@ -151,7 +151,10 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
 
     /// All clouds, as the set of their sources.
     pub(crate) fn all(&self) -> Sources {
-        (1..=Source::COUNT).filter(|i| usize::from(*i) <= self.len).filter_map(Source::new).collect()
+        (1..=Source::COUNT)
+            .filter(|i| usize::from(*i) <= self.len)
+            .filter_map(Source::new)
+            .collect()
     }
 
     pub(crate) fn gate(&self, source: Source) -> Option<&Gate> {

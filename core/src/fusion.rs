@@ -338,7 +338,7 @@ fn canonical<const CLOUDS: usize>(
     (timestamp, entry): (Timestamp, &Entry<CLOUDS>),
 ) -> (Timestamp, Slot, [Option<Instant>; Source::COUNT as usize]) {
     let mut dues = [None; Source::COUNT as usize];
-    for source in entry.slot.armed() {
+    for source in entry.slot.armed().iter() {
         if let Some(due) = dues.get_mut(usize::from(source.index())) {
             *due = Some(entry.due(source));
         }

@@ -25,7 +25,7 @@ impl Priority {
     }
 }
 
-/// A set of an operator's priorities, iterated in ascending order; 0 may be among them.
+/// A set of an operator's priorities; 0, local's, may be among them.
 #[derive(Clone, Copy)]
 pub struct Priorities<const CLOUDS: usize> {
     of_clouds: [Priority; CLOUDS],
@@ -46,23 +46,18 @@ impl<const CLOUDS: usize> Priorities<CLOUDS> {
     /// Whether `priority` is a member.
     #[must_use]
     pub fn contains(&self, priority: Priority) -> bool {
-        self.into_iter().any(|member| member == priority)
+        self.iter().any(|member| member == priority)
+    }
+
+    /// The members in ascending order.
+    pub fn iter(&self) -> impl Iterator<Item = Priority> {
+        self.members.iter().map(|source| priority_of(&self.of_clouds, source))
     }
 
     /// The same set as sources.
     #[must_use]
     pub const fn sources(&self) -> Sources {
         self.members
-    }
-}
-
-impl<const CLOUDS: usize> Iterator for Priorities<CLOUDS> {
-    type Item = Priority;
-
-    /// Takes the least member out of the set.
-    fn next(&mut self) -> Option<Priority> {
-        let source = self.members.next()?;
-        Some(priority_of(&self.of_clouds, source))
     }
 }
 
@@ -74,7 +69,7 @@ pub(crate) fn priority_of(of_clouds: &[Priority], source: Source) -> Priority {
 
 impl<const CLOUDS: usize> PartialEq for Priorities<CLOUDS> {
     fn eq(&self, other: &Self) -> bool {
-        self.into_iter().eq(*other)
+        self.iter().eq(other.iter())
     }
 }
 
@@ -82,14 +77,14 @@ impl<const CLOUDS: usize> Eq for Priorities<CLOUDS> {}
 
 impl<const CLOUDS: usize> core::fmt::Debug for Priorities<CLOUDS> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_set().entries(self.map(Priority::as_u16)).finish()
+        f.debug_set().entries(self.iter().map(Priority::as_u16)).finish()
     }
 }
 
 #[cfg(feature = "defmt")]
 impl<const CLOUDS: usize> defmt::Format for Priorities<CLOUDS> {
     fn format(&self, f: defmt::Formatter<'_>) {
-        for priority in *self {
+        for priority in self.iter() {
             defmt::write!(f, "{} ", priority.as_u16());
         }
     }

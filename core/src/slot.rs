@@ -5,7 +5,11 @@ use crate::source::{Source, Sources};
 
 /// When the best result in hand goes although something better is still pending (F6).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase")
+)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Commit {
     /// The first cloud's timer to fire commits the best in hand, whoever's timer it is.
@@ -140,7 +144,8 @@ impl Slot {
             Commit::Eager => pending.union(cached).clouds(),
             Commit::Patient => pending.clouds(),
         };
-        let limit_outlives_local = armed.contains(Source::LOCAL) && !pending.contains(Source::LOCAL);
+        let limit_outlives_local =
+            armed.contains(Source::LOCAL) && !pending.contains(Source::LOCAL);
         if armed.clouds() != of_clouds || limit_outlives_local {
             return Err(InvalidSlot::Timers);
         }

@@ -113,6 +113,16 @@ impl Sources {
         self.0 > source.bit() | source.bit().wrapping_sub(1)
     }
 
+    /// The members in ascending order.
+    pub fn iter(self) -> impl Iterator<Item = Source> {
+        let mut rest = self;
+        core::iter::from_fn(move || {
+            let least = rest.least()?;
+            rest = rest.without(least);
+            Some(least)
+        })
+    }
+
     /// The member that outranks all others.
     #[must_use]
     pub const fn greatest(self) -> Option<Source> {
@@ -134,17 +144,6 @@ impl Sources {
     }
 }
 
-impl Iterator for Sources {
-    type Item = Source;
-
-    /// Takes the least member out of the set.
-    fn next(&mut self) -> Option<Source> {
-        let least = self.least()?;
-        *self = self.without(least);
-        Some(least)
-    }
-}
-
 impl FromIterator<Source> for Sources {
     fn from_iter<I: IntoIterator<Item = Source>>(sources: I) -> Self {
         sources.into_iter().fold(Self::EMPTY, Self::with)
@@ -153,6 +152,6 @@ impl FromIterator<Source> for Sources {
 
 impl core::fmt::Debug for Sources {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_set().entries(self.map(Source::index)).finish()
+        f.debug_set().entries(self.iter().map(Source::index)).finish()
     }
 }

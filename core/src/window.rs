@@ -92,11 +92,11 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
 
     /// The armed sources that are due exactly then.
     pub(crate) fn armed_at(&self, due: Instant) -> Sources {
-        self.slot.armed().filter(|source| self.due(*source) == due).collect()
+        self.slot.armed().iter().filter(|source| self.due(*source) == due).collect()
     }
 
     fn earliest(&self) -> Option<Instant> {
-        self.slot.armed().map(|source| self.due(source)).min()
+        self.slot.armed().iter().map(|source| self.due(source)).min()
     }
 }
 

@@ -48,7 +48,7 @@ impl Arbiter {
             match self.fusion.at(now) {
                 At::Fired(firing) => {
                     let (at, t) = (self.fusion.now().as_nanos(), firing.timestamp.as_u64());
-                    for p in firing.timers {
+                    for p in firing.timers.iter() {
                         decide(Decision::Timer { at, t, p: p.as_u16().into() });
                     }
                     conclude(at, t, None, &firing.outcome, &mut decide);
@@ -133,7 +133,7 @@ fn conclude(
         Outcome::Missed => decide(Decision::Miss { at, t }),
         Outcome::Forwarded { by, cancelled } => {
             decide(Decision::Emit { at, t, p: by.as_u16().into() });
-            for p in *cancelled {
+            for p in cancelled.iter() {
                 decide(Decision::Cancel { at, t, p: p.as_u16().into() });
             }
         }
