@@ -284,3 +284,7 @@ impl Slot {
         (Self::RETIRED, Decision::Forwarded { by, cancelled: self.pending.clouds() })
     }
 }
+
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test may panic")]
+mod tests;
