@@ -1,1 +1,5 @@
-//! Placeholder.
+//! What the benches share: the machines compared and the arrivals they are given.
+
+pub mod arrivals;
+pub mod baseline;
+pub mod machine;

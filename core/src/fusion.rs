@@ -78,10 +78,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// A tick is such a call with no input after it.
     pub fn at(&mut self, now: Instant) -> At<'_, CLOUDS, WINDOW> {
         self.now = self.now.max(now);
-        match self.open.next_to_fire() {
-            // A1: the due instant itself is past.
-            Some((due, place)) if due <= self.now => At::Fired(self.fire(due, place)),
-            Some(_) | None => At::Ready(Ready { fusion: self }),
+        // A1: the due instant itself is past.
+        match self.open.next_due().filter(|due| *due <= self.now) {
+            Some(due) => At::Fired(self.fire(due)),
+            None => At::Ready(Ready { fusion: self }),
         }
     }
 
@@ -171,7 +171,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     }
 
     /// F5 for one timestamp at one due instant.
-    fn fire(&mut self, due: Instant, place: Place) -> Firing<CLOUDS> {
+    fn fire(&mut self, due: Instant) -> Firing<CLOUDS> {
+        let place = self.open.first_due_at(due);
         let timestamp = self.open.timestamp(place);
         let timers = self.open.entry(place).armed_at(due);
         let outcome = self.close(place, Event::Timers(timers));
@@ -180,11 +181,9 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
 
     /// Steps an open timestamp, and retires it if the step does.
     fn close(&mut self, place: Place, event: Event) -> Outcome<CLOUDS> {
-        let mut entry = *self.open.entry(place);
-        let (slot, decision) = entry.slot.step(self.commit, event);
+        let (slot, decision) = self.open.entry(place).slot.step(self.commit, event);
         if slot.is_open() {
-            entry.slot = slot;
-            self.open.set(place, entry);
+            self.open.set(place, slot);
         } else {
             self.open.remove(place);
         }
@@ -257,8 +256,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         let Some(place) = fusion.open.find(timestamp) else {
             return Admission::Refused(OfferRefusal::Closed);
         };
-        let mut entry = *fusion.open.entry(place);
-        let (admitted, refusal) = entry.slot.offer(source);
+        let (admitted, refusal) = fusion.open.entry(place).slot.offer(source);
         if let Some(reason) = refusal {
             return Admission::Refused(reason);
         }
@@ -270,9 +268,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         if !fusion.clouds.gate_mut(source).is_some_and(|gate| gate.admits(backlog)) {
             return Admission::Refused(OfferRefusal::Queue);
         }
-        entry.slot = admitted;
-        entry.set_due(source, due);
-        fusion.open.set(place, entry);
+        fusion.open.arm(place, admitted, source, due);
         Admission::Admitted { due }
     }
 

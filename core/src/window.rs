@@ -158,17 +158,36 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         true
     }
 
-    /// Changes what is kept at a place of the tree.
-    pub(crate) fn set(&mut self, place: Place, entry: Entry<CLOUDS>) {
-        let due = entry.earliest();
-        if let Some(slot) = self.entries.get_mut(usize::from(place.0)) {
-            *slot = entry;
+    /// Puts the state at a place of the tree in which `source` is armed anew, and its due instant.
+    pub(crate) fn arm(&mut self, place: Place, slot: Slot, source: Source, due: Instant) {
+        let Some(entry) = self.entries.get_mut(usize::from(place.0)) else { return };
+        entry.slot = slot;
+        entry.set_due(source, due);
+        if let Some(node) = self.nodes.get_mut(usize::from(place.0)) {
+            node.due = earlier(node.due, Some(due));
         }
-        let changed = self.nodes.get_mut(usize::from(place.0)).is_some_and(|node| {
-            let before = core::mem::replace(&mut node.due, due);
-            before != due
-        });
-        if changed {
+        // One more due can only bring those above forward.
+        let mut at = place;
+        for _ in 0..MAX_HEIGHT {
+            let Some(node) = self.nodes.get_mut(usize::from(at.0)) else { break };
+            if node.below.is_some_and(|below| below <= due) {
+                break;
+            }
+            node.below = Some(due);
+            at = node.up;
+        }
+    }
+
+    /// Puts a state at a place of the tree in which no more is armed than before.
+    pub(crate) fn set(&mut self, place: Place, slot: Slot) {
+        let Some(entry) = self.entries.get_mut(usize::from(place.0)) else { return };
+        let armed = core::mem::replace(&mut entry.slot, slot).armed();
+        if armed == slot.armed() {
+            return;
+        }
+        let due = entry.earliest();
+        let Some(node) = self.nodes.get_mut(usize::from(place.0)) else { return };
+        if core::mem::replace(&mut node.due, due) != due {
             self.mend(place);
         }
     }
@@ -210,6 +229,10 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
     }
 
     pub(crate) fn find(&self, timestamp: Timestamp) -> Option<Place> {
+        // Offers follow their message's open.
+        if self.nodes.get(usize::from(self.last.0))?.timestamp == timestamp {
+            return Some(self.last);
+        }
         let mut at = self.root;
         for _ in 0..MAX_HEIGHT {
             let node = self.nodes.get(usize::from(at.0))?;
@@ -242,21 +265,20 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         self.node(self.root).below
     }
 
-    /// F5: the least timestamp with a timer due at the earliest due instant.
-    pub(crate) fn next_to_fire(&self) -> Option<(Instant, Place)> {
-        let due = self.next_due()?;
+    /// F5: the least timestamp with a timer due at `due`, which is the next due instant.
+    pub(crate) fn first_due_at(&self, due: Instant) -> Place {
         let mut at = self.root;
         for _ in 0..MAX_HEIGHT {
             let node = self.node(at);
             if self.node(node.left).below == Some(due) {
                 at = node.left;
             } else if node.due == Some(due) {
-                return Some((due, at));
+                break;
             } else {
                 at = node.right;
             }
         }
-        None
+        at
     }
 
     pub(crate) fn entry(&self, place: Place) -> &Entry<CLOUDS> {
@@ -323,42 +345,42 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
     /// Restores balance and dues from `at` upwards, until an ancestor already knows.
     fn mend(&mut self, mut at: Place) {
         for _ in 0..MAX_HEIGHT {
-            let before = *self.node(at);
-            if at == NIL {
+            let Some(node) = self.nodes.get(usize::from(at.0)) else { break };
+            let (height, below) = (node.height, node.below);
+            let top = match self.lean(node) {
+                Some(side) => self.rotate_towards(at, side.other()),
+                None => at,
+            };
+            self.pull(top);
+            let node = self.node(top);
+            if node.height == height && node.below == below {
                 break;
             }
-            self.pull(at);
-            let top = self.balance(at);
-            let now = self.node(top);
-            if now.height == before.height && now.below == before.below {
-                break;
-            }
-            at = now.up;
+            at = node.up;
+        }
+    }
+
+    /// The side that is two levels higher than the other, if any.
+    fn lean(&self, node: &Node) -> Option<Side> {
+        let (left, right) = (self.node(node.left).height, self.node(node.right).height);
+        if left > right.saturating_add(1) {
+            Some(Side::Left)
+        } else if right > left.saturating_add(1) {
+            Some(Side::Right)
+        } else {
+            None
         }
     }
 
     /// Computes what `at` knows from its children.
     fn pull(&mut self, at: Place) {
-        let Node { left, right, due, .. } = *self.node(at);
-        let (left, right) = (self.node(left), self.node(right));
-        let below = earlier(due, earlier(left.below, right.below));
+        let node = self.node(at);
+        let (left, right) = (self.node(node.left), self.node(node.right));
+        let below = earlier(node.due, earlier(left.below, right.below));
         let height = left.height.max(right.height).saturating_add(1);
         if let Some(node) = self.nodes.get_mut(usize::from(at.0)) {
             node.below = below;
             node.height = height;
-        }
-    }
-
-    /// Rotates if one side is two levels higher; returns what hangs there then.
-    fn balance(&mut self, at: Place) -> Place {
-        let Node { left, right, .. } = *self.node(at);
-        let (left_height, right_height) = (self.node(left).height, self.node(right).height);
-        if left_height > right_height.saturating_add(1) {
-            self.rotate_towards(at, Side::Right)
-        } else if right_height > left_height.saturating_add(1) {
-            self.rotate_towards(at, Side::Left)
-        } else {
-            at
         }
     }
 

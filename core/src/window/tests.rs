@@ -55,8 +55,9 @@ fn agree<const CAPACITY: usize>(window: &Window<1, CAPACITY>, model: &BTreeMap<u
     let last = (window.last != NIL).then(|| window.timestamp(window.last).as_u64());
     assert_eq!(last, model.keys().next_back().copied());
     let next = model.iter().filter_map(|(t, due)| Some(((*due)?, *t))).min();
-    let found =
-        window.next_to_fire().map(|(due, at)| (due.as_nanos(), window.timestamp(at).as_u64()));
+    let found = window
+        .next_due()
+        .map(|due| (due.as_nanos(), window.timestamp(window.first_due_at(due)).as_u64()));
     assert_eq!(found, next);
 }
 
@@ -90,7 +91,12 @@ fn churn<const CAPACITY: usize>(rounds: u64, check_every: u64) {
                 assert!(window.find(Timestamp::new(t)).is_none());
             } else {
                 let due = (random.below(3) != 0).then(|| random.below(20));
-                window.set(at, due.map_or(UNARMED, due_at));
+                // A due can only be added, as by an offer, or taken away.
+                let due = due.filter(|_| model[&t].is_none());
+                match due.map(Instant::from_nanos) {
+                    Some(due) => window.arm(at, Slot::open(true), Source::LOCAL, due),
+                    None => window.set(at, Slot::open(false)),
+                }
                 model.insert(t, due);
             }
         }
@@ -151,6 +157,6 @@ fn due_at_the_end_of_the_clock_is_not_taken_for_none() {
     assert!(window.push(Timestamp::new(1), UNARMED));
     assert!(window.push(Timestamp::new(2), due_at(u64::MAX)));
     assert!(window.push(Timestamp::new(3), due_at(u64::MAX)));
-    let (due, at) = window.next_to_fire().unwrap();
-    assert_eq!((due, window.timestamp(at)), (Instant::END, Timestamp::new(2)));
+    assert_eq!(window.next_due(), Some(Instant::END));
+    assert_eq!(window.timestamp(window.first_due_at(Instant::END)), Timestamp::new(2));
 }
