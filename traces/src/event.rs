@@ -2,6 +2,27 @@
 
 use std::fmt;
 
+/// The format's version, the value of `fuseline` in a header.
+pub const VERSION: u64 = 1;
+
+/// One line of a trace.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Line {
+    /// The first one.
+    Header(Header),
+    /// Every other one.
+    Event(Event),
+}
+
+/// A line of a trace after the header.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Event {
+    /// What happened to the operator.
+    Input(Input),
+    /// What it did about it.
+    Decision(Decision),
+}
+
 /// The first line of a trace: one operator's configuration.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Header {
@@ -284,6 +305,17 @@ impl fmt::Display for DropReason {
     }
 }
 
+impl Event {
+    /// The timestamp, unless it is a tick.
+    #[must_use]
+    pub const fn t(&self) -> Option<u64> {
+        match self {
+            Self::Input(input) => input.t(),
+            Self::Decision(decision) => Some(decision.t()),
+        }
+    }
+}
+
 impl Input {
     /// The clock's reading that came with the input.
     #[must_use]
@@ -324,6 +356,22 @@ impl Decision {
             | Self::Miss { at, .. }
             | Self::Cancel { at, .. } => *at,
         }
+    }
+
+    /// The same, decided at another instant.
+    #[must_use]
+    pub const fn redated(mut self, now: u64) -> Self {
+        match &mut self {
+            Self::Timer { at, .. }
+            | Self::Refuse { at, .. }
+            | Self::Request { at, .. }
+            | Self::Hold { at, .. }
+            | Self::Drop { at, .. }
+            | Self::Emit { at, .. }
+            | Self::Miss { at, .. }
+            | Self::Cancel { at, .. } => *at = now,
+        }
+        self
     }
 
     /// The timestamp it is about.

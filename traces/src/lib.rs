@@ -1,5 +1,22 @@
 //! The trace of a fusion operator: its format, the reference machine and the judge.
 
 mod event;
+mod judge;
+mod parse;
+mod read;
+mod record;
+mod reference;
+mod rule;
+mod scan;
+mod word;
+mod write;
 
-pub use event::{Cloud, Commit, Decision, DropReason, Header, Input, Refusal};
+pub use event::{
+    Cloud, Commit, Decision, DropReason, Event, Header, Input, Line, Refusal, VERSION,
+};
+pub use judge::{Judge, Verdict, Violation, judge};
+pub use parse::{ParseError, parse};
+pub use read::{Fault, LINE, ReadError, Reader, unpack};
+pub use record::{Recorder, Recording};
+pub use reference::{Demands, Reference};
+pub use rule::Rule;

@@ -1,0 +1,322 @@
+//! The strict judge: a trace against the reference machine, decision by decision.
+
+use std::collections::{BTreeSet, VecDeque};
+use std::fmt;
+use std::io::BufRead;
+
+use serde::Serialize;
+
+use crate::event::{Decision, Event, Header, Input, Refusal};
+use crate::read::{ReadError, Reader};
+use crate::reference::{Demands, Reference};
+use crate::rule::Rule;
+
+/// How many violations a verdict tells; it counts the rest.
+const VIOLATIONS: usize = 100;
+/// How many lines back a story is looked for.
+const RECENT: usize = 16 * 1024;
+/// How many lines a story has.
+const STORY: usize = 12;
+
+/// Judges one trace, line after line.
+///
+/// Every decision must be the one that the rules demand, in their order. At most one violation is told an input, the
+/// first: what else was decided about that input is not compared. With the next input it goes on, since what the rules
+/// demand depends on the inputs alone. Its memory is bounded by the window, not by the trace's length.
+#[derive(Debug)]
+pub struct Judge {
+    reference: Reference,
+    /// What the rules demand of the input read last.
+    demands: Demands,
+    /// How many of them were met.
+    met: usize,
+    /// The input read last and its line.
+    input: Option<(u64, Input)>,
+    /// Whether this input has its violation.
+    differs: bool,
+    /// The timestamps that have a result or failure and are still open.
+    touched: BTreeSet<u64>,
+    recent: VecDeque<(u64, Event)>,
+    verdict: Verdict,
+}
+
+/// What the judge found in one trace.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Verdict {
+    /// The name that the trace was given.
+    pub file: String,
+    /// Whether every decision is what the rules demand. So it is where nothing happened: see `judged`.
+    pub conforms: bool,
+    /// How many timestamps were judged: those opened that have a result, a failure, an emit or a miss.
+    pub judged: u64,
+    /// How many lines the trace has, the header's too.
+    pub lines: u64,
+    /// What does not conform, up to 100.
+    pub violations: Vec<Violation>,
+    /// How many violations more there are.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub more: u64,
+}
+
+/// One decision that is not what the rules demand.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Violation {
+    /// The line, counted from 1; where a decision is missing, the line after which it should stand.
+    pub line: u64,
+    /// The timestamp that it is about.
+    pub t: Option<u64>,
+    /// The rule that is broken.
+    pub rule: Rule,
+    /// What was found: the decision's line, or that there is none.
+    pub found: String,
+    /// What the rules demand: the decision's line, or that there is none.
+    pub expected: String,
+    /// What happened to the timestamp so far: its last lines with their numbers.
+    #[serde(skip)]
+    pub story: Vec<String>,
+}
+
+/// Judges a whole trace; `file` is its name in the verdict and in errors.
+///
+/// # Errors
+/// If the trace cannot be read to its end.
+pub fn judge(file: &str, trace: impl BufRead) -> Result<Verdict, ReadError> {
+    let mut reader = Reader::new(file, trace)?;
+    let mut judge = Judge::new(file, reader.header());
+    while let Some(event) = reader.next_event()? {
+        judge.line(reader.line(), &event);
+    }
+    Ok(judge.finish())
+}
+
+impl Judge {
+    /// A judge of a trace with this header, its first line; `file` is the trace's name in the verdict.
+    #[must_use]
+    pub fn new(file: impl Into<String>, header: &Header) -> Self {
+        let file = file.into();
+        Self {
+            reference: Reference::new(header),
+            demands: Demands::new(),
+            met: 0,
+            input: None,
+            differs: false,
+            touched: BTreeSet::new(),
+            recent: VecDeque::new(),
+            verdict: Verdict {
+                file,
+                conforms: true,
+                judged: 0,
+                lines: 1,
+                violations: Vec::new(),
+                more: 0,
+            },
+        }
+    }
+
+    /// Judges the next line, which has this number.
+    pub fn line(&mut self, line: u64, event: &Event) {
+        match event {
+            Event::Input(input) => {
+                self.close("no decision; the next input follows");
+                self.remember(line, event);
+                self.demand(line, input);
+            }
+            Event::Decision(decision) => {
+                self.remember(line, event);
+                if !self.differs {
+                    self.compare(decision);
+                }
+            }
+        }
+    }
+
+    /// The verdict so far; decisions that the last input still lacks do not count yet.
+    #[must_use]
+    pub const fn so_far(&self) -> &Verdict {
+        &self.verdict
+    }
+
+    /// Ends the trace.
+    #[must_use]
+    pub fn finish(mut self) -> Verdict {
+        self.close("no decision; the trace ends");
+        self.verdict.judged += self.touched.len() as u64;
+        self.verdict
+    }
+
+    /// Asks the reference machine about an input.
+    fn demand(&mut self, line: u64, input: &Input) {
+        self.demands.clear();
+        self.met = 0;
+        self.differs = false;
+        self.input = Some((line, *input));
+        self.reference.apply(input, &mut self.demands);
+        for (decision, _) in &self.demands {
+            if let Decision::Emit { t, .. } | Decision::Miss { t, .. } = decision {
+                self.touched.remove(t);
+                self.verdict.judged += 1;
+            }
+        }
+        if let Input::Result { t, .. } | Input::Fail { t, .. } = input
+            && self.reference.is_open(*t)
+        {
+            self.touched.insert(*t);
+        }
+    }
+
+    /// Compares a decision with the one demanded now.
+    fn compare(&mut self, found: &Decision) {
+        let demand = self.demands.get(self.met).copied();
+        if demand.is_some_and(|(expected, _)| expected == *found) {
+            self.met += 1;
+            return;
+        }
+        self.differ(Some(*found), demand, |judge| match demand {
+            Some((expected, _)) => (found.to_string(), expected.to_string()),
+            None if judge.input.is_none() => (found.to_string(), "an input first".into()),
+            None if judge.met == 0 => (found.to_string(), "no decision".into()),
+            None => (found.to_string(), "no further decision".into()),
+        });
+    }
+
+    /// Ends the last input: all that it demands must have been met.
+    fn close(&mut self, found: &str) {
+        if let Some(demand) = self.demands.get(self.met).copied()
+            && !self.differs
+        {
+            self.differ(None, Some(demand), |_| (found.into(), demand.0.to_string()));
+        }
+    }
+
+    /// Notes a violation; what was found and expected is told only of those that the verdict holds.
+    fn differ(
+        &mut self,
+        found: Option<Decision>,
+        demand: Option<(Decision, Rule)>,
+        told: impl FnOnce(&Self) -> (String, String),
+    ) {
+        self.differs = true;
+        self.verdict.conforms = false;
+        if self.verdict.violations.len() == VIOLATIONS {
+            self.verdict.more += 1;
+            return;
+        }
+        let (t, rule) = self.blame(found, demand);
+        let (found, expected) = told(self);
+        let (line, story) = (self.verdict.lines, t.map_or_else(Vec::new, |t| self.story(t)));
+        self.verdict.violations.push(Violation { line, t, rule, found, expected, story });
+    }
+
+    /// The timestamp that a difference is about, and the rule that it breaks.
+    fn blame(
+        &self,
+        found: Option<Decision>,
+        demand: Option<(Decision, Rule)>,
+    ) -> (Option<u64>, Rule) {
+        let Some(found) = found else {
+            // Without either there is no difference.
+            return demand.map_or((None, Rule::F0), |(expected, rule)| (Some(expected.t()), rule));
+        };
+        if self.is_second_end(&found) {
+            return (Some(found.t()), Rule::P1);
+        }
+        match (found, demand) {
+            (_, Some((expected, _))) if found.redated(expected.at()) == expected => {
+                (Some(found.t()), Rule::F0)
+            }
+            (Decision::Timer { t, .. }, _) => (Some(t), Rule::F5),
+            (
+                Decision::Refuse { t, why: Refusal::Queue, .. },
+                Some((Decision::Request { .. }, _)) | None,
+            ) => (Some(t), Rule::F2g),
+            (_, Some((expected, rule))) => (Some(expected.t()), rule),
+            (_, None) => (Some(found.t()), self.rule_of(&found)),
+        }
+    }
+
+    /// The rule that would demand a decision that is not demanded.
+    fn rule_of(&self, found: &Decision) -> Rule {
+        let input = self.input.map(|(_, input)| input);
+        match found {
+            Decision::Timer { .. } => Rule::F5,
+            Decision::Refuse { p: None, .. } => Rule::F1,
+            Decision::Refuse { p: Some(_), .. } | Decision::Request { .. } => Rule::F2,
+            Decision::Drop { .. } if matches!(input, Some(Input::Fail { .. })) => Rule::F4,
+            Decision::Emit { .. } if matches!(input, Some(Input::Result { .. })) => Rule::F3,
+            Decision::Hold { .. } | Decision::Drop { .. } => Rule::F3,
+            Decision::Emit { .. } | Decision::Miss { .. } => Rule::F6,
+            Decision::Cancel { .. } => Rule::F7,
+        }
+    }
+
+    /// Whether it forwards or misses what the trace forwarded or missed before.
+    fn is_second_end(&self, found: &Decision) -> bool {
+        let ends = |decision: &Decision| {
+            matches!(decision, Decision::Emit { .. } | Decision::Miss { .. })
+                && decision.t() == found.t()
+        };
+        let before = self.recent.iter().rev().skip(1);
+        ends(found)
+            && before.into_iter().any(|(_, event)| match event {
+                Event::Decision(decision) => ends(decision),
+                Event::Input(_) => false,
+            })
+    }
+
+    /// What happened to a timestamp, with the input that is being judged.
+    fn story(&self, t: u64) -> Vec<String> {
+        let cause = self.input.map(|(line, _)| line);
+        let of_t = |(line, event): &&(u64, Event)| event.t() == Some(t) || Some(*line) == cause;
+        let told: Vec<_> = self.recent.iter().filter(of_t).collect();
+        let left_out = told.len().saturating_sub(STORY);
+        let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
+        let lines = told.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
+        lead.into_iter().chain(lines).collect()
+    }
+
+    fn remember(&mut self, line: u64, event: &Event) {
+        if self.recent.len() == RECENT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((line, *event));
+        self.verdict.lines = line;
+    }
+}
+
+impl fmt::Display for Verdict {
+    /// The verdict in a line, then each violation in a few.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { file, judged, lines, .. } = self;
+        let word = if self.conforms { "conforms" } else { "does not conform" };
+        write!(f, "{file}: {word}; {judged} timestamps judged in {lines} lines")?;
+        for violation in &self.violations {
+            write!(f, "\n{file}:{violation}")?;
+        }
+        if self.more > 0 {
+            write!(f, "\n{} more violations", self.more)?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Violation {
+    /// The line, what is wrong and the story, without the file.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { line, rule, found, expected, .. } = self;
+        write!(f, "{line}: ")?;
+        if let Some(t) = self.t {
+            write!(f, "timestamp {t} ")?;
+        }
+        write!(f, "breaks {rule}: {}", rule.sentence())?;
+        write!(f, "\n  found    {found}\n  expected {expected}")?;
+        for line in &self.story {
+            write!(f, "\n  | {line}")?;
+        }
+        Ok(())
+    }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde wants a reference")]
+const fn is_zero(number: &u64) -> bool {
+    *number == 0
+}

@@ -1,0 +1,310 @@
+//! The strict parser of one line.
+
+use std::borrow::Cow;
+use std::ops::RangeInclusive;
+
+use crate::event::{
+    Cloud, Commit, Decision, DropReason, Event, Header, Input, Line, Refusal, VERSION,
+};
+use crate::scan::Scan;
+use crate::word::{Key, Keys, Kind};
+
+/// The most clouds that a header may list.
+const CLOUDS: usize = 15;
+/// The greatest window that a header may ask for.
+const WINDOW: u64 = 1024;
+
+/// What is wrong with a line, and where.
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[error("column {column}: {message}")]
+pub struct ParseError {
+    /// The byte of the line, counted from 1, at which it goes wrong.
+    pub column: u64,
+    /// What is wrong and what would be right, without a full stop.
+    pub message: String,
+}
+
+/// Reads one line of a trace, given without its `\n`.
+///
+/// What a whole file may not hold, such as a second header, is the [`Reader`](crate::Reader)'s to say.
+///
+/// # Errors
+/// Whatever the format does not allow, with its column.
+pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
+    let text = str::from_utf8(line).map_err(|error| {
+        ParseError::at(error.valid_up_to(), "invalid UTF-8; a trace is UTF-8 text")
+    })?;
+    if text.starts_with('\u{feff}') {
+        return Err(ParseError::at(0, "a byte-order mark; a trace has none"));
+    }
+    if text.ends_with('\r') {
+        return Err(ParseError::at(text.len() - 1, "the line ends in CR LF; end it in LF alone"));
+    }
+    let mut scan = Scan::new(text);
+    if scan.peek().is_none() {
+        return Err(ParseError::at(0, "a blank line; take it out"));
+    }
+    let fields = Fields::read(&mut scan)?;
+    let end = scan.offset().saturating_sub(1);
+    scan.end()?;
+    let kind = fields.kind(end)?;
+    fields.line(kind)
+}
+
+impl ParseError {
+    /// An error at a byte counted from 0.
+    pub(crate) fn at(offset: usize, message: impl Into<String>) -> Self {
+        Self { column: offset as u64 + 1, message: message.into() }
+    }
+}
+
+/// What a line's object holds, before it is known what the line is.
+#[derive(Default)]
+struct Fields<'a> {
+    seen: Keys,
+    /// Where each key seen stands.
+    offsets: [usize; Key::COUNT],
+    numbers: [u64; Key::COUNT],
+    kind: Option<Kind>,
+    why: Cow<'a, str>,
+    commit: Commit,
+    operator: Option<String>,
+    clouds: Vec<Cloud>,
+    /// The first key that no line takes.
+    stranger: Option<(usize, Cow<'a, str>)>,
+}
+
+impl<'a> Fields<'a> {
+    fn read(scan: &mut Scan<'a>) -> Result<Self, ParseError> {
+        let mut fields = Self::default();
+        scan.expect(b'{', "at the start of a line")?;
+        let mut first = true;
+        while scan.more(first, b'}')? {
+            first = false;
+            let (offset, name) = scan.key()?;
+            let Some(key) = Key::named(&name) else {
+                scan.skip()?;
+                fields.stranger.get_or_insert((offset, name));
+                continue;
+            };
+            if !fields.seen.insert(key) {
+                return Err(twice(offset, key.name()));
+            }
+            fields.offsets[key as usize] = offset;
+            fields.value(key, scan)?;
+        }
+        Ok(fields)
+    }
+
+    fn value(&mut self, key: Key, scan: &mut Scan<'a>) -> Result<(), ParseError> {
+        match key {
+            Key::At | Key::T | Key::P | Key::Limit | Key::Deadline | Key::Backlog | Key::Due => {
+                self.numbers[key as usize] = scan.number()?;
+            }
+            Key::Ev => self.kind = Some(choice(scan, "ev", Kind::named, Kind::EVENTS)?),
+            Key::Why => self.why = scan.string("a reason")?,
+            Key::Fuseline => {
+                within(scan, "fuseline, the format's version,", VERSION..=VERSION)?;
+            }
+            Key::Window => {
+                self.numbers[key as usize] = within(scan, "window", 1..=WINDOW)?;
+            }
+            Key::Operator => self.operator = Some(scan.string("a name")?.into_owned()),
+            Key::Commit => {
+                let named = |word: &str| Commit::ALL.into_iter().find(|rule| rule.as_str() == word);
+                self.commit = choice(scan, "commit", named, "eager or patient")?;
+            }
+            Key::Clouds => self.clouds = clouds(scan)?,
+            Key::X => scan.skip()?,
+        }
+        Ok(())
+    }
+
+    /// What the line is, if its keys are those of such a line; `end` is where its object ends.
+    fn kind(&self, end: usize) -> Result<Kind, ParseError> {
+        let header = self.seen.contains(Key::Fuseline);
+        let kind = if header { Some(Kind::Header) } else { self.kind };
+        if let Some((offset, name)) = &self.stranger {
+            let place = kind.map_or_else(String::new, |kind| format!(" in {}", kind.takes()));
+            return Err(ParseError::at(*offset, format!("unknown key \"{}\"{place}", brief(name))));
+        }
+        let Some(kind) = kind else {
+            let message = "key \"ev\" is missing; an event has it, a header has \"fuseline\"";
+            return Err(ParseError::at(end, message));
+        };
+        if let Some(key) = self.seen.without(kind.keys()).first() {
+            let message = format!("key \"{}\" has no place in {}", key.name(), kind.takes());
+            return Err(ParseError::at(self.offsets[key as usize], message));
+        }
+        if let Some(key) = kind.required().without(self.seen).first() {
+            let message = format!("key \"{}\" is missing in {}", key.name(), kind.takes());
+            return Err(ParseError::at(end, message));
+        }
+        Ok(kind)
+    }
+
+    /// The line, of a kind whose keys are there.
+    fn line(self, kind: Kind) -> Result<Line, ParseError> {
+        let number = |key: Key| self.numbers[key as usize];
+        let given = |key: Key| self.seen.contains(key).then(|| number(key));
+        let (at, t, p) = (number(Key::At), number(Key::T), number(Key::P));
+        let decision = match kind {
+            Kind::Header => {
+                return Ok(Line::Header(Header {
+                    operator: self.operator,
+                    window: u16::try_from(self.numbers[Key::Window as usize]).unwrap_or(u16::MAX),
+                    commit: self.commit,
+                    clouds: self.clouds,
+                }));
+            }
+            Kind::Open => return Ok(input(Input::Open { at, t, limit: given(Key::Limit) })),
+            Kind::Offer => {
+                let (deadline, backlog) = (number(Key::Deadline), number(Key::Backlog));
+                return Ok(input(Input::Offer { at, t, p, deadline, backlog }));
+            }
+            Kind::Result => return Ok(input(Input::Result { at, t, p })),
+            Kind::Fail => return Ok(input(Input::Fail { at, t, p })),
+            Kind::Tick => return Ok(input(Input::Tick { at })),
+            Kind::Timer => Decision::Timer { at, t, p },
+            Kind::Refuse => {
+                let why = self.reason(kind, &Refusal::ALL, Refusal::as_str)?;
+                Decision::Refuse { at, t, p: given(Key::P), why }
+            }
+            Kind::Request => Decision::Request { at, t, p, due: number(Key::Due) },
+            Kind::Hold => Decision::Hold { at, t, p },
+            Kind::Drop => {
+                let why = self.reason(kind, &DropReason::ALL, DropReason::as_str)?;
+                Decision::Drop { at, t, p, why }
+            }
+            Kind::Emit => Decision::Emit { at, t, p },
+            Kind::Miss => Decision::Miss { at, t },
+            Kind::Cancel => Decision::Cancel { at, t, p },
+        };
+        Ok(Line::Event(Event::Decision(decision)))
+    }
+
+    /// The reason that the line gives, one of `all`.
+    fn reason<T: Copy>(
+        &self,
+        kind: Kind,
+        all: &[T],
+        name: fn(T) -> &'static str,
+    ) -> Result<T, ParseError> {
+        all.iter().copied().find(|why| name(*why) == self.why).ok_or_else(|| {
+            let known: Vec<_> = all.iter().map(|why| name(*why)).collect();
+            let (why, kind, known) = (brief(&self.why), kind.name(), known.join(", "));
+            let message = format!("unknown why \"{why}\" in a {kind} line; it is one of {known}");
+            ParseError::at(self.offsets[Key::Why as usize], message)
+        })
+    }
+}
+
+const fn input(input: Input) -> Line {
+    Line::Event(Event::Input(input))
+}
+
+/// The list of a header's clouds.
+fn clouds(scan: &mut Scan<'_>) -> Result<Vec<Cloud>, ParseError> {
+    let mut clouds: Vec<Cloud> = Vec::new();
+    scan.expect(b'[', "at the start of clouds")?;
+    let mut first = true;
+    while scan.more(first, b']')? {
+        first = false;
+        scan.peek();
+        let offset = scan.offset();
+        let cloud = cloud(scan)?;
+        if clouds.len() == CLOUDS {
+            return Err(ParseError::at(offset, "a sixteenth cloud; a header lists up to 15"));
+        }
+        // A10: equal priorities are refused.
+        if clouds.iter().any(|other| other.p == cloud.p) {
+            let message = format!("a second cloud with p {}; give each its own", cloud.p);
+            return Err(ParseError::at(offset, message));
+        }
+        clouds.push(cloud);
+    }
+    Ok(clouds)
+}
+
+/// One cloud of a header.
+fn cloud(scan: &mut Scan<'_>) -> Result<Cloud, ParseError> {
+    const TAKES: &str = "a cloud's entry; it takes p, name, limit, resume, x";
+    let (mut p, mut limit, mut resume, mut name, mut x) = (None, None, None, None, None);
+    let start = scan.offset();
+    scan.expect(b'{', "at the start of a cloud's entry")?;
+    let mut first = true;
+    while scan.more(first, b'}')? {
+        first = false;
+        let (offset, key) = scan.key()?;
+        let again = match &*key {
+            "p" => p.replace(within(scan, "p of a cloud", 1..=u16::MAX.into())?).is_some(),
+            "limit" => limit.replace(within(scan, "limit of a cloud", 1..=u64::MAX)?).is_some(),
+            "resume" => resume.replace(scan.number()?).is_some(),
+            "name" => name.replace(scan.string("a name")?.into_owned()).is_some(),
+            "x" => x.replace(scan.skip()?).is_some(),
+            _ => {
+                let message = format!("unknown key \"{}\" in {TAKES}", brief(&key));
+                return Err(ParseError::at(offset, message));
+            }
+        };
+        if again {
+            return Err(twice(offset, &key));
+        }
+    }
+    let missing = |key| ParseError::at(start, format!("key \"{key}\" is missing in {TAKES}"));
+    let p = p.ok_or_else(|| missing("p"))?;
+    let limit = limit.ok_or_else(|| missing("limit"))?;
+    // F2g: resume is limit − 1 unless the header says otherwise.
+    let resume = resume.unwrap_or(limit - 1);
+    if resume >= limit {
+        let message = format!("resume {resume} is not below limit {limit}; make it less");
+        return Err(ParseError::at(start, message));
+    }
+    Ok(Cloud { p: u16::try_from(p).unwrap_or(u16::MAX), name, limit, resume })
+}
+
+/// A number within a range.
+fn within(scan: &mut Scan<'_>, what: &str, range: RangeInclusive<u64>) -> Result<u64, ParseError> {
+    scan.peek();
+    let offset = scan.offset();
+    let value = scan.number()?;
+    if range.contains(&value) {
+        return Ok(value);
+    }
+    let (least, most) = range.into_inner();
+    let message = match most {
+        u64::MAX => format!("{what} is {value}; it is at least {least}"),
+        most if least == most => format!("{what} is {value}; this reads {most}"),
+        most => format!("{what} is {value}; it is {least} to {most}"),
+    };
+    Err(ParseError::at(offset, message))
+}
+
+/// One of a few words.
+fn choice<T>(
+    scan: &mut Scan<'_>,
+    key: &str,
+    named: impl Fn(&str) -> Option<T>,
+    known: &str,
+) -> Result<T, ParseError> {
+    scan.peek();
+    let offset = scan.offset();
+    let word = scan.string("a word")?;
+    named(&word).ok_or_else(|| {
+        ParseError::at(offset, format!("unknown {key} \"{}\"; it is one of {known}", brief(&word)))
+    })
+}
+
+fn twice(offset: usize, key: &str) -> ParseError {
+    ParseError::at(offset, format!("key \"{key}\" a second time; write it once"))
+}
+
+/// The start of a name that may be long, fit to be shown.
+pub(crate) fn brief(text: &str) -> String {
+    const SHOWN: usize = 24;
+    let mut shown: String = text.chars().take(SHOWN).flat_map(char::escape_debug).collect();
+    if text.chars().nth(SHOWN).is_some() {
+        shown.push('…');
+    }
+    shown
+}

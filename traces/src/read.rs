@@ -1,0 +1,160 @@
+//! A trace, line by line.
+
+use std::io::{self, BufRead, Read};
+
+use flate2::bufread::MultiGzDecoder;
+
+use crate::event::{Event, Header, Line};
+use crate::parse::{self, ParseError};
+
+/// The longest line, in bytes without its `\n`.
+pub const LINE: usize = 64 * 1024;
+
+/// Why a trace cannot be read: the first thing wrong with it, as `file:line:column: message`.
+#[derive(Debug, thiserror::Error)]
+#[error("{file}:{line}:{column}: {fault}")]
+pub struct ReadError {
+    /// The name the trace was given.
+    pub file: String,
+    /// The line, counted from 1.
+    pub line: u64,
+    /// The byte of the line, counted from 1.
+    pub column: u64,
+    /// What is wrong.
+    pub fault: Fault,
+}
+
+/// What can be wrong with a trace.
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    /// The bytes did not come.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// There is no line at all.
+    #[error("the trace is empty; its first line is a header")]
+    Empty,
+    /// The first line is an event.
+    #[error("an event where the header should be; a trace begins with {{\"fuseline\":1,…}}")]
+    NoHeader,
+    /// A header stands further down.
+    #[error("a second header; put each trace in its own file")]
+    SecondHeader,
+    /// The last line has no `\n`.
+    #[error("the last line does not end in LF; it may be cut short")]
+    Unterminated,
+    /// A line is over 64 KiB.
+    #[error("a line over 64 KiB; no line needs to be as long")]
+    TooLong,
+    /// A line is not as the format wants it.
+    #[error("{}", .0.message)]
+    Line(ParseError),
+}
+
+/// Reads a trace: its header when it is made, then one event after the other.
+///
+/// It holds one line at a time. After an error there is nothing more to be had from it.
+#[derive(Debug)]
+pub struct Reader<R> {
+    inner: R,
+    file: String,
+    header: Header,
+    raw: Vec<u8>,
+    line: u64,
+}
+
+impl<R: BufRead> Reader<R> {
+    /// Reads the header; `file` is the trace's name in errors.
+    ///
+    /// # Errors
+    /// If the first line is not there or is no header.
+    pub fn new(file: impl Into<String>, inner: R) -> Result<Self, ReadError> {
+        let header =
+            Header { operator: None, window: 0, commit: Default::default(), clouds: vec![] };
+        let mut reader = Self { inner, file: file.into(), header, raw: Vec::new(), line: 0 };
+        match reader.next_line()? {
+            Some(Line::Header(header)) => reader.header = header,
+            Some(Line::Event(_)) => return Err(reader.error(1, Fault::NoHeader)),
+            None => {
+                reader.line = 1;
+                return Err(reader.error(1, Fault::Empty));
+            }
+        }
+        Ok(reader)
+    }
+
+    /// The next event; none at the end.
+    ///
+    /// # Errors
+    /// If the next line is none that a trace may have there.
+    pub fn next_event(&mut self) -> Result<Option<Event>, ReadError> {
+        match self.next_line()? {
+            Some(Line::Event(event)) => Ok(Some(event)),
+            Some(Line::Header(_)) => Err(self.error(1, Fault::SecondHeader)),
+            None => Ok(None),
+        }
+    }
+
+    /// The header.
+    #[must_use]
+    pub const fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The bytes of the line read last, without its `\n`.
+    #[must_use]
+    pub fn raw(&self) -> &[u8] {
+        self.raw.strip_suffix(b"\n").unwrap_or(&self.raw)
+    }
+
+    /// The number of the line read last; the header's is 1.
+    #[must_use]
+    pub const fn line(&self) -> u64 {
+        self.line
+    }
+
+    /// What is read from, for instance to ask whether more is at hand.
+    #[must_use]
+    pub const fn inner(&self) -> &R {
+        &self.inner
+    }
+
+    fn next_line(&mut self) -> Result<Option<Line>, ReadError> {
+        self.raw.clear();
+        let most = LINE as u64 + 1;
+        let read = self.inner.by_ref().take(most).read_until(b'\n', &mut self.raw);
+        if let Ok(0) = read {
+            return Ok(None);
+        }
+        self.line += 1;
+        if let Err(error) = read {
+            return Err(self.error(1, Fault::Io(error)));
+        }
+        if self.raw.last() != Some(&b'\n') {
+            let (column, fault) = match self.raw.len() {
+                len if len > LINE => (LINE + 1, Fault::TooLong),
+                len => (len + 1, Fault::Unterminated),
+            };
+            return Err(self.error(column as u64, fault));
+        }
+        match parse::parse(self.raw()) {
+            Ok(line) => Ok(Some(line)),
+            Err(error) => Err(self.error(error.column, Fault::Line(error))),
+        }
+    }
+
+    fn error(&self, column: u64, fault: Fault) -> ReadError {
+        ReadError { file: self.file.clone(), line: self.line, column, fault }
+    }
+}
+
+/// Reads plain and gzipped traces alike: unpacks what begins as gzip does.
+///
+/// # Errors
+/// If the first bytes do not come.
+pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
+    // No trace begins with this byte, gzip always does.
+    if inner.fill_buf()?.first() == Some(&0x1f) {
+        return Ok(Box::new(io::BufReader::new(MultiGzDecoder::new(inner))));
+    }
+    Ok(Box::new(inner))
+}

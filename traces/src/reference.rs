@@ -1,0 +1,307 @@
+//! The machine as the rules tell it, with plain sets.
+//!
+//! It is slow to read nothing into: a method per rule, in the rule's words. It shares no code with the machine that
+//! ships, so that the two can disagree.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::event::{Commit, Decision, DropReason, Header, Input, Refusal};
+use crate::rule::Rule;
+
+/// Decides about inputs one by one, each decision with the rule that demands it.
+///
+/// Its memory is bounded by the window and the number of clouds.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    window: usize,
+    commit: Commit,
+    gates: BTreeMap<u64, Gate>,
+    /// The greatest `now` seen.
+    now: u64,
+    /// The greatest timestamp ever opened.
+    newest: Option<u64>,
+    open: BTreeMap<u64, Open>,
+    /// Every live timer, in the order in which F5 serves them: due instant, timestamp, priority.
+    timers: BTreeSet<(u64, u64, u64)>,
+}
+
+/// What is decided about one input, in order.
+pub type Demands = Vec<(Decision, Rule)>;
+
+/// One cloud's gate.
+#[derive(Clone, Debug)]
+struct Gate {
+    limit: u64,
+    resume: u64,
+    open: bool,
+}
+
+/// The sets of one open timestamp.
+#[derive(Clone, Debug, Default)]
+struct Open {
+    requested: BTreeSet<u64>,
+    pending: BTreeSet<u64>,
+    /// The armed priorities with their due instants.
+    armed: BTreeMap<u64, u64>,
+    cached: BTreeSet<u64>,
+}
+
+/// What brings a timestamp to be settled.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Cause {
+    CloudTimer,
+    NoTimer,
+}
+
+impl Reference {
+    /// A machine so configured, with nothing open.
+    #[must_use]
+    pub fn new(header: &Header) -> Self {
+        let gate = |limit, resume| Gate { limit, resume, open: true };
+        let clouds = header.clouds.iter();
+        Self {
+            window: header.window.into(),
+            commit: header.commit,
+            gates: clouds.map(|cloud| (cloud.p.into(), gate(cloud.limit, cloud.resume))).collect(),
+            now: 0,
+            newest: None,
+            open: BTreeMap::new(),
+            timers: BTreeSet::new(),
+        }
+    }
+
+    /// Appends what the rules decide about `input`.
+    pub fn apply(&mut self, input: &Input, out: &mut Demands) {
+        // F0: time does not go back, and what is due comes first.
+        self.now = self.now.max(input.at());
+        self.expire(out);
+        match *input {
+            Input::Open { t, limit, .. } => self.open(t, limit, out),
+            Input::Offer { t, p, deadline, backlog, .. } => {
+                self.offer(t, p, deadline, backlog, out);
+            }
+            Input::Result { t, p, .. } => self.result(t, p, out),
+            Input::Fail { t, p, .. } => self.fail(t, p, out),
+            Input::Tick { .. } => {}
+        }
+    }
+
+    /// F1.
+    fn open(&mut self, t: u64, limit: Option<u64>, out: &mut Demands) {
+        let due = limit.map(|limit| self.now.saturating_add(limit));
+        let why = if self.was_reached(t) {
+            Some(Refusal::Order)
+        } else if self.open.len() >= self.window {
+            Some(Refusal::Full)
+        } else if due.is_some_and(|due| due <= self.now) {
+            Some(Refusal::Deadline)
+        } else {
+            None
+        };
+        if let Some(why) = why {
+            out.push((Decision::Refuse { at: self.now, t, p: None, why }, Rule::F1));
+            return;
+        }
+        self.newest = Some(t);
+        let mut open = Open::default();
+        open.requested.insert(0);
+        open.pending.insert(0);
+        self.open.insert(t, open);
+        if let Some(due) = due {
+            self.arm(t, 0, due);
+        }
+    }
+
+    /// F2.
+    fn offer(&mut self, t: u64, p: u64, deadline: u64, backlog: u64, out: &mut Demands) {
+        let at = self.now;
+        let due = at.saturating_add(deadline);
+        match self.admit(t, p, due, backlog) {
+            Ok(()) => {
+                self.arm(t, p, due);
+                out.push((Decision::Request { at, t, p, due }, Rule::F2));
+            }
+            Err(why) => {
+                let rule = if why == Refusal::Queue { Rule::F2g } else { Rule::F2 };
+                out.push((Decision::Refuse { at, t, p: Some(p), why }, rule));
+            }
+        }
+    }
+
+    /// F2: asks for `(t, p)`, unless the first reason that holds refuses it.
+    fn admit(&mut self, t: u64, p: u64, due: u64, backlog: u64) -> Result<(), Refusal> {
+        let reached = self.was_reached(t);
+        let gate = self.gates.get_mut(&p).filter(|_| reached).ok_or(Refusal::Unknown)?;
+        let open = self.open.get_mut(&t).ok_or(Refusal::Closed)?;
+        if open.requested.contains(&p) {
+            return Err(Refusal::Duplicate);
+        }
+        if open.cached.iter().any(|q| *q > p) {
+            return Err(Refusal::Outranked);
+        }
+        if due <= self.now {
+            return Err(Refusal::Deadline);
+        }
+        // F2g: the gate is consulted where no earlier reason refused.
+        if !gate.admits(backlog) {
+            return Err(Refusal::Queue);
+        }
+        open.requested.insert(p);
+        open.pending.insert(p);
+        Ok(())
+    }
+
+    /// F3.
+    fn result(&mut self, t: u64, p: u64, out: &mut Demands) {
+        let at = self.now;
+        let open = match self.accept(t, p) {
+            Ok(open) => open,
+            Err(why) => return out.push((Decision::Drop { at, t, p, why }, Rule::F3)),
+        };
+        open.pending.remove(&p);
+        if open.pending.iter().any(|q| *q > p) {
+            open.cached.insert(p);
+            if self.commit == Commit::Patient || p == 0 {
+                self.disarm(t, p);
+            }
+            out.push((Decision::Hold { at, t, p }, Rule::F3));
+        } else {
+            self.forward(t, p, Rule::F3, out);
+        }
+    }
+
+    /// F4.
+    fn fail(&mut self, t: u64, p: u64, out: &mut Demands) {
+        match self.accept(t, p) {
+            Ok(open) => {
+                open.pending.remove(&p);
+                self.disarm(t, p);
+                self.settle(t, Cause::NoTimer, out);
+            }
+            Err(why) => out.push((Decision::Drop { at: self.now, t, p, why }, Rule::F4)),
+        }
+    }
+
+    /// F3, F4: the open timestamp, if what came for `(t, p)` is not dropped.
+    fn accept(&mut self, t: u64, p: u64) -> Result<&mut Open, DropReason> {
+        let known = p == 0 || self.gates.contains_key(&p);
+        if !known || !self.was_reached(t) {
+            return Err(DropReason::Unknown);
+        }
+        let open = self.open.get_mut(&t).ok_or(DropReason::Superseded)?;
+        if !open.requested.contains(&p) {
+            Err(DropReason::Unsolicited)
+        } else if open.cached.contains(&p) {
+            Err(DropReason::Duplicate)
+        } else if !open.pending.contains(&p) {
+            Err(DropReason::Late)
+        } else {
+            Ok(open)
+        }
+    }
+
+    /// F5.
+    fn expire(&mut self, out: &mut Demands) {
+        while let Some(&(due, t, _)) = self.timers.first().filter(|timer| timer.0 <= self.now) {
+            let mut cause = Cause::NoTimer;
+            while let Some(&(_, _, p)) =
+                self.timers.first().filter(|timer| (timer.0, timer.1) == (due, t))
+            {
+                self.disarm(t, p);
+                if let Some(open) = self.open.get_mut(&t) {
+                    open.pending.remove(&p);
+                }
+                if p > 0 {
+                    cause = Cause::CloudTimer;
+                }
+                out.push((Decision::Timer { at: self.now, t, p }, Rule::F5));
+            }
+            self.settle(t, cause, out);
+        }
+    }
+
+    /// F6.
+    fn settle(&mut self, t: u64, cause: Cause, out: &mut Demands) {
+        let Some(open) = self.open.get(&t) else { return };
+        match open.cached.last().copied() {
+            Some(best) => {
+                let outranked = open.pending.iter().any(|q| *q > best);
+                let fired = self.commit == Commit::Eager && cause == Cause::CloudTimer;
+                if !outranked || fired {
+                    self.forward(t, best, Rule::F6, out);
+                }
+            }
+            None if open.pending.is_empty() => {
+                self.retire(t);
+                out.push((Decision::Miss { at: self.now, t }, Rule::F6));
+            }
+            None => {}
+        }
+    }
+
+    /// F7, demanded by `rule`.
+    fn forward(&mut self, t: u64, p: u64, rule: Rule, out: &mut Demands) {
+        let at = self.now;
+        out.push((Decision::Emit { at, t, p }, rule));
+        if let Some(open) = self.retire(t) {
+            // The local computation is never cancelled.
+            for p in open.pending.into_iter().filter(|p| *p > 0) {
+                out.push((Decision::Cancel { at, t, p }, Rule::F7));
+            }
+        }
+    }
+
+    /// Takes `t` out, its timers too.
+    fn retire(&mut self, t: u64) -> Option<Open> {
+        let open = self.open.remove(&t)?;
+        for (p, due) in &open.armed {
+            self.timers.remove(&(*due, t, *p));
+        }
+        Some(open)
+    }
+
+    fn arm(&mut self, t: u64, p: u64, due: u64) {
+        if let Some(open) = self.open.get_mut(&t) {
+            open.armed.insert(p, due);
+            self.timers.insert((due, t, p));
+        }
+    }
+
+    fn disarm(&mut self, t: u64, p: u64) {
+        if let Some(due) = self.open.get_mut(&t).and_then(|open| open.armed.remove(&p)) {
+            self.timers.remove(&(due, t, p));
+        }
+    }
+
+    /// The earliest due instant of all live timers.
+    #[must_use]
+    pub fn next_due(&self) -> Option<u64> {
+        self.timers.first().map(|timer| timer.0)
+    }
+
+    /// The greatest `now` seen, which is that of the decisions made last.
+    #[must_use]
+    pub const fn now(&self) -> u64 {
+        self.now
+    }
+
+    /// Whether `t` is open.
+    #[must_use]
+    pub fn is_open(&self, t: u64) -> bool {
+        self.open.contains_key(&t)
+    }
+
+    /// Whether `t` or a later timestamp was ever opened.
+    #[must_use]
+    pub fn was_reached(&self, t: u64) -> bool {
+        self.newest.is_some_and(|newest| newest >= t)
+    }
+}
+
+impl Gate {
+    /// F2g: consults the gate.
+    fn admits(&mut self, backlog: u64) -> bool {
+        self.open = if self.open { backlog < self.limit } else { backlog <= self.resume };
+        self.open
+    }
+}

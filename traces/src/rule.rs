@@ -1,0 +1,126 @@
+//! The rules that a decision can break, with their sentences.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+
+/// A rule or promise of SPEC.md.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Rule {
+    /// Time.
+    F0,
+    /// Open.
+    F1,
+    /// Offer.
+    F2,
+    /// Gate.
+    F2g,
+    /// Result.
+    F3,
+    /// Fail.
+    F4,
+    /// Expire.
+    F5,
+    /// Settle.
+    F6,
+    /// Forward.
+    F7,
+    /// Once.
+    P1,
+}
+
+impl Rule {
+    /// All that a violation can name.
+    pub const ALL: [Self; 10] = [
+        Self::F0,
+        Self::F1,
+        Self::F2,
+        Self::F2g,
+        Self::F3,
+        Self::F4,
+        Self::F5,
+        Self::F6,
+        Self::F7,
+        Self::P1,
+    ];
+
+    /// The identifier in SPEC.md.
+    #[must_use]
+    pub const fn id(self) -> &'static str {
+        match self {
+            Self::F0 => "F0",
+            Self::F1 => "F1",
+            Self::F2 => "F2",
+            Self::F2g => "F2g",
+            Self::F3 => "F3",
+            Self::F4 => "F4",
+            Self::F5 => "F5",
+            Self::F6 => "F6",
+            Self::F7 => "F7",
+            Self::P1 => "P1",
+        }
+    }
+
+    /// The rule with its identifier, named so in SPEC.md.
+    #[must_use]
+    pub fn named(id: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|rule| rule.id() == id)
+    }
+
+    /// The rule in a sentence.
+    #[must_use]
+    pub const fn sentence(self) -> &'static str {
+        match self {
+            Self::F0 => {
+                "A decision bears the now of its input; a now below the greatest seen counts as the \
+                 greatest seen."
+            }
+            Self::F1 => {
+                "An open is refused for the first of order, full and deadline that holds; else its \
+                 timestamp is open."
+            }
+            Self::F2 => {
+                "An offer is refused for the first of unknown, closed, duplicate, outranked, deadline \
+                 and queue that holds; else it is admitted, due at now + deadline."
+            }
+            Self::F2g => {
+                "An open gate shuts when backlog ≥ limit, a shut one opens when backlog ≤ resume; the \
+                 state after that decides."
+            }
+            Self::F3 => {
+                "A result is dropped for the first of unknown, superseded, unsolicited, duplicate and \
+                 late that holds; else held while something pending outranks it; else forwarded."
+            }
+            Self::F4 => {
+                "A failure is dropped for the same reasons as a result; else it closes its request and \
+                 disarms its timer."
+            }
+            Self::F5 => {
+                "Before an input everything due fires, by due instant, then timestamp; the due instant \
+                 itself is past, and a live timer fires once, not earlier."
+            }
+            Self::F6 => {
+                "After a failure or a timer the best in hand goes if nothing pending outranks it, or, \
+                 under eager, if a cloud's timer fired; with nothing in hand and nothing pending the \
+                 timestamp is missed."
+            }
+            Self::F7 => {
+                "What is forwarded retires its timestamp, and each cloud still pending is cancelled, by \
+                 ascending priority."
+            }
+            Self::P1 => "No timestamp is forwarded twice, nor forwarded and missed.",
+        }
+    }
+}
+
+impl fmt::Display for Rule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.id())
+    }
+}
+
+impl Serialize for Rule {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.id())
+    }
+}

@@ -1,0 +1,173 @@
+//! A cursor over one line that knows its column.
+//!
+//! It reads what a trace is made of by hand, a known key or a whole number at a time, and leaves the rest of JSON,
+//! escapes and values that nobody looks at, to `serde_json`.
+
+use std::borrow::Cow;
+
+use serde::de::IgnoredAny;
+
+use crate::parse::ParseError;
+
+/// Where the line stands between two tokens, or within one.
+pub(crate) struct Scan<'a> {
+    text: &'a str,
+    at: usize,
+}
+
+impl<'a> Scan<'a> {
+    /// The start of a line.
+    pub(crate) const fn new(text: &'a str) -> Self {
+        Self { text, at: 0 }
+    }
+
+    /// The offset of the next byte.
+    pub(crate) const fn offset(&self) -> usize {
+        self.at
+    }
+
+    /// The next byte that is not white space, if any is left; it stays.
+    pub(crate) fn peek(&mut self) -> Option<u8> {
+        let rest = self.rest();
+        let blank = rest.iter().take_while(|byte| matches!(byte, b' ' | b'\t' | b'\r')).count();
+        self.at += blank;
+        rest.get(blank).copied()
+    }
+
+    /// Takes `wanted` if it comes next.
+    pub(crate) fn take(&mut self, wanted: u8) -> bool {
+        let found = self.peek() == Some(wanted);
+        self.at += usize::from(found);
+        found
+    }
+
+    /// Takes `wanted` or says that it is missing.
+    pub(crate) fn expect(&mut self, wanted: u8, place: &str) -> Result<(), ParseError> {
+        if self.take(wanted) {
+            return Ok(());
+        }
+        let wanted = char::from(wanted);
+        Err(self.fault(format!("expected `{wanted}` {place}, found {}", self.found())))
+    }
+
+    /// Whether an object or a list goes on; takes the comma, or the bracket that closes it.
+    pub(crate) fn more(&mut self, first: bool, close: u8) -> Result<bool, ParseError> {
+        if self.take(close) {
+            return Ok(false);
+        }
+        if !first && !self.take(b',') {
+            let close = char::from(close);
+            let found = self.found();
+            return Err(self.fault(format!("expected `,` or `{close}`, found {found}")));
+        }
+        Ok(true)
+    }
+
+    /// A key, where it stands, and the colon.
+    pub(crate) fn key(&mut self) -> Result<(usize, Cow<'a, str>), ParseError> {
+        self.peek();
+        let offset = self.at;
+        let name = self.string("a key")?;
+        self.expect(b':', "after a key")?;
+        Ok((offset, name))
+    }
+
+    /// Ends the line.
+    pub(crate) fn end(&mut self) -> Result<(), ParseError> {
+        match self.peek() {
+            None => Ok(()),
+            Some(_) => Err(self.fault("more after the object; a line is one object".into())),
+        }
+    }
+
+    /// A string, without its quotes.
+    pub(crate) fn string(&mut self, what: &str) -> Result<Cow<'a, str>, ParseError> {
+        if self.peek() != Some(b'"') {
+            return Err(self.fault(format!("expected {what} in quotes, found {}", self.found())));
+        }
+        let start = self.at + 1;
+        let rest = self.text.as_bytes().get(start..).unwrap_or_default();
+        let len = rest.iter().take_while(|byte| !matches!(byte, b'"' | b'\\' | ..0x20)).count();
+        if rest.get(len) == Some(&b'"') {
+            self.at = start + len + 1;
+            return Ok(Cow::Borrowed(self.text.get(start..start + len).unwrap_or_default()));
+        }
+        self.value::<String>().map(Cow::Owned)
+    }
+
+    /// A whole number.
+    pub(crate) fn number(&mut self) -> Result<u64, ParseError> {
+        const WANTED: &str = "write a whole number from 0 to 18446744073709551615, digits alone";
+        self.peek();
+        let rest = self.rest();
+        let mut value = 0_u64;
+        let mut len = 0;
+        while let Some(digit) = rest.get(len).filter(|byte| byte.is_ascii_digit()) {
+            let more = value.checked_mul(10).and_then(|ten| ten.checked_add((digit - b'0').into()));
+            let Some(more) = more else {
+                return Err(self.fault(format!("the number is too great; {WANTED}")));
+            };
+            value = more;
+            len += 1;
+        }
+        let signed_or_broken = matches!(rest.get(len), Some(b'.' | b'e' | b'E' | b'+' | b'-'));
+        let zero_led = len > 1 && rest.first() == Some(&b'0');
+        if len == 0 || signed_or_broken || zero_led {
+            return Err(self.fault(format!("expected a number, found {}; {WANTED}", self.found())));
+        }
+        self.at += len;
+        Ok(value)
+    }
+
+    /// Any JSON value, whatever is in it.
+    pub(crate) fn skip(&mut self) -> Result<(), ParseError> {
+        self.value::<IgnoredAny>().map(|_| ())
+    }
+
+    /// An error at the next byte.
+    pub(crate) fn fault(&self, message: String) -> ParseError {
+        ParseError::at(self.at, message)
+    }
+
+    /// A value as `serde_json` reads it; it ends where the value does.
+    fn value<T: serde::Deserialize<'a>>(&mut self) -> Result<T, ParseError> {
+        let rest = self.text.get(self.at..).unwrap_or_default();
+        let mut values = serde_json::Deserializer::from_str(rest).into_iter::<T>();
+        match values.next() {
+            Some(Ok(value)) => {
+                self.at += values.byte_offset();
+                Ok(value)
+            }
+            Some(Err(error)) => {
+                let message = error.to_string();
+                let cause = message.rsplit_once(" at line ").map_or(&*message, |(cause, _)| cause);
+                let offset = self.at + error.column().saturating_sub(1);
+                Err(ParseError::at(offset, format!("{cause}; a line is one JSON object")))
+            }
+            None => Err(self.fault(format!("expected a value, found {}", self.found()))),
+        }
+    }
+
+    /// What comes next, in a few characters.
+    fn found(&self) -> String {
+        const SHOWN: usize = 24;
+        let rest = self.text.get(self.at..).unwrap_or_default();
+        let end = match rest.chars().next() {
+            None => return "the line's end".into(),
+            Some('"') => {
+                rest.get(1..).and_then(|tail| tail.find('"')).map_or(rest.len(), |at| at + 2)
+            }
+            Some('{' | '}' | '[' | ']' | ':' | ',') => 1,
+            Some(_) => rest.find([' ', ',', ':', '}', ']', '{', '[', '"']).unwrap_or(rest.len()),
+        };
+        let token = rest.get(..end).unwrap_or(rest);
+        match token.char_indices().nth(SHOWN) {
+            Some((cut, _)) => format!("`{}…`", token.get(..cut).unwrap_or_default()),
+            None => format!("`{token}`"),
+        }
+    }
+
+    fn rest(&self) -> &'a [u8] {
+        self.text.as_bytes().get(self.at..).unwrap_or_default()
+    }
+}

@@ -1,0 +1,258 @@
+//! The keys of a line, and which line takes which.
+
+/// What a line is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Kind {
+    Header,
+    Open,
+    Offer,
+    Result,
+    Fail,
+    Tick,
+    Timer,
+    Refuse,
+    Request,
+    Hold,
+    Drop,
+    Emit,
+    Miss,
+    Cancel,
+}
+
+/// A key of a line's object.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Key {
+    Fuseline,
+    Operator,
+    Window,
+    Commit,
+    Clouds,
+    Ev,
+    At,
+    T,
+    P,
+    Limit,
+    Deadline,
+    Backlog,
+    Due,
+    Why,
+    X,
+}
+
+/// A set of keys.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub(crate) struct Keys(u16);
+
+impl Kind {
+    /// The events, for people.
+    pub(crate) const EVENTS: &str =
+        "open, offer, result, fail, tick, timer, refuse, request, hold, drop, emit, miss, cancel";
+
+    /// The event so written.
+    pub(crate) fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "open" => Self::Open,
+            "offer" => Self::Offer,
+            "result" => Self::Result,
+            "fail" => Self::Fail,
+            "tick" => Self::Tick,
+            "timer" => Self::Timer,
+            "refuse" => Self::Refuse,
+            "request" => Self::Request,
+            "hold" => Self::Hold,
+            "drop" => Self::Drop,
+            "emit" => Self::Emit,
+            "miss" => Self::Miss,
+            "cancel" => Self::Cancel,
+            _ => return None,
+        })
+    }
+
+    /// The word in a trace.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Header => "header",
+            Self::Open => "open",
+            Self::Offer => "offer",
+            Self::Result => "result",
+            Self::Fail => "fail",
+            Self::Tick => "tick",
+            Self::Timer => "timer",
+            Self::Refuse => "refuse",
+            Self::Request => "request",
+            Self::Hold => "hold",
+            Self::Drop => "drop",
+            Self::Emit => "emit",
+            Self::Miss => "miss",
+            Self::Cancel => "cancel",
+        }
+    }
+
+    /// The keys that such a line must have.
+    pub(crate) const fn required(self) -> Keys {
+        use Key::{At, Backlog, Clouds, Deadline, Due, Ev, Fuseline, P, T, Why, Window};
+        match self {
+            Self::Header => Keys::of(&[Fuseline, Window, Clouds]),
+            Self::Offer => Keys::of(&[Ev, At, T, P, Deadline, Backlog]),
+            Self::Tick => Keys::of(&[Ev, At]),
+            Self::Refuse => Keys::of(&[Ev, At, T, Why]),
+            Self::Request => Keys::of(&[Ev, At, T, P, Due]),
+            Self::Drop => Keys::of(&[Ev, At, T, P, Why]),
+            Self::Open | Self::Miss => Keys::of(&[Ev, At, T]),
+            Self::Result | Self::Fail | Self::Timer | Self::Hold | Self::Emit | Self::Cancel => {
+                Keys::of(&[Ev, At, T, P])
+            }
+        }
+    }
+
+    /// The keys that such a line may have: those it must have and some more.
+    pub(crate) const fn keys(self) -> Keys {
+        let more = match self {
+            Self::Header => Keys::of(&[Key::Operator, Key::Commit, Key::X]),
+            Self::Open => Keys::of(&[Key::Limit, Key::X]),
+            Self::Refuse => Keys::of(&[Key::P, Key::X]),
+            Self::Offer
+            | Self::Result
+            | Self::Fail
+            | Self::Tick
+            | Self::Timer
+            | Self::Request
+            | Self::Hold
+            | Self::Drop
+            | Self::Emit
+            | Self::Miss
+            | Self::Cancel => Keys::of(&[Key::X]),
+        };
+        Keys(self.required().0 | more.0)
+    }
+
+    /// Such a line and its keys, for people.
+    pub(crate) fn takes(self) -> String {
+        let article = if self == Self::Open || self == Self::Offer || self == Self::Emit {
+            "an"
+        } else {
+            "a"
+        };
+        let keys: Vec<_> = self.keys().iter().map(Key::name).collect();
+        format!("{article} {} line; it takes {}", self.name(), keys.join(", "))
+    }
+}
+
+impl Key {
+    /// How many there are.
+    pub(crate) const COUNT: usize = Self::ALL.len();
+
+    /// All keys, in the order in which they are written.
+    const ALL: [Self; 15] = [
+        Self::Fuseline,
+        Self::Operator,
+        Self::Window,
+        Self::Commit,
+        Self::Clouds,
+        Self::Ev,
+        Self::At,
+        Self::T,
+        Self::P,
+        Self::Limit,
+        Self::Deadline,
+        Self::Backlog,
+        Self::Due,
+        Self::Why,
+        Self::X,
+    ];
+
+    /// The key so written.
+    pub(crate) fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "ev" => Self::Ev,
+            "at" => Self::At,
+            "t" => Self::T,
+            "p" => Self::P,
+            "why" => Self::Why,
+            "deadline" => Self::Deadline,
+            "backlog" => Self::Backlog,
+            "due" => Self::Due,
+            "limit" => Self::Limit,
+            "x" => Self::X,
+            "fuseline" => Self::Fuseline,
+            "operator" => Self::Operator,
+            "window" => Self::Window,
+            "commit" => Self::Commit,
+            "clouds" => Self::Clouds,
+            _ => return None,
+        })
+    }
+
+    /// How it is written.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Fuseline => "fuseline",
+            Self::Operator => "operator",
+            Self::Window => "window",
+            Self::Commit => "commit",
+            Self::Clouds => "clouds",
+            Self::Ev => "ev",
+            Self::At => "at",
+            Self::T => "t",
+            Self::P => "p",
+            Self::Limit => "limit",
+            Self::Deadline => "deadline",
+            Self::Backlog => "backlog",
+            Self::Due => "due",
+            Self::Why => "why",
+            Self::X => "x",
+        }
+    }
+}
+
+impl Keys {
+    /// The set of these.
+    const fn of(keys: &[Key]) -> Self {
+        let mut bits = 0;
+        let mut at = 0;
+        while at < keys.len() {
+            bits |= 1 << keys[at] as u16;
+            at += 1;
+        }
+        Self(bits)
+    }
+
+    /// Adds a key; false if it was there.
+    pub(crate) const fn insert(&mut self, key: Key) -> bool {
+        let before = self.0;
+        self.0 |= 1 << key as u16;
+        self.0 != before
+    }
+
+    pub(crate) const fn contains(self, key: Key) -> bool {
+        self.0 & (1 << key as u16) != 0
+    }
+
+    /// Those that `other` lacks.
+    pub(crate) const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// The one that is written first.
+    pub(crate) fn first(self) -> Option<Key> {
+        self.iter().next()
+    }
+
+    /// In the order in which they are written.
+    pub(crate) fn iter(self) -> impl Iterator<Item = Key> {
+        Key::ALL.into_iter().filter(move |key| self.contains(*key))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_is_named_as_it_is_written_and_stands_at_its_place() {
+        for (place, key) in Key::ALL.into_iter().enumerate() {
+            assert_eq!(Key::named(key.name()), Some(key));
+            assert_eq!(key as usize, place);
+        }
+    }
+}
