@@ -1,7 +1,7 @@
 //! The core behind the words of the trace.
 
 use fuseline_core::{
-    Admission, At, Cloud, Commit, ConfigError, Deadline, DropReason, Fusion, Instant, OfferRefusal,
+    Admission, At, Cloud, Commit, ConfigError, Deadline, DropReason, Firing, Fusion, Instant, OfferRefusal,
     OpenRefusal, Opening, Outcome, Priority, Timestamp,
 };
 use fuseline_traces as trace;
@@ -46,13 +46,7 @@ impl Arbiter {
         let now = Instant::from_nanos(input.at());
         let mut ready = loop {
             match self.fusion.at(now) {
-                At::Fired(firing) => {
-                    let (at, t) = (self.fusion.now().as_nanos(), firing.timestamp.as_u64());
-                    for p in firing.timers.iter() {
-                        decide(Decision::Timer { at, t, p: p.as_u16().into() });
-                    }
-                    conclude(at, t, None, &firing.outcome, &mut decide);
-                }
+                At::Fired(firing) => fired(self.fusion.now(), &firing, &mut decide),
                 At::Ready(ready) => break ready,
             }
         };
@@ -104,6 +98,15 @@ impl Arbiter {
         }
     }
 
+    /// Lets time go by up to `at`, nanoseconds, and gives what F5 decides to `decide`.
+    ///
+    /// [`apply`](Self::apply) begins with it; doing it before tells the timers' decisions from the input's own.
+    pub fn expire(&mut self, at: u64, mut decide: impl FnMut(Decision)) {
+        while let At::Fired(firing) = self.fusion.at(Instant::from_nanos(at)) {
+            fired(self.fusion.now(), &firing, &mut decide);
+        }
+    }
+
     /// The earliest instant at which a timer is due, in nanoseconds.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
@@ -115,6 +118,15 @@ impl Arbiter {
     pub fn open_len(&self) -> usize {
         self.fusion.len()
     }
+}
+
+/// Writes what timers decided (F5).
+fn fired(now: Instant, firing: &Firing<CLOUDS>, decide: &mut impl FnMut(Decision)) {
+    let (at, t) = (now.as_nanos(), firing.timestamp.as_u64());
+    for p in firing.timers.iter() {
+        decide(Decision::Timer { at, t, p: p.as_u16().into() });
+    }
+    conclude(at, t, None, &firing.outcome, decide);
 }
 
 /// Writes an outcome; `source` is whose result or failure it answers, if it is not timers'.

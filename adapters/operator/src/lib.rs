@@ -1,5 +1,16 @@
-//! What every adapter shares: the core, driven by inputs and answering in the words of the trace.
+//! What every adapter shares: the core driven in the words of the trace, the queues to the sources, recording and
+//! counting. An adapter adds its clock, its threads and its network.
 
 mod arbiter;
+mod engine;
+mod item;
+mod lane;
+mod meter;
+mod tally;
 
 pub use arbiter::Arbiter;
+pub use engine::{Counting, Effect, Engine, Local, Opening};
+pub use fuseline_core::ConfigError;
+pub use fuseline_traces::{Commit, DropReason, Refusal};
+pub use item::{Forwarded, Item, Outcome, Rule, Source};
+pub use tally::{SourceTally, Tally};

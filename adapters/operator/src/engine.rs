@@ -1,0 +1,414 @@
+//! One operator without its clock, its threads and its network: what happened goes in, what to do comes out.
+
+use std::collections::{HashMap, VecDeque};
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+use fuseline_core::ConfigError;
+use fuseline_traces::{Decision, Header, Input};
+use tracing::{debug, warn};
+
+use crate::arbiter::Arbiter;
+use crate::item::{Forwarded, Item, Outcome, Rule, Source};
+use crate::lane::{Closed, Lane, Waiting};
+use crate::tally::{Counts, Event, Tally};
+
+/// Local's priority and the place of its lane.
+const LOCAL: usize = 0;
+
+/// One operator: the core, the values it holds, the queues to its sources, its counts and its recording.
+///
+/// `V` is what sources compute, `R` what is sent to them; neither is looked at. Instants are nanoseconds of the
+/// adapter's monotonic clock. After each input, take the effects by [`next_effect`](Self::next_effect) until there are none.
+///
+/// - inputs: [`open`](Self::open), [`offer`](Self::offer), [`result`](Self::result), [`fail`](Self::fail),
+///   [`tick`](Self::tick)
+/// - effects: [`next_effect`](Self::next_effect)
+/// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
+pub struct Engine<V, R> {
+    operator: Arc<str>,
+    arbiter: Arbiter,
+    /// Local's, then the clouds' in the header's order.
+    lanes: Vec<Lane<R>>,
+    local: Local,
+    open: HashMap<u64, Story<V>>,
+    counts: Arc<Counts>,
+    effects: VecDeque<Effect<V, R>>,
+    decisions: Vec<Decision>,
+}
+
+/// How many computations local can have.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Local {
+    /// How many run at once; at least one does.
+    pub at_once: usize,
+    /// How many more may wait; beyond that local fails at once (F4).
+    pub waiting: usize,
+    /// Whether one that waits is skipped once its message was answered.
+    pub skip_answered: bool,
+}
+
+/// What is to be done now.
+#[derive(Debug)]
+pub enum Effect<V, R> {
+    /// Send this downstream.
+    Output(Item<V>),
+    /// Begin the call, or for priority 0 the local computation.
+    Start {
+        /// Whose.
+        priority: u16,
+        /// For which message.
+        timestamp: u64,
+        /// When the call must have ended; local's never must.
+        due: Option<u64>,
+        /// What was offered.
+        request: R,
+    },
+    /// The call's result is no longer wanted (F5, F7). Never local's.
+    Abort {
+        /// Whose.
+        priority: u16,
+        /// For which message.
+        timestamp: u64,
+    },
+}
+
+/// What became of a message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[must_use = "without room for it, local is to fail after the offers"]
+pub enum Opening {
+    /// Refused; an item says so (F1).
+    Refused,
+    /// Open; local computes it now or soon.
+    Computing,
+    /// Open, but too many computations wait: make the offers, then let local [`fail`](Engine::fail).
+    NoRoom,
+}
+
+/// One cell for all counts, to be read from anywhere while the operator runs.
+#[derive(Clone)]
+pub struct Counting(Arc<Counts>);
+
+/// What an open message has.
+struct Story<V> {
+    opened: u64,
+    held: Vec<Held<V>>,
+}
+
+struct Held<V> {
+    p: u64,
+    arrived: u64,
+    value: V,
+}
+
+/// What came along with an input.
+enum Cargo<V, R> {
+    Nothing,
+    Value(V),
+    Request(R),
+}
+
+impl<V, R> Engine<V, R> {
+    /// An operator so configured; `at_once[i]` bounds the calls under way to the header's cloud `i`, and is 1 where
+    /// there is none.
+    ///
+    /// # Errors
+    /// Why the configuration is refused.
+    pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
+        let arbiter = Arbiter::new(header)?;
+        let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
+        let mut lanes = vec![Lane::new(Source { priority: 0, name: "local".into() }, local.at_once)];
+        for (i, cloud) in header.clouds.iter().enumerate() {
+            let name = match &cloud.name {
+                Some(name) => name.as_str().into(),
+                None => format!("cloud-{}", cloud.p).into(),
+            };
+            let at_once = at_once.get(i).copied().unwrap_or(1);
+            lanes.push(Lane::new(Source { priority: cloud.p, name }, at_once));
+        }
+        let sources: Vec<Source> = lanes.iter().map(|lane| lane.source.clone()).collect();
+        let counts = Arc::new(Counts::new(&operator, &sources));
+        let (open, effects, decisions) = (HashMap::new(), VecDeque::new(), Vec::new());
+        Ok(Self { operator, arbiter, lanes, local, open, counts, effects, decisions })
+    }
+
+    /// F1: a message came. `job` goes to local if it is taken on; `limit` is local's.
+    pub fn open(&mut self, at: u64, t: u64, limit: Option<Duration>, job: R) -> Opening {
+        self.apply(Input::Open { at, t, limit: limit.map(nanos) }, Cargo::Nothing);
+        if self.decisions.iter().any(|decision| matches!(decision, Decision::Refuse { .. })) {
+            self.send();
+            return Opening::Refused;
+        }
+        self.counts.message();
+        self.counts.source(LOCAL, Event::Admitted);
+        self.open.insert(t, Story { opened: at, held: Vec::new() });
+        let lane = &mut self.lanes[LOCAL];
+        lane.push(Waiting { t, asked: at, due: None, request: job });
+        self.send();
+        let lane = &mut self.lanes[LOCAL];
+        if lane.backlog() > self.local.waiting {
+            lane.close(t);
+            return Opening::NoRoom;
+        }
+        Opening::Computing
+    }
+
+    /// F2: a message handler wants `request` sent to cloud `p`.
+    pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
+        let backlog = self.lane(p.into()).map_or(0, |lane| self.lanes[lane].backlog() as u64);
+        let input = Input::Offer { at, t, p: p.into(), deadline: nanos(deadline), backlog };
+        self.apply(input, Cargo::Request(request));
+        self.send();
+    }
+
+    /// F3: a source's result came.
+    pub fn result(&mut self, at: u64, t: u64, p: u16, value: V) {
+        self.end(at, t, p);
+        self.apply(Input::Result { at, t, p: p.into() }, Cargo::Value(value));
+        self.send();
+    }
+
+    /// F4: a source will send no result; `why` is logged.
+    pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
+        let source = self.lane(p.into()).map(|lane| &*self.lanes[lane].source.name);
+        warn!(operator = %self.operator, timestamp = t, source, %why, "no result will come");
+        self.end(at, t, p);
+        self.apply(Input::Fail { at, t, p: p.into() }, Cargo::Nothing);
+        self.send();
+    }
+
+    /// F5: time went by.
+    pub fn tick(&mut self, at: u64) {
+        self.apply(Input::Tick { at }, Cargo::Nothing);
+        self.send();
+    }
+
+    /// The next thing to be done, in the order of the decisions.
+    pub fn next_effect(&mut self) -> Option<Effect<V, R>> {
+        self.effects.pop_front()
+    }
+
+    /// The earliest instant at which a timer is due; tick then.
+    #[must_use]
+    pub fn next_due(&self) -> Option<u64> {
+        self.arbiter.next_due()
+    }
+
+    /// Whether no message is open.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.arbiter.open_len() == 0
+    }
+
+    /// The counts, as they go on.
+    #[must_use]
+    pub fn counts(&self) -> Counting {
+        Counting(Arc::clone(&self.counts))
+    }
+
+    /// Lets the core decide, records it, and turns its decisions into effects.
+    fn apply(&mut self, input: Input, mut cargo: Cargo<V, R>) {
+        let at = input.at();
+        if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
+            self.counts.meters.timer_lag.record(Duration::from_nanos(at - due));
+        }
+        let mut decisions = std::mem::take(&mut self.decisions);
+        decisions.clear();
+        self.arbiter.expire(at, |decision| decisions.push(decision));
+        let fired = decisions.len();
+        self.arbiter.apply(&input, |decision| decisions.push(decision));
+        let (timers, own) = decisions.split_at(fired);
+        for decision in timers {
+            self.act(decision, Rule::Timer, &mut Cargo::Nothing);
+        }
+        for decision in own {
+            match input {
+                Input::Fail { .. } => self.act(decision, Rule::Failure, &mut cargo),
+                Input::Open { .. }
+                | Input::Offer { .. }
+                | Input::Result { .. }
+                | Input::Tick { .. } => self.act(decision, Rule::Arrival, &mut cargo),
+            }
+        }
+        if let Input::Fail { p, .. } = input
+            && !matches!(own.first(), Some(Decision::Drop { .. }))
+        {
+            self.count(p, Event::Failed);
+        }
+        self.decisions = decisions;
+    }
+
+    /// Does what one decision says; `rule` is what brought it about.
+    fn act(&mut self, decision: &Decision, rule: Rule, cargo: &mut Cargo<V, R>) {
+        let operator = &*self.operator;
+        match *decision {
+            Decision::Timer { t, p, .. } => {
+                debug!(operator, timestamp = t, source = self.name(p), "timer fired");
+                self.count(p, Event::Timer);
+                self.close(t, p);
+            }
+            Decision::Refuse { at, t, p: None, why } => {
+                warn!(operator, timestamp = t, %why, "message refused");
+                self.counts.refused(why);
+                self.output(t, at, at, Outcome::Refused(why));
+            }
+            Decision::Refuse { t, p: Some(p), why, .. } => {
+                debug!(operator, timestamp = t, source = self.name(p), %why, "request refused");
+                self.count(p, Event::Refused(why));
+            }
+            Decision::Request { at, t, p, due } => {
+                self.count(p, Event::Admitted);
+                if let (Some(lane), Cargo::Request(request)) = (self.lane(p), cargo.take()) {
+                    self.lanes[lane].push(Waiting { t, asked: at, due: Some(due), request });
+                }
+            }
+            Decision::Hold { at, t, p } => {
+                debug!(operator, timestamp = t, source = self.name(p), "result held");
+                self.count(p, Event::Held);
+                if let (Some(story), Cargo::Value(value)) = (self.open.get_mut(&t), cargo.take()) {
+                    story.held.push(Held { p, arrived: at, value });
+                }
+            }
+            Decision::Drop { t, p, why, .. } => {
+                let source = self.name(p);
+                if rule == Rule::Failure {
+                    debug!(operator, timestamp = t, source, %why, "failure dropped");
+                    self.count(p, Event::FailureDropped(why));
+                } else {
+                    debug!(operator, timestamp = t, source, %why, "result dropped");
+                    self.count(p, Event::Dropped(why));
+                }
+            }
+            Decision::Emit { at, t, p } => self.forward(at, t, p, rule, cargo),
+            Decision::Miss { at, t } => {
+                warn!(operator, timestamp = t, why = rule.as_str(), "message missed");
+                self.counts.missed();
+                if let Some(story) = self.open.remove(&t) {
+                    self.output(t, story.opened, at, Outcome::Missed);
+                }
+            }
+            Decision::Cancel { t, p, .. } => {
+                self.count(p, Event::Cancelled);
+                self.close(t, p);
+            }
+        }
+    }
+
+    /// F7: what the core chose is in hand: held, or the result that just came.
+    fn forward(&mut self, at: u64, t: u64, p: u64, rule: Rule, cargo: &mut Cargo<V, R>) {
+        let Some(mut story) = self.open.remove(&t) else { return };
+        let held = story.held.iter().position(|held| held.p == p);
+        let (arrived, value) = match (held, cargo.take()) {
+            (Some(place), _) => {
+                let held = story.held.swap_remove(place);
+                (held.arrived, held.value)
+            }
+            (None, Cargo::Value(value)) => {
+                self.count(p, Event::Forwarded);
+                (at, value)
+            }
+            (None, Cargo::Nothing | Cargo::Request(_)) => {
+                debug_assert!(false, "the core forwards only what came");
+                return;
+            }
+        };
+        let Some(lane) = self.lane(p) else { return };
+        self.count(p, Event::Output(rule));
+        if let Some(meter) = self.counts.meters.sources.get(lane) {
+            meter.output.record(Duration::from_nanos(at.saturating_sub(story.opened)));
+        }
+        let source = self.lanes[lane].source.clone();
+        let arrived = Duration::from_nanos(arrived);
+        let forwarded = Forwarded { value, source, arrived, rule };
+        self.output(t, story.opened, at, Outcome::Forwarded(forwarded));
+    }
+
+    fn output(&mut self, t: u64, opened: u64, decided: u64, outcome: Outcome<V>) {
+        let (opened, decided) = (Duration::from_nanos(opened), Duration::from_nanos(decided));
+        self.effects.push_back(Effect::Output(Item { timestamp: t, opened, decided, outcome }));
+    }
+
+    /// The request's result is no longer wanted. F7: local is never aborted.
+    fn close(&mut self, t: u64, p: u64) {
+        let Some(lane) = self.lane(p).filter(|lane| *lane != LOCAL) else { return };
+        let lane = &mut self.lanes[lane];
+        if lane.close(t) == Closed::Flying {
+            let priority = lane.source.priority;
+            self.effects.push_back(Effect::Abort { priority, timestamp: t });
+        }
+    }
+
+    /// A call has ended by itself.
+    fn end(&mut self, at: u64, t: u64, p: u16) {
+        let Some(lane) = self.lane(p.into()) else { return };
+        if let Some(asked) = self.lanes[lane].end(t)
+            && let Some(meter) = self.counts.meters.sources.get(lane)
+        {
+            meter.response.record(Duration::from_nanos(at.saturating_sub(asked)));
+        }
+    }
+
+    /// Starts what waits and has room.
+    fn send(&mut self) {
+        for (i, lane) in self.lanes.iter_mut().enumerate() {
+            while let Some(Waiting { t, due, request, .. }) = lane.next() {
+                if i == LOCAL && self.local.skip_answered && !self.open.contains_key(&t) {
+                    debug!(operator = %self.operator, timestamp = t, "local skipped");
+                    lane.end(t);
+                    continue;
+                }
+                let priority = lane.source.priority;
+                self.effects.push_back(Effect::Start { priority, timestamp: t, due, request });
+            }
+            if let Some(meter) = self.counts.meters.sources.get(i) {
+                meter.backlog.set(count(lane.backlog()));
+                meter.calls.set(count(lane.flying()));
+            }
+        }
+        self.counts.meters.open.set(count(self.open.len()));
+    }
+
+    fn count(&self, p: u64, event: Event) {
+        if let Some(lane) = self.lane(p) {
+            self.counts.source(lane, event);
+        }
+    }
+
+    fn lane(&self, p: u64) -> Option<usize> {
+        self.lanes.iter().position(|lane| u64::from(lane.source.priority) == p)
+    }
+
+    fn name(&self, p: u64) -> Option<&str> {
+        self.lane(p).map(|lane| &*self.lanes[lane].source.name)
+    }
+}
+
+impl Counting {
+    /// The counts so far.
+    #[must_use]
+    pub fn tally(&self) -> Tally {
+        self.0.snapshot()
+    }
+
+    /// Counts bytes that a call to cloud `p` sends; nothing if there is no such cloud.
+    pub fn sent(&self, p: u16, bytes: u64) {
+        self.0.sent(p, bytes);
+    }
+}
+
+impl<V, R> Cargo<V, R> {
+    fn take(&mut self) -> Self {
+        std::mem::replace(self, Self::Nothing)
+    }
+}
+
+/// Saturates at 2⁶⁴ − 1 ns, as due instants do (A14).
+fn nanos(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// For gauges; what queues hold is far from 2³².
+fn count(len: usize) -> f64 {
+    u32::try_from(len).unwrap_or(u32::MAX).into()
+}

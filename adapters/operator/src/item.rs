@@ -1,0 +1,120 @@
+//! What goes downstream: one item for each message, whatever became of it.
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+use fuseline_traces::Refusal;
+
+/// What became of one message. Every message taken in leads to exactly one (P1, P11).
+///
+/// Instants are readings of the operator's clock: time since the operator started.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Item<V> {
+    /// The message's timestamp: its place in the input stream, from 0.
+    pub timestamp: u64,
+    /// When the message was taken in.
+    pub opened: Duration,
+    /// When this was decided.
+    pub decided: Duration,
+    /// What was decided.
+    pub outcome: Outcome<V>,
+}
+
+/// Forwarded, missed or refused.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Outcome<V> {
+    /// The best result in hand (F7, P3).
+    Forwarded(Forwarded<V>),
+    /// No result came and none will (F6).
+    Missed,
+    /// The message was not taken on, and nothing was computed for it (F1).
+    Refused(Refusal),
+}
+
+/// A result on its way downstream.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Forwarded<V> {
+    /// The result.
+    pub value: V,
+    /// Who computed it.
+    pub source: Source,
+    /// When it arrived, which is before it was decided if it was held.
+    pub arrived: Duration,
+    /// What made it go.
+    pub rule: Rule,
+}
+
+/// Local or a cloud.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Source {
+    /// 0 is local; of the others the greater wins.
+    pub priority: u16,
+    /// `local`, or the cloud's name.
+    pub name: Arc<str>,
+}
+
+/// What made a result go.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Rule {
+    /// F3: it arrived, and nothing better was still to come.
+    Arrival,
+    /// F4: it was held, and what it waited for failed.
+    Failure,
+    /// F5: it was held, and a timer fired.
+    Timer,
+}
+
+impl Rule {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Arrival, Self::Failure, Self::Timer];
+
+    /// The rule's word, as metrics and logs bear it.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Arrival => "arrival",
+            Self::Failure => "failure",
+            Self::Timer => "timer",
+        }
+    }
+
+    /// The rule's identifier in the specification.
+    #[must_use]
+    pub const fn id(self) -> &'static str {
+        match self {
+            Self::Arrival => "F3",
+            Self::Failure => "F4",
+            Self::Timer => "F5",
+        }
+    }
+}
+
+impl fmt::Display for Rule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(&self.name)
+    }
+}
+
+impl<V> Item<V> {
+    /// The forwarded result, if there is one.
+    #[must_use]
+    pub const fn forwarded(&self) -> Option<&Forwarded<V>> {
+        match &self.outcome {
+            Outcome::Forwarded(forwarded) => Some(forwarded),
+            Outcome::Missed | Outcome::Refused(_) => None,
+        }
+    }
+
+    /// How long the message took, from being taken in to the decision.
+    #[must_use]
+    pub const fn took(&self) -> Duration {
+        self.decided.saturating_sub(self.opened)
+    }
+}

@@ -1,0 +1,122 @@
+//! The counters and histograms of one operator, registered once through the `metrics` facade.
+
+use fuseline_traces::{DropReason, Refusal};
+use metrics::{Counter, Gauge, Histogram, counter, gauge, histogram};
+
+use crate::item::{Rule, Source};
+use crate::tally::Event;
+
+/// An operator's meters.
+pub(crate) struct Meters {
+    pub(crate) messages: Counter,
+    refused: [Counter; Refusal::ALL.len()],
+    pub(crate) missed: Counter,
+    /// How late timers were served.
+    pub(crate) timer_lag: Histogram,
+    pub(crate) open: Gauge,
+    pub(crate) sources: Vec<SourceMeters>,
+}
+
+/// One source's meters.
+pub(crate) struct SourceMeters {
+    admitted: Counter,
+    refused: [Counter; Refusal::ALL.len()],
+    outputs: [Counter; Rule::ALL.len()],
+    forwarded: Counter,
+    held: Counter,
+    dropped: [Counter; DropReason::ALL.len()],
+    failed: Counter,
+    failures_dropped: [Counter; DropReason::ALL.len()],
+    timers: Counter,
+    cancelled: Counter,
+    sent_bytes: Counter,
+    /// From the request's admission to its result.
+    pub(crate) response: Histogram,
+    /// From taking the message in to the output.
+    pub(crate) output: Histogram,
+    pub(crate) backlog: Gauge,
+    pub(crate) calls: Gauge,
+}
+
+impl Meters {
+    /// Registers with the recorder that is installed now; with none, counting costs next to nothing.
+    pub(crate) fn new(operator: &str, sources: &[Source]) -> Self {
+        let operator = operator.to_owned();
+        Self {
+            messages: counter!("fuseline_messages_total", "operator" => operator.clone()),
+            refused: Refusal::ALL.map(|why| {
+                counter!("fuseline_refused_messages_total",
+                    "operator" => operator.clone(), "why" => why.as_str())
+            }),
+            missed: counter!("fuseline_missed_messages_total", "operator" => operator.clone()),
+            timer_lag: histogram!("fuseline_timer_lag_seconds", "operator" => operator.clone()),
+            open: gauge!("fuseline_open_messages", "operator" => operator.clone()),
+            sources: sources.iter().map(|source| SourceMeters::new(&operator, source)).collect(),
+        }
+    }
+
+    pub(crate) fn refused(&self, why: Refusal) {
+        increment(&self.refused, Refusal::ALL.iter().position(|reason| *reason == why));
+    }
+}
+
+impl SourceMeters {
+    fn new(operator: &str, source: &Source) -> Self {
+        let labels =
+            [("operator", operator.to_owned()), ("source", source.name.as_ref().to_owned())];
+        let by = |name: &'static str, outcome: &'static str| {
+            let [operator, source] = labels.clone();
+            counter!(name, &[operator, source, ("outcome", outcome.to_owned())])
+        };
+        let request = |outcome| by("fuseline_requests_total", outcome);
+        let result = |outcome| by("fuseline_results_total", outcome);
+        let failure = |outcome| by("fuseline_failures_total", outcome);
+        Self {
+            admitted: request("admitted"),
+            refused: Refusal::ALL.map(|why| request(why.as_str())),
+            outputs: Rule::ALL.map(|rule| by("fuseline_outputs_total", rule.as_str())),
+            forwarded: result("forwarded"),
+            held: result("held"),
+            dropped: DropReason::ALL.map(|why| result(why.as_str())),
+            failed: failure("accepted"),
+            failures_dropped: DropReason::ALL.map(|why| failure(why.as_str())),
+            timers: counter!("fuseline_timers_total", &labels),
+            cancelled: counter!("fuseline_cancelled_total", &labels),
+            sent_bytes: counter!("fuseline_sent_bytes_total", &labels),
+            response: histogram!("fuseline_response_seconds", &labels),
+            output: histogram!("fuseline_output_seconds", &labels),
+            backlog: gauge!("fuseline_backlog", &labels),
+            calls: gauge!("fuseline_calls", &labels),
+        }
+    }
+
+    pub(crate) fn count(&self, event: Event) {
+        match event {
+            Event::Admitted => self.admitted.increment(1),
+            Event::Refused(why) => {
+                increment(&self.refused, Refusal::ALL.iter().position(|reason| *reason == why));
+            }
+            Event::Output(rule) => {
+                increment(&self.outputs, Rule::ALL.iter().position(|known| *known == rule));
+            }
+            Event::Forwarded => self.forwarded.increment(1),
+            Event::Held => self.held.increment(1),
+            Event::Dropped(why) => increment(&self.dropped, drop_index(why)),
+            Event::Failed => self.failed.increment(1),
+            Event::FailureDropped(why) => increment(&self.failures_dropped, drop_index(why)),
+            Event::Timer => self.timers.increment(1),
+            Event::Cancelled => self.cancelled.increment(1),
+            Event::Sent { bytes } => self.sent_bytes.increment(bytes),
+        }
+    }
+}
+
+fn drop_index(why: DropReason) -> Option<usize> {
+    DropReason::ALL.iter().position(|reason| *reason == why)
+}
+
+fn increment(counters: &[Counter], index: Option<usize>) {
+    if let Some(counter) = index.and_then(|index| counters.get(index)) {
+        counter.increment(1);
+    }
+}
