@@ -1,0 +1,128 @@
+//! How many lines a second one core judges, and what reading alone takes of it.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::hint::black_box;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use fuseline_traces::{Cloud, Commit, Demands, Header, Input, Reader, Reference, judge};
+
+/// How many lines the trace has at least.
+const LINES: usize = 1_000_000;
+/// The relative deadline of each request.
+const DEADLINE: u64 = 500_000_000;
+/// The time from one message to the next.
+const PERIOD: u64 = 100_000_000;
+/// The sources' usual response times; a cloud's tail reaches beyond its deadline.
+const USUAL: [u64; 4] = [301_700_000, 90_000_000, 180_000_000, 240_000_000];
+
+fn check(c: &mut Criterion) {
+    let (trace, lines) = trace();
+    let mut group = c.benchmark_group("check");
+    group.throughput(Throughput::Elements(lines)).sample_size(20);
+    group.bench_function("judge", |b| {
+        b.iter(|| {
+            let verdict = judge("trace", black_box(&trace[..])).expect("it can be read");
+            assert!(verdict.conforms && verdict.lines == lines);
+        });
+    });
+    group.bench_function("read", |b| {
+        b.iter(|| {
+            let mut reader = Reader::new("trace", black_box(&trace[..])).expect("a header");
+            while let Some(event) = reader.next_event().expect("it can be read") {
+                black_box(event);
+            }
+        });
+    });
+    group.finish();
+}
+
+/// A camera's run at 10 Hz with three clouds, as JSON Lines, and how many lines it has.
+fn trace() -> (Vec<u8>, u64) {
+    let cloud = |p| Cloud { p, name: None, limit: 31, resume: 0 };
+    let header = Header {
+        operator: Some("bench".into()),
+        window: 16,
+        commit: Commit::Eager,
+        clouds: vec![cloud(1), cloud(2), cloud(3)],
+    };
+    let mut run = Run::new(&header);
+    for t in 0.. {
+        let at = t * PERIOD;
+        run.until(at);
+        run.take(&Input::Open { at, t, limit: None });
+        for p in 1..=3 {
+            run.take(&Input::Offer { at, t, p, deadline: DEADLINE, backlog: 0 });
+        }
+        for (p, usual) in (0..).zip(USUAL) {
+            // One arrival in sixteen takes four times as long.
+            let noise = run.random() % usual;
+            let delay = if run.random() % 16 == 0 { 4 * usual } else { usual / 2 + noise };
+            run.arrivals.push(Reverse((at + delay, t, p)));
+        }
+        if run.lines >= LINES {
+            break;
+        }
+    }
+    run.until(u64::MAX);
+    (run.out, run.lines as u64)
+}
+
+/// A run that is being made up: the rules' answers are written as it goes.
+struct Run {
+    reference: Reference,
+    demands: Demands,
+    arrivals: BinaryHeap<Reverse<(u64, u64, u64)>>,
+    seed: u64,
+    out: Vec<u8>,
+    lines: usize,
+}
+
+impl Run {
+    fn new(header: &Header) -> Self {
+        let mut out = Vec::new();
+        header.write(&mut out);
+        out.push(b'\n');
+        let reference = Reference::new(header);
+        let (demands, arrivals) = (Demands::new(), BinaryHeap::new());
+        Self { reference, demands, arrivals, seed: 1, out, lines: 1 }
+    }
+
+    /// Lets the arrivals come and the timers fire that do so before `at`.
+    fn until(&mut self, at: u64) {
+        loop {
+            let arrival = self.arrivals.peek().map(|Reverse(arrival)| *arrival);
+            let due = self.reference.next_due().filter(|due| *due < at);
+            match (arrival.filter(|arrival| arrival.0 < at), due) {
+                (Some((arrives, t, p)), due) if due.is_none_or(|due| arrives < due) => {
+                    self.arrivals.pop();
+                    self.take(&Input::Result { at: arrives, t, p });
+                }
+                (_, Some(due)) => self.take(&Input::Tick { at: due }),
+                (_, None) => return,
+            }
+        }
+    }
+
+    fn take(&mut self, input: &Input) {
+        self.reference.apply(input, &mut self.demands);
+        input.write(&mut self.out);
+        self.out.push(b'\n');
+        self.lines += 1 + self.demands.len();
+        for (decision, _) in self.demands.drain(..) {
+            decision.write(&mut self.out);
+            self.out.push(b'\n');
+        }
+    }
+
+    /// Splitmix64.
+    fn random(&mut self) -> u64 {
+        self.seed = self.seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.seed ^ (self.seed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+}
+
+criterion_group!(benches, check);
+criterion_main!(benches);
