@@ -370,3 +370,6 @@ impl<const CLOUDS: usize, const WINDOW: usize> core::fmt::Debug for Ready<'_, CL
         f.debug_tuple("Ready").field(self.fusion).finish()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -407,10 +407,5 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
 }
 
 #[cfg(test)]
-#[expect(
-    clippy::unwrap_used,
-    clippy::arithmetic_side_effects,
-    clippy::integer_division,
-    reason = "a test may panic"
-)]
+#[expect(clippy::arithmetic_side_effects, clippy::integer_division, reason = "a test may panic")]
 mod tests;
