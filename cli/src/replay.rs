@@ -1,0 +1,69 @@
+//! `fuseline replay`: inputs through the core, as a whole trace.
+
+use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::path::PathBuf;
+
+use fuseline_operator::Arbiter;
+use fuseline_traces::{Event, Reader, unpack};
+
+use crate::Exit;
+use crate::check::open;
+use crate::fault::Fault;
+
+/// How much of the input is read at once, in bytes.
+const CHUNK: usize = 64 * 1024;
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+Decision lines in the input are skipped, so a trace can be replayed as it is. Each input is answered
+as it is read: by hand, too.
+
+Examples:
+  fuseline replay inputs.jsonl > trace.jsonl
+  fuseline replay trace.jsonl | cmp - trace.jsonl
+  some-program | fuseline replay | fuseline check")]
+pub(crate) struct Args {
+    /// A header and inputs, or a whole trace; - is standard input.
+    #[arg(default_value = "-")]
+    file: PathBuf,
+}
+
+/// Answers each input of the file on standard output.
+pub(crate) fn replay(args: &Args) -> Result<Exit, Fault> {
+    let (name, file) = open(&args.file)?;
+    let file = unpack(BufReader::with_capacity(CHUNK, file))
+        .map_err(|source| Fault::Open { name: name.clone(), source })?;
+    let reader = Reader::new(name.as_str(), BufReader::with_capacity(CHUNK, file))?;
+    let arbiter = Arbiter::new(reader.header()).map_err(|source| Fault::Config { name, source })?;
+    answer(reader, arbiter, BufWriter::with_capacity(CHUNK, io::stdout().lock()))?;
+    Ok(Exit::Conforms)
+}
+
+fn answer<R: Read>(
+    mut reader: Reader<BufReader<R>>,
+    mut arbiter: Arbiter,
+    mut out: BufWriter<impl Write>,
+) -> Result<(), Fault> {
+    let mut answer = reader.raw().to_vec();
+    answer.push(b'\n');
+    loop {
+        out.write_all(&answer).map_err(Fault::Output)?;
+        // Whoever writes the inputs by hand waits for the answer before the next one.
+        if reader.inner().buffer().is_empty() {
+            out.flush().map_err(Fault::Output)?;
+        }
+        answer.clear();
+        match reader.next_event()? {
+            Some(Event::Input(input)) => {
+                answer.extend_from_slice(reader.raw());
+                answer.push(b'\n');
+                arbiter.apply(&input, |decision| {
+                    decision.write(&mut answer);
+                    answer.push(b'\n');
+                });
+            }
+            Some(Event::Decision(_)) => {}
+            None => return out.flush().map_err(Fault::Output),
+        }
+    }
+}
