@@ -1,8 +1,8 @@
 //! The core behind the words of the trace.
 
 use fuseline_core::{
-    Admission, At, Cloud, Commit, ConfigError, Deadline, DropReason, Firing, Fusion, Instant, OfferRefusal,
-    OpenRefusal, Opening, Outcome, Priority, Timestamp,
+    Admission, At, Cloud, Commit, ConfigError, Deadline, DropReason, Firing, Fusion, Instant,
+    OfferRefusal, OpenRefusal, Opening, Outcome, Priority, Timestamp,
 };
 use fuseline_traces as trace;
 use fuseline_traces::{Decision, Header, Input, Refusal};

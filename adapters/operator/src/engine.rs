@@ -2,17 +2,19 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
+use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_core::ConfigError;
-use fuseline_traces::{Decision, Header, Input};
+use fuseline_traces::{Decision, Header, Input, Recorder};
 use tracing::{debug, warn};
 
 use crate::arbiter::Arbiter;
 use crate::item::{Forwarded, Item, Outcome, Rule, Source};
 use crate::lane::{Closed, Lane, Waiting};
 use crate::tally::{Counts, Event, Tally};
+use crate::tape::Tape;
 
 /// Local's priority and the place of its lane.
 const LOCAL: usize = 0;
@@ -36,6 +38,7 @@ pub struct Engine<V, R> {
     counts: Arc<Counts>,
     effects: VecDeque<Effect<V, R>>,
     decisions: Vec<Decision>,
+    tape: Option<Tape>,
 }
 
 /// How many computations local can have.
@@ -118,7 +121,8 @@ impl<V, R> Engine<V, R> {
     pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
         let arbiter = Arbiter::new(header)?;
         let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
-        let mut lanes = vec![Lane::new(Source { priority: 0, name: "local".into() }, local.at_once)];
+        let mut lanes =
+            vec![Lane::new(Source { priority: 0, name: "local".into() }, local.at_once)];
         for (i, cloud) in header.clouds.iter().enumerate() {
             let name = match &cloud.name {
                 Some(name) => name.as_str().into(),
@@ -130,7 +134,19 @@ impl<V, R> Engine<V, R> {
         let sources: Vec<Source> = lanes.iter().map(|lane| lane.source.clone()).collect();
         let counts = Arc::new(Counts::new(&operator, &sources));
         let (open, effects, decisions) = (HashMap::new(), VecDeque::new(), Vec::new());
-        Ok(Self { operator, arbiter, lanes, local, open, counts, effects, decisions })
+        Ok(Self { operator, arbiter, lanes, local, open, counts, effects, decisions, tape: None })
+    }
+
+    /// Records everything from here on; to be called before the first input.
+    ///
+    /// Files are written by a thread of their own. If the disk falls far behind, the recording ends early, whole, with
+    /// an error; the operator goes on.
+    ///
+    /// # Errors
+    /// If the system has no thread left.
+    pub fn record(&mut self, recorder: Recorder) -> io::Result<()> {
+        self.tape = Some(Tape::new(recorder)?);
+        Ok(())
     }
 
     /// F1: a message came. `job` goes to local if it is taken on; `limit` is local's.
@@ -184,6 +200,14 @@ impl<V, R> Engine<V, R> {
         self.send();
     }
 
+    /// Ends the recording, if there is one, and waits until it is written. Dropping the engine does the same.
+    ///
+    /// # Errors
+    /// The first error met while recording; the trace is whole up to there.
+    pub fn finish(&mut self) -> io::Result<()> {
+        self.tape.take().map_or(Ok(()), |mut tape| tape.finish())
+    }
+
     /// The next thing to be done, in the order of the decisions.
     pub fn next_effect(&mut self) -> Option<Effect<V, R>> {
         self.effects.pop_front()
@@ -218,6 +242,9 @@ impl<V, R> Engine<V, R> {
         self.arbiter.expire(at, |decision| decisions.push(decision));
         let fired = decisions.len();
         self.arbiter.apply(&input, |decision| decisions.push(decision));
+        if let Some(tape) = &mut self.tape {
+            tape.record(&input, &decisions);
+        }
         let (timers, own) = decisions.split_at(fired);
         for decision in timers {
             self.act(decision, Rule::Timer, &mut Cargo::Nothing);
@@ -381,6 +408,12 @@ impl<V, R> Engine<V, R> {
 
     fn name(&self, p: u64) -> Option<&str> {
         self.lane(p).map(|lane| &*self.lanes[lane].source.name)
+    }
+}
+
+impl fmt::Debug for Counting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.tally().fmt(f)
     }
 }
 

@@ -7,10 +7,11 @@ mod item;
 mod lane;
 mod meter;
 mod tally;
+mod tape;
 
 pub use arbiter::Arbiter;
 pub use engine::{Counting, Effect, Engine, Local, Opening};
 pub use fuseline_core::ConfigError;
-pub use fuseline_traces::{Commit, DropReason, Refusal};
+pub use fuseline_traces::{Cloud, Commit, DropReason, Header, Recorder, Recording, Refusal};
 pub use item::{Forwarded, Item, Outcome, Rule, Source};
 pub use tally::{SourceTally, Tally};

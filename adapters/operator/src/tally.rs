@@ -100,7 +100,9 @@ pub(crate) enum Event {
     FailureDropped(DropReason),
     Timer,
     Cancelled,
-    Sent { bytes: u64 },
+    Sent {
+        bytes: u64,
+    },
 }
 
 impl Counts {

@@ -1,0 +1,184 @@
+//! An operator: what a user writes, and how it is started.
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use fuseline_operator::{
+    self as shared, Commit, ConfigError, Counting, Engine, Header, Item, Recorder, Recording, Tally,
+};
+use thiserror::Error;
+use tokio::runtime::Handle;
+use tokio::sync::{Notify, mpsc};
+use tokio::task::JoinHandle;
+use tracing::{Instrument, info_span};
+
+use crate::local::{Local, Workers};
+use crate::run::Run;
+use crate::setup::{Registered, Setup};
+use crate::stream::{Reader, stream};
+
+/// A typed operator: for each input message it forwards one result, the best there is in time.
+pub trait Operator {
+    /// What comes in; shared among local and the handlers.
+    type Input: Send + Sync + 'static;
+    /// What goes out.
+    type Output: Send + Sync + 'static;
+
+    /// Registers the clouds and answers how messages are computed locally.
+    fn setup(
+        self,
+        setup: &mut Setup<Self::Input, Self::Output>,
+    ) -> Local<Self::Input, Self::Output>;
+}
+
+/// An operator's output: one item for each message taken in.
+pub type Items<O> = Reader<Item<O>>;
+
+/// An operator's configuration.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Config {
+    /// The operator's name in logs, metrics and traces; `operator` by default.
+    pub name: String,
+    /// How many messages may be open at once, 1 to 1024; 16 by default. One more is refused `full` (F1).
+    pub window: u16,
+    /// When the best in hand goes (F6); eager by default.
+    pub commit: Commit,
+    /// How many items each reader of the output may lag behind; at least 1, 16 by default. When one lags further, no
+    /// message is taken in until it caught up; what is open goes on.
+    pub output_len: usize,
+    /// Where the run is recorded; nowhere by default.
+    pub trace: Option<Trace>,
+}
+
+/// Where and how a run is recorded.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Trace {
+    /// The file; it is overwritten.
+    pub path: PathBuf,
+    /// Rotation and compression.
+    pub recording: Recording,
+}
+
+/// An operator that was started. Dropping it leaves the operator running.
+#[derive(Debug)]
+pub struct Running {
+    task: JoinHandle<io::Result<()>>,
+    stop: Arc<Notify>,
+    counting: Counting,
+}
+
+/// Why an operator was not started.
+#[derive(Debug, Error)]
+pub enum SpawnError {
+    /// Nobody would drive it.
+    #[error("an operator must be started within a tokio runtime")]
+    NoRuntime,
+    /// What its configuration and its clouds make is no machine.
+    #[error("the operator's configuration is refused: {0}")]
+    Config(#[from] ConfigError),
+    /// The trace's file cannot be made.
+    #[error("the trace {path} cannot be written: {error}", path = path.display())]
+    Trace {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        error: io::Error,
+    },
+    /// The system has no thread left for local.
+    #[error("no thread for the local computation: {0}")]
+    Threads(io::Error),
+}
+
+/// Starts an operator on the current runtime, reading `input`; answers its output stream.
+///
+/// When `input` ends, the operator runs on until every open message is answered, then ends its output and its trace.
+/// Timers see to that, except for a message whose local computation never ends and has no limit.
+///
+/// # Errors
+/// If the operator cannot be started as it is configured; nothing was started then.
+pub fn spawn<P: Operator>(
+    operator: P,
+    config: Config,
+    input: Reader<P::Input>,
+) -> Result<(Running, Items<P::Output>), SpawnError> {
+    let runtime = Handle::try_current().map_err(|_| SpawnError::NoRuntime)?;
+    let mut setup = Setup::new();
+    let local = operator.setup(&mut setup);
+    let header = header(&config, &setup.clouds);
+    let calls: Vec<usize> = setup.clouds.iter().map(|registered| registered.cloud.calls).collect();
+    let bounds = shared::Local {
+        at_once: local.at_once,
+        waiting: local.waiting.unwrap_or(config.window.into()),
+        skip_answered: local.skip_answered,
+    };
+    let mut engine = Engine::new(&header, &calls, bounds)?;
+    let (arrived, arrivals) = mpsc::unbounded_channel();
+    let workers = Workers::start(local.kind, arrived.clone()).map_err(SpawnError::Threads)?;
+    if let Some(Trace { path, recording }) = config.trace {
+        Recorder::create(&path, &header, recording)
+            .and_then(|recorder| engine.record(recorder))
+            .map_err(|error| SpawnError::Trace { path, error })?;
+    }
+    let counting = engine.counts();
+    let (writer, output) = stream(config.output_len);
+    let stop = Arc::new(Notify::new());
+    let run = Run::new(engine, setup.clouds, workers, local.limit, arrived, writer);
+    let task = run.run(input, arrivals, Arc::clone(&stop));
+    let task = runtime.spawn(task.instrument(info_span!("operator", name = config.name)));
+    Ok((Running { task, stop, counting }, output))
+}
+
+impl Running {
+    /// Its counts so far.
+    #[must_use]
+    pub fn tally(&self) -> Tally {
+        self.counting.tally()
+    }
+
+    /// Lets the operator end at once: calls are aborted, open messages stay unanswered, the output ends. The
+    /// trace is whole up to there.
+    pub fn stop(&self) {
+        self.stop.notify_one();
+    }
+
+    /// Waits until the operator has ended and its trace is written; answers its counts.
+    ///
+    /// # Errors
+    /// If the trace could not be written whole, or the runtime was shut down first.
+    pub async fn join(self) -> io::Result<Tally> {
+        match self.task.await {
+            Ok(written) => written?,
+            Err(error) => return Err(io::Error::other(error)),
+        }
+        Ok(self.counting.tally())
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            name: "operator".into(),
+            window: 16,
+            commit: Commit::Eager,
+            output_len: 16,
+            trace: None,
+        }
+    }
+}
+
+/// The trace's header.
+fn header<I, O>(config: &Config, clouds: &[Registered<I, O>]) -> Header {
+    let clouds = clouds.iter().map(|Registered { priority, cloud, .. }| shared::Cloud {
+        p: *priority,
+        name: Some(cloud.name.clone()),
+        limit: cloud.limit,
+        resume: cloud.resume,
+    });
+    Header {
+        operator: Some(config.name.clone()),
+        window: config.window,
+        commit: config.commit,
+        clouds: clouds.collect(),
+    }
+}

@@ -1,0 +1,125 @@
+//! What an operator's `setup` says about its clouds.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::Duration;
+
+use fuseline_operator::Counting;
+use futures_util::future::BoxFuture;
+use tracing::error;
+
+use crate::Error;
+use crate::panics::reason;
+
+/// Takes an operator's clouds, in any number up to 15.
+pub struct Setup<I, O> {
+    pub(crate) clouds: Vec<Registered<I, O>>,
+}
+
+/// A cloud's queue and bounds, with defaults.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Cloud {
+    /// For people, traces and metrics; `cloud-` and the priority by default.
+    pub name: String,
+    /// The gate shuts when this many requests wait to be sent (F2g); at least 1, 31 by default.
+    pub limit: u64,
+    /// The shut gate opens when this many or fewer wait; less than `limit`, 0 by default.
+    pub resume: u64,
+    /// How many calls may be under way; at least 1, 8 by default. Only what is beyond waits.
+    pub calls: usize,
+}
+
+/// One call to a cloud, as its handle sees it.
+#[derive(Clone)]
+pub struct Call {
+    /// The message's timestamp.
+    pub timestamp: u64,
+    /// How much time is left, what was spent in the queue taken off.
+    pub deadline: Duration,
+    priority: u16,
+    counting: Counting,
+}
+
+/// A cloud and how to make a call to it.
+pub(crate) struct Registered<I, O> {
+    pub(crate) priority: u16,
+    pub(crate) cloud: Cloud,
+    pub(crate) offer: Offer<I, O>,
+}
+
+/// The message handler: what to send, if anything, and how long the cloud may take.
+pub(crate) type Offer<I, O> = Box<dyn FnMut(&I, u64) -> Option<(Request<O>, Duration)> + Send>;
+/// A request that knows its handle and its response handler.
+pub(crate) type Request<O> = Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O, Error>> + Send>;
+
+impl<I, O: Send + 'static> Setup<I, O> {
+    pub(crate) const fn new() -> Self {
+        Self { clouds: Vec::new() }
+    }
+
+    /// Registers a cloud; what it answers can be given a name and bounds.
+    ///
+    /// - `handle` makes the call, in a task of its own. Dropping its future must abort the call: that happens when the
+    ///   timer fires and when something better goes (F5, F7). An error or a panic is a failure (F4).
+    /// - `message_handler` looks at each message that was taken on, in the operator's task, and may keep state. It must
+    ///   not block; costly encoding belongs into `handle`. `None` asks nothing of this cloud. A panic asks nothing,
+    ///   and the handler is called again with the next message.
+    /// - `response_handler` turns the response into the output, in the call's task, when it arrives. An error or a panic
+    ///   is a failure (F4). The result counts as arrived when this is done.
+    /// - `priority` is from 1 to 65535 and no other cloud's; the greater wins.
+    pub fn use_cloud<Req, Res, Fut>(
+        &mut self,
+        handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
+        mut message_handler: impl FnMut(&I, u64) -> Option<(Req, Duration)> + Send + 'static,
+        response_handler: impl Fn(Res) -> Result<O, Error> + Send + Sync + 'static,
+        priority: u16,
+    ) -> &mut Cloud
+    where
+        Req: Send + 'static,
+        Res: Send + 'static,
+        Fut: Future<Output = Result<Res, Error>> + Send + 'static,
+    {
+        let handlers = Arc::new((handle, response_handler));
+        let offer = move |message: &I, timestamp| {
+            let (request, deadline) = message_handler(message, timestamp)?;
+            let handlers = Arc::clone(&handlers);
+            let request: Request<O> = Box::new(move |call| {
+                Box::pin(async move { (handlers.1)((handlers.0)(request, call).await?) })
+            });
+            Some((request, deadline))
+        };
+        let cloud = Cloud { name: format!("cloud-{priority}"), limit: 31, resume: 0, calls: 8 };
+        self.clouds.push(Registered { priority, cloud, offer: Box::new(offer) });
+        let last = self.clouds.len() - 1;
+        &mut self.clouds[last].cloud
+    }
+}
+
+impl<I, O> Registered<I, O> {
+    /// Asks the message handler; one that panics asks for nothing.
+    pub(crate) fn ask(&mut self, message: &I, timestamp: u64) -> Option<(Request<O>, Duration)> {
+        catch_unwind(AssertUnwindSafe(|| (self.offer)(message, timestamp))).unwrap_or_else(
+            |panic| {
+                let why = reason(&*panic);
+                error!(timestamp, cloud = %self.cloud.name, why, "the message handler panicked");
+                None
+            },
+        )
+    }
+}
+
+impl Call {
+    pub(crate) const fn new(
+        timestamp: u64,
+        deadline: Duration,
+        priority: u16,
+        counting: Counting,
+    ) -> Self {
+        Self { timestamp, deadline, priority, counting }
+    }
+
+    /// Counts bytes sent to this cloud; speculation is paid for.
+    pub fn sent(&self, bytes: usize) {
+        self.counting.sent(self.priority, bytes as u64);
+    }
+}

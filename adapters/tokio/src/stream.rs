@@ -1,0 +1,184 @@
+//! Typed streams: what joins operators to one another and to the rest of a program.
+
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+use thiserror::Error;
+use tokio::sync::mpsc;
+
+/// A stream of `T` with one writer, each of whose readers may lag `capacity` (at least 1) messages behind.
+#[must_use]
+pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
+    let capacity = capacity.max(1);
+    let (sender, receiver) = mpsc::channel(capacity);
+    let joining = Arc::new(Mutex::new(Vec::new()));
+    let reader = Reader { receiver, joining: Arc::downgrade(&joining), capacity };
+    (Writer { readers: vec![sender], joining, count: 0 }, reader)
+}
+
+/// The writing end of a stream. Dropping it ends the stream.
+///
+/// A message's timestamp is its place in the stream, from 0, and the same for all readers.
+#[derive(Debug)]
+pub struct Writer<T> {
+    readers: Vec<mpsc::Sender<Numbered<T>>>,
+    joining: Joining<T>,
+    count: u64,
+}
+
+/// A reading end of a stream; messages are shared among the readers, not copied.
+#[derive(Debug)]
+pub struct Reader<T> {
+    receiver: mpsc::Receiver<Numbered<T>>,
+    joining: Weak<Mutex<Vec<mpsc::Sender<Numbered<T>>>>>,
+    capacity: usize,
+}
+
+type Numbered<T> = (u64, Arc<T>);
+/// Readers made since the last message.
+type Joining<T> = Arc<Mutex<Vec<mpsc::Sender<Numbered<T>>>>>;
+
+/// A message was not written.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
+pub enum WriteError<T> {
+    /// Some reader lags its whole capacity behind; here is the message.
+    #[error("a reader of the stream lags behind")]
+    Full(T),
+    /// No reader is left; here is the message.
+    #[error("the stream has no reader left")]
+    Closed(T),
+}
+
+impl<T> Writer<T> {
+    /// Writes a message as soon as every reader has room for it; answers its timestamp.
+    ///
+    /// Dropping the future writes nothing.
+    ///
+    /// # Errors
+    /// [`WriteError::Closed`] alone.
+    pub async fn write(&mut self, message: T) -> Result<u64, WriteError<T>> {
+        self.room().await;
+        self.try_write(message)
+    }
+
+    /// Writes a message if every reader has room for it now; answers its timestamp.
+    ///
+    /// # Errors
+    /// If some reader has no room, or there is none.
+    pub fn try_write(&mut self, message: T) -> Result<u64, WriteError<T>> {
+        self.admit();
+        if self.readers.is_empty() {
+            return Err(WriteError::Closed(message));
+        }
+        if !self.has_room() {
+            return Err(WriteError::Full(message));
+        }
+        let (timestamp, message) = (self.count, Arc::new(message));
+        self.count += 1;
+        for reader in &self.readers {
+            // It has room, and no one else writes; it may have closed since, which is no loss.
+            drop(reader.try_send((timestamp, Arc::clone(&message))));
+        }
+        Ok(timestamp)
+    }
+
+    /// Waits until every reader has room for a message.
+    pub(crate) async fn room(&mut self) {
+        self.admit();
+        for reader in &self.readers {
+            if reader.capacity() == 0 {
+                drop(reader.reserve().await);
+            }
+        }
+    }
+
+    /// Lets go of readers that closed and takes on those that joined.
+    fn admit(&mut self) {
+        self.readers.retain(|reader| !reader.is_closed());
+        self.readers.append(&mut self.joining.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    fn has_room(&self) -> bool {
+        self.readers.iter().all(|reader| reader.capacity() > 0)
+    }
+}
+
+impl<T> Reader<T> {
+    /// The next message, or none when the stream has ended. Dropping the future loses no message.
+    pub async fn read(&mut self) -> Option<Arc<T>> {
+        self.numbered().await.map(|(_, message)| message)
+    }
+
+    /// Another reader of the stream, for what is written from now on.
+    #[must_use]
+    pub fn another(&self) -> Self {
+        let (sender, receiver) = mpsc::channel(self.capacity);
+        if let Some(joining) = self.joining.upgrade() {
+            joining.lock().unwrap_or_else(PoisonError::into_inner).push(sender);
+        }
+        Self { receiver, joining: Weak::clone(&self.joining), capacity: self.capacity }
+    }
+
+    /// The next message with its timestamp.
+    pub(crate) async fn numbered(&mut self) -> Option<(u64, Arc<T>)> {
+        self.receiver.recv().await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn every_reader_gets_every_message_in_order() {
+        let (mut writer, mut one) = stream(2);
+        let mut other = one.another();
+        assert_eq!(writer.write('a').await, Ok(0));
+        assert_eq!(writer.write('b').await, Ok(1));
+        drop(writer);
+        for reader in [&mut one, &mut other] {
+            assert_eq!(reader.numbered().await, Some((0, Arc::new('a'))));
+            assert_eq!(reader.numbered().await, Some((1, Arc::new('b'))));
+            assert_eq!(reader.numbered().await, None);
+        }
+    }
+
+    #[tokio::test]
+    async fn a_late_reader_sees_the_same_timestamps() {
+        let (mut writer, one) = stream(2);
+        assert_eq!(writer.try_write('a'), Ok(0));
+        let mut late = one.another();
+        assert_eq!(writer.try_write('b'), Ok(1));
+        assert_eq!(late.numbered().await, Some((1, Arc::new('b'))));
+    }
+
+    #[tokio::test]
+    async fn the_slowest_reader_holds_the_writer_back_and_loses_nothing() {
+        let (mut writer, mut one) = stream(1);
+        let mut slow = one.another();
+        assert_eq!(writer.try_write(1), Ok(0));
+        assert_eq!(one.read().await.as_deref(), Some(&1));
+        assert_eq!(writer.try_write(2), Err(WriteError::Full(2)));
+        assert_eq!(slow.read().await.as_deref(), Some(&1));
+        assert_eq!(writer.try_write(2), Ok(1));
+    }
+
+    #[tokio::test]
+    async fn a_dropped_reader_holds_nobody_back() {
+        let (mut writer, one) = stream(1);
+        let mut other = one.another();
+        assert_eq!(writer.try_write(1), Ok(0));
+        drop(one);
+        assert_eq!(other.read().await.as_deref(), Some(&1));
+        assert_eq!(writer.try_write(2), Ok(1));
+        drop(other);
+        assert_eq!(writer.write(3).await, Err(WriteError::Closed(3)));
+    }
+
+    #[test]
+    fn a_reader_made_after_the_end_is_at_the_end() {
+        let (writer, one) = stream::<u8>(1);
+        drop(writer);
+        let mut late = one.another();
+        assert_eq!(late.receiver.try_recv().unwrap_err(), mpsc::error::TryRecvError::Disconnected);
+    }
+}
