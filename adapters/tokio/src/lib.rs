@@ -1,5 +1,7 @@
 //! Operators, streams and clouds on tokio around the Fuseline core.
 
+#[cfg(feature = "grpc")]
+pub mod grpc;
 mod local;
 mod operator;
 mod panics;

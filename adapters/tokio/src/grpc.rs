@@ -1,0 +1,42 @@
+//! Clouds behind gRPC: connections with TLS and tokens, handles for any client, and a service ready to use.
+//!
+//! A [`Remote`] says where a cloud is and makes a [`Connection`], which connects when it is first used and again
+//! whenever it was lost. Any client that `tonic` generates takes it, and [`unary`] makes a method of such a client a
+//! handle. For bytes in and bytes out there is [`infer`], with [`serve`] as its other side; the protocol is
+//! `proto/fuseline.proto`.
+//!
+//! ```no_run
+//! # use std::time::Duration;
+//! # use fuseline_tokio::{Error, Setup, grpc};
+//! # fn setup(setup: &mut Setup<Vec<u8>, Vec<u8>>) -> Result<(), grpc::RemoteError> {
+//! let remote = grpc::Remote {
+//!     ca: Some(include_bytes!("../proto/fuseline.proto").to_vec()), // the provider's CA, PEM
+//!     token: Some(grpc::Token::new("secret")?),
+//!     ..grpc::Remote::new("https://west.example:50051")
+//! };
+//! let message_handler = |frame: &Vec<u8>, timestamp| {
+//!     let request = grpc::Request { timestamp, payload: frame.clone().into() };
+//!     Some((request, Duration::from_millis(500)))
+//! };
+//! let response_handler = |reply: grpc::Reply| Ok(reply.payload.to_vec());
+//! setup.use_cloud(grpc::infer(remote.connect()?), message_handler, response_handler, 1);
+//! # Ok(())
+//! # }
+//! ```
+
+mod handle;
+mod infer;
+mod remote;
+mod server;
+mod token;
+
+pub use handle::{infer, unary};
+pub use infer::{Infer, InferClient, InferServer, Reply, Request};
+pub use remote::{Connection, Identity, Remote, RemoteError};
+pub use server::{ServeError, Server, serve};
+pub use token::{InvalidToken, Token};
+/// The gRPC library, for clients and services of one's own.
+pub use tonic;
+
+/// The most bytes that a message of [`infer`] and [`serve`] may have, encoded.
+pub const MESSAGE_BYTES: usize = 64 * 1024 * 1024;

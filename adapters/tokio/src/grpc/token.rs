@@ -1,0 +1,93 @@
+//! Bearer tokens.
+
+use std::fmt;
+use std::sync::{Arc, PoisonError, RwLock};
+
+use thiserror::Error;
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::service::Interceptor;
+use tonic::{Request, Status};
+
+/// A bearer token that can be replaced while connections use it; clones share it.
+#[derive(Clone)]
+pub struct Token(Arc<RwLock<MetadataValue<Ascii>>>);
+
+/// A token holds characters that no header can bear, or none.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
+#[error("a token must be visible ASCII characters, at least one")]
+pub struct InvalidToken;
+
+impl Token {
+    /// A token of visible ASCII characters.
+    ///
+    /// # Errors
+    /// If it holds others, or none.
+    pub fn new(token: &str) -> Result<Self, InvalidToken> {
+        header(token).map(|header| Self(Arc::new(RwLock::new(header))))
+    }
+
+    /// Puts another token in its place, for calls from now on.
+    ///
+    /// # Errors
+    /// If it holds other than visible ASCII characters, or none; the old token stays.
+    pub fn replace(&self, token: &str) -> Result<(), InvalidToken> {
+        *self.0.write().unwrap_or_else(PoisonError::into_inner) = header(token)?;
+        Ok(())
+    }
+
+    fn header(&self) -> MetadataValue<Ascii> {
+        self.0.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl fmt::Debug for Token {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Token(…)")
+    }
+}
+
+/// Bears the token, if any, on each call.
+#[derive(Clone, Debug)]
+pub struct Bearer(pub(crate) Option<Token>);
+
+impl Interceptor for Bearer {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        if let Some(token) = &self.0 {
+            request.metadata_mut().insert("authorization", token.header());
+        }
+        Ok(request)
+    }
+}
+
+/// Lets only calls with the token pass, if there is one.
+#[derive(Clone, Debug)]
+pub(crate) struct Doorman(pub(crate) Option<Token>);
+
+impl Interceptor for Doorman {
+    fn call(&mut self, request: Request<()>) -> Result<Request<()>, Status> {
+        let Some(token) = &self.0 else { return Ok(request) };
+        match request.metadata().get("authorization") {
+            Some(shown) if is_same(shown.as_encoded_bytes(), token.header().as_encoded_bytes()) => {
+                Ok(request)
+            }
+            Some(_) => Err(Status::unauthenticated("the bearer token is wrong")),
+            None => Err(Status::unauthenticated("a bearer token is needed")),
+        }
+    }
+}
+
+/// Takes as long wherever they differ, so that time tells nothing of the token.
+fn is_same(shown: &[u8], token: &[u8]) -> bool {
+    let differ = shown.iter().zip(token).fold(0, |differ, (a, b)| differ | (a ^ b));
+    shown.len() == token.len() && std::hint::black_box(differ) == 0
+}
+
+fn header(token: &str) -> Result<MetadataValue<Ascii>, InvalidToken> {
+    if token.is_empty() || !token.bytes().all(|byte| byte.is_ascii_graphic()) {
+        return Err(InvalidToken);
+    }
+    let mut header: MetadataValue<Ascii> =
+        format!("Bearer {token}").parse().map_err(|_| InvalidToken)?;
+    header.set_sensitive(true);
+    Ok(header)
+}
