@@ -1,0 +1,392 @@
+//! What operators do with calls, handlers, threads and one another.
+
+mod support;
+
+use std::future::pending;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Barrier, Mutex};
+use std::time::Duration;
+
+use fuseline_tokio::{
+    Call, Config, Error, Item, Local, Operator, Outcome, Refusal, Setup, SpawnError, Trace,
+    WriteError, spawn, stream,
+};
+use support::Act::{Answers, Never};
+use support::{Script, line, play, play_default};
+use tokio::time::{Instant, sleep};
+
+/// An operator whose setup is a closure.
+struct Made<F>(F);
+
+impl<F: FnOnce(&mut Setup<u64, String>) -> Local<u64, String>> Operator for Made<F> {
+    type Input = u64;
+    type Output = String;
+
+    fn setup(self, setup: &mut Setup<u64, String>) -> Local<u64, String> {
+        self.0(setup)
+    }
+}
+
+const MS: Duration = Duration::from_millis(1);
+
+async fn after(ms: u32, value: &str) -> Result<String, Error> {
+    sleep(ms * MS).await;
+    Ok(value.into())
+}
+
+fn local_after(ms: u32) -> Local<u64, String> {
+    Local::futures(64, move |_, _| after(ms, "local"))
+}
+
+/// Notes when it is dropped.
+struct Dropped(Arc<Mutex<Vec<(u16, Duration)>>>, u16, Instant);
+
+impl Drop for Dropped {
+    fn drop(&mut self) {
+        self.0.lock().unwrap().push((self.1, self.2.elapsed()));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
+    let dropped = Arc::new(Mutex::new(Vec::new()));
+    let seen = Arc::clone(&dropped);
+    let operator = Made(move |setup: &mut Setup<u64, String>| {
+        let start = Instant::now();
+        for (priority, deadline, answers) in [(1, 500, None), (2, 10, None), (3, 500, Some(30))] {
+            let dropped = Arc::clone(&dropped);
+            let handle = move |(), _| {
+                let guard = Dropped(Arc::clone(&dropped), priority, start);
+                async move {
+                    let _guard = guard;
+                    match answers {
+                        Some(ms) => after(ms, "cloud").await,
+                        None => pending().await,
+                    }
+                }
+            };
+            setup.use_cloud(handle, move |_, _| Some(((), deadline * MS)), Ok, priority);
+        }
+        local_after(20)
+    });
+    let played = play(operator, Config::default(), &[0]).await;
+    assert_eq!(played.items, "30.000 ms: 0 cloud by arrival from 30 ms\n");
+    let mut seen = seen.lock().unwrap().clone();
+    seen.sort_unstable();
+    assert_eq!(seen, [(1, 30 * MS), (2, 10 * MS), (3, 30 * MS)]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_message_handler_that_panics_asks_nothing_and_is_asked_again() {
+    let operator = Made(|setup: &mut Setup<u64, String>| {
+        let message_handler = |message: &u64, _| {
+            assert_ne!(*message, 0, "as told");
+            Some(((), 100 * MS))
+        };
+        setup.use_cloud(|(), _| after(50, "cloud"), message_handler, Ok, 1);
+        local_after(20)
+    });
+    let played = play(operator, Config::default(), &[0, 100]).await;
+    assert_eq!(
+        played.items,
+        "20.000 ms: 0 local by arrival from 20 ms\n150.000 ms: 1 cloud by arrival from 150 ms\n"
+    );
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_response_handler_that_panics_or_errs_is_a_failure_when_the_response_arrives() {
+    let operator = Made(|setup: &mut Setup<u64, String>| {
+        let handle = |message, _| async move {
+            sleep(50 * MS).await;
+            Ok(message)
+        };
+        let response_handler = |message| match message {
+            0 => panic!("as told"),
+            1 => Err("as told".into()),
+            _ => Ok("cloud".into()),
+        };
+        setup.use_cloud(handle, |m, _| Some((*m, 100 * MS)), response_handler, 1);
+        local_after(20)
+    });
+    let played = play(operator, Config::default(), &[0, 100, 200]).await;
+    assert_eq!(
+        played.items,
+        "50.000 ms: 0 local by failure from 20 ms\n150.000 ms: 1 local by failure from 120 ms\n\
+         250.000 ms: 2 cloud by arrival from 250 ms\n"
+    );
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_call_is_told_the_time_left_and_one_that_waited_too_long_is_never_made() {
+    let told = Arc::new(Mutex::new(Vec::new()));
+    let seen = Arc::clone(&told);
+    let operator = Made(move |setup: &mut Setup<u64, String>| {
+        let handle = move |(), call: Call| {
+            told.lock().unwrap().push((call.timestamp, call.deadline));
+            pending()
+        };
+        // The first call holds the only place for 60 ms.
+        let message_handler = |m: &u64, _| {
+            let deadline = match m {
+                0 => 60,
+                1 => 50,
+                _ => 100,
+            };
+            Some(((), deadline * MS))
+        };
+        setup.use_cloud(handle, message_handler, Ok, 1).calls = 1;
+        local_after(20)
+    });
+    play(operator, Config::default(), &[0, 0, 10]).await;
+    assert_eq!(*seen.lock().unwrap(), [(0, 60 * MS), (2, 50 * MS)]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_local_computation_outlives_its_message_and_is_superseded() {
+    let ended = Arc::new(AtomicU64::new(0));
+    let seen = Arc::clone(&ended);
+    let operator = Made(move |setup: &mut Setup<u64, String>| {
+        setup.use_cloud(|(), _| after(10, "cloud"), |_, _| Some(((), 50 * MS)), Ok, 1);
+        Local::futures(2, move |_, _| {
+            let ended = Arc::clone(&ended);
+            async move {
+                sleep(30 * MS).await;
+                ended.fetch_add(1, Ordering::Relaxed);
+                Ok("local".into())
+            }
+        })
+    });
+    let played = play(operator, Config::default(), &[0, 100]).await;
+    // The second was still being computed when the operator ended.
+    assert_eq!(seen.load(Ordering::Relaxed), 1);
+    assert!(played.trace.contains(r#""p":0,"why":"superseded""#), "{}", played.trace);
+}
+
+#[tokio::test(start_paused = true)]
+async fn beyond_what_may_wait_local_fails_and_the_cloud_alone_answers() {
+    let operator = Made(|setup: &mut Setup<u64, String>| {
+        setup.use_cloud(|(), _| after(50, "cloud"), |_, _| Some(((), 100 * MS)), Ok, 1);
+        let mut local = Local::future(|_, _| after(1000, "local"));
+        local.waiting = Some(1);
+        local
+    });
+    let played = play(operator, Config::default(), &[0, 1, 2]).await;
+    assert_eq!(played.items.lines().filter(|line| line.contains("cloud")).count(), 3);
+    assert_eq!(played.tally.sources[0].failed, 1);
+    assert!(played.trace.contains(r#"{"ev":"fail","at":2000000,"t":2,"p":0}"#), "{}", played.trace);
+}
+
+#[tokio::test(start_paused = true)]
+async fn answered_messages_are_computed_unless_told_to_skip_them() {
+    for (skip_answered, expected) in [(false, vec![0, 1, 2, 3]), (true, vec![0, 3])] {
+        let computed = Arc::new(Mutex::new(Vec::new()));
+        let seen = Arc::clone(&computed);
+        let operator = Made(move |setup: &mut Setup<u64, String>| {
+            // The cloud answers all but the last message while local computes the first.
+            let message_handler = |m: &u64, _| (*m < 3).then_some(((), 50 * MS));
+            setup.use_cloud(|(), _| after(10, "cloud"), message_handler, Ok, 1);
+            let mut local = Local::future(move |message: Arc<u64>, _| {
+                computed.lock().unwrap().push(*message);
+                after(100, "local")
+            });
+            local.skip_answered = skip_answered;
+            local
+        });
+        play(operator, Config::default(), &[0, 1, 2, 90]).await;
+        assert_eq!(*seen.lock().unwrap(), expected);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn operators_join_into_a_graph_and_readers_share_a_stream() {
+    struct Tracker;
+    impl Operator for Tracker {
+        type Input = Item<String>;
+        type Output = String;
+
+        fn setup(self, _: &mut Setup<Self::Input, String>) -> Local<Self::Input, String> {
+            Local::future(|item: Arc<Item<String>>, t| async move {
+                sleep(5 * MS).await;
+                Ok(format!("track {t} of [{}]", line(&item)))
+            })
+        }
+    }
+    let (mut camera, frames) = stream(8);
+    let other_frames = frames.another();
+    let act = |t| if t == 0 { Never } else { Answers(30) };
+    let detector = Script::new().cloud(1, 100, act);
+    let (_, detections) = spawn(detector, Config::default(), frames).unwrap();
+    let (_, mut log) = spawn(Script::new(), Config::default(), other_frames).unwrap();
+    let (_, mut tracks) = spawn(Tracker, Config::default(), detections).unwrap();
+    camera.write(0).await.unwrap();
+    camera.write(1).await.unwrap();
+    drop(camera);
+    // The second message's detection comes first; the tracker counts what it gets.
+    let tracked = tracks.read().await.unwrap();
+    let words = "35.000 ms: 0 track 0 of [30.000 ms: 1 cloud 1 by arrival from 30 ms] by arrival \
+                 from 35 ms";
+    assert_eq!(line(&tracked), words);
+    assert_eq!(tracks.read().await.unwrap().timestamp, 1);
+    assert!(tracks.read().await.is_none());
+    assert_eq!(log.read().await.unwrap().timestamp, 0);
+    assert_eq!(log.read().await.unwrap().timestamp, 1);
+    assert!(log.read().await.is_none());
+}
+
+#[tokio::test(start_paused = true)]
+async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.jsonl");
+    let trace = Some(Trace { path: path.clone(), recording: fuseline_tokio::Recording::default() });
+    let dropped = Arc::new(Mutex::new(Vec::new()));
+    let seen = Arc::clone(&dropped);
+    let operator = Made(move |setup: &mut Setup<u64, String>| {
+        let handle = move |(), _| {
+            let guard = Dropped(Arc::clone(&dropped), 1, Instant::now());
+            async move {
+                let _guard = guard;
+                pending().await
+            }
+        };
+        setup.use_cloud(handle, |_, _| Some(((), 500 * MS)), Ok, 1);
+        Local::future(|_, _| pending())
+    });
+    let (mut camera, frames) = stream(8);
+    let (running, mut output) =
+        spawn(operator, Config { trace, ..Config::default() }, frames).unwrap();
+    camera.write(0).await.unwrap();
+    sleep(10 * MS).await;
+    running.stop();
+    assert!(output.read().await.is_none());
+    assert_eq!(running.join().await.unwrap().messages, 1);
+    assert_eq!(camera.write(1).await, Err(WriteError::Closed(1)));
+    tokio::task::yield_now().await;
+    assert_eq!(seen.lock().unwrap().len(), 1);
+    let written = std::fs::read_to_string(path).unwrap();
+    assert_eq!(written.lines().count(), 4, "{written}");
+    assert!(
+        written.ends_with(&"{\"ev\":\"request\",\"at\":0,\"t\":0,\"p\":1,\"due\":500000000}\n")
+    );
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
+    let (mut camera, frames) = stream(1);
+    let config = Config { output_len: 1, window: 2, ..Config::default() };
+    let (running, mut output) = spawn(Script::new(), config, frames).unwrap();
+    let camera = tokio::spawn(async move {
+        for i in 0..8 {
+            camera.write(i).await.unwrap();
+            sleep(30 * MS).await;
+        }
+    });
+    sleep(1000 * MS).await;
+    // One item is on the stream and one waits; nothing was taken in since.
+    assert_eq!(running.tally().messages, 2);
+    for t in 0..8 {
+        let item = output.read().await.unwrap();
+        assert_eq!(item.timestamp, t);
+        assert!(matches!(item.outcome, Outcome::Forwarded(_)));
+    }
+    assert!(output.read().await.is_none());
+    camera.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_output_that_nobody_reads_stops_nothing() {
+    let (mut camera, frames) = stream(8);
+    let (running, output) = spawn(Script::new(), Config::default(), frames).unwrap();
+    drop(output);
+    for i in 0..5 {
+        camera.write(i).await.unwrap();
+    }
+    drop(camera);
+    let tally = running.join().await.unwrap();
+    assert_eq!(tally.forwarded(), 5);
+}
+
+#[tokio::test]
+async fn threads_compute_as_many_messages_at_once_as_there_are() {
+    let barrier = Arc::new(Barrier::new(4));
+    let operator = Made(move |_: &mut Setup<u64, String>| {
+        Local::threads(4, move || {
+            let barrier = Arc::clone(&barrier);
+            let mut computed = 0;
+            move |_: &u64, _| {
+                // Passes only if four are here at once.
+                barrier.wait();
+                computed += 1;
+                Ok(format!("the thread's number {computed}"))
+            }
+        })
+    });
+    let (mut camera, frames) = stream(8);
+    let (_, mut output) = spawn(operator, Config::default(), frames).unwrap();
+    for i in 0..8 {
+        camera.write(i).await.unwrap();
+    }
+    drop(camera);
+    let mut last = 0;
+    while let Some(item) = output.read().await {
+        let value = &item.forwarded().unwrap().value;
+        last += u64::from(value == "the thread's number 2");
+    }
+    assert_eq!(last, 4);
+}
+
+#[tokio::test]
+async fn a_thread_that_panics_goes_on_with_the_next_message() {
+    let operator = Made(|_: &mut Setup<u64, String>| {
+        Local::blocking(|message: &u64, _| {
+            assert_ne!(*message, 0, "as told");
+            Ok("local".into())
+        })
+    });
+    let (mut camera, frames) = stream(8);
+    let (_, mut output) = spawn(operator, Config::default(), frames).unwrap();
+    camera.write(0).await.unwrap();
+    camera.write(1).await.unwrap();
+    assert_eq!(output.read().await.unwrap().outcome, Outcome::Missed);
+    assert_eq!(output.read().await.unwrap().forwarded().unwrap().value, "local");
+}
+
+#[tokio::test]
+async fn what_cannot_be_is_refused_before_anything_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.jsonl");
+    let trace = Some(Trace { path: path.clone(), recording: fuseline_tokio::Recording::default() });
+    let twins = Script::new().cloud(1, 10, |_| Never).cloud(1, 10, |_| Never);
+    let config = Config { trace, ..Config::default() };
+    let error = spawn(twins, config, stream(1).1).unwrap_err();
+    assert!(matches!(error, SpawnError::Config(_)), "{error}");
+    assert!(error.to_string().contains("two clouds with priority 1"), "{error}");
+    assert!(!path.exists());
+
+    let window = Config { window: 0, ..Config::default() };
+    assert!(matches!(spawn(Script::new(), window, stream(1).1), Err(SpawnError::Config(_))));
+
+    let nowhere = Some(Trace {
+        path: folder.path().join("no/such/folder"),
+        recording: fuseline_tokio::Recording::default(),
+    });
+    let nowhere = Config { trace: nowhere, ..Config::default() };
+    assert!(matches!(spawn(Script::new(), nowhere, stream(1).1), Err(SpawnError::Trace { .. })));
+}
+
+#[test]
+fn without_a_runtime_an_operator_is_refused() {
+    let refused = spawn(Script::new(), Config::default(), stream(1).1);
+    assert!(matches!(refused, Err(SpawnError::NoRuntime)));
+}
+
+#[tokio::test(start_paused = true)]
+async fn deadlines_of_nothing_and_of_ages_are_decided_by_the_rules() {
+    let script = Script::new().cloud(1, 0, |_| Answers(1)).cloud(2, u64::MAX, |_| Answers(30));
+    let played = play_default(script, &[0]).await;
+    assert_eq!(played.items, "30.000 ms: 0 cloud 2 by arrival from 30 ms\n");
+    assert_eq!(played.tally.sources[1].refused.get(&Refusal::Deadline), Some(&1));
+
+    let limit = Some(Duration::ZERO);
+    let played = play_default(Script { limit, ..Script::new() }, &[0]).await;
+    assert_eq!(played.items, "0.000 ms: 0 refused deadline\n");
+}

@@ -1,0 +1,361 @@
+//! Clouds over real sockets on loopback.
+#![cfg(feature = "grpc")]
+
+use std::future::{pending, ready};
+use std::net::SocketAddr;
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use fuseline_tokio::grpc::tonic::{self, Code, Status, transport};
+use fuseline_tokio::grpc::{
+    self, Identity, Infer, InferClient, InferServer, InvalidToken, Remote, RemoteError, Reply,
+    Request, ServeError, Server, Token, serve,
+};
+use fuseline_tokio::{Config, Item, Items, Local, Operator, Rule, Setup, Writer, spawn, stream};
+use prost::Message;
+use prost_reflect::{DescriptorPool, DynamicMessage, Value};
+use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
+use tokio::net::TcpListener;
+use tokio::sync::oneshot;
+
+/// A server with a runtime of its own, so that it can be killed with all its connections.
+struct Cloud {
+    address: SocketAddr,
+    kill: oneshot::Sender<()>,
+    thread: JoinHandle<()>,
+}
+
+impl Cloud {
+    /// Listens at `address`; port 0 is any.
+    fn start(address: &str, server: Server, infer: impl Infer) -> Self {
+        let (kill, killed) = oneshot::channel();
+        let (tell, told) = mpsc::channel();
+        let address = address.to_owned();
+        let thread = thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+            runtime.unwrap().block_on(async {
+                let listener = TcpListener::bind(address).await.unwrap();
+                tell.send(listener.local_addr().unwrap()).unwrap();
+                tokio::select! {
+                    ended = serve(infer, server, listener, pending()) => ended.unwrap(),
+                    _ = killed => {}
+                }
+            });
+        });
+        Self { address: told.recv().unwrap(), kill, thread }
+    }
+
+    /// Leaves no socket open.
+    fn kill(self) {
+        self.kill.send(()).unwrap();
+        self.thread.join().unwrap();
+    }
+
+    fn http(&self) -> Remote {
+        Remote::new(format!("http://{}", self.address))
+    }
+
+    fn https(&self, ca: &Ca) -> Remote {
+        let url = format!("https://localhost:{}", self.address.port());
+        Remote { ca: Some(ca.certificate.clone()), ..Remote::new(url) }
+    }
+}
+
+/// Answers with what came.
+fn echo(request: Request) -> impl Future<Output = Result<Reply, Status>> {
+    ready(Ok(Reply { payload: request.payload }))
+}
+
+/// Never answers.
+fn silent(_: Request) -> impl Future<Output = Result<Reply, Status>> {
+    pending()
+}
+
+/// Makes one call.
+async fn call(remote: &Remote) -> Result<Vec<u8>, Status> {
+    let request = Request { timestamp: 7, payload: b"frame".as_slice().into() };
+    let mut request = tonic::Request::new(request);
+    request.set_timeout(Duration::from_secs(20));
+    let reply = InferClient::new(remote.connect().unwrap()).infer(request).await?;
+    Ok(reply.into_inner().payload.to_vec())
+}
+
+/// An operator with one cloud; local answers at once.
+struct Vehicle {
+    remote: Remote,
+    deadline: Duration,
+}
+
+impl Operator for Vehicle {
+    type Input = Vec<u8>;
+    type Output = Vec<u8>;
+
+    fn setup(self, setup: &mut Setup<Vec<u8>, Vec<u8>>) -> Local<Vec<u8>, Vec<u8>> {
+        let message_handler = move |frame: &Vec<u8>, timestamp| {
+            let payload = frame.clone().into();
+            Some((Request { timestamp, payload }, self.deadline))
+        };
+        let response_handler = |reply: Reply| Ok([b"cloud ", &reply.payload[..]].concat());
+        let handle = grpc::infer(self.remote.connect().unwrap());
+        setup.use_cloud(handle, message_handler, response_handler, 1);
+        Local::blocking(|_, _| Ok(b"local".into()))
+    }
+}
+
+/// Sends one message and waits for its item.
+async fn ask(camera: &mut Writer<Vec<u8>>, output: &mut Items<Vec<u8>>) -> (Vec<u8>, Rule) {
+    camera.write(b"frame".into()).await.unwrap();
+    let item = output.read().await.unwrap();
+    let forwarded = Item::forwarded(&item).unwrap();
+    (forwarded.value.clone(), forwarded.rule)
+}
+
+/// Long enough that only a failure explains an earlier output.
+const LONG: Duration = Duration::from_secs(3600);
+
+#[tokio::test]
+async fn a_cloud_answers_and_what_was_sent_is_counted() {
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), echo);
+    let (mut camera, frames) = stream(8);
+    let vehicle = Vehicle { remote: cloud.http(), deadline: LONG };
+    let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
+    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Rule::Arrival));
+    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Rule::Arrival));
+    // Timestamp 0 is not encoded, 1 takes two bytes; the payload takes two more than it has.
+    assert_eq!(running.tally().sources[1].sent_bytes, 7 + 9);
+    cloud.kill();
+}
+
+#[tokio::test]
+async fn a_server_that_never_answers_costs_no_more_than_the_deadline() {
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), silent);
+    let (mut camera, frames) = stream(8);
+    let vehicle = Vehicle { remote: cloud.http(), deadline: Duration::from_millis(50) };
+    let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
+    assert_eq!(ask(&mut camera, &mut output).await.0, b"local");
+    let cloud_tally = &running.tally().sources[1];
+    assert_eq!((cloud_tally.timers + cloud_tally.failed, cloud_tally.forwarded()), (1, 0));
+    cloud.kill();
+}
+
+#[tokio::test]
+async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_back() {
+    let (arrived, arrivals) = mpsc::channel();
+    let hold = move |_| {
+        arrived.send(()).unwrap();
+        pending::<Result<Reply, Status>>()
+    };
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), hold);
+    let address = cloud.address.to_string();
+    let (mut camera, frames) = stream(8);
+    let vehicle = Vehicle { remote: cloud.http(), deadline: LONG };
+    let (_, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
+
+    camera.write(b"frame".into()).await.unwrap();
+    tokio::task::spawn_blocking(move || {
+        arrivals.recv().unwrap();
+        cloud.kill();
+    })
+    .await
+    .unwrap();
+    let item = output.read().await.unwrap();
+    assert_eq!(item.forwarded().unwrap().value, b"local");
+    // Nobody listens: the call fails at once, while local may still compute.
+    assert_eq!(ask(&mut camera, &mut output).await.0, b"local");
+
+    let cloud = Cloud::start(&address, Server::default(), echo);
+    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Rule::Arrival));
+    cloud.kill();
+}
+
+#[tokio::test]
+async fn the_deadline_travels_with_the_call() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let remote = Remote::new(format!("http://{}", listener.local_addr().unwrap()));
+    let (tell, told) = mpsc::channel();
+    let note = move |request: tonic::Request<()>| {
+        let timeout = request.metadata().get("grpc-timeout").unwrap().to_str().unwrap().to_owned();
+        tell.send(timeout).unwrap();
+        Ok(request)
+    };
+    let service =
+        tonic::service::interceptor::InterceptedService::new(InferServer::new(echo), note);
+    let incoming = transport::server::TcpIncoming::from(listener);
+    tokio::spawn(transport::Server::builder().add_service(service).serve_with_incoming(incoming));
+
+    let (mut camera, frames) = stream(8);
+    let (_, mut output) =
+        spawn(Vehicle { remote, deadline: LONG }, Config::default(), frames).unwrap();
+    assert_eq!(ask(&mut camera, &mut output).await.0, b"cloud frame");
+    let timeout = told.recv().unwrap();
+    let (digits, unit) = timeout.split_at(timeout.len() - 1);
+    let digits: u64 = digits.parse().unwrap();
+    let seconds = match unit {
+        "m" => digits / 1000,
+        "S" => digits,
+        "M" => digits * 60,
+        _ => panic!("{timeout}"),
+    };
+    assert!((3000..=3600).contains(&seconds), "{timeout}");
+}
+
+#[tokio::test]
+async fn with_mutual_tls_a_stranger_is_refused_and_a_known_client_served() {
+    let (ca, other) = (Ca::new(), Ca::new());
+    let server = Server {
+        identity: Some(ca.sign("localhost")),
+        client_ca: Some(ca.certificate.clone()),
+        token: None,
+    };
+    let cloud = Cloud::start("127.0.0.1:0", server, echo);
+    let known = Remote { identity: Some(ca.sign("vehicle")), ..cloud.https(&ca) };
+    assert_eq!(call(&known).await.unwrap(), b"frame");
+
+    let stranger = cloud.https(&ca);
+    call(&stranger).await.expect_err("no certificate");
+    let forger = Remote { identity: Some(other.sign("vehicle")), ..cloud.https(&ca) };
+    call(&forger).await.expect_err("another CA's certificate");
+    let plain = cloud.http();
+    call(&plain).await.expect_err("no TLS");
+    assert_eq!(call(&known).await.unwrap(), b"frame");
+    cloud.kill();
+}
+
+#[tokio::test]
+async fn a_server_that_is_not_the_one_is_not_spoken_to() {
+    let (ca, other) = (Ca::new(), Ca::new());
+    let server = Server { identity: Some(ca.sign("localhost")), ..Server::default() };
+    let cloud = Cloud::start("127.0.0.1:0", server, echo);
+    assert_eq!(call(&cloud.https(&ca)).await.unwrap(), b"frame");
+    call(&cloud.https(&other)).await.expect_err("signed by another CA");
+    let elsewhere = Remote { server_name: Some("elsewhere".into()), ..cloud.https(&ca) };
+    call(&elsewhere).await.expect_err("a certificate for another name");
+    cloud.kill();
+}
+
+#[tokio::test]
+async fn only_the_right_token_is_let_in_and_it_can_be_replaced() {
+    let ours = Token::new("right").unwrap();
+    let server = Server { token: Some(ours.clone()), ..Server::default() };
+    let cloud = Cloud::start("127.0.0.1:0", server, echo);
+    let shown = Token::new("wrong").unwrap();
+    let remote = Remote { token: Some(shown.clone()), ..cloud.http() };
+    assert_eq!(call(&remote).await.unwrap_err().code(), Code::Unauthenticated);
+    assert_eq!(call(&cloud.http()).await.unwrap_err().code(), Code::Unauthenticated);
+    shown.replace("right").unwrap();
+    assert_eq!(call(&remote).await.unwrap(), b"frame");
+    shown.replace("righ").unwrap();
+    assert_eq!(call(&remote).await.unwrap_err().code(), Code::Unauthenticated);
+    ours.replace("next").unwrap();
+    shown.replace("next").unwrap();
+    assert_eq!(call(&remote).await.unwrap(), b"frame");
+    assert_eq!(shown.replace("two words"), Err(InvalidToken));
+    assert_eq!(Token::new("").unwrap_err(), InvalidToken);
+    assert_eq!(call(&remote).await.unwrap(), b"frame");
+    cloud.kill();
+}
+
+#[tokio::test]
+async fn garbage_is_no_request_and_an_unknown_method_is_said_to_be() {
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), echo);
+    let mut grpc = tonic::client::Grpc::new(cloud.http().connect().unwrap());
+    let mut ask = async |path: &'static str| {
+        grpc.ready().await.unwrap();
+        let path = http::uri::PathAndQuery::from_static(path);
+        // A timestamp that is a string.
+        let garbage = Garbage { timestamp: "garbage".into() };
+        let codec = tonic_prost::ProstCodec::<Garbage, Reply>::default();
+        grpc.unary(tonic::Request::new(garbage), path, codec).await.unwrap_err().code()
+    };
+    assert_eq!(ask("/fuseline.v1.Infer/Infer").await, Code::Internal);
+    assert_eq!(ask("/fuseline.v1.Infer/Other").await, Code::Unimplemented);
+    assert_eq!(ask("/other.Service/Infer").await, Code::Unimplemented);
+    cloud.kill();
+}
+
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+struct Garbage {
+    #[prost(string, tag = "1")]
+    timestamp: String,
+}
+
+#[tokio::test]
+async fn remotes_and_servers_that_cannot_be_are_refused() {
+    let refused = |remote: Remote| remote.connect().unwrap_err();
+    assert!(matches!(refused(Remote::new("not a url")), RemoteError::Url(_)));
+    assert!(matches!(refused(Remote::new("localhost:50051")), RemoteError::Scheme));
+    assert!(matches!(refused(Remote::new("ftp://localhost")), RemoteError::Scheme));
+    assert!(matches!(refused(Remote::new("https://localhost")), RemoteError::Ca));
+    let ca = Some(Ca::new().certificate);
+    let plain = Remote { ca: ca.clone(), ..Remote::new("http://localhost") };
+    assert!(matches!(refused(plain), RemoteError::Plain));
+    let identity = Some(Identity { certificate: b"garbage".into(), key: b"garbage".into() });
+    let garbage = Remote { ca, identity: identity.clone(), ..Remote::new("https://localhost") };
+    assert!(matches!(refused(garbage), RemoteError::Tls(_)));
+
+    for (server, is_identity) in [
+        (Server { client_ca: Some(Ca::new().certificate), ..Server::default() }, true),
+        (Server { identity, ..Server::default() }, false),
+    ] {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        match serve(echo, server, listener, pending()).await.unwrap_err() {
+            ServeError::Identity => assert!(is_identity),
+            ServeError::Tls(_) => assert!(!is_identity),
+            ServeError::Network(error) => panic!("{error}"),
+        }
+    }
+}
+
+#[test]
+fn secrets_do_not_show() {
+    let identity = Some(Identity { certificate: b"shown".into(), key: b"secret".into() });
+    let token = Some(Token::new("secret").unwrap());
+    let remote = Remote { identity, token, ..Remote::new("https://localhost") };
+    assert!(!format!("{remote:?}").contains("secret"));
+    let secret = format!("{:?}", b"secret");
+    assert!(!format!("{remote:?}").contains(&secret[1..secret.len() - 1]));
+}
+
+#[test]
+fn the_messages_are_those_of_the_proto_file() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/proto");
+    let files = protox::compile(["fuseline.proto"], [folder]).unwrap();
+    let pool = DescriptorPool::from_file_descriptor_set(files).unwrap();
+    let decode = |name: &str, bytes: &[u8]| {
+        DynamicMessage::decode(pool.get_message_by_name(name).unwrap(), bytes).unwrap()
+    };
+    let payload = prost::bytes::Bytes::from_static(b"frame");
+    let request = Request { timestamp: u64::MAX, payload: payload.clone() }.encode_to_vec();
+    let request = decode("fuseline.v1.Request", &request);
+    assert_eq!(*request.get_field_by_name("timestamp").unwrap(), Value::U64(u64::MAX));
+    assert_eq!(*request.get_field_by_name("payload").unwrap(), Value::Bytes(payload.clone()));
+    assert_eq!(request.unknown_fields().count(), 0);
+    let reply = decode("fuseline.v1.Reply", &Reply { payload: payload.clone() }.encode_to_vec());
+    assert_eq!(*reply.get_field_by_name("payload").unwrap(), Value::Bytes(payload));
+    let service = pool.get_service_by_name("fuseline.v1.Infer").unwrap();
+    assert_eq!(service.methods().map(|m| m.name().to_owned()).collect::<Vec<_>>(), ["Infer"]);
+}
+
+/// A certificate authority for a test.
+struct Ca {
+    certificate: Vec<u8>,
+    issuer: Issuer<'static, KeyPair>,
+}
+
+impl Ca {
+    fn new() -> Self {
+        let mut params = CertificateParams::new([]).unwrap();
+        params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+        let key = KeyPair::generate().unwrap();
+        let certificate = params.self_signed(&key).unwrap().pem().into_bytes();
+        Self { certificate, issuer: Issuer::new(params, key) }
+    }
+
+    fn sign(&self, name: &str) -> Identity {
+        let key = KeyPair::generate().unwrap();
+        let params = CertificateParams::new([name.to_owned()]).unwrap();
+        let certificate = params.signed_by(&key, &self.issuer).unwrap().pem().into_bytes();
+        Identity { certificate, key: key.serialize_pem().into_bytes() }
+    }
+}

@@ -1,0 +1,165 @@
+//! What becomes of messages, to the millisecond. Every run's trace is judged too.
+
+mod support;
+
+use std::time::Duration;
+
+use fuseline_tokio::{Commit, Config, DropReason, Refusal, Rule};
+use support::Act::{Answers, Fails, Never, Panics};
+use support::{Part, Script, play, play_default};
+
+#[tokio::test(start_paused = true)]
+async fn local_alone_is_forwarded_when_it_arrives() {
+    let played = play_default(Script::new(), &[0, 100]).await;
+    assert_eq!(
+        played.items,
+        "20.000 ms: 0 local by arrival from 20 ms\n120.000 ms: 1 local by arrival from 120 ms\n"
+    );
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_cloud_in_time_is_forwarded_and_local_is_discarded() {
+    let played = play_default(Script::new().cloud(1, 100, |_| Answers(99)), &[0]).await;
+    assert_eq!(played.items, "99.000 ms: 0 cloud 1 by arrival from 99 ms\n");
+    assert_eq!(played.tally.sources[0].held, 1);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_result_at_the_due_instant_is_late() {
+    let played = play_default(Script::new().cloud(1, 100, |_| Answers(100)), &[0]).await;
+    assert_eq!(played.items, "100.000 ms: 0 local by timer from 20 ms\n");
+    assert_eq!(played.tally.sources[1].timers, 1);
+}
+
+#[tokio::test(start_paused = true)]
+async fn local_goes_at_the_due_instant_when_the_cloud_never_answers() {
+    let played = play_default(Script::new().cloud(1, 100, |_| Never), &[0]).await;
+    assert_eq!(played.items, "100.000 ms: 0 local by timer from 20 ms\n");
+}
+
+#[tokio::test(start_paused = true)]
+async fn local_goes_at_once_when_the_cloud_fails() {
+    let played = play_default(Script::new().cloud(1, 100, |_| Fails(50)), &[0]).await;
+    assert_eq!(played.items, "50.000 ms: 0 local by failure from 20 ms\n");
+    assert_eq!(played.tally.sources[1].failed, 1);
+    assert_eq!(played.tally.sources[0].outputs.get(&Rule::Failure), Some(&1));
+}
+
+#[tokio::test(start_paused = true)]
+async fn nothing_in_hand_and_nothing_to_come_is_missed() {
+    let script = Script { local: |_| Fails(20), ..Script::new() };
+    let played = play_default(script.cloud(1, 100, |_| Never), &[0]).await;
+    assert_eq!(played.items, "100.000 ms: 0 missed\n");
+    assert_eq!(played.tally.missed, 1);
+}
+
+#[tokio::test(start_paused = true)]
+async fn panics_of_local_and_of_a_call_are_failures() {
+    let script = Script { local: |_| Panics(20), ..Script::new() };
+    let played = play_default(script.cloud(1, 100, |_| Panics(30)), &[0, 200]).await;
+    assert_eq!(played.items, "30.000 ms: 0 missed\n230.000 ms: 1 missed\n");
+    assert_eq!(played.tally.sources[1].failed, 2);
+}
+
+#[tokio::test(start_paused = true)]
+async fn local_past_its_limit_is_late_and_never_aborted() {
+    let script =
+        Script { local: |_| Answers(80), limit: Some(Duration::from_millis(50)), ..Script::new() };
+    let played = play_default(script.cloud(1, 100, |_| Answers(90)), &[0]).await;
+    assert_eq!(played.items, "90.000 ms: 0 cloud 1 by arrival from 90 ms\n");
+    assert_eq!(played.tally.sources[0].dropped.get(&DropReason::Late), Some(&1));
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_best_held_result_goes_when_the_first_timer_fires() {
+    let script = || {
+        Script::new().cloud(1, 100, |_| Answers(40)).cloud(2, 150, |_| Answers(60)).cloud(
+            3,
+            300,
+            |_| Answers(200),
+        )
+    };
+    let played = play_default(script(), &[0]).await;
+    // Cloud 2's result is held; its own timer and cloud 1's go on, and cloud 1's is the first.
+    assert_eq!(played.items, "100.000 ms: 0 cloud 2 by timer from 60 ms\n");
+
+    let patient = Config { commit: Commit::Patient, ..Config::default() };
+    let played = play(script(), patient, &[0]).await;
+    assert_eq!(played.items, "200.000 ms: 0 cloud 3 by arrival from 200 ms\n");
+}
+
+#[tokio::test(start_paused = true)]
+async fn one_message_more_than_the_window_is_refused_full_and_downstream_learns() {
+    let config = Config { window: 1, ..Config::default() };
+    let played = play(Script::new(), config, &[0, 10, 30]).await;
+    assert_eq!(
+        played.items,
+        "10.000 ms: 1 refused full\n20.000 ms: 0 local by arrival from 20 ms\n\
+         50.000 ms: 2 local by arrival from 50 ms\n"
+    );
+    assert_eq!(played.tally.refused.get(&Refusal::Full), Some(&1));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
+    let mut script = Script::new();
+    let slow = Part { priority: 1, deadline_ms: 100, act: |_| Never, limit: 2, calls: 1 };
+    script.clouds.push(slow);
+    // One call is under way, two wait, the fourth is refused. At 100 ms the first timer fires and the second call
+    // starts: the queue is one long, the gate still shut. At 130 ms it is empty.
+    let played = play_default(script, &[0, 10, 20, 30, 105, 130]).await;
+    let cloud = &played.tally.sources[1];
+    assert_eq!(cloud.refused.get(&Refusal::Queue), Some(&2));
+    assert_eq!(cloud.admitted, 4);
+    assert_eq!(
+        played.items,
+        "50.000 ms: 3 local by arrival from 50 ms\n100.000 ms: 0 local by timer from 20 ms\n\
+         110.000 ms: 1 local by timer from 30 ms\n120.000 ms: 2 local by timer from 40 ms\n\
+         125.000 ms: 4 local by arrival from 125 ms\n230.000 ms: 5 local by timer from 150 ms\n"
+    );
+    assert_eq!(cloud.sent_bytes, 400);
+}
+
+#[tokio::test(start_paused = true)]
+async fn results_go_as_they_are_decided_not_in_the_order_of_messages() {
+    let act = |t| if t == 0 { Never } else { Answers(5) };
+    let played = play_default(Script::new().cloud(1, 100, act), &[0, 10]).await;
+    assert_eq!(
+        played.items,
+        "15.000 ms: 1 cloud 1 by arrival from 15 ms\n100.000 ms: 0 local by timer from 20 ms\n"
+    );
+}
+
+#[tokio::test(start_paused = true)]
+async fn every_message_of_a_long_run_with_everything_going_wrong_is_answered_once() {
+    let local = |t| match t % 11 {
+        3 => Fails(15),
+        7 => Panics(5),
+        _ => Answers(20 + t % 40),
+    };
+    let script = Script { local, limit: Some(Duration::from_millis(55)), ..Script::new() }
+        .cloud(5, 60, |t| if t % 3 == 0 { Never } else { Answers(t * 7 % 90) })
+        .cloud(9, 45, |t| if t % 5 == 0 { Fails(t * 3 % 50) } else { Answers(t * 13 % 70) })
+        .cloud(2, 80, |t| if t % 7 == 0 { Panics(t % 20) } else { Answers(t * 11 % 120) });
+    let messages: Vec<u64> = (0..500).map(|i| i * 7).collect();
+    for commit in [Commit::Eager, Commit::Patient] {
+        let script = Script { clouds: script.clouds.clone(), ..script };
+        let played =
+            play(script, Config { window: 6, commit, ..Config::default() }, &messages).await;
+        assert_eq!(played.items.lines().count(), 500);
+        let Tallied { forwarded, missed, refused } = tallied(&played.tally);
+        assert_eq!(forwarded + missed + refused, 500);
+        assert!(forwarded > 300 && missed > 0 && refused > 0, "{:?}", played.tally);
+    }
+}
+
+struct Tallied {
+    forwarded: u64,
+    missed: u64,
+    refused: u64,
+}
+
+fn tallied(tally: &fuseline_tokio::Tally) -> Tallied {
+    let refused = tally.refused.values().sum();
+    Tallied { forwarded: tally.forwarded(), missed: tally.missed, refused }
+}

@@ -1,0 +1,146 @@
+//! Operators that follow a script, on a clock that stands still until everybody sleeps.
+
+#![expect(dead_code, reason = "each test file uses a part")]
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::future::pending;
+use std::io::BufReader;
+use std::time::Duration;
+
+use fuseline_tokio::{
+    Call, Cloud, Config, Error, Item, Local, Operator, Outcome, Setup, Tally, Trace, spawn, stream,
+};
+use fuseline_traces::judge;
+use tokio::time::{Instant, sleep, sleep_until};
+
+/// What a source does with a message. Times are milliseconds from when it is asked.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Act {
+    Answers(u64),
+    Fails(u64),
+    Panics(u64),
+    Never,
+}
+
+/// An operator whose sources do as they are told for each timestamp.
+pub(crate) struct Script {
+    pub(crate) local: fn(u64) -> Act,
+    pub(crate) limit: Option<Duration>,
+    pub(crate) clouds: Vec<Part>,
+}
+
+/// One cloud's part.
+#[derive(Clone, Copy)]
+pub(crate) struct Part {
+    pub(crate) priority: u16,
+    pub(crate) deadline_ms: u64,
+    pub(crate) act: fn(u64) -> Act,
+    pub(crate) limit: u64,
+    pub(crate) calls: usize,
+}
+
+/// What came of a script.
+pub(crate) struct Played {
+    /// One line for each item, in the order they came.
+    pub(crate) items: String,
+    pub(crate) tally: Tally,
+    pub(crate) trace: String,
+}
+
+impl Script {
+    /// Local alone, after 20 ms.
+    pub(crate) fn new() -> Self {
+        Self { local: |_| Act::Answers(20), limit: None, clouds: Vec::new() }
+    }
+
+    /// With one more cloud.
+    pub(crate) fn cloud(mut self, priority: u16, deadline_ms: u64, act: fn(u64) -> Act) -> Self {
+        self.clouds.push(Part { priority, deadline_ms, act, limit: 31, calls: 8 });
+        self
+    }
+}
+
+impl Operator for Script {
+    type Input = u64;
+    type Output = String;
+
+    fn setup(self, setup: &mut Setup<u64, String>) -> Local<u64, String> {
+        for part in self.clouds {
+            let handle = move |_message: u64, call: Call| {
+                call.sent(100);
+                act((part.act)(call.timestamp), format!("cloud {}", part.priority))
+            };
+            let deadline = Duration::from_millis(part.deadline_ms);
+            let cloud =
+                setup.use_cloud(handle, move |m, _| Some((*m, deadline)), Ok, part.priority);
+            *cloud = Cloud { limit: part.limit, calls: part.calls, ..cloud.clone() };
+        }
+        let local = self.local;
+        let mut local = Local::futures(64, move |_, t| act(local(t), "local".into()));
+        local.limit = self.limit;
+        local
+    }
+}
+
+async fn act(act: Act, name: String) -> Result<String, Error> {
+    match act {
+        Act::Answers(ms) => sleep(Duration::from_millis(ms)).await,
+        Act::Fails(ms) => {
+            sleep(Duration::from_millis(ms)).await;
+            return Err("as told".into());
+        }
+        Act::Panics(ms) => {
+            sleep(Duration::from_millis(ms)).await;
+            panic!("as told")
+        }
+        Act::Never => pending().await,
+    }
+    Ok(name)
+}
+
+/// Sends a message at each of these milliseconds, waits for the end, and judges the trace.
+pub(crate) async fn play<P>(operator: P, config: Config, messages_ms: &[u64]) -> Played
+where
+    P: Operator<Input = u64, Output = String>,
+{
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.jsonl");
+    let trace = Some(Trace { path: path.clone(), recording: fuseline_tokio::Recording::default() });
+    let (mut writer, input) = stream(1024);
+    let start = Instant::now();
+    let (running, mut output) = spawn(operator, Config { trace, ..config }, input).unwrap();
+    let messages_ms = messages_ms.to_vec();
+    tokio::spawn(async move {
+        for (i, ms) in messages_ms.into_iter().enumerate() {
+            sleep_until(start + Duration::from_millis(ms)).await;
+            writer.write(i as u64).await.unwrap();
+        }
+    });
+    let mut items = String::new();
+    while let Some(item) = output.read().await {
+        writeln!(items, "{}", line(&item)).unwrap();
+    }
+    let tally = running.join().await.unwrap();
+    let verdict = judge("trace", BufReader::new(File::open(&path).unwrap())).unwrap();
+    assert!(verdict.conforms, "{:#?}", verdict.violations);
+    Played { items, tally, trace: std::fs::read_to_string(path).unwrap() }
+}
+
+/// Plays a script with the default configuration.
+pub(crate) async fn play_default(script: Script, messages_ms: &[u64]) -> Played {
+    play(script, Config::default(), messages_ms).await
+}
+
+/// An item in words: when it was decided, which timestamp, what.
+pub(crate) fn line(item: &Item<String>) -> String {
+    let (at, t) = (item.decided.as_micros(), item.timestamp);
+    let at = format!("{}.{:03}", at / 1000, at % 1000);
+    match &item.outcome {
+        Outcome::Forwarded(f) => {
+            format!("{at} ms: {t} {} by {} from {} ms", f.value, f.rule, f.arrived.as_millis())
+        }
+        Outcome::Missed => format!("{at} ms: {t} missed"),
+        Outcome::Refused(why) => format!("{at} ms: {t} refused {why}"),
+    }
+}
