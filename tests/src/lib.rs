@@ -1,1 +1,9 @@
-//! Placeholder.
+//! What crosses crates: a driver with a manual clock, random runs, and a ledger that checks the promises.
+
+mod driver;
+mod ledger;
+mod run;
+
+pub use driver::{Driver, Fired};
+pub use ledger::Ledger;
+pub use run::{Run, runs};

@@ -1,0 +1,95 @@
+//! The core behind a clock that stands still until a test moves it.
+
+use fuseline_core::{
+    Admission, At, Cloud, Commit, Deadline, Firing, Fusion, Instant, Opening, Outcome, Priority,
+    Ready, Timestamp,
+};
+
+/// The core's machine for up to 15 clouds and 1024 timestamps, with a manual clock at 0.
+///
+/// Numbers are nanoseconds, timestamps and priorities as in a trace.
+pub struct Driver {
+    fusion: Box<Fusion<15, 1024>>,
+    now: u64,
+}
+
+/// What a machine of this size says about timers that fired.
+pub type Fired = Firing<15>;
+
+impl Driver {
+    /// A machine with these clouds by priority, their gates wide open.
+    ///
+    /// # Panics
+    /// If the configuration is refused.
+    #[must_use]
+    pub fn new(window: usize, commit: Commit, clouds: &[u16]) -> Self {
+        let clouds: Vec<Cloud> =
+            clouds.iter().map(|p| Cloud::new(Priority::new(*p), u64::MAX)).collect();
+        Self::with(window, commit, &clouds)
+    }
+
+    /// A machine with these clouds.
+    ///
+    /// # Panics
+    /// If the configuration is refused.
+    #[must_use]
+    pub fn with(window: usize, commit: Commit, clouds: &[Cloud]) -> Self {
+        let fusion = Fusion::new(window, commit, clouds).expect("a sound configuration");
+        Self { fusion: Box::new(fusion), now: 0 }
+    }
+
+    /// Moves the clock to `now` and returns what fired on the way.
+    pub fn tick(&mut self, now: u64) -> Vec<Fired> {
+        self.now = now;
+        let mut firings = Vec::new();
+        while let At::Fired(firing) = self.fusion.at(Instant::from_nanos(now)) {
+            firings.push(firing);
+        }
+        firings
+    }
+
+    /// Opens `t` now (F1).
+    pub fn open(&mut self, t: u64, limit: Option<u64>) -> Opening {
+        self.ready().open(Timestamp::new(t), limit.map(Deadline::from_nanos))
+    }
+
+    /// Offers `(t, p)` now with an empty queue (F2).
+    pub fn offer(&mut self, t: u64, p: u16, deadline: u64) -> Admission {
+        self.queue(t, p, deadline, 0)
+    }
+
+    /// Offers `(t, p)` now with `backlog` requests queued (F2, F2g).
+    pub fn queue(&mut self, t: u64, p: u16, deadline: u64, backlog: u64) -> Admission {
+        let deadline = Deadline::from_nanos(deadline);
+        self.ready().offer(Timestamp::new(t), Priority::new(p), deadline, backlog)
+    }
+
+    /// Gives the result of `p` for `t` now (F3).
+    pub fn result(&mut self, t: u64, p: u16) -> Outcome<15> {
+        self.ready().result(Timestamp::new(t), Priority::new(p))
+    }
+
+    /// Tells that no result of `p` for `t` will come (F4).
+    pub fn fail(&mut self, t: u64, p: u16) -> Outcome<15> {
+        self.ready().fail(Timestamp::new(t), Priority::new(p))
+    }
+
+    /// The machine, for questions.
+    #[must_use]
+    pub const fn fusion(&self) -> &Fusion<15, 1024> {
+        &self.fusion
+    }
+
+    /// The next due instant.
+    #[must_use]
+    pub fn next_due(&self) -> Option<u64> {
+        self.fusion.next_due().map(Instant::as_nanos)
+    }
+
+    fn ready(&mut self) -> Ready<'_, 15, 1024> {
+        match self.fusion.at(Instant::from_nanos(self.now)) {
+            At::Ready(ready) => ready,
+            At::Fired(firing) => panic!("{firing:?} although nothing moved the clock"),
+        }
+    }
+}

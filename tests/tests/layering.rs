@@ -1,0 +1,78 @@
+//! Arrows point inward: who may depend on whom.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use cargo_lock::Lockfile;
+use cargo_metadata::{DependencyKind, MetadataCommand};
+
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+/// Every package that each package depends on, by whatever kind of dependency, feature and target.
+type Graph = BTreeMap<String, BTreeSet<String>>;
+
+/// The graph as locked: unlike cargo's own it needs no package of another platform to be there.
+fn graph() -> Graph {
+    let lock = Lockfile::load(format!("{ROOT}/Cargo.lock")).expect("the workspace is locked");
+    let mut graph = Graph::new();
+    for package in lock.packages {
+        let to = package.dependencies.iter().map(|dependency| dependency.name.to_string());
+        graph.entry(package.name.to_string()).or_default().extend(to);
+    }
+    graph
+}
+
+fn reached_from(from: &str, graph: &Graph) -> BTreeSet<String> {
+    let mut reached = BTreeSet::new();
+    let mut next = vec![from];
+    while let Some(package) = next.pop() {
+        for dependency in &graph[package] {
+            if reached.insert(dependency.clone()) {
+                next.push(dependency);
+            }
+        }
+    }
+    reached
+}
+
+#[test]
+fn core_depends_on_nothing_but_what_is_optional() {
+    let metadata = MetadataCommand::new()
+        .cargo_path(env!("CARGO"))
+        .manifest_path(format!("{ROOT}/Cargo.toml"))
+        .other_options(["--offline".into()])
+        .no_deps()
+        .exec()
+        .expect("cargo reads the workspace");
+    let core = metadata.packages.iter().find(|package| package.name.as_str() == "fuseline-core");
+    let core = core.expect("the core is a member");
+    for dependency in &core.dependencies {
+        let target = dependency.target.as_ref().map(ToString::to_string);
+        let is_loom = dependency.name == "loom" && target.as_deref() == Some("cfg(loom)");
+        let is_optional = dependency.optional && ["serde", "defmt"].contains(&&*dependency.name);
+        let is_shipped = dependency.kind != DependencyKind::Development;
+        assert!(is_loom || is_optional || !is_shipped, "fuseline-core depends on {dependency:?}");
+    }
+    let by_default = core.features.get("default");
+    assert!(by_default.is_none_or(Vec::is_empty), "features by default: {by_default:?}");
+}
+
+#[test]
+fn nothing_of_the_project_is_reached_from_core() {
+    let reached = reached_from("fuseline-core", &graph());
+    let ours: Vec<_> = reached.iter().filter(|name| name.starts_with("fuseline")).collect();
+    assert!(ours.is_empty(), "fuseline-core reaches {ours:?}");
+}
+
+#[test]
+fn core_is_not_reached_from_traces() {
+    let reached = reached_from("fuseline-traces", &graph());
+    assert!(reached.contains("serde_json"), "the packages behind fuseline-traces were not read");
+    assert!(!reached.contains("fuseline-core"), "the judge could share the core's faults");
+}
+
+#[test]
+fn core_behind_a_package_that_traces_uses_is_seen() {
+    let mut graph = graph();
+    graph.get_mut("serde_json").expect("a package").insert("fuseline-core".into());
+    assert!(reached_from("fuseline-traces", &graph).contains("fuseline-core"));
+}
