@@ -12,7 +12,7 @@ use tracing::{debug, warn};
 
 use crate::arbiter::Arbiter;
 use crate::item::{Forwarded, Item, Outcome, Rule, Source};
-use crate::lane::{Closed, Lane, Waiting};
+use crate::lane::{Lane, Waiting};
 use crate::tally::{Counts, Event, Tally};
 use crate::tape::Tape;
 
@@ -360,13 +360,13 @@ impl<V, R> Engine<V, R> {
     fn close(&mut self, t: u64, p: u64) {
         let Some(lane) = self.lane(p).filter(|lane| *lane != LOCAL) else { return };
         let lane = &mut self.lanes[lane];
-        if lane.close(t) == Closed::Flying {
+        if lane.close(t) {
             let priority = lane.source.priority;
             self.effects.push_back(Effect::Abort { priority, timestamp: t });
         }
     }
 
-    /// A call has ended by itself.
+    /// A request has ended by itself.
     fn end(&mut self, at: u64, t: u64, p: u16) {
         let Some(lane) = self.lane(p.into()) else { return };
         if let Some(asked) = self.lanes[lane].end(t)

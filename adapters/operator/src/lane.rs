@@ -21,17 +21,6 @@ pub(crate) struct Waiting<R> {
     pub(crate) request: R,
 }
 
-/// What closing a request leaves to be done.
-#[derive(PartialEq, Eq, Debug)]
-pub(crate) enum Closed {
-    /// It left the queue.
-    Unsent,
-    /// Its call is under way and may be aborted.
-    Flying,
-    /// Nothing: its call has ended.
-    Ended,
-}
-
 impl<R> Lane<R> {
     /// An empty lane with at most `at_once` calls under way, at least one.
     pub(crate) fn new(source: Source, at_once: usize) -> Self {
@@ -53,23 +42,23 @@ impl<R> Lane<R> {
         Some(next)
     }
 
-    /// The call has ended by itself; says when it was asked for.
+    /// The request has ended by itself, perhaps before it was sent; says when it was asked for.
     pub(crate) fn end(&mut self, t: u64) -> Option<u64> {
-        self.flying.remove(&t)
+        self.flying.remove(&t).or_else(|| self.withdraw(t))
     }
 
-    /// The result is no longer wanted.
-    pub(crate) fn close(&mut self, t: u64) -> Closed {
-        if self.flying.remove(&t).is_some() {
-            return Closed::Flying;
+    /// The result is no longer wanted. Says whether a call is under way that may be aborted.
+    pub(crate) fn close(&mut self, t: u64) -> bool {
+        let is_flying = self.flying.remove(&t).is_some();
+        if !is_flying {
+            self.withdraw(t);
         }
-        match self.waiting.iter().position(|waiting| waiting.t == t) {
-            Some(place) => {
-                self.waiting.remove(place);
-                Closed::Unsent
-            }
-            None => Closed::Ended,
-        }
+        is_flying
+    }
+
+    fn withdraw(&mut self, t: u64) -> Option<u64> {
+        let place = self.waiting.iter().position(|waiting| waiting.t == t)?;
+        self.waiting.remove(place).map(|waiting| waiting.asked)
     }
 
     /// F2: the length of the outgoing queue, calls under way not counted.
