@@ -222,6 +222,7 @@ impl Slot {
             return (self, Decision::Dropped(reason));
         }
         self.pending = self.pending.without(source);
+        // P6: at once where nothing better was asked for.
         if !self.pending.any_above(source) {
             return self.forward(source);
         }
@@ -263,6 +264,7 @@ impl Slot {
         } else if self.cached.contains(source) {
             Some(DropReason::Duplicate)
         } else if !self.pending.contains(source) {
+            // P2: what its timer closed is never forwarded.
             Some(DropReason::Late)
         } else {
             None
@@ -270,7 +272,11 @@ impl Slot {
     }
 
     /// F6: some requests were closed; forward, miss or wait.
+    ///
+    /// Once the last timer fired nothing outranks what is in hand: so local's result goes by then (P5), and a timestamp
+    /// opened with a limit is retired by then (P7).
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
+        // P3: whatever the cause, the greatest or none.
         match self.cached.greatest() {
             Some(best) if !self.pending.any_above(best) => self.forward(best),
             Some(best) if timer && commit == Commit::Eager => self.forward(best),
@@ -279,7 +285,7 @@ impl Slot {
         }
     }
 
-    /// F7.
+    /// F7. The timestamp is retired with it, so that this happens once (P1).
     fn forward(self, by: Source) -> (Self, Decision) {
         (Self::RETIRED, Decision::Forwarded { by, cancelled: self.pending.clouds() })
     }
