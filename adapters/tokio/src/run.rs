@@ -110,8 +110,10 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
 
     /// A message came (F1); each cloud's handler is asked (F2).
     fn message(&mut self, timestamp: u64, message: &Arc<I>) {
+        // One instant for all of it: deadlines count from the message, and equal ones end together.
+        let now = self.now();
         let job = Work::Local(Arc::clone(message));
-        let opening = self.engine.open(self.now(), timestamp, self.limit, job);
+        let opening = self.engine.open(now, timestamp, self.limit, job);
         if opening == Opening::Refused {
             return;
         }
@@ -121,13 +123,13 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
             let priority = registered.priority;
             if let Some((request, deadline)) = registered.ask(message, timestamp) {
                 let request = Work::Call(request);
-                self.engine.offer(self.now(), timestamp, priority, deadline, request);
+                self.engine.offer(now, timestamp, priority, deadline, request);
                 self.act();
             }
         }
         if opening == Opening::NoRoom {
             let why = "too many computations wait";
-            self.engine.fail(self.now(), timestamp, 0, &why);
+            self.engine.fail(now, timestamp, 0, &why);
         }
     }
 
