@@ -1,10 +1,12 @@
-//! Operators, streams and clouds on tokio around the Fuseline core.
+#![doc = include_str!("../README.md")]
 
 #[cfg(feature = "grpc")]
 pub mod grpc;
 mod local;
 mod operator;
 mod panics;
+#[cfg(feature = "prometheus")]
+mod prometheus;
 mod run;
 mod setup;
 mod stream;
@@ -15,8 +17,13 @@ pub use fuseline_operator::{
 };
 pub use local::Local;
 pub use operator::{Config, Items, Operator, Running, SpawnError, Trace, spawn};
+#[cfg(feature = "prometheus")]
+pub use prometheus::prometheus;
 pub use setup::{Call, Cloud, Setup};
 pub use stream::{Reader, WriteError, Writer, stream};
+
+#[cfg(feature = "prometheus")]
+pub use metrics_exporter_prometheus::BuildError;
 
 /// Why a call, a handler or a computation has no result; any error fits by `?` or `into`.
 pub type Error = Box<dyn std::error::Error + Send + Sync>;

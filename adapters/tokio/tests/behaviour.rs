@@ -269,6 +269,29 @@ async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
     );
 }
 
+#[test]
+fn a_dropped_runtime_leaves_the_trace_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.jsonl");
+    let trace = Some(Trace { path: path.clone(), recording: fuseline_tokio::Recording::default() });
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let running = runtime.block_on(async {
+        let (mut camera, frames) = stream(8);
+        let script = Script::new().cloud(1, 3_600_000, |_| Never);
+        let (running, _) = spawn(script, Config { trace, ..Config::default() }, frames).unwrap();
+        camera.write(0).await.unwrap();
+        while running.tally().sources[1].admitted == 0 {
+            tokio::task::yield_now().await;
+        }
+        running
+    });
+    drop(runtime);
+    let written = std::fs::read_to_string(path).unwrap();
+    assert_eq!(written.lines().count(), 4, "{written}");
+    let other = tokio::runtime::Builder::new_current_thread().build().unwrap();
+    other.block_on(running.join()).expect_err("it was not let end");
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
     let (mut camera, frames) = stream(1);
