@@ -1,10 +1,18 @@
 //! What can go wrong, told in one line: what and where, and a remedy.
 
+use std::error;
 use std::io;
+use std::net::SocketAddr;
 
 use fuseline_operator::ConfigError;
+use fuseline_tokio::SpawnError;
+use fuseline_tokio::grpc::{RemoteError, ServeError};
 use fuseline_traces::ReadError;
 use thiserror::Error;
+
+use crate::emulation::EmulationError;
+use crate::files::FileError;
+use crate::run::PlanError;
 
 /// Why a command stopped.
 #[derive(Debug, Error)]
@@ -19,6 +27,26 @@ pub(crate) enum Fault {
     Config { name: String, source: ConfigError },
     #[error("standard output: {0}")]
     Output(io::Error),
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    #[error(transparent)]
+    Emulation(#[from] EmulationError),
+    #[error(transparent)]
+    File(#[from] FileError),
+    #[error("cloud {cloud:?}: {source}")]
+    Remote { cloud: String, source: RemoteError },
+    #[error("{0}; choose other options for the clouds or the window")]
+    Spawn(#[from] SpawnError),
+    #[error("the trace was not written whole: {0}; make room for it, or name another --trace")]
+    Trace(io::Error),
+    #[error("no port on 127.0.0.1: {0}; free some")]
+    Loopback(io::Error),
+    #[error("--listen {address}: {source}; choose an address of this machine and a free port")]
+    Listen { address: SocketAddr, source: io::Error },
+    #[error("{}", one_line(&chain(.0)))]
+    Serve(ServeError),
+    #[error("the system gives no threads: {0}; end something else")]
+    Runtime(io::Error),
     #[error("--follow watches one file; give it one that is not standard input")]
     Follow,
 }
@@ -42,4 +70,16 @@ pub(crate) fn usage(error: &clap::Error) -> String {
 
 fn one_line(paragraph: &str) -> String {
     paragraph.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// An error with what caused it.
+fn chain(error: &dyn error::Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(error) = source {
+        text.push_str(": ");
+        text.push_str(&error.to_string());
+        source = error.source();
+    }
+    text
 }

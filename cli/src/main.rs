@@ -1,11 +1,19 @@
 //! The `fuseline` command: runs, replays and judges cloud-assisted operators.
 
 mod check;
+mod drives;
+mod emulation;
 mod fault;
+mod files;
 mod interrupt;
+mod models;
+mod policies;
 mod replay;
+mod run;
+mod serve;
 mod tail;
 
+use std::ffi::OsString;
 use std::io;
 use std::process::ExitCode;
 
@@ -22,10 +30,11 @@ Exit codes:
 
 Set RUST_LOG (say, RUST_LOG=info) to see what happens inside, on standard error.";
 
-/// Each message leaves with the best result that is there by its deadline: replays such an operator's
-/// inputs, and judges its trace.
+/// Each message leaves with the best result that is there by its deadline: runs such an operator, replays its inputs,
+/// and judges its trace. Without a command it is `fuseline run`.
 #[derive(Parser)]
 #[command(version, after_help = EXITS, max_term_width = 100)]
+#[command(override_usage = "fuseline [COMMAND]")]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -33,6 +42,10 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Drive a camera operator with emulated models over recorded networks, and judge its trace.
+    Run(run::Args),
+    /// Serve one emulated model over one recorded network, for `fuseline run` on another machine.
+    Serve(serve::Args),
     /// Read a header and inputs, and write the trace with the decisions that the core makes.
     Replay(replay::Args),
     /// Judge traces against the rules.
@@ -51,8 +64,12 @@ pub(crate) enum Exit {
 }
 
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
+    let mut args: Vec<OsString> = std::env::args_os().collect();
+    if args.len() < 2 {
+        args.push("run".into());
+    }
+    let command = match Cli::try_parse_from(args) {
+        Ok(Cli { command }) => command,
         Err(help) if !help.use_stderr() => {
             // Nobody reads the help any more if this fails.
             let _ = help.print();
@@ -66,7 +83,7 @@ fn main() -> ExitCode {
     if let Ok(filter) = EnvFilter::try_from_default_env() {
         tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).init();
     }
-    match dispatch(cli.command) {
+    match dispatch(command) {
         Ok(exit) => exit.into(),
         Err(fault) if fault.is_broken_pipe() => Exit::Conforms.into(),
         Err(fault) => {
@@ -78,6 +95,8 @@ fn main() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<Exit, Fault> {
     match command {
+        Command::Run(args) => run::run(&args),
+        Command::Serve(args) => serve::serve(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Check(args) => check::check(&args),
     }

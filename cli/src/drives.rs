@@ -1,0 +1,374 @@
+//! Drives: the round-trip times that a moving vehicle once measured, replayed by the moment.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::time::Duration;
+
+use thiserror::Error;
+
+/// A drive file may be this large; the recorded ones are a thousandth of it.
+const FILE_BYTES: u64 = 64 << 20;
+/// No round trip is longer than this; larger figures are mistaken units.
+const LONGEST_MS: f64 = 86_400_000.0;
+
+macro_rules! built_in {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../data/", $name, ".csv")))),*]
+    };
+}
+
+/// The drives inside the binary, by name.
+const BUILT_IN: &[(&str, &str)] = built_in![
+    "cicv5g/arterial_n78_v80",
+    "cicv5g/rural_n8_v0",
+    "cicv5g/rural_n8_v10",
+    "cicv5g/strong_to_weak_n8_v30",
+    "cicv5g/urban_n78_v40",
+    "cicv5g/weak_to_strong_n8_v50",
+    "vnperf/downtown",
+    "vnperf/highway",
+];
+
+/// One recorded drive through one network, as round-trip times by the moment of sending.
+///
+/// A drive that is over starts again from its beginning.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Drive {
+    name: String,
+    /// Ascending, the first at 0.
+    samples: Vec<Sample>,
+    length: Duration,
+}
+
+/// What a message sent from `at` on, until the next sample, met.
+#[derive(Clone, Copy, PartialEq, Debug)]
+struct Sample {
+    at: Duration,
+    /// None: the network was unavailable.
+    round_trip: Option<Duration>,
+}
+
+/// Why a drive cannot be used.
+#[derive(Debug, Error)]
+pub(crate) enum DriveError {
+    #[error("no built-in drive and no readable file {name:?} ({source}); built in are {}", names())]
+    Open { name: String, source: io::Error },
+    #[error("{name}: more than 64 MiB; give a shorter recording")]
+    TooLarge { name: String },
+    #[error("{name}: {source}; a drive is CSV with a line of column names first")]
+    Csv { name: String, source: csv::Error },
+    #[error("{name}:1: no time column; name one `sent_ms` or `second`")]
+    NoTime { name: String },
+    #[error("{name}:1: no column {wanted:?}; it has {found}")]
+    NoColumn { name: String, wanted: String, found: String },
+    #[error("{name}:1: which network? write {name}:{}", .found.join(&format!(" or {name}:")))]
+    ManyColumns { name: String, found: Vec<String> },
+    #[error("{name}:{line}: {column} is {found:?}; it must be milliseconds from 0 to a day, or -1")]
+    RoundTrip { name: String, line: u64, column: String, found: String },
+    #[error(
+        "{name}:{line}: {column} is {found:?}; it must be a number greater than the line before"
+    )]
+    Time { name: String, line: u64, column: String, found: String },
+    #[error("{name}: fewer than two rows; a drive needs at least two")]
+    TooShort { name: String },
+}
+
+impl Drive {
+    /// The drive called `name`: a built-in one, else a CSV file, each with `:network` after it where the recording
+    /// has several.
+    ///
+    /// # Errors
+    /// The first [`DriveError`] that holds.
+    pub(crate) fn load(name: &str) -> Result<Self, DriveError> {
+        let (file, network) = match name.rsplit_once(':') {
+            Some((file, network)) if !network.contains(['/', '\\']) => (file, Some(network)),
+            Some(_) | None => (name, None),
+        };
+        if let Some((_, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == file) {
+            return Self::read(file, network, text.as_bytes());
+        }
+        let text = File::open(file)
+            .map_err(|source| DriveError::Open { name: file.to_owned(), source })?;
+        Self::read(file, network, text)
+    }
+
+    /// A network that takes no time.
+    pub(crate) fn direct() -> Self {
+        let sample = Sample { at: Duration::ZERO, round_trip: Some(Duration::ZERO) };
+        let (name, length) = ("no drive".to_owned(), Duration::from_secs(1));
+        Self { name, samples: vec![sample], length }
+    }
+
+    /// Reads a recording: CSV with a line of column names, a time column `sent_ms` or `second`, and one
+    /// `rtt_ms`, or several `<network>_rtt_ms` of which `network` names one. Other columns are ignored.
+    fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
+        let owned = || file.to_owned();
+        let fault = |source| csv_error(file, source);
+        let mut rows = csv::Reader::from_reader(Cut { text, left: FILE_BYTES });
+        let columns = rows.headers().map_err(fault)?.clone();
+        let (time, unit) = columns
+            .iter()
+            .position(|column| column == "sent_ms")
+            .map(|i| (i, 0.001))
+            .or_else(|| columns.iter().position(|column| column == "second").map(|i| (i, 1.0)))
+            .ok_or_else(|| DriveError::NoTime { name: owned() })?;
+        let round_trip = find_network(file, network, &columns)?;
+
+        let mut samples: Vec<Sample> = Vec::new();
+        let mut first = None;
+        let mut row = csv::StringRecord::new();
+        while rows.read_record(&mut row).map_err(fault)? {
+            let line = row.position().map_or(0, csv::Position::line);
+            let field = |i: usize| row.get(i).unwrap_or_default();
+            let seconds = field(time).parse().ok().map(|time: f64| time * unit);
+            let start = *first.get_or_insert(seconds.unwrap_or_default());
+            let at = seconds
+                .and_then(|seconds| Duration::try_from_secs_f64(seconds - start).ok())
+                .filter(|at| samples.last().is_none_or(|last| *at > last.at))
+                .ok_or_else(|| DriveError::Time {
+                    name: owned(),
+                    line,
+                    column: columns[time].to_owned(),
+                    found: field(time).to_owned(),
+                })?;
+            let round_trip =
+                parse_round_trip(field(round_trip)).map_err(|NotMillis| DriveError::RoundTrip {
+                    name: owned(),
+                    line,
+                    column: columns[round_trip].to_owned(),
+                    found: field(round_trip).to_owned(),
+                })?;
+            samples.push(Sample { at, round_trip });
+        }
+        let [.., before, last] = samples[..] else {
+            return Err(DriveError::TooShort { name: owned() });
+        };
+        // The last sample lasts as long as the one before it.
+        let length = last.at + last.at.abs_diff(before.at);
+        let name = network.map_or_else(owned, |network| format!("{file}:{network}"));
+        Ok(Self { name, samples, length })
+    }
+
+    /// How long the drive is before it starts again.
+    pub(crate) const fn length(&self) -> Duration {
+        self.length
+    }
+
+    /// The drive's name, the network included.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// How long after `moment` (since the drive's beginning) a message sent then is back; none if never.
+    ///
+    /// It is the round trip of the latest sample at that moment. While the network was unavailable (`-1`) a message
+    /// waits until a sample has one again and then takes that sample's round trip.
+    pub(crate) fn round_trip(&self, moment: Duration) -> Option<Duration> {
+        let within = nanos(moment.as_nanos() % self.length.as_nanos());
+        let sent = self.samples.partition_point(|sample| sample.at <= within).saturating_sub(1);
+        let (later, earlier) = (self.samples.get(sent..)?, self.samples.get(..sent)?);
+        if let Some(round_trip) = later.first()?.round_trip {
+            return Some(round_trip);
+        }
+        let again = earlier.iter().map(|sample| (sample, self.length));
+        let mut from_now = later.iter().map(|sample| (sample, Duration::ZERO)).chain(again);
+        from_now.find_map(|(sample, laps)| {
+            let round_trip = sample.round_trip?;
+            Some((sample.at + laps).saturating_sub(within) + round_trip)
+        })
+    }
+}
+
+/// The names of the built-in drives, for messages.
+pub(crate) fn names() -> String {
+    let names: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
+    names.join(", ")
+}
+
+/// The column of `network`, or the only one there is.
+fn find_network(
+    file: &str,
+    network: Option<&str>,
+    columns: &csv::StringRecord,
+) -> Result<usize, DriveError> {
+    let networks: Vec<(usize, &str)> = columns
+        .iter()
+        .enumerate()
+        .filter_map(|(i, column)| Some((i, column.strip_suffix("rtt_ms")?)))
+        .filter_map(|(i, column)| {
+            Some((i, if column.is_empty() { column } else { column.strip_suffix('_')? }))
+        })
+        .collect();
+    match (network, &networks[..]) {
+        (Some(wanted), found) => found.iter().find(|(_, network)| *network == wanted),
+        (None, [only]) => Some(only),
+        (None, found) if found.len() > 1 => {
+            let found = found.iter().map(|(_, network)| (*network).to_owned()).collect();
+            return Err(DriveError::ManyColumns { name: file.to_owned(), found });
+        }
+        (None, _) => None,
+    }
+    .map(|(i, _)| *i)
+    .ok_or_else(|| DriveError::NoColumn {
+        name: file.to_owned(),
+        wanted: network.map_or_else(|| "rtt_ms".to_owned(), |network| format!("{network}_rtt_ms")),
+        found: columns.iter().collect::<Vec<_>>().join(", "),
+    })
+}
+
+/// Milliseconds; −1 is no network.
+fn parse_round_trip(field: &str) -> Result<Option<Duration>, NotMillis> {
+    match field.parse() {
+        Ok(-1.0) => Ok(None),
+        Ok(ms) if (0.0..=LONGEST_MS).contains(&ms) => {
+            Ok(Some(Duration::from_secs_f64(ms / 1000.0)))
+        }
+        Ok(_) | Err(_) => Err(NotMillis),
+    }
+}
+
+/// A field is neither a round trip nor −1.
+struct NotMillis;
+
+/// A remainder of a length in nanoseconds; both fit 584 years.
+fn nanos(nanos: u128) -> Duration {
+    Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
+}
+
+/// Tells the end that [`Cut`] made from other faults.
+fn csv_error(file: &str, source: csv::Error) -> DriveError {
+    let name = file.to_owned();
+    match source.kind() {
+        csv::ErrorKind::Io(error) if error.kind() == io::ErrorKind::FileTooLarge => {
+            DriveError::TooLarge { name }
+        }
+        _ => DriveError::Csv { name, source },
+    }
+}
+
+/// Refuses to read more than so many bytes, so that no file fills the memory.
+struct Cut<R> {
+    text: R,
+    left: u64,
+}
+
+impl<R: Read> Read for Cut<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let len = self.text.read(buffer)?;
+        self.left = self
+            .left
+            .checked_sub(len as u64)
+            .ok_or_else(|| io::Error::from(io::ErrorKind::FileTooLarge))?;
+        Ok(len)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GAP: &str = "second,rtt_ms\n10,100\n11,-1\n12,-1\n13,50\n14,-1\n";
+
+    fn read(text: &str) -> Result<Drive, DriveError> {
+        Drive::read("d.csv", None, text.as_bytes())
+    }
+
+    fn fault(text: &str) -> String {
+        read(text).unwrap_err().to_string()
+    }
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn every_built_in_drive_is_readable() {
+        for (name, text) in BUILT_IN {
+            let network = name.starts_with("vnperf").then_some("sprint");
+            let drive = Drive::read(name, network, text.as_bytes()).unwrap();
+            assert_eq!(drive.samples.len(), text.lines().count() - 1, "{name}");
+            assert_eq!(drive.samples[0].at, Duration::ZERO, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_sample_holds_until_the_next() {
+        let drive = Drive::load("cicv5g/rural_n8_v10").unwrap();
+        assert_eq!(drive.round_trip(ms(0)), Some(ms(48)));
+        assert_eq!(drive.round_trip(ms(54)), Some(ms(48)));
+        assert_eq!(drive.round_trip(ms(55)), Some(ms(25)));
+    }
+
+    #[test]
+    fn a_drive_starts_again_after_its_last_sample() {
+        let drive = read("sent_ms,rtt_ms\n0,1\n50,2\n").unwrap();
+        assert_eq!(drive.length(), ms(100));
+        assert_eq!(drive.round_trip(ms(99)), Some(ms(2)));
+        assert_eq!(drive.round_trip(ms(100)), Some(ms(1)));
+    }
+
+    #[test]
+    fn without_network_a_message_waits_for_the_next_sample_that_has_one() {
+        let drive = read(GAP).unwrap();
+        assert_eq!(drive.round_trip(ms(999)), Some(ms(100)));
+        assert_eq!(drive.round_trip(ms(1000)), Some(ms(2050)));
+        assert_eq!(drive.round_trip(ms(2900)), Some(ms(150)));
+        // The last row's wait goes on into the next lap.
+        assert_eq!(drive.round_trip(ms(4400)), Some(ms(700)));
+    }
+
+    #[test]
+    fn a_network_that_never_is_there_never_replies() {
+        let drive = Drive::load("vnperf/highway:wifi").unwrap();
+        assert_eq!(drive.round_trip(ms(12_345)), None);
+    }
+
+    #[test]
+    fn several_networks_must_be_told_apart() {
+        let fault = Drive::load("vnperf/highway").unwrap_err().to_string();
+        assert!(fault.contains("vnperf/highway:verizon or vnperf/highway:sprint"), "{fault}");
+        let fault = Drive::load("vnperf/highway:nokia").unwrap_err().to_string();
+        assert!(fault.contains("no column \"nokia_rtt_ms\""), "{fault}");
+    }
+
+    #[test]
+    fn bad_recordings_name_the_line_and_the_column() {
+        for (text, what) in [
+            ("sent_ms,rtt_ms\n0,1\n", "fewer than two rows"),
+            ("ms,rtt_ms\n0,1\n1,1\n", "d.csv:1: no time column"),
+            ("sent_ms,delay\n0,1\n1,1\n", "d.csv:1: no column \"rtt_ms\"; it has sent_ms, delay"),
+            ("sent_ms,rtt_ms\n0,1\n50,x\n", "d.csv:3: rtt_ms is \"x\""),
+            ("sent_ms,rtt_ms\n0,1\n50,-2\n", "d.csv:3: rtt_ms is \"-2\""),
+            ("sent_ms,rtt_ms\n0,1\n50,NaN\n", "d.csv:3: rtt_ms is \"NaN\""),
+            ("sent_ms,rtt_ms\n0,1\n50,86400001\n", "d.csv:3: rtt_ms is \"86400001\""),
+            ("sent_ms,rtt_ms\n0,1\n0,1\n", "d.csv:3: sent_ms is \"0\""),
+            ("sent_ms,rtt_ms\nx,1\n1,1\n", "d.csv:2: sent_ms is \"x\""),
+            ("sent_ms,rtt_ms\n0,1\ninf,1\n", "d.csv:3: sent_ms is \"inf\""),
+            ("sent_ms,rtt_ms\n0,1\n2\n", "d.csv: CSV error"),
+            ("", "d.csv:1: no time column"),
+        ] {
+            assert!(fault(text).contains(what), "{text:?}: {}", fault(text));
+        }
+    }
+
+    #[test]
+    fn an_endless_recording_is_refused() {
+        let endless = io::repeat(b'1');
+        let fault = Drive::read("d.csv", None, endless).unwrap_err();
+        assert!(matches!(fault, DriveError::TooLarge { .. }), "{fault}");
+    }
+
+    #[test]
+    fn the_default_drives_lose_their_networks_apart_and_together() {
+        let west = Drive::load("cicv5g/rural_n8_v10").unwrap();
+        let east = Drive::load("vnperf/highway:sprint").unwrap();
+        let lost = |drive: &Drive, start, at: u64| {
+            drive.round_trip(ms(start + at)).is_none_or(|round_trip| round_trip > ms(1000))
+        };
+        let at = |at| (lost(&west, 62_000, at), lost(&east, 150_000, at));
+        assert_eq!(at(5_000), (false, false));
+        assert_eq!(at(13_000), (true, false));
+        assert_eq!(at(18_000), (true, true));
+        assert_eq!(at(24_000), (false, true));
+    }
+}

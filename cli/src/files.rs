@@ -1,0 +1,67 @@
+//! Small files that options name: certificates, keys and tokens.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use fuseline_tokio::grpc::{Identity, InvalidToken, Token};
+use thiserror::Error;
+
+/// Certificates and tokens are far smaller, in bytes.
+const BYTES: u64 = 1 << 20;
+
+/// Why such a file is of no use.
+#[derive(Debug, Error)]
+pub(crate) enum FileError {
+    #[error("{path}: {source}; give a file that can be read")]
+    Read { path: PathBuf, source: io::Error },
+    #[error("{path}: more than 1 MiB; give a certificate, a key or a token")]
+    TooLarge { path: PathBuf },
+    #[error("{path}: {source}")]
+    Token { path: PathBuf, source: InvalidToken },
+    #[error("a certificate needs its key and a key its certificate; give both")]
+    Half,
+}
+
+/// The bytes of a small file.
+///
+/// # Errors
+/// If it cannot be read or is not small.
+pub(crate) fn bytes(path: &Path) -> Result<Vec<u8>, FileError> {
+    let fault = |source| FileError::Read { path: path.to_owned(), source };
+    let mut bytes = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(BYTES + 1).read_to_end(&mut bytes))
+        .map_err(fault)?;
+    if bytes.len() as u64 > BYTES {
+        return Err(FileError::TooLarge { path: path.to_owned() });
+    }
+    Ok(bytes)
+}
+
+/// The bearer token in a file, without the white space around it.
+///
+/// # Errors
+/// If the file cannot be read or holds none.
+pub(crate) fn token(path: &Path) -> Result<Token, FileError> {
+    let bytes = bytes(path)?;
+    let text = str::from_utf8(&bytes).unwrap_or_default().trim();
+    Token::new(text).map_err(|source| FileError::Token { path: path.to_owned(), source })
+}
+
+/// The identity that a certificate and its key make, if both are there.
+///
+/// # Errors
+/// If one is missing or cannot be read.
+pub(crate) fn identity(
+    certificate: Option<&Path>,
+    key: Option<&Path>,
+) -> Result<Option<Identity>, FileError> {
+    match (certificate, key) {
+        (Some(certificate), Some(key)) => {
+            Ok(Some(Identity { certificate: bytes(certificate)?, key: bytes(key)? }))
+        }
+        (None, None) => Ok(None),
+        (Some(_), None) | (None, Some(_)) => Err(FileError::Half),
+    }
+}

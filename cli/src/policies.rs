@@ -1,0 +1,289 @@
+//! Policies: the same arrivals under fusion, local only, cloud only and first response wins.
+
+use std::time::Duration;
+
+/// One message: when each source's result was there, and what fusion forwarded.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Message {
+    /// By source; local is 0.
+    pub(crate) arrivals: Vec<Arrival>,
+    /// None: missed, or refused for a full window.
+    pub(crate) forwarded: Option<Forwarded>,
+}
+
+/// When a source's result was there, or would have been, since its message came.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Arrival {
+    /// Then.
+    At(Duration),
+    /// Unknown, but not before: the call was ended then.
+    After(Duration),
+    /// The source failed, or its network never came back.
+    Never,
+}
+
+/// What fusion put out for a message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Forwarded {
+    /// Whose result; local is 0.
+    pub(crate) source: usize,
+    /// When it left, since the message came.
+    pub(crate) response: Duration,
+}
+
+/// A way to choose one result for each message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Policy {
+    /// What the operator did.
+    Fusion,
+    /// Local's result, whenever it is there.
+    LocalOnly,
+    /// This source's result, however long that takes.
+    CloudOnly(usize),
+    /// Whichever result is there first.
+    FirstWins,
+}
+
+/// What a policy gives: means over all messages.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Score {
+    /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None if it cannot
+    /// be told: some model has no figure, or some call was ended before its deadline.
+    pub(crate) ap: Option<f64>,
+    /// Outputs whose result was there before the deadline.
+    pub(crate) in_time: u64,
+    /// Response times that half, 90 % and 99 % of the messages do not exceed. None without messages.
+    pub(crate) quantiles: [Option<Quantile>; 3],
+}
+
+/// A response time among all messages; one without output never ends.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Quantile {
+    /// Exactly this.
+    Exactly(Duration),
+    /// No less than this: some response times are not known.
+    AtLeast(Duration),
+    /// So many messages have no output.
+    Never,
+}
+
+/// The quantiles told, in percent.
+pub(crate) const PERCENT: [usize; 3] = [50, 90, 99];
+
+/// What a policy does with one message.
+struct Choice {
+    response: Arrival,
+    /// Whose result it is and when that was there; none if there is no output or it is unknown.
+    result: Option<(usize, Duration)>,
+}
+
+impl Policy {
+    /// How many requests the policy sends to `clouds` clouds for so many messages; none for fusion, which decides one
+    /// by one.
+    pub(crate) const fn requests(self, messages: u64, clouds: u64) -> Option<u64> {
+        match self {
+            Self::Fusion => None,
+            Self::LocalOnly => Some(0),
+            Self::CloudOnly(_) => Some(messages),
+            Self::FirstWins => Some(messages * clouds),
+        }
+    }
+
+    /// The policy's score; `aps` is each source's COCO AP and `deadline` what its result has to beat.
+    ///
+    /// A result at its deadline is late (A1).
+    pub(crate) fn score(
+        self,
+        messages: &[Message],
+        aps: &[Option<f64>],
+        deadline: Duration,
+    ) -> Score {
+        let mut responses = Vec::with_capacity(messages.len());
+        let (mut sum, mut in_time) = (Some(0.0), 0);
+        for message in messages {
+            let choice = self.choose(message);
+            responses.push(choice.response);
+            match (choice.result, choice.response) {
+                (Some((source, arrival)), _) if arrival < deadline => {
+                    in_time += 1;
+                    sum = sum.zip(aps[source]).map(|(sum, ap)| sum + ap);
+                }
+                (None, Arrival::After(bound)) if bound < deadline => sum = None,
+                _ => {}
+            }
+        }
+        #[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
+        let ap = sum.filter(|_| !messages.is_empty()).map(|sum| sum / messages.len() as f64);
+        Score { ap, in_time, quantiles: quantiles(&mut responses) }
+    }
+
+    fn choose(self, message: &Message) -> Choice {
+        let alone = |source: usize| {
+            let response = message.arrivals[source];
+            let result = match response {
+                Arrival::At(arrival) => Some((source, arrival)),
+                Arrival::After(_) | Arrival::Never => None,
+            };
+            Choice { response, result }
+        };
+        match self {
+            Self::LocalOnly => alone(0),
+            Self::CloudOnly(source) => alone(source),
+            Self::FirstWins => {
+                let first = (0..message.arrivals.len()).min_by_key(|i| key(message.arrivals[*i]));
+                first.map_or(Choice { response: Arrival::Never, result: None }, alone)
+            }
+            Self::Fusion => match message.forwarded {
+                Some(Forwarded { source, response }) => {
+                    Choice { response: Arrival::At(response), ..alone(source) }
+                }
+                None => Choice { response: Arrival::Never, result: None },
+            },
+        }
+    }
+}
+
+/// Sorts arrivals; at the same instant an unknown one comes first, since it may be the later one.
+const fn key(arrival: Arrival) -> (Duration, u8) {
+    match arrival {
+        Arrival::After(bound) => (bound, 0),
+        Arrival::At(at) => (at, 1),
+        Arrival::Never => (Duration::MAX, 2),
+    }
+}
+
+/// Nearest ranks. An unknown response that may exceed its place makes all later ones lower bounds.
+fn quantiles(responses: &mut [Arrival]) -> [Option<Quantile>; 3] {
+    responses.sort_unstable_by_key(|arrival| key(*arrival));
+    let unknown = responses
+        .iter()
+        .position(|arrival| matches!(arrival, Arrival::After(_)))
+        .unwrap_or(responses.len());
+    PERCENT.map(|percent| {
+        let place = (responses.len() * percent).div_ceil(100).checked_sub(1)?;
+        Some(match *responses.get(place)? {
+            Arrival::At(at) if place < unknown => Quantile::Exactly(at),
+            Arrival::At(bound) | Arrival::After(bound) => Quantile::AtLeast(bound),
+            Arrival::Never => Quantile::Never,
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const APS: [Option<f64>; 3] = [Some(40.0), Some(44.0), Some(52.0)];
+    const DEADLINE: Duration = ms(500);
+
+    const fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    fn message(arrivals: [Arrival; 3], forwarded: Option<(usize, u64)>) -> Message {
+        let forwarded =
+            forwarded.map(|(source, response)| Forwarded { source, response: ms(response) });
+        Message { arrivals: arrivals.to_vec(), forwarded }
+    }
+
+    fn at(millis: u64) -> Arrival {
+        Arrival::At(ms(millis))
+    }
+
+    fn score(policy: Policy, messages: &[Message]) -> Score {
+        policy.score(messages, &APS, DEADLINE)
+    }
+
+    /// One message that the best cloud wins, and one where both networks fail.
+    fn two() -> [Message; 2] {
+        [
+            message([at(300), at(150), at(170)], Some((2, 170))),
+            message([at(310), at(9_000), Arrival::Never], Some((0, 500))),
+        ]
+    }
+
+    fn close(found: Option<f64>, expected: f64) -> bool {
+        found.is_some_and(|found| (found - expected).abs() < 1e-9)
+    }
+
+    #[test]
+    fn each_policy_takes_its_own_result() {
+        for (policy, ap, in_time) in [
+            (Policy::Fusion, 46.0, 2),
+            (Policy::LocalOnly, 40.0, 2),
+            (Policy::CloudOnly(1), 22.0, 1),
+            (Policy::CloudOnly(2), 26.0, 1),
+            (Policy::FirstWins, 42.0, 2),
+        ] {
+            let score = score(policy, &two());
+            assert!(close(score.ap, ap), "{policy:?}: {score:?}");
+            assert_eq!(score.in_time, in_time, "{policy:?}");
+        }
+    }
+
+    #[test]
+    fn a_result_at_the_deadline_counts_as_late() {
+        let late = [message([at(500), at(499), at(501)], Some((0, 500)))];
+        assert_eq!(score(Policy::LocalOnly, &late).in_time, 0);
+        assert_eq!(score(Policy::CloudOnly(1), &late).in_time, 1);
+        assert_eq!(score(Policy::Fusion, &late).in_time, 0);
+    }
+
+    #[test]
+    fn fusion_is_in_time_by_its_results_arrival_though_it_leaves_at_the_deadline() {
+        let held = [message([at(300), at(9_000), at(9_000)], Some((0, 501)))];
+        let score = score(Policy::Fusion, &held);
+        assert_eq!((score.in_time, score.quantiles[0]), (1, Some(Quantile::Exactly(ms(501)))));
+    }
+
+    #[test]
+    fn a_missed_message_counts_zero_and_never_responds() {
+        let missed = [message([Arrival::Never; 3], None), message([at(1); 3], Some((2, 1)))];
+        let score = score(Policy::Fusion, &missed);
+        assert!(close(score.ap, 26.0), "{score:?}");
+        assert_eq!(score.quantiles[1], Some(Quantile::Never));
+    }
+
+    #[test]
+    fn an_ended_call_leaves_the_ap_open_only_before_the_deadline() {
+        let ended =
+            |bound| [message([at(300), at(150), Arrival::After(ms(bound))], Some((0, 500)))];
+        assert!(close(score(Policy::CloudOnly(2), &ended(500)).ap, 0.0));
+        assert_eq!(score(Policy::CloudOnly(2), &ended(499)).ap, None);
+        // Who is first is known while the unknown one is later.
+        assert!(close(score(Policy::FirstWins, &ended(499)).ap, 44.0));
+        assert_eq!(score(Policy::FirstWins, &ended(150)).ap, None);
+    }
+
+    #[test]
+    fn an_unknown_response_makes_all_quantiles_above_it_lower_bounds() {
+        let mut responses = [at(100), Arrival::After(ms(200)), at(300)];
+        let quantiles = quantiles(&mut responses).map(Option::unwrap);
+        assert_eq!(quantiles[0], Quantile::AtLeast(ms(200)));
+        assert_eq!(quantiles[2], Quantile::AtLeast(ms(300)));
+    }
+
+    #[test]
+    fn quantiles_are_nearest_ranks() {
+        let mut responses: Vec<Arrival> = (1..=200).rev().map(at).collect();
+        let exactly = |millis| Some(Quantile::Exactly(ms(millis)));
+        assert_eq!(quantiles(&mut responses), [exactly(100), exactly(180), exactly(198)]);
+        assert_eq!(quantiles(&mut responses[..1]), [exactly(1); 3]);
+        assert_eq!(quantiles(&mut []), [None; 3]);
+    }
+
+    #[test]
+    fn a_model_without_figure_leaves_the_ap_open() {
+        let score = Policy::Fusion.score(&two(), &[Some(40.0), None, None], DEADLINE);
+        assert_eq!(score.ap, None);
+    }
+
+    #[test]
+    fn requests_are_what_each_policy_has_to_send() {
+        let requests = |policy: Policy| policy.requests(300, 2);
+        assert_eq!(requests(Policy::Fusion), None);
+        assert_eq!(requests(Policy::LocalOnly), Some(0));
+        assert_eq!(requests(Policy::CloudOnly(1)), Some(300));
+        assert_eq!(requests(Policy::FirstWins), Some(600));
+    }
+}

@@ -1,0 +1,215 @@
+//! The camera: a detector operator fed with frames, its clouds behind gRPC.
+
+use std::net::Ipv4Addr;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+use std::{future, io};
+
+use bytes::Bytes;
+use fuseline_tokio::grpc::{self, Connection, Reply, Request};
+use fuseline_tokio::{
+    Config, Items, Local, Operator, Recording, Rule, Running, Setup, SourceTally, Trace, Writer,
+    spawn, stream,
+};
+use tokio::net::TcpListener;
+use tokio::task::JoinSet;
+use tokio::time::{Instant, interval, sleep, timeout};
+
+use crate::emulation::{REPLY_BYTES, REQUEST_BYTES, answer};
+use crate::fault::Fault;
+use crate::files;
+use crate::interrupt::Interrupt;
+use crate::run::cloud::Remote;
+use crate::run::live::Live;
+use crate::run::plan::{Plan, Server};
+
+/// How often it is asked whether local has caught up.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What came of driving the camera.
+pub(crate) struct Driven {
+    /// Requests sent to each cloud.
+    pub(crate) sent: Vec<u64>,
+    /// Whether the user ended it.
+    pub(crate) interrupted: bool,
+}
+
+/// One picture.
+struct Frame(Bytes);
+
+/// What was seen in it, as far as anybody looks.
+type Detections = Bytes;
+
+/// The operator: detects objects in frames.
+struct Detector<'a> {
+    plan: &'a Plan,
+    connections: Vec<Connection>,
+    sent: Vec<Arc<AtomicU64>>,
+}
+
+impl Operator for Detector<'_> {
+    type Input = Frame;
+    type Output = Detections;
+
+    fn setup(self, setup: &mut Setup<Frame, Detections>) -> Local<Frame, Detections> {
+        let deadline = self.plan.deadline();
+        let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.sent);
+        for ((cloud, connection), sent) in clouds {
+            let infer = grpc::infer(connection);
+            let handle = move |request, call| {
+                sent.fetch_add(1, Ordering::Relaxed);
+                infer(request, call)
+            };
+            let message_handler = move |frame: &Frame, timestamp| {
+                Some((Request { timestamp, payload: frame.0.clone() }, deadline))
+            };
+            let response_handler = |reply: Reply| Ok(reply.payload);
+            let registered =
+                setup.use_cloud(handle, message_handler, response_handler, cloud.priority);
+            registered.name.clone_from(&cloud.name);
+        }
+        let (model, seed) = (self.plan.local.clone(), self.plan.seed);
+        Local::futures(self.plan.workers, move |_, timestamp| {
+            let runtime = model.runtime(seed, timestamp);
+            async move {
+                sleep(runtime).await;
+                Ok(Bytes::from_static(&[0; REPLY_BYTES]))
+            }
+        })
+    }
+}
+
+/// Starts the clouds and the operator, and feeds it until the plan is done or the user ends it.
+///
+/// # Errors
+/// If something cannot be started, or the trace cannot be written.
+pub(crate) async fn drive(
+    plan: &Plan,
+    trace: &Path,
+    live: &mut Live<'_>,
+    interrupt: &Interrupt,
+) -> Result<Driven, Fault> {
+    let began = Arc::new(OnceLock::new());
+    let mut servers = JoinSet::new();
+    let connections = connect(plan, &began, &mut servers).await?;
+    let sent: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
+    let detector = Detector { plan, connections, sent: sent.clone() };
+    let config = Config {
+        name: "detector".to_owned(),
+        window: plan.window,
+        commit: plan.commit,
+        trace: Some(Trace { path: trace.to_owned(), recording: Recording::default() }),
+        ..Config::default()
+    };
+    let (camera, frames) = stream(1);
+    let (running, output) = spawn(detector, config, frames)?;
+    began.get_or_init(Instant::now);
+    let interrupted = feed(plan, camera, &running, output, live, interrupt).await;
+    let tally = running.join().await.map_err(Fault::Trace)?;
+    live.show(&tally);
+    let sent = sent.iter().map(|sent| sent.load(Ordering::Relaxed)).collect();
+    Ok(Driven { sent, interrupted })
+}
+
+/// Writes a frame every period; says whether the user ended it.
+async fn feed(
+    plan: &Plan,
+    mut camera: Writer<Frame>,
+    running: &Running,
+    mut output: Items<Detections>,
+    live: &mut Live<'_>,
+    interrupt: &Interrupt,
+) -> bool {
+    let image = Bytes::from(vec![0; REQUEST_BYTES]);
+    let (mut frames, mut looks) = (interval(plan.period), interval(live.period()));
+    let (mut written, mut interrupted) = (0, false);
+    while written < plan.frames && !interrupted {
+        tokio::select! {
+            () = interrupt.wait() => interrupted = true,
+            _ = frames.tick() => {
+                if camera.write(Frame(image.clone())).await.is_err() {
+                    break;
+                }
+                written += 1;
+            }
+            Some(item) = output.read() => live.item(&item),
+            _ = looks.tick() => live.show(&running.tally()),
+        }
+    }
+    // Local's last results are worth waiting for: the policies want to know when they came.
+    let grace = plan.deadline().max(plan.local.runtime.saturating_mul(2));
+    let caught_up = async {
+        while running.tally().sources.first().is_some_and(is_behind) {
+            sleep(LOOK).await;
+        }
+    };
+    let reading = async {
+        while let Some(item) = output.read().await {
+            live.item(&item);
+        }
+    };
+    tokio::select! {
+        _ = timeout(grace, caught_up) => {}
+        () = reading => {}
+    }
+    interrupted
+}
+
+/// Whether computations were begun that have not come to an end.
+fn is_behind(local: &SourceTally) -> bool {
+    let ended = local.outputs.get(&Rule::Arrival).copied().unwrap_or_default()
+        + local.held
+        + local.dropped.values().sum::<u64>()
+        + local.failed
+        + local.failures_dropped.values().sum::<u64>();
+    ended < local.admitted
+}
+
+/// A connection to each cloud; emulated ones are served from here, each on a port of its own.
+async fn connect(
+    plan: &Plan,
+    began: &Arc<OnceLock<Instant>>,
+    servers: &mut JoinSet<Result<(), grpc::ServeError>>,
+) -> Result<Vec<Connection>, Fault> {
+    let mut connections = Vec::with_capacity(plan.clouds.len());
+    for cloud in &plan.clouds {
+        let remote = match &cloud.server {
+            Server::Remote(remote) => describe(remote)?,
+            Server::Emulated(emulation) => {
+                let (listener, url) = listen().await.map_err(Fault::Loopback)?;
+                let infer = answer(emulation.clone(), Arc::clone(began));
+                servers.spawn(grpc::serve(
+                    infer,
+                    grpc::Server::default(),
+                    listener,
+                    future::pending(),
+                ));
+                grpc::Remote::new(url)
+            }
+        };
+        let connection = remote.connect();
+        connections.push(
+            connection.map_err(|source| Fault::Remote { cloud: cloud.name.clone(), source })?,
+        );
+    }
+    Ok(connections)
+}
+
+async fn listen() -> io::Result<(TcpListener, String)> {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await?;
+    let url = format!("http://{}", listener.local_addr()?);
+    Ok((listener, url))
+}
+
+/// Reads the files that a remote is reached with.
+fn describe(remote: &Remote) -> Result<grpc::Remote, Fault> {
+    let Remote { url, ca, cert, key, token } = remote;
+    Ok(grpc::Remote {
+        ca: ca.as_deref().map(files::bytes).transpose()?,
+        identity: files::identity(cert.as_deref(), key.as_deref())?,
+        token: token.as_deref().map(files::token).transpose()?,
+        ..grpc::Remote::new(url)
+    })
+}

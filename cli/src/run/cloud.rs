@@ -1,0 +1,347 @@
+//! Which clouds a run has, and what `--cloud`, `--drive` and `--start` say about them.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+use thiserror::Error;
+
+use crate::emulation::EmulationError;
+use crate::models::{Model, ModelError};
+
+/// One cloud as asked for.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Wanted {
+    pub(crate) name: String,
+    pub(crate) priority: u16,
+    pub(crate) place: Place,
+}
+
+/// Where a cloud is.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) enum Place {
+    /// In this process, behind a recorded network.
+    Emulated { model: Model, drive: String, start: Duration },
+    /// A server elsewhere; what it runs is told only for the report.
+    Remote { model: Option<Model>, remote: Remote },
+}
+
+/// How to reach a server elsewhere.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Remote {
+    pub(crate) url: String,
+    /// The authority that must have signed the server's certificate, PEM.
+    pub(crate) ca: Option<PathBuf>,
+    /// This side's certificate, PEM.
+    pub(crate) cert: Option<PathBuf>,
+    /// This side's private key, PEM.
+    pub(crate) key: Option<PathBuf>,
+    /// A file with the bearer token.
+    pub(crate) token: Option<PathBuf>,
+}
+
+/// `west=VALUE`.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Named<T> {
+    pub(crate) cloud: String,
+    pub(crate) value: T,
+}
+
+/// What is wrong with a cloud.
+#[derive(Debug, Error)]
+pub(crate) enum CloudError {
+    #[error("{0:?} is not KEY=VALUE")]
+    Pair(String),
+    #[error(
+        "unknown key {0:?}; there are name, priority, model, and drive, start or url, ca, cert, key, token"
+    )]
+    Key(String),
+    #[error("key {0:?} twice")]
+    Twice(String),
+    #[error("{0} is missing")]
+    Missing(&'static str),
+    #[error("{key} {value:?} is none; it must be {wanted}")]
+    Value { key: &'static str, value: String, wanted: &'static str },
+    #[error("{0} does not go with url; give it to fuseline serve there")]
+    Remote(&'static str),
+    #[error("{0} goes with url alone")]
+    Emulated(&'static str),
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+/// What is wrong with all clouds together.
+#[derive(Debug, Error)]
+pub(crate) enum CloudsError {
+    #[error("--{option} {cloud:?}: there is no such cloud; there are {clouds}")]
+    Unknown { option: &'static str, cloud: String, clouds: String },
+    #[error("--{option} {cloud:?}: that cloud is elsewhere; give its server the drive")]
+    Elsewhere { option: &'static str, cloud: String },
+    #[error("two clouds are called {0:?}; give each its own name")]
+    SameName(String),
+    #[error("cloud {cloud:?}: {source}")]
+    Emulation { cloud: String, source: EmulationError },
+}
+
+/// The clouds of a run without `--cloud`.
+pub(crate) const DEFAULTS: [&str; 2] = [
+    "name=west,priority=1,model=DETR-ResNet-101,drive=cicv5g/rural_n8_v10,start=62",
+    "name=east,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150",
+];
+
+/// Puts other drives and starts to the clouds that they name. Another drive begins at 0 unless a start is given.
+///
+/// # Errors
+/// If a cloud is not there or elsewhere, or two have one name.
+pub(crate) fn adjust(
+    clouds: &mut [Wanted],
+    drives: &[Named<String>],
+    starts: &[Named<Duration>],
+) -> Result<(), CloudsError> {
+    for (i, cloud) in clouds.iter().enumerate() {
+        if clouds[..i].iter().any(|other| other.name == cloud.name) {
+            return Err(CloudsError::SameName(cloud.name.clone()));
+        }
+    }
+    for Named { cloud, value } in drives {
+        let (drive, start) = find("drive", clouds, cloud)?;
+        (*drive, *start) = (value.clone(), Duration::ZERO);
+    }
+    for Named { cloud, value } in starts {
+        *find("start", clouds, cloud)?.1 = *value;
+    }
+    Ok(())
+}
+
+/// The drive and start of the cloud of that name.
+fn find<'a>(
+    option: &'static str,
+    clouds: &'a mut [Wanted],
+    cloud: &str,
+) -> Result<(&'a mut String, &'a mut Duration), CloudsError> {
+    let names: Vec<&str> = clouds.iter().map(|cloud| cloud.name.as_str()).collect();
+    let clouds_text = names.join(", ");
+    match clouds.iter_mut().find(|wanted| wanted.name == cloud).map(|wanted| &mut wanted.place) {
+        Some(Place::Emulated { drive, start, .. }) => Ok((drive, start)),
+        Some(Place::Remote { .. }) => {
+            Err(CloudsError::Elsewhere { option, cloud: cloud.to_owned() })
+        }
+        None => Err(CloudsError::Unknown { option, cloud: cloud.to_owned(), clouds: clouds_text }),
+    }
+}
+
+impl FromStr for Wanted {
+    type Err = CloudError;
+
+    /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150`, or with `url=…`
+    /// instead of a drive. Values have no commas.
+    fn from_str(text: &str) -> Result<Self, CloudError> {
+        let mut keys = Keys::default();
+        for pair in text.split(',') {
+            let (key, value) =
+                pair.split_once('=').ok_or_else(|| CloudError::Pair(pair.to_owned()))?;
+            let place = keys.place(key).ok_or_else(|| CloudError::Key(key.to_owned()))?;
+            if place.replace(value.to_owned()).is_some() {
+                return Err(CloudError::Twice(key.to_owned()));
+            }
+        }
+        keys.wanted()
+    }
+}
+
+#[derive(Default)]
+struct Keys {
+    name: Option<String>,
+    priority: Option<String>,
+    model: Option<String>,
+    drive: Option<String>,
+    start: Option<String>,
+    url: Option<String>,
+    ca: Option<String>,
+    cert: Option<String>,
+    key: Option<String>,
+    token: Option<String>,
+}
+
+impl Keys {
+    fn place(&mut self, key: &str) -> Option<&mut Option<String>> {
+        Some(match key {
+            "name" => &mut self.name,
+            "priority" => &mut self.priority,
+            "model" => &mut self.model,
+            "drive" => &mut self.drive,
+            "start" => &mut self.start,
+            "url" => &mut self.url,
+            "ca" => &mut self.ca,
+            "cert" => &mut self.cert,
+            "key" => &mut self.key,
+            "token" => &mut self.token,
+            _ => return None,
+        })
+    }
+
+    fn wanted(self) -> Result<Wanted, CloudError> {
+        let name = self.name.ok_or(CloudError::Missing("name"))?;
+        if name.is_empty() || name == "local" {
+            let wanted = "a name other than local";
+            return Err(CloudError::Value { key: "name", value: name, wanted });
+        }
+        let priority = self.priority.ok_or(CloudError::Missing("priority"))?;
+        let priority = match priority.parse() {
+            Ok(number) if number > 0 => number,
+            _ => {
+                let wanted = "from 1 to 65535";
+                return Err(CloudError::Value { key: "priority", value: priority, wanted });
+            }
+        };
+        let model = self.model.map(|model| model.parse()).transpose()?;
+        let place = if let Some(url) = self.url {
+            if self.drive.is_some() || self.start.is_some() {
+                let key = if self.drive.is_some() { "drive" } else { "start" };
+                return Err(CloudError::Remote(key));
+            }
+            let path = |value: Option<String>| value.map(PathBuf::from);
+            let [ca, cert, key, token] = [self.ca, self.cert, self.key, self.token].map(path);
+            Place::Remote { model, remote: Remote { url, ca, cert, key, token } }
+        } else {
+            let remote =
+                [("ca", self.ca), ("cert", self.cert), ("key", self.key), ("token", self.token)];
+            if let Some((key, _)) = remote.into_iter().find(|(_, value)| value.is_some()) {
+                return Err(CloudError::Emulated(key));
+            }
+            let model = model.ok_or(CloudError::Missing("model or url"))?;
+            let drive = self.drive.ok_or(CloudError::Missing("drive or url"))?;
+            let start = seconds(self.start.as_deref().unwrap_or("0"))?;
+            Place::Emulated { model, drive, start }
+        };
+        Ok(Wanted { name, priority, place })
+    }
+}
+
+impl<T> Named<T> {
+    /// Reads `west=VALUE`.
+    fn parse(
+        text: &str,
+        value: impl FnOnce(&str) -> Result<T, CloudError>,
+    ) -> Result<Self, CloudError> {
+        let (cloud, text) =
+            text.split_once('=').ok_or_else(|| CloudError::Pair(text.to_owned()))?;
+        Ok(Self { cloud: cloud.to_owned(), value: value(text)? })
+    }
+}
+
+impl FromStr for Named<String> {
+    type Err = CloudError;
+
+    fn from_str(text: &str) -> Result<Self, CloudError> {
+        Self::parse(text, |value| Ok(value.to_owned()))
+    }
+}
+
+impl FromStr for Named<Duration> {
+    type Err = CloudError;
+
+    fn from_str(text: &str) -> Result<Self, CloudError> {
+        Self::parse(text, seconds)
+    }
+}
+
+/// Seconds with a fraction, from 0 to a year.
+pub(crate) fn seconds(text: &str) -> Result<Duration, CloudError> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=31_536_000.0).contains(seconds));
+    let start = seconds.map(Duration::from_secs_f64);
+    start.ok_or_else(|| CloudError::Value {
+        key: "start",
+        value: text.to_owned(),
+        wanted: "seconds, 0 or more",
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(text: &str) -> String {
+        text.parse::<Wanted>().unwrap_err().to_string()
+    }
+
+    fn emulated(model: &str, drive: &str, start: Duration) -> Place {
+        Place::Emulated { model: model.parse().unwrap(), drive: drive.into(), start }
+    }
+
+    fn defaults() -> Vec<Wanted> {
+        DEFAULTS.iter().map(|text| text.parse().unwrap()).collect()
+    }
+
+    fn named<T: FromStr<Err = CloudError>>(text: &str) -> T {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn an_emulated_cloud_has_a_model_and_a_drive() {
+        let text = "name=a,priority=7,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=1.5";
+        let cloud: Wanted = text.parse().unwrap();
+        assert_eq!((cloud.name.as_str(), cloud.priority), ("a", 7));
+        let start = Duration::from_millis(1500);
+        assert_eq!(cloud.place, emulated("DINO-SWIN-Tiny", "vnperf/highway:sprint", start));
+    }
+
+    #[test]
+    fn a_remote_cloud_has_a_url() {
+        let cloud: Wanted = "name=a,priority=1,url=https://h:1,ca=ca.pem,token=t".parse().unwrap();
+        let remote = Remote {
+            url: "https://h:1".into(),
+            ca: Some("ca.pem".into()),
+            token: Some("t".into()),
+            ..Remote::default()
+        };
+        assert_eq!(cloud.place, Place::Remote { model: None, remote });
+    }
+
+    #[test]
+    fn a_mistaken_cloud_is_refused_with_the_key() {
+        for (text, what) in [
+            ("name", "\"name\" is not KEY=VALUE"),
+            ("nome=a", "unknown key \"nome\""),
+            ("name=a,name=b", "\"name\" twice"),
+            ("name=a", "priority is missing"),
+            ("priority=1", "name is missing"),
+            ("name=local,priority=1", "name \"local\""),
+            ("name=a,priority=0", "priority \"0\""),
+            ("name=a,priority=65536", "from 1 to 65535"),
+            ("name=a,priority=1", "model or url is missing"),
+            ("name=a,priority=1,model=yolo", "no model \"yolo\""),
+            ("name=a,priority=1,model=DETR-ResNet-50", "drive or url is missing"),
+            ("name=a,priority=1,model=DETR-ResNet-50,drive=x,start=-1", "start \"-1\""),
+            ("name=a,priority=1,model=DETR-ResNet-50,drive=x,ca=y", "ca goes with url alone"),
+            ("name=a,priority=1,url=http://h,drive=x", "drive does not go with url"),
+        ] {
+            assert!(fault(text).contains(what), "{text}: {}", fault(text));
+        }
+    }
+
+    #[test]
+    fn another_drive_begins_at_its_start_and_another_start_keeps_the_drive() {
+        let mut clouds = defaults();
+        let (drive, start) = (named("west=vnperf/downtown:verizon"), named("east=7"));
+        adjust(&mut clouds, &[drive], &[start]).unwrap();
+        let (west, east) = ("vnperf/downtown:verizon", "vnperf/highway:sprint");
+        assert_eq!(clouds[0].place, emulated("DETR-ResNet-101", west, Duration::ZERO));
+        assert_eq!(clouds[1].place, emulated("DINO-SWIN-Tiny", east, Duration::from_secs(7)));
+    }
+
+    #[test]
+    fn a_drive_for_no_cloud_is_refused_with_those_there_are() {
+        let fault = adjust(&mut defaults(), &[named("north=x")], &[]).unwrap_err().to_string();
+        assert!(fault.contains("there are west, east"), "{fault}");
+        let mut elsewhere = vec!["name=a,priority=1,url=http://h".parse().unwrap()];
+        let fault = adjust(&mut elsewhere, &[], &[named("a=1")]).unwrap_err().to_string();
+        assert!(fault.contains("elsewhere"), "{fault}");
+    }
+
+    #[test]
+    fn two_clouds_of_one_name_are_refused() {
+        let mut clouds = vec![defaults().remove(0), defaults().remove(0)];
+        assert!(matches!(adjust(&mut clouds, &[], &[]), Err(CloudsError::SameName(_))));
+    }
+}

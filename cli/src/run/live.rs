@@ -1,0 +1,140 @@
+//! The live view: a line per source on a terminal, else a plain line now and then.
+
+use std::fmt::Write;
+use std::io::{self, IsTerminal};
+use std::time::Duration;
+
+use fuseline_tokio::{Item, SourceTally, Tally};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use tokio::time::Instant;
+
+use crate::emulation::Emulation;
+use crate::run::plan::Plan;
+use crate::run::table::{millis, secs};
+
+/// What standard error shows while the camera runs.
+pub(crate) struct Live<'a> {
+    plan: &'a Plan,
+    began: Instant,
+    view: View,
+    /// By source: how long its latest output took.
+    latest: Vec<Option<Duration>>,
+}
+
+enum View {
+    /// The time, then local and the clouds.
+    Terminal {
+        time: ProgressBar,
+        sources: Vec<ProgressBar>,
+    },
+    Plain,
+}
+
+impl<'a> Live<'a> {
+    /// A view that begins now.
+    pub(crate) fn new(plan: &'a Plan) -> Self {
+        let view = if io::stderr().is_terminal() { terminal(plan) } else { View::Plain };
+        Self { plan, began: Instant::now(), view, latest: vec![None; plan.clouds.len() + 1] }
+    }
+
+    /// How often it wants to show something.
+    pub(crate) const fn period(&self) -> Duration {
+        match self.view {
+            View::Terminal { .. } => Duration::from_millis(200),
+            View::Plain => Duration::from_secs(5),
+        }
+    }
+
+    /// Looks at an output.
+    pub(crate) fn item<V>(&mut self, item: &Item<V>) {
+        let Some(forwarded) = item.forwarded() else { return };
+        let priority = forwarded.source.priority;
+        let cloud = self.plan.clouds.iter().position(|cloud| cloud.priority == priority);
+        if let Some(latest) = self.latest.get_mut(cloud.map_or(0, |i| i + 1)) {
+            *latest = Some(item.took());
+        }
+    }
+
+    /// Shows how things are.
+    pub(crate) fn show(&self, tally: &Tally) {
+        let elapsed = self.began.elapsed();
+        match &self.view {
+            View::Terminal { time, sources } => {
+                time.set_position(u64::try_from(elapsed.as_millis()).unwrap_or(u64::MAX));
+                time.set_message(self.time(elapsed, tally));
+                for (i, (line, source)) in sources.iter().zip(&tally.sources).enumerate() {
+                    line.set_message(self.source(i, elapsed, source));
+                }
+            }
+            View::Plain if elapsed.is_zero() || tally.messages == 0 => {}
+            View::Plain => eprintln!("{}", self.plain(elapsed, tally)),
+        }
+    }
+
+    /// Clears the view.
+    pub(crate) fn end(&self) {
+        if let View::Terminal { time, sources } = &self.view {
+            for line in sources.iter().chain([time]) {
+                line.finish_and_clear();
+            }
+        }
+    }
+
+    fn time(&self, elapsed: Duration, tally: &Tally) -> String {
+        let refused: u64 = tally.refused.values().sum();
+        format!(
+            "{} of {}, {} messages, {} missed, {refused} refused",
+            secs(elapsed.min(self.plan.span)),
+            secs(self.plan.span),
+            tally.messages,
+            tally.missed,
+        )
+    }
+
+    fn source(&self, i: usize, elapsed: Duration, tally: &SourceTally) -> String {
+        let took = self.latest.get(i).copied().flatten();
+        let latest = took.map_or_else(String::new, |took| format!("latest {}", millis(took)));
+        let mut line = format!("forwarded {:>4}   {latest:<15}", tally.forwarded());
+        let cloud = i.checked_sub(1).and_then(|i| self.plan.clouds.get(i));
+        if let Some(emulation) = cloud.and_then(|cloud| cloud.emulation()) {
+            let network = network(emulation, elapsed, self.plan.deadline());
+            // Writing to a string does not fail.
+            let _ = write!(line, "   {network}");
+        }
+        line
+    }
+
+    fn plain(&self, elapsed: Duration, tally: &Tally) -> String {
+        let forwarded = tally
+            .sources
+            .iter()
+            .map(|source| format!("{} {}", source.source, source.forwarded()))
+            .collect::<Vec<_>>()
+            .join(", ");
+        format!("{}; forwarded {forwarded}", self.time(elapsed, tally))
+    }
+}
+
+/// The network at this moment.
+fn network(emulation: &Emulation, elapsed: Duration, deadline: Duration) -> String {
+    match emulation.drive.round_trip(emulation.start + elapsed) {
+        Some(round_trip) if round_trip < deadline => format!("network {}", millis(round_trip)),
+        Some(round_trip) => format!("network lost for {}", secs(round_trip)),
+        None => "no network".to_owned(),
+    }
+}
+
+fn terminal(plan: &Plan) -> View {
+    let view = MultiProgress::new();
+    let style = |template: &str| {
+        ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+    };
+    let span = u64::try_from(plan.span.as_millis()).unwrap_or(u64::MAX);
+    let time = view.add(ProgressBar::new(span).with_style(style("{bar:24.cyan/dim} {msg}")));
+    let names = ["local"].into_iter().chain(plan.clouds.iter().map(|cloud| cloud.name.as_str()));
+    let sources = names.map(|name| {
+        let line = ProgressBar::no_length().with_style(style("  {prefix:.bold} {msg}"));
+        view.add(line.with_prefix(format!("{name:<8}")))
+    });
+    View::Terminal { time, sources: sources.collect() }
+}

@@ -1,0 +1,210 @@
+//! The plan of a run: its options, checked, with models and drives at hand.
+
+use std::num::NonZero;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::ValueEnum;
+use fuseline_tokio::Commit;
+use thiserror::Error;
+
+use crate::emulation::Emulation;
+use crate::models::Model;
+use crate::run::cloud::{self, CloudsError, Named, Place, Remote, Wanted};
+
+/// How many messages a run may have; each is remembered for the policies.
+const MESSAGES: u64 = 1_000_000;
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+Local and the clouds are emulated: they take the runtimes that the paper measured, up to 5 % more or
+less as the seed says, and replies take the round trips of a recorded drive on top. Requests and
+replies are real gRPC on 127.0.0.1, timers and the operator run in real time. So a seed gives the
+same models and networks again, but not the same nanoseconds. The trace replays exactly.
+
+Built-in drives: cicv5g/{arterial_n78_v80, rural_n8_v0, rural_n8_v10, strong_to_weak_n8_v30,
+urban_n78_v40, weak_to_strong_n8_v50} and vnperf/{downtown, highway}:{verizon, sprint}. Others are
+CSV files with columns sent_ms or second, and rtt_ms or NETWORK_rtt_ms; -1 is no network: what is
+sent then waits for it. A drive that is over starts again.
+
+Examples:
+  fuseline run --seconds 10 --commit patient
+  fuseline run --drive west=vnperf/downtown:verizon --start west=300
+  fuseline run --cloud name=a,priority=1,model=DINO-SWIN-Small,drive=my.csv,start=5
+  fuseline run --cloud name=b,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051")]
+pub(crate) struct Args {
+    /// How long the camera runs.
+    #[arg(long, value_name = "S", default_value = "30", value_parser = seconds)]
+    seconds: Duration,
+    /// How many frames the camera takes a second, 0.1 to 1000.
+    #[arg(long, value_name = "HZ", default_value = "10", value_parser = rate)]
+    rate: f64,
+    /// How long a cloud may take, in milliseconds.
+    #[arg(long, value_name = "MS", default_value = "500",
+        value_parser = clap::value_parser!(u64).range(1..=60_000))]
+    deadline: u64,
+    /// When the best result in hand goes.
+    #[arg(long, value_enum, default_value = "eager")]
+    commit: CommitRule,
+    /// How many messages may be open at once.
+    #[arg(long, value_name = "N", default_value = "16",
+        value_parser = clap::value_parser!(u16).range(1..=1024))]
+    window: u16,
+    /// Decides how the emulated runtimes stray.
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    /// The model computed locally, as NAME@orin or NAME@a100.
+    #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-50@orin")]
+    local: Model,
+    /// How many messages local computes at once.
+    #[arg(long, value_name = "N", default_value = "4", value_parser = workers)]
+    workers: NonZero<usize>,
+    /// A cloud instead of the two there are; repeatable. Keys: name, priority and model with drive and start, or
+    /// with url, ca, cert, key and token (the last four are files) for a server elsewhere.
+    #[arg(long = "cloud", value_name = "KEY=VALUE,…", default_values = cloud::DEFAULTS)]
+    clouds: Vec<Wanted>,
+    /// Another drive for a cloud; repeatable.
+    #[arg(long = "drive", value_name = "CLOUD=DRIVE")]
+    drives: Vec<Named<String>>,
+    /// Where a cloud's drive begins, in seconds; repeatable.
+    #[arg(long = "start", value_name = "CLOUD=S")]
+    starts: Vec<Named<Duration>>,
+    /// Where the trace is written once it is whole.
+    #[arg(long, value_name = "FILE", default_value = "fuseline-trace.jsonl")]
+    trace: PathBuf,
+    /// Print the report as one JSON object.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// The commit rule (F6).
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+enum CommitRule {
+    /// With the first cloud's timer that fires.
+    Eager,
+    /// When nothing better can come.
+    Patient,
+}
+
+/// What a run is to do.
+pub(crate) struct Plan {
+    pub(crate) span: Duration,
+    pub(crate) period: Duration,
+    pub(crate) frames: u64,
+    pub(crate) deadline_ms: u64,
+    pub(crate) commit: Commit,
+    pub(crate) window: u16,
+    pub(crate) seed: u64,
+    pub(crate) local: Model,
+    pub(crate) workers: usize,
+    /// In the order asked for.
+    pub(crate) clouds: Vec<Cloud>,
+    pub(crate) trace: PathBuf,
+}
+
+/// One cloud of a run.
+pub(crate) struct Cloud {
+    pub(crate) name: String,
+    pub(crate) priority: u16,
+    /// What it runs, as far as is known.
+    pub(crate) model: Option<Model>,
+    pub(crate) server: Server,
+}
+
+/// Who answers a cloud's requests.
+pub(crate) enum Server {
+    /// This process.
+    Emulated(Emulation),
+    /// Another one.
+    Remote(Remote),
+}
+
+/// Why options do not make a run.
+#[derive(Debug, Error)]
+pub(crate) enum PlanError {
+    #[error(transparent)]
+    Clouds(#[from] CloudsError),
+    #[error("{frames} frames are too many; choose --seconds and --rate for at most {MESSAGES}")]
+    Frames { frames: u64 },
+}
+
+impl Plan {
+    /// Checks the options and loads the drives.
+    ///
+    /// # Errors
+    /// The first [`PlanError`] that holds.
+    pub(crate) fn new(args: &Args) -> Result<Self, PlanError> {
+        let period = Duration::from_secs_f64(args.rate.recip());
+        let frames = args.seconds.as_nanos().div_ceil(period.as_nanos());
+        let frames = u64::try_from(frames).unwrap_or(u64::MAX);
+        if frames > MESSAGES {
+            return Err(PlanError::Frames { frames });
+        }
+        let mut wanted = args.clouds.clone();
+        cloud::adjust(&mut wanted, &args.drives, &args.starts)?;
+        let clouds = wanted.into_iter().map(|cloud| Cloud::new(cloud, args.seed));
+        Ok(Self {
+            span: args.seconds,
+            period,
+            frames,
+            deadline_ms: args.deadline,
+            commit: match args.commit {
+                CommitRule::Eager => Commit::Eager,
+                CommitRule::Patient => Commit::Patient,
+            },
+            window: args.window,
+            seed: args.seed,
+            local: args.local.clone(),
+            workers: args.workers.get(),
+            clouds: clouds.collect::<Result<_, CloudsError>>()?,
+            trace: args.trace.clone(),
+        })
+    }
+
+    /// How long a cloud may take.
+    pub(crate) const fn deadline(&self) -> Duration {
+        Duration::from_millis(self.deadline_ms)
+    }
+}
+
+impl Cloud {
+    fn new(wanted: Wanted, seed: u64) -> Result<Self, CloudsError> {
+        let Wanted { name, priority, place } = wanted;
+        let (model, server) = match place {
+            Place::Remote { model, remote } => (model, Server::Remote(remote)),
+            Place::Emulated { model, drive, start } => {
+                let emulation = Emulation::new(model.clone(), &drive, start, seed)
+                    .map_err(|source| CloudsError::Emulation { cloud: name.clone(), source })?;
+                (Some(model), Server::Emulated(emulation))
+            }
+        };
+        Ok(Self { name, priority, model, server })
+    }
+
+    /// Its emulation, if it is one.
+    pub(crate) const fn emulation(&self) -> Option<&Emulation> {
+        match &self.server {
+            Server::Emulated(emulation) => Some(emulation),
+            Server::Remote(_) => None,
+        }
+    }
+}
+
+/// Up to a day.
+fn seconds(text: &str) -> Result<Duration, &'static str> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=86_400.0).contains(seconds));
+    seconds
+        .filter(|s| *s > 0.0)
+        .map(Duration::from_secs_f64)
+        .ok_or("seconds, more than 0 and up to a day")
+}
+
+fn rate(text: &str) -> Result<f64, &'static str> {
+    let rate = text.parse().ok().filter(|rate| (0.1..=1000.0).contains(rate));
+    rate.ok_or("frames a second, from 0.1 to 1000")
+}
+
+fn workers(text: &str) -> Result<NonZero<usize>, &'static str> {
+    let workers = text.parse().ok().filter(|workers: &NonZero<usize>| workers.get() <= 1024);
+    workers.ok_or("from 1 to 1024")
+}

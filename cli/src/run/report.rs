@@ -1,0 +1,196 @@
+//! The report: what a run came to, for people's tables and for `--json`.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::time::Duration;
+
+use fuseline_traces::{Event, Judge, Reader, Verdict};
+use serde::{Serialize, Serializer};
+
+use crate::emulation::REQUEST_BYTES;
+use crate::fault::Fault;
+use crate::policies::{Arrival, Policy, Quantile, Score};
+use crate::run::camera::Driven;
+use crate::run::ledger::{Fates, Ledger};
+use crate::run::plan::{Cloud, Plan};
+
+/// What a run came to.
+#[derive(Debug, Serialize)]
+pub(crate) struct Report {
+    /// Messages that the camera sent and the operator answered.
+    pub(crate) messages: u64,
+    /// Whether it was ended before its time.
+    pub(crate) interrupted: bool,
+    pub(crate) deadline_ms: u64,
+    pub(crate) seed: u64,
+    /// Local first, then the clouds.
+    pub(crate) sources: Vec<SourceReport>,
+    /// Messages that nothing came for.
+    pub(crate) missed: u64,
+    /// Messages refused for a full window.
+    pub(crate) refused: u64,
+    /// How long after its due instant a timer was served at most; none if none fired.
+    pub(crate) timer_lag_ms: Option<f64>,
+    /// Fusion first.
+    pub(crate) policies: Vec<PolicyReport>,
+    pub(crate) trace: Verdict,
+}
+
+/// One source's part in a run.
+#[derive(Debug, Serialize)]
+pub(crate) struct SourceReport {
+    pub(crate) name: String,
+    pub(crate) priority: u16,
+    pub(crate) model: Option<String>,
+    /// Whether its runtime and its network are emulated.
+    pub(crate) emulated: bool,
+    /// The drive that its network is taken from.
+    pub(crate) drive: Option<String>,
+    /// Messages answered with its result.
+    pub(crate) forwarded: u64,
+    /// The same as a part of all messages.
+    pub(crate) share: f64,
+    /// How its requests ended; local has none.
+    pub(crate) requests: Option<Fates>,
+    pub(crate) sent_bytes: u64,
+}
+
+/// One policy over the run's messages.
+#[derive(Debug, Serialize)]
+pub(crate) struct PolicyReport {
+    pub(crate) policy: String,
+    /// None if it cannot be told.
+    pub(crate) mean_ap: Option<f64>,
+    pub(crate) in_time: u64,
+    /// p50, p90 and p99; null without messages.
+    #[serde(serialize_with = "quantiles")]
+    pub(crate) response_ms: [Option<Quantile>; 3],
+    pub(crate) sent_bytes: u64,
+}
+
+/// What the trace tells and what the judge says of it.
+pub(crate) struct Reading {
+    pub(crate) ledger: Ledger,
+    pub(crate) verdict: Verdict,
+}
+
+impl Reading {
+    /// Reads a trace of this plan; it is called `name` in the verdict.
+    ///
+    /// # Errors
+    /// If it cannot be read to its end.
+    pub(crate) fn new(trace: &Path, name: &str, plan: &Plan) -> Result<Self, Fault> {
+        let file =
+            File::open(trace).map_err(|source| Fault::Open { name: name.to_owned(), source })?;
+        let mut reader = Reader::new(name, BufReader::new(file))?;
+        let mut judge = Judge::new(name, reader.header());
+        let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
+        let mut ledger = Ledger::new(&priorities);
+        while let Some(event) = reader.next_event()? {
+            judge.line(reader.line(), &event);
+            match event {
+                Event::Input(input) => ledger.input(&input),
+                Event::Decision(decision) => ledger.decision(&decision),
+            }
+        }
+        ledger.finish();
+        Ok(Self { ledger, verdict: judge.finish() })
+    }
+
+    /// Puts everything together.
+    pub(crate) fn report(self, plan: &Plan, driven: &Driven) -> Report {
+        let sent: Vec<u64> = driven.sent.iter().map(|sent| sent * REQUEST_BYTES as u64).collect();
+        let (ends, fates) = (self.ledger.ends(), self.ledger.fates());
+        let total = ends.forwarded.iter().sum::<u64>() + ends.missed + ends.refused;
+        let share = |forwarded: u64| if total == 0 { 0.0 } else { ratio(forwarded, total) };
+        let local = SourceReport {
+            name: "local".to_owned(),
+            priority: 0,
+            model: Some(plan.local.to_string()),
+            emulated: true,
+            drive: None,
+            forwarded: ends.forwarded[0],
+            share: share(ends.forwarded[0]),
+            requests: None,
+            sent_bytes: 0,
+        };
+        let clouds = plan.clouds.iter().enumerate().map(|(i, cloud)| SourceReport {
+            name: cloud.name.clone(),
+            priority: cloud.priority,
+            model: cloud.model.as_ref().map(ToString::to_string),
+            emulated: cloud.emulation().is_some(),
+            drive: cloud.emulation().map(|emulation| emulation.drive.name().to_owned()),
+            forwarded: ends.forwarded[i + 1],
+            share: share(ends.forwarded[i + 1]),
+            requests: fates.get(i).copied(),
+            sent_bytes: sent.get(i).copied().unwrap_or_default(),
+        });
+        Report {
+            messages: total,
+            interrupted: driven.interrupted,
+            deadline_ms: plan.deadline_ms,
+            seed: plan.seed,
+            sources: [local].into_iter().chain(clouds).collect(),
+            missed: ends.missed,
+            refused: ends.refused,
+            timer_lag_ms: self.ledger.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
+            policies: self.policies(plan, sent.iter().sum()),
+            trace: self.verdict,
+        }
+    }
+
+    /// Each policy's score over the same messages.
+    fn policies(&self, plan: &Plan, sent: u64) -> Vec<PolicyReport> {
+        let planned = |source: usize, opened: Duration, t: u64| {
+            // Local's result either came or is not known; a cloud's call may have been ended.
+            let emulation = plan.clouds.get(source.checked_sub(1)?)?.emulation()?;
+            Some(emulation.reply_after(opened, t).map_or(Arrival::Never, Arrival::At))
+        };
+        let messages = self.ledger.messages(planned);
+        let ap = |cloud: &Cloud| cloud.model.as_ref().and_then(|model| model.ap);
+        let aps: Vec<Option<f64>> =
+            [plan.local.ap].into_iter().chain(plan.clouds.iter().map(ap)).collect();
+        let deadline = plan.deadline();
+        let clouds = plan.clouds.len() as u64;
+        let report = |policy: Policy, name: String| {
+            let Score { ap, in_time, quantiles } = policy.score(&messages, &aps, deadline);
+            let requests = policy.requests(messages.len() as u64, clouds);
+            let sent_bytes = requests.map_or(sent, |requests| requests * REQUEST_BYTES as u64);
+            PolicyReport { policy: name, mean_ap: ap, in_time, response_ms: quantiles, sent_bytes }
+        };
+        let alone = plan.clouds.iter().enumerate().map(|(i, cloud)| {
+            report(Policy::CloudOnly(i + 1), format!("cloud only: {}", cloud.name))
+        });
+        let mut policies = vec![
+            report(Policy::Fusion, "fusion".to_owned()),
+            report(Policy::LocalOnly, "local only".to_owned()),
+        ];
+        policies.extend(alone);
+        policies.push(report(Policy::FirstWins, "first response wins".to_owned()));
+        policies
+    }
+}
+
+/// A part of a whole that is not 0.
+#[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
+pub(crate) fn ratio(part: u64, whole: u64) -> f64 {
+    part as f64 / whole as f64
+}
+
+/// Milliseconds; `{"at_least":…}` where some are not known, null where so many messages have no output.
+fn quantiles<S: Serializer>(
+    quantiles: &[Option<Quantile>; 3],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    let value = |quantile: &Option<Quantile>| match quantile {
+        Some(Quantile::Exactly(at)) => serde_json::json!(at.as_secs_f64() * 1000.0),
+        Some(Quantile::AtLeast(at)) => {
+            serde_json::json!({ "at_least": at.as_secs_f64() * 1000.0 })
+        }
+        Some(Quantile::Never) | None => serde_json::Value::Null,
+    };
+    let [p50, p90, p99] = quantiles;
+    serde_json::json!({ "p50": value(p50), "p90": value(p90), "p99": value(p99) })
+        .serialize(serializer)
+}

@@ -1,0 +1,251 @@
+//! The report and what comes before it, for people: 80 to 100 columns.
+
+use std::fmt::{self, Write};
+use std::time::Duration;
+
+use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
+
+use crate::check::summary;
+use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
+use crate::policies::Quantile;
+use crate::run::plan::{Cloud, Plan, Server};
+use crate::run::report::{PolicyReport, Report, SourceReport};
+
+/// Shorter outages are not worth a word.
+const OUTAGE: Duration = Duration::from_secs(1);
+/// How many outages of one cloud are told.
+const OUTAGES: usize = 4;
+
+/// A line below the header and no other.
+const STYLE: TableStyle =
+    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
+
+/// What is about to run.
+pub(crate) struct Introduction<'a>(pub(crate) &'a Plan);
+
+impl fmt::Display for Introduction<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let plan = self.0;
+        let rate = plan.period.as_secs_f64().recip();
+        writeln!(
+            f,
+            "A camera takes {rate} frames a second for {}; each cloud gets every frame and has {} ms.",
+            secs(plan.span),
+            plan.deadline_ms
+        )?;
+        let (alone, workers) = (plan.local.runtime.as_secs_f64().recip(), plan.workers);
+        let pipeline = match workers {
+            1 => format!("one worker ({alone:.1} a second)"),
+            workers => {
+                format!("pipelined over {workers} workers (one alone does {alone:.1} a second)")
+            }
+        };
+        let model = plan.local.to_string();
+        writeln!(f, "  0 local  {model:<26} {:>8}   {pipeline}", exact(plan.local.runtime))?;
+        for cloud in &plan.clouds {
+            writeln!(f, "  {cloud}")?;
+        }
+        writeln!(
+            f,
+            "Models are emulated by the paper's runtimes, ±5 % (seed {}), networks by recorded drives; \
+             requests of\n{:.1} KB and replies of {:.1} KB are gRPC on 127.0.0.1.",
+            plan.seed,
+            kilobytes(REQUEST_BYTES),
+            kilobytes(REPLY_BYTES),
+        )?;
+        f.write_str(&outages(plan))
+    }
+}
+
+impl fmt::Display for Cloud {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, priority, model, server } = self;
+        let text = model.as_ref().map(ToString::to_string).unwrap_or_default();
+        let runtime = model.as_ref().map(|model| exact(model.runtime)).unwrap_or_default();
+        write!(f, "{priority} {name:<6} {text:<26} {runtime:>8}   ")?;
+        match server {
+            Server::Emulated(emulation) => {
+                write!(f, "{} from {}", emulation.drive.name(), secs(emulation.start))
+            }
+            Server::Remote(remote) => f.write_str(&remote.url),
+        }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.interrupted {
+            writeln!(f, "Ended early; this is what there was.\n")?;
+        }
+        writeln!(f, "{}\n", self.sources_table().trim_fmt())?;
+        writeln!(f, "{}\n", self.policies_table().trim_fmt())?;
+        writeln!(
+            f,
+            "AP is COCO's box AP; a message without output, or whose result came after {} ms or more, \
+             counts 0.",
+            self.deadline_ms
+        )?;
+        if let Some(lag) = self.timer_lag_ms {
+            writeln!(
+                f,
+                "Timers commit held results; they were served up to {lag:.1} ms after they were due."
+            )?;
+        }
+        write!(f, "\n{}", summary(&self.trace))
+    }
+}
+
+impl Report {
+    /// Who answered, and what became of the requests.
+    fn sources_table(&self) -> Table {
+        let mut table = table([
+            "source",
+            "model (emulated)",
+            "outputs",
+            "share",
+            "on time",
+            "late",
+            "superseded",
+            "refused",
+            "failed",
+        ]);
+        for source in &self.sources {
+            table.add_row(source_row(source));
+        }
+        for (name, count) in [("missed", self.missed), ("refused", self.refused)] {
+            if count > 0 {
+                table.add_row([name, "", &count.to_string()]);
+            }
+        }
+        align(&mut table, 2);
+        table
+    }
+
+    /// What fusion bought and what it cost.
+    fn policies_table(&self) -> Table {
+        let mut table = table(["policy", "mean AP", "in time", "p50", "p90", "p99", "sent"]);
+        for policy in &self.policies {
+            table.add_row(self.policy_row(policy));
+        }
+        align(&mut table, 1);
+        table
+    }
+
+    fn policy_row(&self, policy: &PolicyReport) -> Vec<String> {
+        let mut row = vec![
+            policy.policy.clone(),
+            policy.mean_ap.map_or_else(|| "?".to_owned(), |ap| format!("{ap:.1}")),
+            percent(policy.in_time, self.messages),
+        ];
+        row.extend(policy.response_ms.iter().map(|quantile| match quantile {
+            Some(Quantile::Exactly(at)) => millis(*at),
+            Some(Quantile::AtLeast(at)) => format!("≥ {}", millis(*at)),
+            Some(Quantile::Never) => "never".to_owned(),
+            None => "–".to_owned(),
+        }));
+        row.push(megabytes(policy.sent_bytes));
+        row
+    }
+}
+
+fn source_row(source: &SourceReport) -> Vec<String> {
+    let mut row = vec![
+        format!("{} {}", source.priority, source.name),
+        source.model.clone().unwrap_or_else(|| "unknown".to_owned()),
+        source.forwarded.to_string(),
+        format!("{:.1} %", 100.0 * source.share),
+    ];
+    if let Some(fates) = source.requests {
+        let counts = [fates.on_time, fates.late, fates.superseded, fates.refused, fates.failed];
+        row.extend(counts.map(|count| count.to_string()));
+    }
+    row
+}
+
+/// When which clouds are out of reach, in one line; nothing if none is known to be.
+fn outages(plan: &Plan) -> String {
+    let of = |cloud: &Cloud| {
+        let emulation = cloud.emulation()?;
+        let all = emulation.outages(plan.period, plan.span, plan.deadline());
+        let long = all.into_iter().filter(|outage| outage.length() >= OUTAGE);
+        Some((cloud.name.clone(), long.collect::<Vec<_>>()))
+    };
+    let known: Vec<(String, Vec<Outage>)> = plan.clouds.iter().filter_map(of).collect();
+    let mut told: Vec<String> = known
+        .iter()
+        .filter(|(_, outages)| !outages.is_empty())
+        .map(|(name, outages)| format!("{name} {}", spans(outages)))
+        .collect();
+    if told.is_empty() {
+        return String::new();
+    }
+    if known.len() == plan.clouds.len() && known.len() > 1 {
+        let all = known.iter().map(|(_, outages)| outages.clone());
+        let all = all.reduce(|one, other| Outage::common(&one, &other)).unwrap_or_default();
+        if !all.is_empty() {
+            let all_of_them = if known.len() == 2 { "both" } else { "all" };
+            told.push(format!("{all_of_them} {}", spans(&all)));
+        }
+    }
+    format!("These drives leave no reply in time: {}.\n", told.join(", "))
+}
+
+fn spans(outages: &[Outage]) -> String {
+    let mut text = String::new();
+    for (i, outage) in outages.iter().take(OUTAGES).enumerate() {
+        let comma = if i == 0 { "" } else { ", " };
+        let (from, to) = (outage.from.as_secs_f64(), outage.to.as_secs_f64());
+        // Writing to a string does not fail.
+        let _ = write!(text, "{comma}{from:.1}–{to:.1} s");
+    }
+    if outages.len() > OUTAGES {
+        text.push_str(" and later");
+    }
+    text
+}
+
+fn table<const N: usize>(header: [&str; N]) -> Table {
+    let mut table = Table::new();
+    table.load_style(STYLE).set_header(header);
+    table
+}
+
+/// Numbers go to the right.
+fn align(table: &mut Table, first: usize) {
+    for column in table.column_iter_mut().skip(first) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+}
+
+/// Whole milliseconds.
+pub(crate) fn millis(duration: Duration) -> String {
+    format!("{:.0} ms", duration.as_secs_f64() * 1000.0)
+}
+
+/// Milliseconds to a tenth.
+fn exact(duration: Duration) -> String {
+    format!("{:.1} ms", duration.as_secs_f64() * 1000.0)
+}
+
+/// Seconds, to a tenth unless they are whole.
+pub(crate) fn secs(duration: Duration) -> String {
+    let decimals = usize::from(duration.subsec_millis() != 0);
+    format!("{:.decimals$} s", duration.as_secs_f64())
+}
+
+fn percent(part: u64, whole: u64) -> String {
+    if whole == 0 {
+        return "–".to_owned();
+    }
+    format!("{:.1} %", 100.0 * crate::run::report::ratio(part, whole))
+}
+
+#[expect(clippy::cast_precision_loss, reason = "a few hundred")]
+fn kilobytes(bytes: usize) -> f64 {
+    bytes as f64 / 1000.0
+}
+
+#[expect(clippy::cast_precision_loss, reason = "told to a tenth of a megabyte")]
+fn megabytes(bytes: u64) -> String {
+    format!("{:.1} MB", bytes as f64 / 1e6)
+}

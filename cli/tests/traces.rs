@@ -1,0 +1,305 @@
+//! `fuseline replay` and `fuseline check`, run as a user runs them.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Output, Stdio};
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use serde_json::Value;
+
+const INPUTS: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":2,"limit":31},{"p":1,"limit":31}]}
+{"ev":"open","at":0,"t":0,"x":{"camera":[1.5,null]}}
+{"ev":"offer","at":0,"t":0,"p":1,"deadline":500,"backlog":0}
+{"ev":"offer","at":1,"t":0,"p":2,"deadline":500,"backlog":0}
+{"at":150,"ev":"result","t":0,"p":1}
+{"ev":"tick","at":500}
+"#;
+
+const TRACE: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":2,"limit":31},{"p":1,"limit":31}]}
+{"ev":"open","at":0,"t":0,"x":{"camera":[1.5,null]}}
+{"ev":"offer","at":0,"t":0,"p":1,"deadline":500,"backlog":0}
+{"ev":"request","at":0,"t":0,"p":1,"due":500}
+{"ev":"offer","at":1,"t":0,"p":2,"deadline":500,"backlog":0}
+{"ev":"request","at":1,"t":0,"p":2,"due":501}
+{"at":150,"ev":"result","t":0,"p":1}
+{"ev":"hold","at":150,"t":0,"p":1}
+{"ev":"tick","at":500}
+{"ev":"timer","at":500,"t":0,"p":1}
+{"ev":"emit","at":500,"t":0,"p":1}
+{"ev":"cancel","at":500,"t":0,"p":2}
+"#;
+
+fn fuseline(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_fuseline"));
+    command.args(args).env_remove("RUST_LOG");
+    command
+}
+
+/// Runs it to its end with this standard input.
+fn run(args: &[&str], input: &str) -> Output {
+    let mut command = fuseline(args);
+    let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = piped.spawn().unwrap();
+    // It may end without reading everything.
+    drop(child.stdin.take().unwrap().write_all(input.as_bytes()));
+    child.wait_with_output().unwrap()
+}
+
+fn out(output: &Output) -> &str {
+    str::from_utf8(&output.stdout).unwrap()
+}
+
+fn err(output: &Output) -> &str {
+    str::from_utf8(&output.stderr).unwrap()
+}
+
+/// A directory with these files; it goes with the answer.
+fn files(named: &[(&str, &str)]) -> (tempfile::TempDir, Vec<PathBuf>) {
+    let dir = tempfile::tempdir().unwrap();
+    let paths = named.iter().map(|(name, text)| {
+        let path = dir.path().join(name);
+        fs::write(&path, text).unwrap();
+        path
+    });
+    let paths = paths.collect();
+    (dir, paths)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn replay_echoes_the_inputs_and_answers_each() {
+    let replayed = run(&["replay"], INPUTS);
+    assert_eq!((out(&replayed), err(&replayed)), (TRACE, ""));
+    assert_eq!(replayed.status.code(), Some(0));
+}
+
+#[test]
+fn replay_of_a_whole_trace_is_that_trace() {
+    let (_dir, paths) = files(&[("trace.jsonl", TRACE)]);
+    assert_eq!(out(&run(&["replay", text(&paths[0])], "")), TRACE);
+    assert_eq!(out(&run(&["replay", "-"], TRACE)), TRACE);
+}
+
+#[test]
+fn replay_reproduces_every_conforming_trace_of_the_corpus() {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("../traces/corpus");
+    let mut replayed = 0;
+    for entry in fs::read_dir(corpus).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "jsonl") {
+            let trace = fs::read_to_string(&path).unwrap();
+            assert_eq!(out(&run(&["replay", text(&path)], "")), trace, "{}", path.display());
+            replayed += 1;
+        }
+    }
+    assert!(replayed > 0);
+}
+
+#[test]
+fn replay_answers_an_input_before_it_sees_the_next() {
+    let mut child =
+        fuseline(&["replay"]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut input: ChildStdin = child.stdin.take().unwrap();
+    let mut answers = BufReader::new(child.stdout.take().unwrap()).lines();
+    for line in INPUTS.lines() {
+        writeln!(input, "{line}").unwrap();
+        assert_eq!(answers.next().unwrap().unwrap(), line);
+        // The decisions of the last line are read to the end.
+        let decisions = usize::from(line.contains("offer") || line.contains("result"));
+        assert_eq!(answers.by_ref().take(decisions).count(), decisions);
+    }
+    drop(input);
+    assert_eq!(answers.count(), 3);
+    assert!(child.wait().unwrap().success());
+}
+
+#[test]
+fn replay_says_line_and_column_of_bad_input_after_what_it_answered() {
+    let bad = INPUTS.replace(r#""at":500"#, r#""at":5.5"#);
+    let replayed = run(&["replay"], &bad);
+    assert_eq!(replayed.status.code(), Some(2));
+    assert!(err(&replayed).starts_with("error: stdin:6:"), "{}", err(&replayed));
+    assert_eq!(err(&replayed).lines().count(), 1);
+    assert!(TRACE.starts_with(out(&replayed)) && out(&replayed).ends_with("\"p\":1}\n"));
+}
+
+#[test]
+fn replay_is_quiet_when_its_reader_leaves() {
+    let mut child = fuseline(&["replay"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    let answers: ChildStdout = child.stdout.take().unwrap();
+    drop(answers);
+    drop(input.write_all(INPUTS.as_bytes()));
+    drop(input);
+    let output = child.wait_with_output().unwrap();
+    assert_eq!((err(&output), output.status.code()), ("", Some(0)));
+}
+
+#[test]
+fn check_tells_a_conforming_trace_with_how_much_was_judged() {
+    let (_dir, paths) = files(&[("trace.jsonl", TRACE)]);
+    let checked = run(&["check", text(&paths[0])], "");
+    assert!(out(&checked).ends_with("conforms, 1 timestamp judged in 12 lines\n"));
+    assert_eq!(checked.status.code(), Some(0));
+    assert_eq!(run(&["check"], TRACE).status.code(), Some(0));
+    assert_eq!(run(&["check", "-"], TRACE).status.code(), Some(0));
+}
+
+#[test]
+fn check_tells_a_violation_with_line_rule_and_story() {
+    let (_dir, paths) = files(&[("bad.jsonl", &TRACE.replace("\"emit\"", "\"hold\""))]);
+    let checked = run(&["check", text(&paths[0])], "");
+    assert_eq!(checked.status.code(), Some(1));
+    let told = out(&checked);
+    for part in [
+        "bad.jsonl: does not conform (1 violation)",
+        "bad.jsonl:11: timestamp 0 breaks F6\n",
+        "  rule      ",
+        r#"  found     {"ev":"hold","at":500,"t":0,"p":1}"#,
+        r#"  expected  {"ev":"emit","at":500,"t":0,"p":1}"#,
+        r#"  so far    2: {"ev":"open","at":0,"t":0}"#,
+    ] {
+        assert!(told.contains(part), "{part} is not in\n{told}");
+    }
+}
+
+#[test]
+fn check_prints_one_json_object_a_file_with_the_keys_of_the_format() {
+    let bad = TRACE.replace("\"emit\"", "\"hold\"");
+    let (_dir, paths) = files(&[("good.jsonl", TRACE), ("bad.jsonl", &bad)]);
+    let checked = run(&["check", "--json", text(&paths[0]), text(&paths[1])], "");
+    assert_eq!(checked.status.code(), Some(1));
+    let verdicts: Vec<Value> =
+        out(&checked).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(verdicts.len(), 2);
+    assert_eq!(verdicts[0]["file"], text(&paths[0]));
+    assert_eq!(verdicts[0]["conforms"], true);
+    assert_eq!((&verdicts[0]["judged"], &verdicts[0]["lines"]), (&1.into(), &12.into()));
+    let violation = &verdicts[1]["violations"][0];
+    assert_eq!((&violation["line"], &violation["t"]), (&11.into(), &0.into()));
+    assert_eq!(violation["rule"], "F6");
+    assert!(violation["found"].is_string() && violation["expected"].is_string());
+}
+
+#[test]
+fn what_cannot_be_read_outweighs_what_does_not_conform() {
+    let bad = TRACE.replace("\"emit\"", "\"hold\"");
+    let cut = TRACE.trim_end();
+    let (_dir, paths) = files(&[("bad.jsonl", &bad), ("cut.jsonl", cut), ("good.jsonl", TRACE)]);
+    let all: Vec<&str> = ["check"].into_iter().chain(paths.iter().map(|path| text(path))).collect();
+    let checked = run(&all, "");
+    assert_eq!(checked.status.code(), Some(2));
+    assert!(err(&checked).contains("cut.jsonl:12:"), "{}", err(&checked));
+    // The files after it were judged all the same.
+    assert!(out(&checked).contains("good.jsonl: conforms"));
+    assert_eq!(run(&["check", "no-such-file"], "").status.code(), Some(2));
+}
+
+#[test]
+fn check_says_line_and_column_of_what_it_cannot_read() {
+    for (text, place) in [
+        ("", "stdin:1:1:"),
+        ("{\"ev\":\"tick\",\"at\":1}\n", "stdin:1:1:"),
+        (&TRACE.replace("\"at\":1,", "\"at\":null,"), "stdin:5:20:"),
+        (&TRACE.replace('\n', "\r\n"), "stdin:1:"),
+    ] {
+        let checked = run(&["check"], text);
+        assert_eq!(checked.status.code(), Some(2), "{text}");
+        let told = err(&checked);
+        assert!(told.starts_with(&format!("error: {place}")), "{told} for {text}");
+        assert_eq!(told.lines().count(), 1);
+    }
+}
+
+#[test]
+fn check_reads_a_gzipped_trace() {
+    let (_dir, paths) = files(&[("trace.jsonl.gz", "")]);
+    let file = fs::File::create(&paths[0]).unwrap();
+    let mut packer = GzEncoder::new(file, Compression::default());
+    packer.write_all(TRACE.as_bytes()).unwrap();
+    packer.finish().unwrap();
+    assert_eq!(run(&["check", text(&paths[0])], "").status.code(), Some(0));
+    assert_eq!(out(&run(&["replay", text(&paths[0])], "")), TRACE);
+}
+
+#[cfg(unix)]
+mod follow {
+    use super::*;
+
+    /// Follows a file and answers its violations as they come.
+    fn follow(path: &Path) -> (Child, std::io::Lines<BufReader<ChildStdout>>) {
+        let mut child = fuseline(&["check", "--follow", text(path)])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        (child, lines)
+    }
+
+    fn interrupt(child: &Child) {
+        let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+        assert!(sent.success());
+    }
+
+    #[test]
+    fn a_violation_is_told_while_the_file_grows_and_ctrl_c_gives_the_verdict() {
+        let (_dir, paths) = files(&[("growing.jsonl", "")]);
+        let mut file = fs::OpenOptions::new().append(true).open(&paths[0]).unwrap();
+        let (child, mut lines) = follow(&paths[0]);
+        let bad = TRACE.replace("\"hold\"", "\"emit\"");
+        let (start, rest) = bad.split_at(bad.find("emit").unwrap());
+        file.write_all(start.as_bytes()).unwrap();
+        file.write_all(rest.as_bytes()).unwrap();
+        assert_eq!(lines.next().unwrap().unwrap(), "");
+        let first = lines.next().unwrap().unwrap();
+        assert!(first.ends_with("growing.jsonl:8: timestamp 0 breaks F3"), "{first}");
+        // A line that has no end yet is not judged.
+        file.write_all(b"{\"ev\":").unwrap();
+        interrupt(&child);
+        let told: Vec<String> = lines.map(Result::unwrap).collect();
+        assert!(told.iter().any(|line| line.contains("does not conform (")), "{told:?}");
+        let output = child.wait_with_output().unwrap();
+        assert_eq!((output.status.code(), err(&output)), (Some(1), ""));
+    }
+
+    #[test]
+    fn it_takes_one_file_that_is_no_standard_input() {
+        for args in [&["check", "--follow"][..], &["check", "--follow", "-"]] {
+            let refused = run(args, TRACE);
+            assert_eq!(refused.status.code(), Some(2));
+            assert!(err(&refused).starts_with("error: --follow"), "{}", err(&refused));
+        }
+    }
+}
+
+#[test]
+fn a_mistake_on_the_command_line_is_one_line_and_exit_2() {
+    for args in [&["chekc"][..], &["check", "--jsno"], &["replay", "a", "b"]] {
+        let refused = run(args, "");
+        assert_eq!(refused.status.code(), Some(2), "{args:?}");
+        assert!(err(&refused).starts_with("error: "), "{}", err(&refused));
+        assert_eq!(err(&refused).lines().count(), 1, "{}", err(&refused));
+        assert_eq!(out(&refused), "");
+    }
+}
+
+#[test]
+fn help_and_version_are_no_errors() {
+    for args in [&["--help"][..], &["--version"], &["check", "--help"], &["help", "run"]] {
+        let helped = run(args, "");
+        assert_eq!(helped.status.code(), Some(0), "{args:?}");
+        assert!(!out(&helped).is_empty() && err(&helped).is_empty());
+    }
+    assert!(out(&run(&["--help"], "")).contains("Exit codes:"));
+}
