@@ -64,6 +64,23 @@ impl Driver {
         self.ready().offer(Timestamp::new(t), Priority::new(p), deadline, backlog)
     }
 
+    /// Opens `t` now, where it must be accepted.
+    ///
+    /// # Panics
+    /// If it is refused.
+    pub fn opened(&mut self, t: u64, limit: Option<u64>) {
+        assert_eq!(self.open(t, limit), Opening::Accepted, "open {t}");
+    }
+
+    /// Offers `(t, p)` now with an empty queue, where it must be admitted.
+    ///
+    /// # Panics
+    /// If it is refused.
+    pub fn requested(&mut self, t: u64, p: u16, deadline: u64) {
+        let admission = self.offer(t, p, deadline);
+        assert!(matches!(admission, Admission::Admitted { .. }), "({t}, {p}): {admission:?}");
+    }
+
     /// Gives the result of `p` for `t` now (F3).
     pub fn result(&mut self, t: u64, p: u16) -> Outcome<15> {
         self.ready().result(Timestamp::new(t), Priority::new(p))
