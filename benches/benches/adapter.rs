@@ -1,0 +1,260 @@
+//! What the tokio adapter costs beside a `select!` written by hand for the same three sources, and how late it
+//! serves timers.
+//!
+//! Everything runs on one thread, so that the process's time is that of the messages. Both sides are measured in
+//! turns in one run; the figures are medians over the turns.
+
+use std::future::pending;
+use std::sync::Arc;
+use std::time::Duration;
+
+use fuseline_tokio::{Config, Error, Items, Local, Operator, Setup, Writer, spawn, stream};
+use rustix::time::{ClockId, clock_gettime};
+use tokio::runtime::Builder;
+use tokio::sync::mpsc;
+use tokio::task::yield_now;
+use tokio::time::{interval, sleep};
+
+/// Turns for each side; odd, so that there is a median.
+const TURNS: usize = 9;
+/// Long enough that no timer fires.
+const LONG: Duration = Duration::from_secs(10);
+const MS: Duration = Duration::from_millis(1);
+
+/// How a bench's sources take their time; local's first, then the clouds'.
+#[derive(Clone, Copy)]
+struct Pace {
+    name: &'static str,
+    messages: u64,
+    /// From one message to the next; none waits for the answer.
+    period: Option<Duration>,
+    sources: [Take; 3],
+}
+
+/// How a source takes its time.
+#[derive(Clone, Copy)]
+enum Take {
+    Yields(u32),
+    Sleeps(Duration),
+}
+
+const BACK_TO_BACK: Pace = Pace {
+    name: "back to back",
+    messages: 20_000,
+    period: None,
+    sources: [Take::Yields(1), Take::Yields(2), Take::Yields(3)],
+};
+
+const PACED: Pace = Pace {
+    name: "200 Hz, sources of 5, 10 and 20 ms",
+    messages: 200,
+    period: Some(Duration::from_millis(5)),
+    sources: [
+        Take::Sleeps(Duration::from_millis(5)),
+        Take::Sleeps(Duration::from_millis(10)),
+        Take::Sleeps(Duration::from_millis(20)),
+    ],
+};
+
+fn main() {
+    println!("processor time for a message with local and two clouds, medians of {TURNS} turns");
+    println!("{:38} {:>10} {:>10} {:>6}", "", "adapter", "by hand", "ratio");
+    for pace in [BACK_TO_BACK, PACED] {
+        let mut times = [Vec::new(), Vec::new()];
+        for _ in 0..TURNS {
+            times[0].push(nanos_for_each(pace, with_adapter));
+            times[1].push(nanos_for_each(pace, with_select));
+        }
+        let [adapter, hand] = times.map(|mut times| {
+            times.sort_unstable();
+            times[TURNS / 2]
+        });
+        let ratio = adapter * 100 / hand;
+        let (name, whole, hundredths) = (pace.name, ratio / 100, ratio % 100);
+        println!("{name:38} {adapter:>7} ns {hand:>7} ns {whole:>3}.{hundredths:02}");
+    }
+    let mut late = lateness();
+    late.sort_unstable();
+    let at = |per_cent: usize| late[(late.len() - 1) * per_cent / 100].as_micros();
+    println!("timers served late: p50 {} µs, p99 {} µs, max {} µs", at(50), at(99), at(100));
+    println!(
+        "({} timers of 7 ms to 16 ms, one message each 2 ms, tokio's timers are of 1 ms)",
+        late.len()
+    );
+}
+
+/// The process's time for a message when `run` handles them.
+fn nanos_for_each<F: Future<Output = ()>>(pace: Pace, run: fn(Pace) -> F) -> u128 {
+    let runtime = Builder::new_current_thread().enable_all().build().expect("a runtime");
+    let before = process_time();
+    runtime.block_on(run(pace));
+    process_time().saturating_sub(before).as_nanos() / u128::from(pace.messages)
+}
+
+fn process_time() -> Duration {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.try_into().expect("it is positive")
+}
+
+async fn source(take: Take, value: u64) -> u64 {
+    match take {
+        Take::Yields(times) => {
+            for _ in 0..times {
+                yield_now().await;
+            }
+        }
+        Take::Sleeps(time) => sleep(time).await,
+    }
+    value
+}
+
+/// Three sources whose best is always in time.
+struct Fused(Pace);
+
+impl Operator for Fused {
+    type Input = u64;
+    type Output = u64;
+
+    fn setup(self, setup: &mut Setup<u64, u64>) -> Local<u64, u64> {
+        let [local, clouds @ ..] = self.0.sources;
+        for (priority, take) in (1..).zip(clouds) {
+            let handle = move |value, _| async move { Ok(source(take, value).await) };
+            let response_handler = move |value| Ok(value + u64::from(priority));
+            setup.use_cloud(
+                handle,
+                |message, _| Some((*message, LONG)),
+                response_handler,
+                priority,
+            );
+        }
+        Local::futures(16, move |message: Arc<u64>, _| async move {
+            Ok::<_, Error>(source(local, *message).await)
+        })
+    }
+}
+
+async fn with_adapter(pace: Pace) {
+    let (mut writer, input) = stream(16);
+    let (_, mut output) = spawn(Fused(pace), Config::default(), input).expect("it is configured");
+    match pace.period {
+        None => {
+            for t in 0..pace.messages {
+                writer.write(t).await.expect("the operator reads");
+                assert_answer(t, best(&mut output).await);
+            }
+        }
+        Some(period) => {
+            let feeder = tokio::spawn(feed(writer, pace.messages, period));
+            for t in 0..pace.messages {
+                assert_answer(t, best(&mut output).await);
+            }
+            feeder.await.expect("it does not panic");
+        }
+    }
+}
+
+async fn best(output: &mut Items<u64>) -> u64 {
+    let item = output.read().await.expect("an item for each message");
+    item.forwarded().expect("sources do not fail").value
+}
+
+async fn feed(mut writer: Writer<u64>, messages: u64, period: Duration) {
+    let mut ticks = interval(period);
+    for t in 0..messages {
+        ticks.tick().await;
+        writer.write(t).await.expect("the operator reads");
+    }
+}
+
+async fn with_select(pace: Pace) {
+    let (sender, mut output) = mpsc::channel(16);
+    match pace.period {
+        None => {
+            for t in 0..pace.messages {
+                tokio::spawn(by_hand(pace.sources, t, sender.clone()));
+                assert_answer(t, output.recv().await.expect("an answer for each message"));
+            }
+        }
+        Some(period) => {
+            let feeder = tokio::spawn(async move {
+                let mut ticks = interval(period);
+                for t in 0..pace.messages {
+                    ticks.tick().await;
+                    tokio::spawn(by_hand(pace.sources, t, sender.clone()));
+                }
+            });
+            for t in 0..pace.messages {
+                assert_answer(t, output.recv().await.expect("an answer for each message"));
+            }
+            feeder.await.expect("it does not panic");
+        }
+    }
+}
+
+/// What one writes for one message when there is nothing ready: one task, one deadline for both clouds, and no window,
+/// queue, gate, count, trace or word about why.
+async fn by_hand(sources: [Take; 3], message: u64, output: mpsc::Sender<u64>) {
+    let [local, one, two] = sources;
+    let mut local = std::pin::pin!(source(local, message));
+    let mut one = std::pin::pin!(source(one, message + 1));
+    let mut two = std::pin::pin!(source(two, message + 2));
+    let mut timer = std::pin::pin!(sleep(LONG));
+    let (mut has_local, mut has_one, mut best) = (false, false, None);
+    let answer = loop {
+        tokio::select! {
+            value = &mut two => break value,
+            value = &mut one, if !has_one => {
+                has_one = true;
+                best = Some(value);
+            }
+            value = &mut local, if !has_local => {
+                has_local = true;
+                best = best.or(Some(value));
+            }
+            () = &mut timer, if best.is_some() => break best.unwrap_or_default(),
+        }
+    };
+    output.send(answer).await.expect("somebody waits for it");
+}
+
+fn assert_answer(message: u64, answer: u64) {
+    assert_eq!(answer, message + 2, "the best source answers");
+}
+
+/// An operator whose cloud never answers.
+struct Forsaken;
+
+impl Operator for Forsaken {
+    type Input = u64;
+    type Output = u64;
+
+    fn setup(self, setup: &mut Setup<u64, u64>) -> Local<u64, u64> {
+        let message_handler = |message: &u64, _| Some(((), deadline(*message)));
+        setup.use_cloud(|(), _| pending::<Result<u64, Error>>(), message_handler, Ok, 1).calls = 64;
+        Local::futures(64, |message: Arc<u64>, _| async move { Ok(*message) })
+    }
+}
+
+/// 7 ms to 16 ms, mostly between tokio's ticks.
+fn deadline(message: u64) -> Duration {
+    7 * MS + Duration::from_micros(message * 137 % 9000)
+}
+
+/// By how much each output came after it was due.
+fn lateness() -> Vec<Duration> {
+    const MESSAGES: u64 = 1500;
+    let runtime = Builder::new_current_thread().enable_all().build().expect("a runtime");
+    runtime.block_on(async {
+        let (writer, input) = stream(16);
+        let config = Config { window: 64, ..Config::default() };
+        let (_, mut output) = spawn(Forsaken, config, input).expect("it is configured");
+        let feeder = tokio::spawn(feed(writer, MESSAGES, 2 * MS));
+        let mut late = Vec::new();
+        while let Some(item) = output.read().await {
+            let value = item.forwarded().expect("local does not fail").value;
+            late.push(item.took().saturating_sub(deadline(value)));
+        }
+        feeder.await.expect("it does not panic");
+        late
+    })
+}
