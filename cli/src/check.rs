@@ -11,6 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::Exit;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
+use crate::sink::Sink;
 use crate::tail::Tail;
 
 /// Shorter files are judged before a bar could be seen, in bytes.
@@ -44,7 +45,7 @@ pub(crate) struct Args {
 
 /// Judges each file; what cannot be read outweighs what does not conform.
 pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
-    let mut out = Sink { inner: anstream::stdout(), gone: false };
+    let mut out = Sink::new(anstream::stdout());
     if args.follow {
         return follow(args, &mut out);
     }
@@ -142,7 +143,8 @@ fn tell(out: &mut impl Write, verdict: &Verdict, told: usize, json: bool) -> Res
     }
 }
 
-fn tell_people(out: &mut impl Write, verdict: &Verdict, told: usize) -> io::Result<()> {
+/// Prints a verdict for people.
+pub(crate) fn tell_people(out: &mut impl Write, verdict: &Verdict, told: usize) -> io::Result<()> {
     writeln!(out, "{}", summary(verdict))?;
     for violation in verdict.violations.iter().skip(told) {
         tell_violation(out, &verdict.file, violation)?;
@@ -154,7 +156,7 @@ fn tell_people(out: &mut impl Write, verdict: &Verdict, told: usize) -> io::Resu
 }
 
 /// A verdict in one line.
-pub(crate) fn summary(verdict: &Verdict) -> String {
+fn summary(verdict: &Verdict) -> String {
     let Verdict { file, judged, lines, more, violations, .. } = verdict;
     let word = if verdict.conforms {
         format!("{GOOD}conforms{GOOD:#}")
@@ -180,34 +182,4 @@ fn tell_violation(out: &mut impl Write, file: &str, violation: &Violation) -> io
         writeln!(out, "  {:<9} {line}", if i == 0 { "so far" } else { "" })?;
     }
     Ok(())
-}
-
-/// Takes everything, also when its reader has gone: the exit code is still wanted.
-struct Sink<W> {
-    inner: W,
-    gone: bool,
-}
-
-impl<W: Write> Sink<W> {
-    fn attempt<T>(&mut self, wrote: io::Result<T>, otherwise: T) -> io::Result<T> {
-        match wrote {
-            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
-                self.gone = true;
-                Ok(otherwise)
-            }
-            wrote => wrote,
-        }
-    }
-}
-
-impl<W: Write> Write for Sink<W> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let wrote = if self.gone { Ok(bytes.len()) } else { self.inner.write(bytes) };
-        self.attempt(wrote, bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        let flushed = if self.gone { Ok(()) } else { self.inner.flush() };
-        self.attempt(flushed, ())
-    }
 }

@@ -11,6 +11,7 @@ mod policies;
 mod replay;
 mod run;
 mod serve;
+mod sink;
 mod tail;
 
 use std::ffi::OsString;

@@ -1,9 +1,13 @@
 //! `fuseline replay` and `fuseline check`, run as a user runs them.
 
+mod common;
+
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Output, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Stdio};
+
+use common::{err, fuseline, interrupt, out, run};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -30,30 +34,6 @@ const TRACE: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":2,"limit":31},{"p
 {"ev":"emit","at":500,"t":0,"p":1}
 {"ev":"cancel","at":500,"t":0,"p":2}
 "#;
-
-fn fuseline(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_fuseline"));
-    command.args(args).env_remove("RUST_LOG");
-    command
-}
-
-/// Runs it to its end with this standard input.
-fn run(args: &[&str], input: &str) -> Output {
-    let mut command = fuseline(args);
-    let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let mut child = piped.spawn().unwrap();
-    // It may end without reading everything.
-    drop(child.stdin.take().unwrap().write_all(input.as_bytes()));
-    child.wait_with_output().unwrap()
-}
-
-fn out(output: &Output) -> &str {
-    str::from_utf8(&output.stdout).unwrap()
-}
-
-fn err(output: &Output) -> &str {
-    str::from_utf8(&output.stderr).unwrap()
-}
 
 /// A directory with these files; it goes with the answer.
 fn files(named: &[(&str, &str)]) -> (tempfile::TempDir, Vec<PathBuf>) {
@@ -245,11 +225,6 @@ mod follow {
             .unwrap();
         let lines = BufReader::new(child.stdout.take().unwrap()).lines();
         (child, lines)
-    }
-
-    fn interrupt(child: &Child) {
-        let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-        assert!(sent.success());
     }
 
     #[test]

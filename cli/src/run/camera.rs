@@ -36,6 +36,17 @@ pub(crate) struct Driven {
     pub(crate) interrupted: bool,
 }
 
+/// A camera, its operator and its clouds, started.
+pub(crate) struct Camera<'a> {
+    plan: &'a Plan,
+    frames: Writer<Frame>,
+    running: Running,
+    output: Items<Detections>,
+    sent: Vec<Arc<AtomicU64>>,
+    /// They end with this.
+    _servers: JoinSet<Result<(), grpc::ServeError>>,
+}
+
 /// One picture.
 struct Frame(Bytes);
 
@@ -81,16 +92,11 @@ impl Operator for Detector<'_> {
     }
 }
 
-/// Starts the clouds and the operator, and feeds it until the plan is done or the user ends it.
+/// Starts the clouds and the operator.
 ///
 /// # Errors
-/// If something cannot be started, or the trace cannot be written.
-pub(crate) async fn drive(
-    plan: &Plan,
-    trace: &Path,
-    live: &mut Live<'_>,
-    interrupt: &Interrupt,
-) -> Result<Driven, Fault> {
+/// If something cannot be started.
+pub(crate) async fn start<'a>(plan: &'a Plan, trace: &Path) -> Result<Camera<'a>, Fault> {
     let began = Arc::new(OnceLock::new());
     let mut servers = JoinSet::new();
     let connections = connect(plan, &began, &mut servers).await?;
@@ -103,58 +109,71 @@ pub(crate) async fn drive(
         trace: Some(Trace { path: trace.to_owned(), recording: Recording::default() }),
         ..Config::default()
     };
-    let (camera, frames) = stream(1);
-    let (running, output) = spawn(detector, config, frames)?;
+    let (frames, input) = stream(1);
+    let (running, output) = spawn(detector, config, input)?;
     began.get_or_init(Instant::now);
-    let interrupted = feed(plan, camera, &running, output, live, interrupt).await;
-    let tally = running.join().await.map_err(Fault::Trace)?;
-    live.show(&tally);
-    let sent = sent.iter().map(|sent| sent.load(Ordering::Relaxed)).collect();
-    Ok(Driven { sent, interrupted })
+    Ok(Camera { plan, frames, running, output, sent, _servers: servers })
 }
 
-/// Writes a frame every period; says whether the user ended it.
-async fn feed(
-    plan: &Plan,
-    mut camera: Writer<Frame>,
-    running: &Running,
-    mut output: Items<Detections>,
-    live: &mut Live<'_>,
-    interrupt: &Interrupt,
-) -> bool {
-    let image = Bytes::from(vec![0; REQUEST_BYTES]);
-    let (mut frames, mut looks) = (interval(plan.period), interval(live.period()));
-    let (mut written, mut interrupted) = (0, false);
-    while written < plan.frames && !interrupted {
-        tokio::select! {
-            () = interrupt.wait() => interrupted = true,
-            _ = frames.tick() => {
-                if camera.write(Frame(image.clone())).await.is_err() {
-                    break;
+impl Camera<'_> {
+    /// Feeds the operator until the plan is done or the user ends it.
+    ///
+    /// # Errors
+    /// If the trace cannot be written.
+    pub(crate) async fn drive(
+        mut self,
+        live: &mut Live<'_>,
+        interrupt: &Interrupt,
+    ) -> Result<Driven, Fault> {
+        let interrupted = self.shoot(live, interrupt).await;
+        self.catch_up(live).await;
+        // Without frames to come the operator ends once all is answered.
+        drop((self.frames, self.output));
+        let tally = self.running.join().await.map_err(Fault::Trace)?;
+        live.show(&tally);
+        let sent = self.sent.iter().map(|sent| sent.load(Ordering::Relaxed)).collect();
+        Ok(Driven { sent, interrupted })
+    }
+
+    /// Writes a frame every period; says whether the user ended it.
+    async fn shoot(&mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> bool {
+        let image = Bytes::from(vec![0; REQUEST_BYTES]);
+        let (mut frames, mut looks) = (interval(self.plan.period), interval(live.period()));
+        let mut written = 0;
+        while written < self.plan.frames {
+            tokio::select! {
+                () = interrupt.wait() => return true,
+                _ = frames.tick() => {
+                    if self.frames.write(Frame(image.clone())).await.is_err() {
+                        break;
+                    }
+                    written += 1;
                 }
-                written += 1;
+                Some(item) = self.output.read() => live.item(&item),
+                _ = looks.tick() => live.show(&self.running.tally()),
             }
-            Some(item) = output.read() => live.item(&item),
-            _ = looks.tick() => live.show(&running.tally()),
+        }
+        false
+    }
+
+    /// Waits for local's last results: the policies want to know when they came.
+    async fn catch_up(&mut self, live: &mut Live<'_>) {
+        let grace = self.plan.deadline().max(self.plan.local.runtime.saturating_mul(2));
+        let caught_up = async {
+            while self.running.tally().sources.first().is_some_and(is_behind) {
+                sleep(LOOK).await;
+            }
+        };
+        let reading = async {
+            while let Some(item) = self.output.read().await {
+                live.item(&item);
+            }
+        };
+        tokio::select! {
+            _ = timeout(grace, caught_up) => {}
+            () = reading => {}
         }
     }
-    // Local's last results are worth waiting for: the policies want to know when they came.
-    let grace = plan.deadline().max(plan.local.runtime.saturating_mul(2));
-    let caught_up = async {
-        while running.tally().sources.first().is_some_and(is_behind) {
-            sleep(LOOK).await;
-        }
-    };
-    let reading = async {
-        while let Some(item) = output.read().await {
-            live.item(&item);
-        }
-    };
-    tokio::select! {
-        _ = timeout(grace, caught_up) => {}
-        () = reading => {}
-    }
-    interrupted
 }
 
 /// Whether computations were begun that have not come to an end.

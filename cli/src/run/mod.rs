@@ -15,12 +15,14 @@ use tempfile::{Builder, NamedTempFile};
 use tokio::runtime::Runtime;
 
 use crate::Exit;
+use crate::check::tell_people;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
 use crate::run::live::Live;
 use crate::run::plan::Plan;
 use crate::run::report::Reading;
 use crate::run::table::Introduction;
+use crate::sink::Sink;
 
 pub(crate) use crate::run::cloud::{CloudError, seconds};
 pub(crate) use crate::run::plan::{Args, PlanError};
@@ -29,16 +31,17 @@ pub(crate) use crate::run::plan::{Args, PlanError};
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let plan = Plan::new(args)?;
     let name = plan.trace.display().to_string();
-    let trace =
-        beside(&plan.trace).map_err(|source| Fault::Create { name: name.clone(), source })?;
+    let trace = beside(&plan.trace)
+        .map_err(|error| Fault::Create { name: name.clone(), source: error.kind().into() })?;
     let interrupt = Interrupt::watch();
-    let mut out = anstream::stdout();
+    let mut out = Sink::new(anstream::stdout());
+    let runtime = Runtime::new().map_err(Fault::Runtime)?;
+    let camera = runtime.block_on(camera::start(&plan, trace.path()))?;
     if !args.json {
         writeln!(out, "{}", Introduction(&plan)).map_err(Fault::Output)?;
     }
-    let runtime = Runtime::new().map_err(Fault::Runtime)?;
     let mut live = Live::new(&plan);
-    let driven = runtime.block_on(camera::drive(&plan, trace.path(), &mut live, &interrupt));
+    let driven = runtime.block_on(camera.drive(&mut live, &interrupt));
     live.end();
     let driven = driven?;
     // Whatever still runs belongs to calls that were given up.
@@ -48,22 +51,24 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     trace.persist(&plan.trace).map_err(|error| Fault::Create { name, source: error.error })?;
     let report = reading.report(&plan, &driven);
     if args.json {
-        serde_json::to_writer(&mut out, &report).map_err(io::Error::from)
+        serde_json::to_writer(&mut out, &report)
+            .map_err(io::Error::from)
+            .and_then(|()| writeln!(out))
     } else {
-        write!(out, "{report}")
+        writeln!(out, "{report}").and_then(|()| tell_people(&mut out, &report.trace, 0))
     }
-    .and_then(|()| writeln!(out))
     .map_err(Fault::Output)?;
     Ok(if report.trace.conforms { Exit::Conforms } else { Exit::Differs })
 }
 
 /// A file with a temporary name beside `path`, to be renamed to it once it is whole.
 fn beside(path: &Path) -> io::Result<NamedTempFile> {
-    let no_file = || io::Error::new(io::ErrorKind::InvalidInput, "not a regular file");
-    let name = path.file_name().ok_or_else(no_file)?;
-    // What a rename would replace must be a trace, not a device.
-    if path.metadata().is_ok_and(|metadata| !metadata.is_file()) {
-        return Err(no_file());
+    let name = path.file_name().ok_or(io::ErrorKind::IsADirectory)?;
+    // What a rename would replace must be a trace, neither a directory nor a device.
+    match path.metadata() {
+        Ok(metadata) if metadata.is_dir() => return Err(io::ErrorKind::IsADirectory.into()),
+        Ok(metadata) if !metadata.is_file() => return Err(io::ErrorKind::AlreadyExists.into()),
+        Ok(_) | Err(_) => {}
     }
     let directory = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,

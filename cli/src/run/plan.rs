@@ -89,6 +89,8 @@ enum CommitRule {
 /// What a run is to do.
 pub(crate) struct Plan {
     pub(crate) span: Duration,
+    /// Frames a second.
+    pub(crate) rate: f64,
     pub(crate) period: Duration,
     pub(crate) frames: u64,
     pub(crate) deadline_ms: u64,
@@ -135,8 +137,13 @@ impl Plan {
     /// The first [`PlanError`] that holds.
     pub(crate) fn new(args: &Args) -> Result<Self, PlanError> {
         let period = Duration::from_secs_f64(args.rate.recip());
-        let frames = args.seconds.as_nanos().div_ceil(period.as_nanos());
-        let frames = u64::try_from(frames).unwrap_or(u64::MAX);
+        // What is a whole number of frames but for rounding is one.
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "positive and far below 2^53"
+        )]
+        let frames = (args.seconds.as_secs_f64() * args.rate - 1e-6).ceil() as u64;
         if frames > MESSAGES {
             return Err(PlanError::Frames { frames });
         }
@@ -145,6 +152,7 @@ impl Plan {
         let clouds = wanted.into_iter().map(|cloud| Cloud::new(cloud, args.seed));
         Ok(Self {
             span: args.seconds,
+            rate: args.rate,
             period,
             frames,
             deadline_ms: args.deadline,
@@ -196,15 +204,15 @@ fn seconds(text: &str) -> Result<Duration, &'static str> {
     seconds
         .filter(|s| *s > 0.0)
         .map(Duration::from_secs_f64)
-        .ok_or("seconds, more than 0 and up to a day")
+        .ok_or("it must be seconds, more than 0 and up to a day")
 }
 
 fn rate(text: &str) -> Result<f64, &'static str> {
     let rate = text.parse().ok().filter(|rate| (0.1..=1000.0).contains(rate));
-    rate.ok_or("frames a second, from 0.1 to 1000")
+    rate.ok_or("it must be from 0.1 to 1000")
 }
 
 fn workers(text: &str) -> Result<NonZero<usize>, &'static str> {
     let workers = text.parse().ok().filter(|workers: &NonZero<usize>| workers.get() <= 1024);
-    workers.ok_or("from 1 to 1024")
+    workers.ok_or("it must be from 1 to 1024")
 }

@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
-use crate::check::summary;
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
 use crate::policies::Quantile;
 use crate::run::plan::{Cloud, Plan, Server};
@@ -26,18 +25,18 @@ pub(crate) struct Introduction<'a>(pub(crate) &'a Plan);
 impl fmt::Display for Introduction<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plan = self.0;
-        let rate = plan.period.as_secs_f64().recip();
         writeln!(
             f,
-            "A camera takes {rate} frames a second for {}; each cloud gets every frame and has {} ms.",
+            "A camera takes {} frames a second for {}; each cloud gets every frame and has {} ms.",
+            plan.rate,
             secs(plan.span),
             plan.deadline_ms
         )?;
         let (alone, workers) = (plan.local.runtime.as_secs_f64().recip(), plan.workers);
         let pipeline = match workers {
-            1 => format!("one worker ({alone:.1} a second)"),
+            1 => format!("one worker, {alone:.1} a second"),
             workers => {
-                format!("pipelined over {workers} workers (one alone does {alone:.1} a second)")
+                format!("pipelined over {workers} workers, one does {alone:.1} a second")
             }
         };
         let model = plan.local.to_string();
@@ -47,8 +46,8 @@ impl fmt::Display for Introduction<'_> {
         }
         writeln!(
             f,
-            "Models are emulated by the paper's runtimes, ±5 % (seed {}), networks by recorded drives; \
-             requests of\n{:.1} KB and replies of {:.1} KB are gRPC on 127.0.0.1.",
+            "Local and clouds with a drive are emulated: the paper's runtimes ±5 % (seed {}), recorded \
+             networks.\nRequests of {:.1} KB and replies of {:.1} KB are real gRPC.",
             plan.seed,
             kilobytes(REQUEST_BYTES),
             kilobytes(REPLY_BYTES),
@@ -85,13 +84,19 @@ impl fmt::Display for Report {
              counts 0.",
             self.deadline_ms
         )?;
+        if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
+            writeln!(
+                f,
+                "? cannot be told: a model has no figure, or calls were ended or never made."
+            )?;
+        }
         if let Some(lag) = self.timer_lag_ms {
             writeln!(
                 f,
                 "Timers commit held results; they were served up to {lag:.1} ms after they were due."
             )?;
         }
-        write!(f, "\n{}", summary(&self.trace))
+        Ok(())
     }
 }
 
@@ -100,7 +105,6 @@ impl Report {
     fn sources_table(&self) -> Table {
         let mut table = table([
             "source",
-            "model (emulated)",
             "outputs",
             "share",
             "on time",
@@ -114,10 +118,10 @@ impl Report {
         }
         for (name, count) in [("missed", self.missed), ("refused", self.refused)] {
             if count > 0 {
-                table.add_row([name, "", &count.to_string()]);
+                table.add_row([name, &count.to_string()]);
             }
         }
-        align(&mut table, 2);
+        align(&mut table);
         table
     }
 
@@ -127,7 +131,7 @@ impl Report {
         for policy in &self.policies {
             table.add_row(self.policy_row(policy));
         }
-        align(&mut table, 1);
+        align(&mut table);
         table
     }
 
@@ -151,7 +155,6 @@ impl Report {
 fn source_row(source: &SourceReport) -> Vec<String> {
     let mut row = vec![
         format!("{} {}", source.priority, source.name),
-        source.model.clone().unwrap_or_else(|| "unknown".to_owned()),
         source.forwarded.to_string(),
         format!("{:.1} %", 100.0 * source.share),
     ];
@@ -211,8 +214,8 @@ fn table<const N: usize>(header: [&str; N]) -> Table {
 }
 
 /// Numbers go to the right.
-fn align(table: &mut Table, first: usize) {
-    for column in table.column_iter_mut().skip(first) {
+fn align(table: &mut Table) {
+    for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
     }
 }

@@ -1,0 +1,38 @@
+//! Output that nobody has to read: the exit code is still wanted.
+
+use std::io::{self, Write};
+
+/// Takes everything, also when its reader has gone.
+pub(crate) struct Sink<W> {
+    inner: W,
+    gone: bool,
+}
+
+impl<W: Write> Sink<W> {
+    /// Writes to `inner` while somebody reads it.
+    pub(crate) const fn new(inner: W) -> Self {
+        Self { inner, gone: false }
+    }
+
+    fn attempt<T>(&mut self, wrote: io::Result<T>, otherwise: T) -> io::Result<T> {
+        match wrote {
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
+                self.gone = true;
+                Ok(otherwise)
+            }
+            wrote => wrote,
+        }
+    }
+}
+
+impl<W: Write> Write for Sink<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let wrote = if self.gone { Ok(bytes.len()) } else { self.inner.write(bytes) };
+        self.attempt(wrote, bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let flushed = if self.gone { Ok(()) } else { self.inner.flush() };
+        self.attempt(flushed, ())
+    }
+}

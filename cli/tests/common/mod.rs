@@ -1,0 +1,37 @@
+//! The built command, run as a user runs it.
+
+use std::io::Write;
+use std::process::{Child, Command, Output, Stdio};
+
+/// The command with these arguments.
+pub(crate) fn fuseline(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_fuseline"));
+    command.args(args).env_remove("RUST_LOG").env_remove("FUSELINE_TOKEN");
+    command
+}
+
+/// Runs it to its end with this standard input.
+pub(crate) fn run(args: &[&str], input: &str) -> Output {
+    let mut command = fuseline(args);
+    let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = piped.spawn().unwrap();
+    // It may end without reading everything.
+    drop(child.stdin.take().unwrap().write_all(input.as_bytes()));
+    child.wait_with_output().unwrap()
+}
+
+/// What it printed.
+pub(crate) fn out(output: &Output) -> &str {
+    str::from_utf8(&output.stdout).unwrap()
+}
+
+/// What it complained about.
+pub(crate) fn err(output: &Output) -> &str {
+    str::from_utf8(&output.stderr).unwrap()
+}
+
+/// Presses Ctrl-C.
+pub(crate) fn interrupt(child: &Child) {
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+}
