@@ -2,8 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::{BufReader, Write};
-use std::sync::{Arc, Mutex};
+use std::io::BufReader;
 use std::time::Duration;
 
 use fuseline_operator::{
@@ -204,53 +203,6 @@ fn meters_say_what_the_tally_says() {
     ];
     let expected = expected.map(|(key, value)| (key.to_owned(), value.to_owned()));
     assert_eq!(seen, BTreeMap::from(expected));
-}
-
-#[test]
-fn logs_tell_every_refusal_drop_failure_and_miss_with_its_reason() {
-    let log = Log::default();
-    let writer = log.clone();
-    let subscriber = tracing_subscriber::fmt()
-        .with_max_level(tracing::Level::DEBUG)
-        .with_ansi(false)
-        .without_time()
-        .with_writer(move || writer.clone())
-        .finish();
-    tracing::subscriber::with_default(subscriber, || {
-        let mut engine = engine();
-        let _ = engine.open(0, 0, None, 0);
-        let _ = engine.open(0, 0, None, 0);
-        engine.offer(0, 0, 1, Duration::ZERO, 0);
-        engine.result(1, 0, 1, "boxes");
-        engine.fail(2, 0, 0, &"out of memory");
-        engine.fail(3, 0, 0, &"out of memory");
-    });
-    let log = String::from_utf8(log.0.lock().unwrap().clone()).unwrap();
-    for words in [
-        "WARN fuseline_operator::engine: message refused operator=\"tested\" timestamp=0 why=order",
-        "DEBUG fuseline_operator::engine: request refused operator=\"tested\" timestamp=0 \
-         source=\"west\" why=deadline",
-        "result dropped operator=\"tested\" timestamp=0 source=\"west\" why=unsolicited",
-        "WARN fuseline_operator::engine: no result will come operator=tested timestamp=0 \
-         source=\"local\" why=out of memory",
-        "WARN fuseline_operator::engine: message missed operator=\"tested\" timestamp=0",
-        "failure dropped operator=\"tested\" timestamp=0 source=\"local\" why=superseded",
-    ] {
-        assert!(log.contains(words), "no {words:?} in\n{log}");
-    }
-}
-
-#[derive(Clone, Default)]
-struct Log(Arc<Mutex<Vec<u8>>>);
-
-impl Write for Log {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.0.lock().unwrap().write(bytes)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
 }
 
 /// One step of a random run.
