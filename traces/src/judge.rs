@@ -237,13 +237,15 @@ impl Judge {
     /// The rule that would demand a decision that is not demanded.
     fn rule_of(&self, found: &Decision) -> Rule {
         let input = self.input.map(|(_, input)| input);
+        let of_result = matches!(input, Some(Input::Result { .. }));
+        let of_failure = matches!(input, Some(Input::Fail { .. }));
         match found {
             Decision::Timer { .. } => Rule::F5,
             Decision::Refuse { p: None, .. } => Rule::F1,
             Decision::Refuse { p: Some(_), .. } | Decision::Request { .. } => Rule::F2,
-            Decision::Drop { .. } if matches!(input, Some(Input::Fail { .. })) => Rule::F4,
-            Decision::Emit { .. } if matches!(input, Some(Input::Result { .. })) => Rule::F3,
+            Decision::Hold { .. } | Decision::Drop { .. } if of_failure => Rule::F4,
             Decision::Hold { .. } | Decision::Drop { .. } => Rule::F3,
+            Decision::Emit { .. } if of_result => Rule::F3,
             Decision::Emit { .. } | Decision::Miss { .. } => Rule::F6,
             Decision::Cancel { .. } => Rule::F7,
         }

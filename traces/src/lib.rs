@@ -1,5 +1,6 @@
 //! The trace of a fusion operator: its format, the reference machine and the judge.
 
+pub mod corpus;
 mod event;
 mod judge;
 mod parse;

@@ -44,7 +44,8 @@ pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
     if scan.peek().is_none() {
         return Err(ParseError::at(0, "a blank line; take it out"));
     }
-    let fields = Fields::read(&mut scan)?;
+    let mut fields = Fields::default();
+    fields.read(&mut scan)?;
     let end = scan.offset().saturating_sub(1);
     scan.end()?;
     let kind = fields.kind(end)?;
@@ -75,8 +76,7 @@ struct Fields<'a> {
 }
 
 impl<'a> Fields<'a> {
-    fn read(scan: &mut Scan<'a>) -> Result<Self, ParseError> {
-        let mut fields = Self::default();
+    fn read(&mut self, scan: &mut Scan<'a>) -> Result<(), ParseError> {
         scan.expect(b'{', "at the start of a line")?;
         let mut first = true;
         while scan.more(first, b'}')? {
@@ -84,16 +84,16 @@ impl<'a> Fields<'a> {
             let (offset, name) = scan.key()?;
             let Some(key) = Key::named(&name) else {
                 scan.skip()?;
-                fields.stranger.get_or_insert((offset, name));
+                self.stranger.get_or_insert((offset, name));
                 continue;
             };
-            if !fields.seen.insert(key) {
+            if !self.seen.insert(key) {
                 return Err(twice(offset, key.name()));
             }
-            fields.offsets[key as usize] = offset;
-            fields.value(key, scan)?;
+            self.offsets[key as usize] = offset;
+            self.value(key, scan)?;
         }
-        Ok(fields)
+        Ok(())
     }
 
     fn value(&mut self, key: Key, scan: &mut Scan<'a>) -> Result<(), ParseError> {

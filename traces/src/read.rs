@@ -1,11 +1,11 @@
 //! A trace, line by line.
 
-use std::io::{self, BufRead, Read};
+use std::io::{self, BufRead};
 
 use flate2::bufread::MultiGzDecoder;
 
-use crate::event::{Event, Header, Line};
-use crate::parse::{self, ParseError};
+use crate::event::{Commit, Event, Header, Line};
+use crate::parse::{ParseError, parse};
 
 /// The longest line, in bytes without its `\n`.
 pub const LINE: usize = 64 * 1024;
@@ -69,7 +69,7 @@ impl<R: BufRead> Reader<R> {
     /// If the first line is not there or is no header.
     pub fn new(file: impl Into<String>, inner: R) -> Result<Self, ReadError> {
         let header =
-            Header { operator: None, window: 0, commit: Default::default(), clouds: vec![] };
+            Header { operator: None, window: 0, commit: Commit::default(), clouds: vec![] };
         let mut reader = Self { inner, file: file.into(), header, raw: Vec::new(), line: 0 };
         match reader.next_line()? {
             Some(Line::Header(header)) => reader.header = header,
@@ -103,7 +103,7 @@ impl<R: BufRead> Reader<R> {
     /// The bytes of the line read last, without its `\n`.
     #[must_use]
     pub fn raw(&self) -> &[u8] {
-        self.raw.strip_suffix(b"\n").unwrap_or(&self.raw)
+        &self.raw
     }
 
     /// The number of the line read last; the header's is 1.
@@ -119,27 +119,45 @@ impl<R: BufRead> Reader<R> {
     }
 
     fn next_line(&mut self) -> Result<Option<Line>, ReadError> {
-        self.raw.clear();
-        let most = LINE as u64 + 1;
-        let read = self.inner.by_ref().take(most).read_until(b'\n', &mut self.raw);
-        if let Ok(0) = read {
+        let whole = self.fill();
+        if let Ok(false) = whole
+            && self.raw.is_empty()
+        {
             return Ok(None);
         }
         self.line += 1;
-        if let Err(error) = read {
-            return Err(self.error(1, Fault::Io(error)));
+        let column = self.raw.len() as u64 + 1;
+        match whole {
+            Ok(_) if self.raw.len() > LINE => Err(self.error(LINE as u64 + 1, Fault::TooLong)),
+            Ok(true) => match parse(&self.raw) {
+                Ok(line) => Ok(Some(line)),
+                Err(error) => Err(self.error(error.column, Fault::Line(error))),
+            },
+            Ok(false) => Err(self.error(column, Fault::Unterminated)),
+            Err(error) => Err(self.error(column, Fault::Io(error))),
         }
-        if self.raw.last() != Some(&b'\n') {
-            let (column, fault) = match self.raw.len() {
-                len if len > LINE => (LINE + 1, Fault::TooLong),
-                len => (len + 1, Fault::Unterminated),
+    }
+
+    /// Takes the next line's bytes, of one too long just more than it may have; false if it does not end.
+    fn fill(&mut self) -> io::Result<bool> {
+        self.raw.clear();
+        while self.raw.len() <= LINE {
+            let bytes = match self.inner.fill_buf() {
+                Ok(bytes) => bytes,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                Err(error) => return Err(error),
             };
-            return Err(self.error(column as u64, fault));
+            let room = bytes.len().min(LINE + 1 - self.raw.len());
+            let bytes = bytes.get(..room).unwrap_or(bytes);
+            let end = memchr::memchr(b'\n', bytes);
+            let len = end.unwrap_or(bytes.len());
+            self.raw.extend_from_slice(bytes.get(..len).unwrap_or(bytes));
+            self.inner.consume(len + usize::from(end.is_some()));
+            if end.is_some() || len == 0 {
+                return Ok(end.is_some());
+            }
         }
-        match parse::parse(self.raw()) {
-            Ok(line) => Ok(Some(line)),
-            Err(error) => Err(self.error(error.column, Fault::Line(error))),
-        }
+        Ok(false)
     }
 
     fn error(&self, column: u64, fault: Fault) -> ReadError {

@@ -177,10 +177,10 @@ impl Drop for Recorder {
 impl Out {
     fn create(path: &Path, recording: Recording) -> io::Result<Self> {
         let file = File::create(path)?;
-        Ok(match recording.gzip {
-            true => Self::Gzip(GzEncoder::new(file, Compression::default())),
-            false => Self::Plain(file),
-        })
+        if recording.gzip {
+            return Ok(Self::Gzip(GzEncoder::new(file, Compression::default())));
+        }
+        Ok(Self::Plain(file))
     }
 
     fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {

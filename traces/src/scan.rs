@@ -27,29 +27,41 @@ impl<'a> Scan<'a> {
     }
 
     /// The next byte that is not white space, if any is left; it stays.
+    #[inline]
     pub(crate) fn peek(&mut self) -> Option<u8> {
-        let rest = self.rest();
-        let blank = rest.iter().take_while(|byte| matches!(byte, b' ' | b'\t' | b'\r')).count();
-        self.at += blank;
-        rest.get(blank).copied()
+        loop {
+            let next = *self.text.as_bytes().get(self.at)?;
+            if !matches!(next, b' ' | b'\t' | b'\r') {
+                return Some(next);
+            }
+            self.at += 1;
+        }
     }
 
     /// Takes `wanted` if it comes next.
+    #[inline]
     pub(crate) fn take(&mut self, wanted: u8) -> bool {
         let found = self.peek() == Some(wanted);
         self.at += usize::from(found);
         found
     }
 
+    #[inline]
     /// Takes `wanted` or says that it is missing.
     pub(crate) fn expect(&mut self, wanted: u8, place: &str) -> Result<(), ParseError> {
         if self.take(wanted) {
             return Ok(());
         }
+        self.missing(wanted, place)
+    }
+
+    #[cold]
+    fn missing(&self, wanted: u8, place: &str) -> Result<(), ParseError> {
         let wanted = char::from(wanted);
         Err(self.fault(format!("expected `{wanted}` {place}, found {}", self.found())))
     }
 
+    #[inline]
     /// Whether an object or a list goes on; takes the comma, or the bracket that closes it.
     pub(crate) fn more(&mut self, first: bool, close: u8) -> Result<bool, ParseError> {
         if self.take(close) {
@@ -63,6 +75,7 @@ impl<'a> Scan<'a> {
         Ok(true)
     }
 
+    #[inline]
     /// A key, where it stands, and the colon.
     pub(crate) fn key(&mut self) -> Result<(usize, Cow<'a, str>), ParseError> {
         self.peek();
@@ -87,8 +100,8 @@ impl<'a> Scan<'a> {
         }
         let start = self.at + 1;
         let rest = self.text.as_bytes().get(start..).unwrap_or_default();
-        let len = rest.iter().take_while(|byte| !matches!(byte, b'"' | b'\\' | ..0x20)).count();
-        if rest.get(len) == Some(&b'"') {
+        let end = rest.iter().position(|byte| matches!(byte, b'"' | b'\\' | ..0x20));
+        if let Some(len) = end.filter(|len| rest.get(*len) == Some(&b'"')) {
             self.at = start + len + 1;
             return Ok(Cow::Borrowed(self.text.get(start..start + len).unwrap_or_default()));
         }
@@ -97,26 +110,31 @@ impl<'a> Scan<'a> {
 
     /// A whole number.
     pub(crate) fn number(&mut self) -> Result<u64, ParseError> {
-        const WANTED: &str = "write a whole number from 0 to 18446744073709551615, digits alone";
         self.peek();
-        let rest = self.rest();
-        let mut value = 0_u64;
-        let mut len = 0;
-        while let Some(digit) = rest.get(len).filter(|byte| byte.is_ascii_digit()) {
-            let more = value.checked_mul(10).and_then(|ten| ten.checked_add((digit - b'0').into()));
-            let Some(more) = more else {
-                return Err(self.fault(format!("the number is too great; {WANTED}")));
-            };
-            value = more;
-            len += 1;
+        let rest = self.text.as_bytes().get(self.at..).unwrap_or_default();
+        let len = rest.iter().position(|byte| !byte.is_ascii_digit()).unwrap_or(rest.len());
+        let (digits, rest) = rest.split_at(len);
+        let broken = matches!(rest.first(), Some(b'.' | b'e' | b'E' | b'+' | b'-'));
+        let zero_led = len > 1 && digits.first() == Some(&b'0');
+        // What has 19 digits fits.
+        let (most, last) = digits.split_at(len.min(19));
+        let value = most.iter().fold(0, |value, digit| 10 * value + u64::from(digit - b'0'));
+        let value = last.iter().try_fold(value, |value: u64, digit| {
+            value.checked_mul(10)?.checked_add((digit - b'0').into())
+        });
+        match value {
+            Some(value) if len > 0 && !broken && !zero_led => {
+                self.at += len;
+                Ok(value)
+            }
+            _ => Err(self.no_number()),
         }
-        let signed_or_broken = matches!(rest.get(len), Some(b'.' | b'e' | b'E' | b'+' | b'-'));
-        let zero_led = len > 1 && rest.first() == Some(&b'0');
-        if len == 0 || signed_or_broken || zero_led {
-            return Err(self.fault(format!("expected a number, found {}; {WANTED}", self.found())));
-        }
-        self.at += len;
-        Ok(value)
+    }
+
+    #[cold]
+    fn no_number(&self) -> ParseError {
+        const WANTED: &str = "a whole number from 0 to 18446744073709551615, digits alone";
+        self.fault(format!("expected {WANTED}, found {}", self.found()))
     }
 
     /// Any JSON value, whatever is in it.
@@ -165,9 +183,5 @@ impl<'a> Scan<'a> {
             Some((cut, _)) => format!("`{}…`", token.get(..cut).unwrap_or_default()),
             None => format!("`{token}`"),
         }
-    }
-
-    fn rest(&self) -> &'a [u8] {
-        self.text.as_bytes().get(self.at..).unwrap_or_default()
     }
 }

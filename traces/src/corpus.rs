@@ -1,0 +1,111 @@
+//! Conforming traces, one for each case of the rules.
+//!
+//! They come with the crate, so that a command can play them to another implementation. Each says its case in its name
+//! and in its header's `x`. The breaking ones stay in `corpus/bad`, each beside a sidecar with the rule that it breaks
+//! and the line.
+
+/// A conforming trace.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Case {
+    /// Its name: the rule first, then what happens.
+    pub name: &'static str,
+    /// The trace, as JSON Lines.
+    pub trace: &'static str,
+}
+
+/// Lists files of the corpus.
+macro_rules! cases {
+    ($($name:literal,)+) => {
+        &[$(Case {
+            name: $name,
+            trace: include_str!(concat!("../corpus/", $name, ".jsonl")),
+        }),+]
+    };
+}
+
+/// All of them, by name.
+pub const CASES: &[Case] = cases![
+    "f0-clock-at-its-end-stays-there",
+    "f0-clock-going-back-counts-as-greatest",
+    "f0-due-instant-saturates",
+    "f0-what-is-due-comes-before-the-input",
+    "f1-greatest-timestamp-opens-once",
+    "f1-limit-is-armed",
+    "f1-open-refused-deadline",
+    "f1-open-refused-first-reason",
+    "f1-open-refused-full",
+    "f1-open-refused-order",
+    "f1-refused-open-changes-nothing",
+    "f1-timestamps-may-skip",
+    "f1-window-counts-open-timestamps",
+    "f2-offer-admitted",
+    "f2-offer-outranking-what-is-held",
+    "f2-offer-refused-closed",
+    "f2-offer-refused-deadline",
+    "f2-offer-refused-duplicate",
+    "f2-offer-refused-first-reason",
+    "f2-offer-refused-outranked",
+    "f2-offer-refused-queue",
+    "f2-offer-refused-unknown",
+    "f2g-each-cloud-has-its-gate",
+    "f2g-gate-opens-at-resume",
+    "f2g-gate-shuts-at-limit",
+    "f2g-refused-offer-does-not-ask-the-gate",
+    "f2g-resume-defaults-to-limit-less-one",
+    "f3-clouds-in-any-order",
+    "f3-dropped-duplicate",
+    "f3-dropped-first-reason",
+    "f3-dropped-superseded",
+    "f3-dropped-superseded-though-late",
+    "f3-dropped-unknown",
+    "f3-dropped-unsolicited",
+    "f3-forwarded-at-once",
+    "f3-held-local-disarms-its-limit-eager",
+    "f3-held-local-disarms-its-limit-patient",
+    "f3-held-result-and-its-timer-eager",
+    "f3-held-result-and-its-timer-patient",
+    "f3-held-while-something-outranks-it",
+    "f3-highest-is-forwarded-at-once",
+    "f3-last-instant-before-due",
+    "f3-late-after-due",
+    "f3-late-after-failure",
+    "f3-late-at-due",
+    "f3-late-local",
+    "f4-dropped-duplicate",
+    "f4-dropped-late",
+    "f4-dropped-superseded",
+    "f4-dropped-unknown",
+    "f4-dropped-unsolicited",
+    "f4-failure-disarms-its-timer",
+    "f4-failure-is-no-timer",
+    "f4-failure-of-local",
+    "f4-failure-releases-what-is-held",
+    "f4-failure-waits-for-what-outranks",
+    "f5-coarse-tick-decides-what-fine-ticks-decide-eager",
+    "f5-coarse-tick-decides-what-fine-ticks-decide-patient",
+    "f5-due-order-then-timestamp",
+    "f5-limit-and-cloud-at-one-due-eager",
+    "f5-limit-and-cloud-at-one-due-patient",
+    "f5-same-due-fires-together",
+    "f5-timer-fires-at-an-open",
+    "f5-timer-not-before-due",
+    "f6-best-in-hand-goes-eager",
+    "f6-best-in-hand-goes-patient",
+    "f6-limit-commits-nothing-eager",
+    "f6-limit-commits-nothing-patient",
+    "f6-lower-timer-while-higher-pends-eager",
+    "f6-lower-timer-while-higher-pends-patient",
+    "f6-missed-at-the-last-timer",
+    "f6-missed-when-local-is-too-late",
+    "f6-timer-of-the-highest",
+    "f6-timer-with-nothing-in-hand",
+    "f7-cancelled-by-an-eager-commit-eager",
+    "f7-cancelled-by-an-eager-commit-patient",
+    "f7-closed-requests-are-not-cancelled",
+    "f7-held-results-are-discarded",
+    "f7-local-is-never-cancelled",
+    "f7-outputs-as-decided",
+    "f7-pending-clouds-are-cancelled",
+    "f8-every-input-has-an-outcome",
+    "keys-in-any-order",
+];

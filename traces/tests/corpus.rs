@@ -1,0 +1,247 @@
+//! Every trace of the corpus, judged: conforming ones conform, breaking ones break what their sidecars name.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use fuseline_traces::corpus::CASES;
+use fuseline_traces::{
+    Commit, Decision, Demands, DropReason, Event, Header, Input, Line, Reader, Reference, Refusal,
+    Rule, Verdict, judge, parse,
+};
+use serde::Deserialize;
+
+/// What a breaking trace breaks.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sidecar {
+    rule: String,
+    line: u64,
+}
+
+/// A reason with what it is given for: they are counted apart.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+enum Reason {
+    Open(Refusal),
+    Offer(Refusal),
+    Result(DropReason),
+    Fail(DropReason),
+}
+
+#[test]
+fn conforming_traces_conform() {
+    for case in CASES {
+        let verdict = judge(case.name, case.trace.as_bytes()).expect("it can be read");
+        assert!(verdict.conforms, "{verdict}");
+    }
+}
+
+#[test]
+fn breaking_traces_break_the_named_rule_at_the_named_line_and_nothing_else() {
+    let mut astray = Vec::new();
+    for (path, sidecar) in bad() {
+        let verdict = verdict(&path);
+        let found: Vec<_> =
+            verdict.violations.iter().map(|found| (found.rule.id(), found.line)).collect();
+        if found != [(&*sidecar.rule, sidecar.line)] {
+            astray.push(verdict.to_string());
+        }
+    }
+    assert!(astray.is_empty(), "{}", astray.join("\n\n"));
+}
+
+#[test]
+fn the_crate_brings_every_conforming_file() {
+    let names: Vec<_> = CASES.iter().map(|case| case.name.to_owned()).collect();
+    assert_eq!(names, names_in(&corpus()));
+}
+
+#[test]
+fn names_begin_with_the_rule_that_they_are_about() {
+    for (path, sidecar) in bad() {
+        let name = name(&path);
+        let about = name.split('-').next().unwrap_or_default();
+        assert!(sidecar.rule.eq_ignore_ascii_case(about), "{name} breaks {}", sidecar.rule);
+    }
+}
+
+#[test]
+fn every_rule_is_obeyed_and_broken() {
+    let mut obeyed: BTreeSet<Rule> = BTreeSet::new();
+    for case in CASES {
+        for (input, demands) in play(case.trace) {
+            obeyed.extend(demands.iter().map(|(_, rule)| *rule));
+            // F0 shows where the clock went back.
+            if demands.iter().any(|(decision, _)| decision.at() != input.at()) {
+                obeyed.insert(Rule::F0);
+            }
+            // An accepted failure that decides nothing is F4's only trace.
+            if matches!(input, Input::Fail { .. }) {
+                obeyed.insert(Rule::F4);
+            }
+            // P1 shows where something comes for what was forwarded or missed.
+            if demands.iter().any(|(decision, _)| {
+                matches!(decision, Decision::Drop { why: DropReason::Superseded, .. })
+            }) {
+                obeyed.insert(Rule::P1);
+            }
+        }
+    }
+    let broken: BTreeSet<Rule> = bad()
+        .iter()
+        .map(|(_, sidecar)| Rule::named(&sidecar.rule).expect("the sidecar names a rule"))
+        .collect();
+    let all = BTreeSet::from(Rule::ALL);
+    assert_eq!(obeyed, all);
+    assert_eq!(broken, all);
+}
+
+#[test]
+fn every_reason_is_given_and_withheld() {
+    let given: BTreeSet<Reason> = CASES
+        .iter()
+        .flat_map(|case| play(case.trace))
+        .flat_map(|(input, demands)| {
+            demands.into_iter().filter_map(move |(decision, _)| reason(&input, &decision))
+        })
+        .collect();
+    let withheld: BTreeSet<Reason> = bad()
+        .iter()
+        .filter_map(|(path, sidecar)| {
+            let expected = &verdict(path).violations.first()?.expected.clone();
+            let Ok(Line::Event(Event::Decision(decision))) = parse(expected.as_bytes()) else {
+                return None;
+            };
+            let text = fs::read_to_string(path).expect("it can be read");
+            let lines = usize::try_from(sidecar.line).expect("it is small");
+            let inputs = text.lines().take(lines).filter_map(|line| input(line.as_bytes()));
+            reason(&inputs.last()?, &decision)
+        })
+        .collect();
+    let all = BTreeSet::from_iter(
+        [Refusal::Order, Refusal::Full, Refusal::Deadline]
+            .into_iter()
+            .map(Reason::Open)
+            .chain(Refusal::ALL.into_iter().filter(|why| !of_open_alone(*why)).map(Reason::Offer))
+            .chain(
+                DropReason::ALL
+                    .into_iter()
+                    .flat_map(|why| [Reason::Result(why), Reason::Fail(why)]),
+            ),
+    );
+    assert_eq!(given, all);
+    assert_eq!(withheld, all);
+}
+
+#[test]
+fn what_the_commit_rules_decide_differently_is_there_under_both() {
+    let mut differ = BTreeSet::new();
+    for case in CASES {
+        let Some(stem) = case.name.strip_suffix("-eager") else { continue };
+        let twin = CASES.iter().find(|twin| twin.name == format!("{stem}-patient"));
+        let twin = twin.unwrap_or_else(|| panic!("{stem} has no patient twin"));
+        assert_eq!(header(case.trace).commit, Commit::Eager);
+        assert_eq!(header(twin.trace).commit, Commit::Patient);
+        let (eager, patient) = (play(case.trace), play(twin.trace));
+        let inputs =
+            |run: &[(Input, Demands)]| run.iter().map(|(input, _)| *input).collect::<Vec<_>>();
+        assert_eq!(inputs(&eager), inputs(&patient), "{stem}");
+        if eager != patient {
+            differ.extend(stem.split('-').next());
+        }
+    }
+    assert_eq!(differ, BTreeSet::from(["f3", "f5", "f6", "f7"]));
+    for rule in ["f5", "f6"] {
+        for commit in Commit::ALL {
+            let broken = |name: &String| name.starts_with(rule) && name.ends_with(commit.as_str());
+            assert!(names_in(&corpus().join("bad")).iter().any(broken), "{rule} under {commit}");
+        }
+    }
+}
+
+#[test]
+fn decisions_are_written_as_the_writer_writes_them() {
+    for case in CASES {
+        for line in case.trace.lines() {
+            if let Ok(Line::Event(Event::Decision(decision))) = parse(line.as_bytes()) {
+                assert_eq!(line, decision.to_string(), "{}", case.name);
+            }
+        }
+    }
+}
+
+fn reason(input: &Input, decision: &Decision) -> Option<Reason> {
+    match (input, decision) {
+        (_, Decision::Refuse { p: None, why, .. }) => Some(Reason::Open(*why)),
+        (_, Decision::Refuse { p: Some(_), why, .. }) => Some(Reason::Offer(*why)),
+        (Input::Fail { .. }, Decision::Drop { why, .. }) => Some(Reason::Fail(*why)),
+        (_, Decision::Drop { why, .. }) => Some(Reason::Result(*why)),
+        _ => None,
+    }
+}
+
+fn of_open_alone(why: Refusal) -> bool {
+    matches!(why, Refusal::Order | Refusal::Full)
+}
+
+/// The inputs of a trace with what the rules demand.
+fn play(trace: &str) -> Vec<(Input, Demands)> {
+    let mut reference = Reference::new(&header(trace));
+    let inputs = trace.lines().filter_map(|line| input(line.as_bytes()));
+    inputs
+        .map(|input| {
+            let mut demands = Demands::new();
+            reference.apply(&input, &mut demands);
+            (input, demands)
+        })
+        .collect()
+}
+
+fn input(line: &[u8]) -> Option<Input> {
+    match parse(line).expect("it is a line") {
+        Line::Event(Event::Input(input)) => Some(input),
+        Line::Event(Event::Decision(_)) | Line::Header(_) => None,
+    }
+}
+
+fn header(trace: &str) -> Header {
+    Reader::new("trace", trace.as_bytes()).expect("it begins with a header").header().clone()
+}
+
+fn verdict(path: &Path) -> Verdict {
+    let trace = fs::read(path).expect("it can be read");
+    judge(&name(path), &trace[..]).expect("it is well formed")
+}
+
+fn bad() -> Vec<(PathBuf, Sidecar)> {
+    let folder = corpus().join("bad");
+    let names = names_in(&folder);
+    assert!(!names.is_empty());
+    names
+        .into_iter()
+        .map(|name| {
+            let sidecar = fs::read(folder.join(format!("{name}.json"))).expect("it has a sidecar");
+            let sidecar = serde_json::from_slice(&sidecar).expect("it is a sidecar");
+            (folder.join(format!("{name}.jsonl")), sidecar)
+        })
+        .collect()
+}
+
+fn names_in(folder: &Path) -> Vec<String> {
+    let files =
+        fs::read_dir(folder).expect("it is a folder").map(|file| file.expect("it is").path());
+    let mut names: Vec<_> = files
+        .filter(|path| path.extension().is_some_and(|extension| extension == "jsonl"))
+        .map(|path| name(&path))
+        .collect();
+    names.sort();
+    names
+}
+
+fn name(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn corpus() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus")
+}
