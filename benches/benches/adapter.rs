@@ -1,8 +1,8 @@
-//! What the tokio adapter costs beside a `select!` written by hand for the same three sources, and how late it
-//! serves timers.
+//! What the tokio adapter costs beside a `select!` written by hand for the same three sources, and
+//! how late it serves timers.
 //!
-//! Everything runs on one thread, so that the process's time is that of the messages. Both sides are measured in
-//! turns in one run; the figures are medians over the turns.
+//! Everything runs on one thread, so that the process's time is that of the messages. Both sides
+//! are measured in turns in one run; the figures are medians over the turns.
 
 use std::future::pending;
 use std::sync::Arc;
@@ -191,8 +191,8 @@ async fn with_select(pace: Pace) {
     }
 }
 
-/// What one writes for one message when there is nothing ready: one task, one deadline for both clouds, and no window,
-/// queue, gate, count, trace or word about why.
+/// What one writes for one message when there is nothing ready: one task, one deadline for both
+/// clouds, and no window, queue, gate, count, trace or word about why.
 async fn by_hand(sources: [Take; 3], message: u64, output: mpsc::Sender<u64>) {
     let [local, one, two] = sources;
     let mut local = std::pin::pin!(source(local, message));

@@ -14,7 +14,8 @@ const WINDOW: usize = 1024;
 
 /// One operator's machine for whatever configuration a [`Header`] may hold.
 ///
-/// It answers each input with its decisions, in the order of the trace; adapters act on them and record them.
+/// It answers each input with its decisions, in the order of the trace; adapters act on them and
+/// record them.
 pub struct Arbiter {
     fusion: Box<Fusion<CLOUDS, WINDOW>>,
 }
@@ -100,7 +101,8 @@ impl Arbiter {
 
     /// Lets time go by up to `at`, nanoseconds, and gives what F5 decides to `decide`.
     ///
-    /// [`apply`](Self::apply) begins with it; doing it before tells the timers' decisions from the input's own.
+    /// [`apply`](Self::apply) begins with it; doing it before tells the timers' decisions from the
+    /// input's own.
     pub fn expire(&mut self, at: u64, mut decide: impl FnMut(Decision)) {
         while let At::Fired(firing) = self.fusion.at(Instant::from_nanos(at)) {
             fired(self.fusion.now(), &firing, &mut decide);

@@ -1,4 +1,5 @@
-//! One operator without its clock, its threads and its network: what happened goes in, what to do comes out.
+//! One operator without its clock, its threads and its network: what happened goes in, what to do
+//! comes out.
 
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
@@ -11,21 +12,24 @@ use fuseline_traces::{Decision, Header, Input, Recorder};
 use tracing::{debug, warn};
 
 use crate::arbiter::Arbiter;
+use crate::effect::{Effect, Local, Opening};
 use crate::item::{Forwarded, Item, Outcome, Rule, Source};
 use crate::lane::{Lane, Waiting};
-use crate::tally::{Counts, Event, Tally};
+use crate::tally::{Counting, Counts, Event};
 use crate::tape::Tape;
 
 /// Local's priority and the place of its lane.
 const LOCAL: usize = 0;
 
-/// One operator: the core, the values it holds, the queues to its sources, its counts and its recording.
+/// One operator: the core, the values it holds, the queues to its sources, its counts and its
+/// recording.
 ///
-/// `V` is what sources compute, `R` what is sent to them; neither is looked at. Instants are nanoseconds of the
-/// adapter's monotonic clock. After each input, take the effects by [`next_effect`](Self::next_effect) until there are none.
+/// `V` is what sources compute, `R` what is sent to them; neither is looked at. Instants are
+/// nanoseconds of the adapter's monotonic clock. After each input, take the effects by
+/// [`next_effect`](Self::next_effect) until there are none.
 ///
-/// - inputs: [`open`](Self::open), [`offer`](Self::offer), [`result`](Self::result), [`fail`](Self::fail),
-///   [`tick`](Self::tick)
+/// - inputs: [`open`](Self::open), [`offer`](Self::offer), [`result`](Self::result),
+///   [`fail`](Self::fail), [`tick`](Self::tick)
 /// - effects: [`next_effect`](Self::next_effect)
 /// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
 pub struct Engine<V, R> {
@@ -40,58 +44,6 @@ pub struct Engine<V, R> {
     decisions: Vec<Decision>,
     tape: Option<Tape>,
 }
-
-/// How many computations local can have.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Local {
-    /// How many run at once; at least one does.
-    pub at_once: usize,
-    /// How many more may wait; beyond that local fails at once (F4).
-    pub waiting: usize,
-    /// Whether one that waits is skipped once its message was answered.
-    pub skip_answered: bool,
-}
-
-/// What is to be done now.
-#[derive(Debug)]
-pub enum Effect<V, R> {
-    /// Send this downstream.
-    Output(Item<V>),
-    /// Begin the call, or for priority 0 the local computation.
-    Start {
-        /// Whose.
-        priority: u16,
-        /// For which message.
-        timestamp: u64,
-        /// When the call must have ended; local's never must.
-        due: Option<u64>,
-        /// What was offered.
-        request: R,
-    },
-    /// The call's result is no longer wanted (F5, F7). Never local's.
-    Abort {
-        /// Whose.
-        priority: u16,
-        /// For which message.
-        timestamp: u64,
-    },
-}
-
-/// What became of a message.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-#[must_use = "without room for it, local is to fail after the offers"]
-pub enum Opening {
-    /// Refused; an item says so (F1).
-    Refused,
-    /// Open; local computes it now or soon.
-    Computing,
-    /// Open, but too many computations wait: make the offers, then let local [`fail`](Engine::fail).
-    NoRoom,
-}
-
-/// One cell for all counts, to be read from anywhere while the operator runs.
-#[derive(Clone)]
-pub struct Counting(Arc<Counts>);
 
 /// What an open message has.
 struct Story<V> {
@@ -113,8 +65,8 @@ enum Cargo<V, R> {
 }
 
 impl<V, R> Engine<V, R> {
-    /// An operator so configured; `at_once[i]` bounds the calls under way to the header's cloud `i`, and is 1 where
-    /// there is none.
+    /// An operator so configured; `at_once[i]` bounds the calls under way to the header's cloud
+    /// `i`, and is 1 where there is none.
     ///
     /// # Errors
     /// Why the configuration is refused.
@@ -139,8 +91,8 @@ impl<V, R> Engine<V, R> {
 
     /// Records everything from here on; to be called before the first input.
     ///
-    /// Files are written by a thread of their own. If the disk falls far behind, the recording ends early, whole, with
-    /// an error; the operator goes on.
+    /// Files are written by a thread of their own. If the disk falls far behind, the recording ends
+    /// early, whole, with an error; the operator goes on.
     ///
     /// # Errors
     /// If the system has no thread left.
@@ -200,7 +152,8 @@ impl<V, R> Engine<V, R> {
         self.send();
     }
 
-    /// Ends the recording, if there is one, and waits until it is written. Dropping the engine does the same.
+    /// Ends the recording, if there is one, and waits until it is written. Dropping the engine does
+    /// the same.
     ///
     /// # Errors
     /// The first error met while recording; the trace is whole up to there.
@@ -228,7 +181,7 @@ impl<V, R> Engine<V, R> {
     /// The counts, as they go on.
     #[must_use]
     pub fn counts(&self) -> Counting {
-        Counting(Arc::clone(&self.counts))
+        Counting::new(&self.counts)
     }
 
     /// Lets the core decide, records it, and turns its decisions into effects.
@@ -408,25 +361,6 @@ impl<V, R> Engine<V, R> {
 
     fn name(&self, p: u64) -> Option<&str> {
         self.lane(p).map(|lane| &*self.lanes[lane].source.name)
-    }
-}
-
-impl fmt::Debug for Counting {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.tally().fmt(f)
-    }
-}
-
-impl Counting {
-    /// The counts so far.
-    #[must_use]
-    pub fn tally(&self) -> Tally {
-        self.0.snapshot()
-    }
-
-    /// Counts bytes that a call to cloud `p` sends; nothing if there is no such cloud.
-    pub fn sent(&self, p: u16, bytes: u64) {
-        self.0.sent(p, bytes);
     }
 }
 

@@ -1,7 +1,8 @@
-//! What every adapter shares: the core driven in the words of the trace, the queues to the sources, recording and
-//! counting. An adapter adds its clock, its threads and its network.
+//! What every adapter shares: the core driven in the words of the trace, the queues to the sources,
+//! recording and counting. An adapter adds its clock, its threads and its network.
 
 mod arbiter;
+mod effect;
 mod engine;
 mod item;
 mod lane;
@@ -10,8 +11,9 @@ mod tally;
 mod tape;
 
 pub use arbiter::Arbiter;
-pub use engine::{Counting, Effect, Engine, Local, Opening};
+pub use effect::{Effect, Local, Opening};
+pub use engine::Engine;
 pub use fuseline_core::ConfigError;
 pub use fuseline_traces::{Cloud, Commit, DropReason, Header, Recorder, Recording, Refusal};
 pub use item::{Forwarded, Item, Outcome, Rule, Source};
-pub use tally::{SourceTally, Tally};
+pub use tally::{Counting, SourceTally, Tally};

@@ -39,7 +39,8 @@ pub(crate) struct SourceMeters {
 }
 
 impl Meters {
-    /// Registers with the recorder that is installed now; with none, counting costs next to nothing.
+    /// Registers with the recorder that is installed now; with none, counting costs next to
+    /// nothing.
     pub(crate) fn new(operator: &str, sources: &[Source]) -> Self {
         let operator = operator.to_owned();
         Self {

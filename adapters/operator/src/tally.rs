@@ -1,7 +1,8 @@
 //! What was counted: a plain tally to look at, and the same through the `metrics` facade.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use fuseline_traces::{DropReason, Refusal};
 
@@ -79,6 +80,10 @@ impl SourceTally {
         }
     }
 }
+
+/// One cell for all counts, to be read from anywhere while the operator runs.
+#[derive(Clone)]
+pub struct Counting(Arc<Counts>);
 
 /// The tally and the meters of one operator, counted together.
 pub(crate) struct Counts {
@@ -168,5 +173,28 @@ impl Counts {
     /// Counting never panics midway, so what a poisoned lock holds is whole.
     fn lock(&self) -> MutexGuard<'_, Tally> {
         self.tally.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl fmt::Debug for Counting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.tally().fmt(f)
+    }
+}
+
+impl Counting {
+    pub(crate) fn new(counts: &Arc<Counts>) -> Self {
+        Self(Arc::clone(counts))
+    }
+
+    /// The counts so far.
+    #[must_use]
+    pub fn tally(&self) -> Tally {
+        self.0.snapshot()
+    }
+
+    /// Counts bytes that a call to cloud `p` sends; nothing if there is no such cloud.
+    pub fn sent(&self, p: u16, bytes: u64) {
+        self.0.sent(p, bytes);
     }
 }

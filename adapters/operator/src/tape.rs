@@ -75,6 +75,7 @@ impl Tape {
             && batches.try_send(lines).is_err()
         {
             // A gap would make the trace a false one: what comes later is not recorded either.
+            tracing::error!("the disk is too slow, the trace ends here");
             self.batches = None;
             self.behind = true;
         }

@@ -1,16 +1,17 @@
-//! Clouds behind gRPC: connections with TLS and tokens, handles for any client, and a service ready to use.
+//! Clouds behind gRPC: connections with TLS and tokens, handles for any client, and a service ready
+//! to use.
 //!
-//! A [`Remote`] says where a cloud is and makes a [`Connection`], which connects when it is first used and again
-//! whenever it was lost. Any client that `tonic` generates takes it, and [`unary`] makes a method of such a client a
-//! handle. For bytes in and bytes out there is [`infer`], with [`serve`] as its other side; the protocol is
-//! `proto/fuseline.proto`.
+//! A [`Remote`] says where a cloud is and makes a [`Connection`], which connects when it is first
+//! used and again whenever it was lost. Any client that `tonic` generates takes it, and [`unary`]
+//! makes a method of such a client a handle. For bytes in and bytes out there is [`infer`], with
+//! [`serve`] as its other side; the protocol is `proto/fuseline.proto`.
 //!
 //! ```no_run
 //! # use std::time::Duration;
 //! # use fuseline_tokio::{Error, Setup, grpc};
-//! # fn setup(setup: &mut Setup<Vec<u8>, Vec<u8>>) -> Result<(), grpc::RemoteError> {
+//! # fn setup(setup: &mut Setup<Vec<u8>, Vec<u8>>) -> Result<(), Error> {
 //! let remote = grpc::Remote {
-//!     ca: Some(include_bytes!("../proto/fuseline.proto").to_vec()), // the provider's CA, PEM
+//!     ca: Some(std::fs::read("west.pem")?),
 //!     token: Some(grpc::Token::new("secret")?),
 //!     ..grpc::Remote::new("https://west.example:50051")
 //! };
@@ -39,4 +40,4 @@ pub use token::{InvalidToken, Token};
 pub use tonic;
 
 /// The most bytes that a message of [`infer`] and [`serve`] may have, encoded.
-pub const MESSAGE_BYTES: usize = 64 * 1024 * 1024;
+pub const MESSAGE_BYTES: usize = 32 * 1024 * 1024;

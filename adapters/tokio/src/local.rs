@@ -10,23 +10,23 @@ use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 
 use crate::Error;
-use crate::panics::reason;
+use crate::panics::panicked;
 use crate::run::{Arrival, Arrived};
 
 /// How messages are computed locally (priority 0). An error or a panic is a failure (F4).
 ///
-/// A computation that began is never aborted (F7), and each message taken on is computed, in order, unless
-/// [`skip_answered`](Self::skip_answered) says otherwise.
+/// A computation that began is never aborted (F7), and each message taken on is computed, in order,
+/// unless [`skip_answered`](Self::skip_answered) says otherwise.
 pub struct Local<I, O> {
     /// How long a computation may take from when its message was taken in; none by default.
     ///
     /// Without it a message whose computation never ends stays open (A9).
     pub limit: Option<Duration>,
-    /// How many messages may wait for a computation to end, as many as the window by default. For a message beyond,
-    /// local fails (F4), so that the clouds alone can answer it.
+    /// How many messages may wait for a computation to end, as many as the window by default. For a
+    /// message beyond, local fails (F4), so that the clouds alone can answer it.
     pub waiting: Option<usize>,
-    /// Whether a computation that has not begun is skipped once its message was answered. Off by default, since
-    /// it may keep state.
+    /// Whether a computation that has not begun is skipped once its message was answered. Off by
+    /// default, since it may keep state.
     pub skip_answered: bool,
     pub(crate) at_once: usize,
     pub(crate) kind: Kind<I, O>,
@@ -68,7 +68,8 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
         Self::new(1, Kind::Threads(vec![Box::new(compute)]))
     }
 
-    /// A blocking function on each of `at_once` (at least 1) threads; `make` gives each its own, with its own state.
+    /// A blocking function on each of `at_once` (at least 1) threads; `make` gives each its own,
+    /// with its own state.
     ///
     /// A computation of 300 ms needs four of them to keep pace with ten messages a second.
     #[must_use]
@@ -152,7 +153,7 @@ fn local_arrived<O>(arrived: &Arrived<O>, timestamp: u64, result: Result<O, Erro
 
 /// Turns a panic into an error.
 fn guard<T>(compute: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-    catch_unwind(AssertUnwindSafe(compute)).unwrap_or_else(|panic| Err(reason(&*panic).into()))
+    catch_unwind(AssertUnwindSafe(compute)).unwrap_or_else(|panic| Err(panicked(&*panic)))
 }
 
 /// Turns a panic into an error.
@@ -160,5 +161,5 @@ pub(crate) async fn guarded<T>(
     computation: impl Future<Output = Result<T, Error>>,
 ) -> Result<T, Error> {
     let ended = AssertUnwindSafe(computation).catch_unwind().await;
-    ended.unwrap_or_else(|panic| Err(reason(&*panic).into()))
+    ended.unwrap_or_else(|panic| Err(panicked(&*panic)))
 }

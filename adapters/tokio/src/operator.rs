@@ -40,12 +40,13 @@ pub type Items<O> = Reader<Item<O>>;
 pub struct Config {
     /// The operator's name in logs, metrics and traces; `operator` by default.
     pub name: String,
-    /// How many messages may be open at once, 1 to 1024; 16 by default. One more is refused `full` (F1).
+    /// How many messages may be open at once, 1 to 1024; 16 by default. One more is refused `full`
+    /// (F1).
     pub window: u16,
     /// When the best in hand goes (F6); eager by default.
     pub commit: Commit,
-    /// How many items each reader of the output may lag behind; at least 1, 16 by default. When one lags further, no
-    /// message is taken in until it caught up; what is open goes on.
+    /// How many items each reader of the output may lag behind; at least 1, 16 by default. When one
+    /// lags further, no message is taken in until it caught up; what is open goes on.
     pub output_len: usize,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
@@ -92,8 +93,9 @@ pub enum SpawnError {
 
 /// Starts an operator on the current runtime, reading `input`; answers its output stream.
 ///
-/// When `input` ends, the operator runs on until every open message is answered, then ends its output and its trace.
-/// Timers see to that, except for a message whose local computation never ends and has no limit.
+/// When `input` ends, the operator runs on until every open message is answered, then ends its
+/// output and its trace. Timers see to that, except for a message whose local computation never
+/// ends and has no limit.
 ///
 /// # Errors
 /// If the operator cannot be started as it is configured; nothing was started then.
@@ -136,8 +138,8 @@ impl Running {
         self.counting.tally()
     }
 
-    /// Lets the operator end at once: calls are aborted, open messages stay unanswered, the output ends. The
-    /// trace is whole up to there.
+    /// Lets the operator end at once: calls are aborted, open messages stay unanswered, the output
+    /// ends. The trace is whole up to there.
     pub fn stop(&self) {
         self.stop.notify_one();
     }

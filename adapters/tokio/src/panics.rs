@@ -2,10 +2,17 @@
 
 use std::any::Any;
 
+use crate::Error;
+
+/// The panic as an error.
+pub(crate) fn panicked(panic: &(dyn Any + Send)) -> Error {
+    format!("it panicked: {}", reason(panic)).into()
+}
+
 /// What the panic said, if it said it in words.
 pub(crate) fn reason(panic: &(dyn Any + Send)) -> &str {
     if let Some(words) = panic.downcast_ref::<&str>() {
         return words;
     }
-    panic.downcast_ref::<String>().map_or("a panic without words", String::as_str)
+    panic.downcast_ref::<String>().map_or("without words", String::as_str)
 }

@@ -10,7 +10,7 @@ use fuseline_operator::{Counting, Effect, Engine, Item, Opening};
 use tokio::sync::{Notify, mpsc};
 use tokio::task::AbortHandle;
 use tokio::time::{Instant, sleep_until};
-use tracing::{Instrument, debug_span};
+use tracing::{Instrument, debug_span, error};
 
 use crate::Error;
 use crate::local::{Workers, guarded};
@@ -38,7 +38,8 @@ pub(crate) enum Work<I, O> {
     Call(Request<O>),
 }
 
-/// The way for what comes from sources. Each call and each computation sends one, so no more are on it than were begun.
+/// The way for what comes from sources. Each call and each computation sends one, so no more are on
+/// it than were begun.
 pub(crate) type Arrived<O> = mpsc::UnboundedSender<Arrival<O>>;
 
 /// What comes from a source.
@@ -105,7 +106,11 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
         drop((calls, output));
         // The recorder waits for the disk.
         let written = tokio::task::spawn_blocking(move || engine.finish());
-        written.await.unwrap_or_else(|error| Err(io::Error::other(error)))
+        let written = written.await.unwrap_or_else(|error| Err(io::Error::other(error)));
+        if let Err(error) = &written {
+            error!(%error, "the trace is not whole");
+        }
+        written
     }
 
     /// A message came (F1); each cloud's handler is asked (F2).

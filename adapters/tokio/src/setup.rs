@@ -59,13 +59,15 @@ impl<I, O: Send + 'static> Setup<I, O> {
 
     /// Registers a cloud; what it answers can be given a name and bounds.
     ///
-    /// - `handle` makes the call, in a task of its own. Dropping its future must abort the call: that happens when the
-    ///   timer fires and when something better goes (F5, F7). An error or a panic is a failure (F4).
-    /// - `message_handler` looks at each message that was taken on, in the operator's task, and may keep state. It must
-    ///   not block; costly encoding belongs into `handle`. `None` asks nothing of this cloud. A panic asks nothing,
-    ///   and the handler is called again with the next message.
-    /// - `response_handler` turns the response into the output, in the call's task, when it arrives. An error or a panic
-    ///   is a failure (F4). The result counts as arrived when this is done.
+    /// - `handle` makes the call, in a task of its own. Dropping its future must abort the call:
+    ///   that happens when the timer fires and when something better goes (F5, F7). An error or a
+    ///   panic is a failure (F4).
+    /// - `message_handler` looks at each message that was taken on, in the operator's task, and may
+    ///   keep state. It must not block; costly encoding belongs into `handle`. `None` asks nothing
+    ///   of this cloud. A panic asks nothing; the handler is called again with the next message.
+    /// - `response_handler` turns the response into the output, in the call's task, when it
+    ///   arrives. An error or a panic is a failure (F4). The result counts as arrived when this is
+    ///   done.
     /// - `priority` is from 1 to 65535 and no other cloud's; the greater wins.
     pub fn use_cloud<Req, Res, Fut>(
         &mut self,

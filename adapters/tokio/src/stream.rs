@@ -5,7 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use thiserror::Error;
 use tokio::sync::mpsc;
 
-/// A stream of `T` with one writer, each of whose readers may lag `capacity` (at least 1) messages behind.
+/// A stream of `T` with one writer, each of whose readers may lag `capacity` (at least 1) messages
+/// behind.
 #[must_use]
 pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     let capacity = capacity.max(1);

@@ -308,6 +308,12 @@ async fn remotes_and_servers_that_cannot_be_are_refused() {
 }
 
 #[test]
+fn without_a_runtime_there_is_no_connection() {
+    let refused = Remote::new("http://localhost").connect();
+    assert!(matches!(refused, Err(RemoteError::NoRuntime)));
+}
+
+#[test]
 fn secrets_do_not_show() {
     let identity = Some(Identity { certificate: b"shown".into(), key: b"secret".into() });
     let token = Some(Token::new("secret").unwrap());

@@ -105,8 +105,8 @@ async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
     let mut script = Script::new();
     let slow = Part { priority: 1, deadline_ms: 100, act: |_| Never, limit: 2, calls: 1 };
     script.clouds.push(slow);
-    // One call is under way, two wait, the fourth is refused. At 100 ms the first timer fires and the second call
-    // starts: the queue is one long, the gate still shut. At 130 ms it is empty.
+    // One call is under way, two wait, the fourth is refused. At 100 ms the first timer fires and
+    // the second call starts: the queue is one long, the gate still shut. At 130 ms it is empty.
     let played = play_default(script, &[0, 10, 20, 30, 105, 130]).await;
     let cloud = &played.tally.sources[1];
     assert_eq!(cloud.refused.get(&Refusal::Queue), Some(&2));

@@ -1,5 +1,5 @@
-//! The `fuseline.v1.Infer` service of `proto/fuseline.proto`, both sides, written out by hand so that building it
-//! needs no code generator.
+//! The `fuseline.v1.Infer` service of `proto/fuseline.proto`, both sides, written out by hand so
+//! that building it needs no code generator.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -67,7 +67,8 @@ impl InferClient {
     }
 }
 
-/// What a cloud does with a request. When the caller gives up or its deadline passes, the future is dropped.
+/// What a cloud does with a request. When the caller gives up or its deadline passes, the future is
+/// dropped.
 pub trait Infer: Send + Sync + 'static {
     /// Computes a message.
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send;

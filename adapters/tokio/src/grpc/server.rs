@@ -11,7 +11,7 @@ use crate::grpc::remote::Identity;
 use crate::grpc::token::{Doorman, Token};
 
 /// How many calls one connection may have under way.
-const CALLS: u32 = 256;
+const CALLS: u32 = 64;
 
 /// Whom a server lets in; by default everybody, without TLS.
 #[derive(Clone, Debug, Default)]

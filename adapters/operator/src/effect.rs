@@ -1,0 +1,52 @@
+//! What the engine is given and what it gives back.
+
+use crate::item::Item;
+
+/// What is to be done now.
+#[derive(Debug)]
+pub enum Effect<V, R> {
+    /// Send this downstream.
+    Output(Item<V>),
+    /// Begin the call, or for priority 0 the local computation.
+    Start {
+        /// Whose.
+        priority: u16,
+        /// For which message.
+        timestamp: u64,
+        /// When the call must have ended; local's never must.
+        due: Option<u64>,
+        /// What was offered.
+        request: R,
+    },
+    /// The call's result is no longer wanted (F5, F7). Never local's.
+    Abort {
+        /// Whose.
+        priority: u16,
+        /// For which message.
+        timestamp: u64,
+    },
+}
+
+/// What became of a message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[must_use = "without room for it, local is to fail after the offers"]
+pub enum Opening {
+    /// Refused; an item says so (F1).
+    Refused,
+    /// Open; local computes it now or soon.
+    Computing,
+    /// Open, but too many computations wait: make the offers, then let local
+    /// [`fail`](crate::Engine::fail).
+    NoRoom,
+}
+
+/// How many computations local can have.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Local {
+    /// How many run at once; at least one does.
+    pub at_once: usize,
+    /// How many more may wait; beyond that local fails at once (F4).
+    pub waiting: usize,
+    /// Whether one that waits is skipped once its message was answered.
+    pub skip_answered: bool,
+}
