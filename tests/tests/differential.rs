@@ -11,7 +11,7 @@ use fuseline_tests::{Ledger, Run, runs};
 use fuseline_traces::{
     Commit, Decision, DropReason, Event, Header, Input, Reader, Reference, Refusal,
 };
-use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRunner};
+use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestError, TestRunner};
 
 /// Enough that an outcome that one run in a hundred reaches is not missed; `PROPTEST_CASES` overrides it.
 const CASES: u32 = 1024;
@@ -40,9 +40,30 @@ fn check(cases: u32, property: impl Fn(&Run) -> Result<(), String>) {
     };
     let outcome =
         TestRunner::new(config).run(&runs(), |run| property(&run).map_err(TestCaseError::fail));
-    if let Err(failure) = outcome {
-        panic!("{failure}");
+    match outcome {
+        Ok(()) => {}
+        Err(TestError::Fail(_, run)) => {
+            let (smallest, difference) = shorten(run, &property);
+            panic!("{difference}\nThe smallest run, as it should be:\n{smallest:?}");
+        }
+        Err(abort) => panic!("{abort}"),
     }
+}
+
+/// Leaves out every input that a failing run does not need: a step that shrinks may still stand for many.
+fn shorten(mut run: Run, property: impl Fn(&Run) -> Result<(), String>) -> (Run, String) {
+    let mut difference = property(&run).err().unwrap_or_default();
+    let mut i = 0;
+    while i < run.inputs.len() {
+        let mut shorter = run.clone();
+        shorter.inputs.remove(i);
+        match property(&shorter) {
+            // What was needed before may no longer be.
+            Err(still) => (run, difference, i) = (shorter, still, 0),
+            Ok(()) => i += 1,
+        }
+    }
+    (run, difference)
 }
 
 #[test]
@@ -95,6 +116,9 @@ fn p10_ticks_at_every_due_instant_change_no_decision() {
             let mut found = Vec::new();
             while let Some(at) = fine.next_due().filter(|due| *due <= input.at()) {
                 found.extend(decisions(&mut fine, &Input::Tick { at }));
+                if fine.next_due().is_some_and(|due| due <= at) {
+                    return Err(format!("{input:?}: what is due at {at} does not fire then"));
+                }
             }
             found.extend(decisions(&mut fine, input));
             let undated =
