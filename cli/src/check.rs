@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anstyle::{AnsiColor, Style};
 use fuseline_traces::{Judge, Reader, Verdict, Violation, unpack};
 use indicatif::{ProgressBar, ProgressStyle};
+use textwrap::Options;
 
 use crate::Exit;
 use crate::fault::Fault;
@@ -18,6 +19,9 @@ use crate::tail::Tail;
 const LONG: u64 = 16 << 20;
 /// How much of a file is read at once, in bytes.
 const CHUNK: usize = 64 * 1024;
+
+/// Rules are told within so many columns.
+const WIDTH: usize = 96;
 
 const GOOD: Style = AnsiColor::Green.on_default().bold();
 const BAD: Style = AnsiColor::Red.on_default().bold();
@@ -175,7 +179,9 @@ fn tell_violation(out: &mut impl Write, file: &str, violation: &Violation) -> io
     let Violation { line, t, rule, found, expected, story } = violation;
     let t = t.map_or_else(String::new, |t| format!("timestamp {t} "));
     writeln!(out, "\n{file}:{line}: {t}{BAD}breaks {rule}{BAD:#}")?;
-    writeln!(out, "  rule      {}", rule.sentence())?;
+    let sentence =
+        Options::new(WIDTH).initial_indent("  rule      ").subsequent_indent("            ");
+    writeln!(out, "{}", textwrap::fill(rule.sentence(), sentence))?;
     writeln!(out, "  found     {found}")?;
     writeln!(out, "  expected  {expected}")?;
     for (i, line) in story.iter().enumerate() {

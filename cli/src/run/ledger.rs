@@ -31,7 +31,7 @@ pub(crate) struct Ends {
     pub(crate) open: u64,
 }
 
-/// How the offers to one cloud ended; they add up to the offers made.
+/// How the offers to one cloud ended, each message's first one; they add up.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug, Serialize)]
 pub(crate) struct Fates {
     /// The result was held or forwarded.
@@ -218,10 +218,17 @@ impl Ledger {
         }
     }
 
-    /// What is sealed stays so: a held result's timer changes nothing, say.
+    /// What is sealed stays so: a held result's timer changes nothing, nor does a second offer.
     fn seal(&mut self, at: u64, t: u64, p: u64, fate: Fate) {
         self.with(t, p, |opened, source| {
-            if matches!(source.fate, Fate::Unasked | Fate::Pending) {
+            let is_next = match source.fate {
+                Fate::Unasked => true,
+                Fate::Pending => fate != Fate::Refused,
+                Fate::OnTime | Fate::Late | Fate::Superseded | Fate::Refused | Fate::Failed => {
+                    false
+                }
+            };
+            if is_next {
                 (source.fate, source.sealed) = (fate, since(opened, at));
             }
         });
@@ -265,9 +272,9 @@ mod tests {
     /// Applies inputs to the core and enters its decisions.
     fn ledger(inputs: &[Input]) -> Ledger {
         let cloud = |p| Cloud { p, name: None, limit: 2, resume: 1 };
-        let (window, commit) = (2, Commit::Eager);
-        let header = Header { operator: None, window, commit, clouds: vec![cloud(7), cloud(3)] };
-        let (mut arbiter, mut ledger) = (Arbiter::new(&header).unwrap(), Ledger::new(&[7, 3]));
+        let clouds = vec![cloud(7), cloud(3), cloud(5)];
+        let header = Header { operator: None, window: 2, commit: Commit::Eager, clouds };
+        let (mut arbiter, mut ledger) = (Arbiter::new(&header).unwrap(), Ledger::new(&[7, 3, 5]));
         for input in inputs {
             ledger.input(input);
             arbiter.apply(input, |decision| ledger.decision(&decision));
@@ -303,12 +310,12 @@ mod tests {
     #[test]
     fn the_best_clouds_result_supersedes_the_other_request() {
         let ledger = ledger(&[open(10, 0), offer(10, 0, 7), offer(10, 0, 3), result(180, 0, 7)]);
-        assert_eq!(ledger.ends(), Ends { forwarded: vec![0, 1, 0], ..Ends::default() });
-        let [seven, three] = ledger.fates()[..] else { unreachable!() };
+        assert_eq!(ledger.ends(), Ends { forwarded: vec![0, 1, 0, 0], ..Ends::default() });
+        let [seven, three, _] = ledger.fates()[..] else { unreachable!() };
         assert_eq!(seven, Fates { on_time: 1, ..Fates::default() });
         assert_eq!(three, Fates { superseded: 1, ..Fates::default() });
         let messages = ledger.messages(|_, _, _| None);
-        assert_eq!(messages[0].arrivals, [after(0), at(170), after(170)]);
+        assert_eq!(messages[0].arrivals, [after(0), at(170), after(170), after(0)]);
         assert_eq!(messages[0].forwarded.unwrap().response, Duration::from_millis(170));
     }
 
@@ -323,12 +330,15 @@ mod tests {
             Input::Tick { at: 500 * MS },
             result(900, 0, 7),
         ]);
-        let [seven, three] = ledger.fates()[..] else { unreachable!() };
+        let [seven, three, _] = ledger.fates()[..] else { unreachable!() };
         assert_eq!(seven, Fates { late: 1, ..Fates::default() });
         assert_eq!(three, Fates { on_time: 1, ..Fates::default() });
-        assert_eq!(ledger.ends().forwarded, [0, 0, 1]);
+        assert_eq!(ledger.ends().forwarded, [0, 0, 1, 0]);
         // What came after the end was seen all the same.
-        assert_eq!(ledger.messages(|_, _, _| None)[0].arrivals, [at(300), at(900), at(100)]);
+        assert_eq!(
+            ledger.messages(|_, _, _| None)[0].arrivals,
+            [at(300), at(900), at(100), after(0)]
+        );
     }
 
     #[test]
@@ -352,6 +362,29 @@ mod tests {
     }
 
     #[test]
+    fn a_held_result_stays_on_time_when_its_timer_commits_a_better_one() {
+        let ledger = ledger(&[
+            open(0, 0),
+            offer(0, 0, 3),
+            offer(5, 0, 5),
+            offer(9, 0, 7),
+            result(100, 0, 3),
+            result(200, 0, 5),
+            Input::Tick { at: 500 * MS },
+        ]);
+        assert_eq!(ledger.ends().forwarded, [0, 0, 0, 1]);
+        let [seven, three, five] = ledger.fates()[..] else { unreachable!() };
+        assert_eq!(seven, Fates { superseded: 1, ..Fates::default() });
+        assert_eq!((three, five), (Fates { on_time: 1, ..Fates::default() }, three));
+    }
+
+    #[test]
+    fn a_second_offer_does_not_count() {
+        let ledger = ledger(&[open(0, 0), offer(0, 0, 7), offer(1, 0, 7), result(2, 0, 7)]);
+        assert_eq!(ledger.fates()[0], Fates { on_time: 1, ..Fates::default() });
+    }
+
+    #[test]
     fn a_message_nobody_answers_is_missed() {
         let ledger = ledger(&[open(0, 0), fail(5, 0, 0)]);
         assert_eq!(ledger.ends().missed, 1);
@@ -365,6 +398,6 @@ mod tests {
             assert_eq!((opened, t), (Duration::from_millis(10), 0));
             (source == 2).then(|| at(220))
         };
-        assert_eq!(ledger.messages(planned)[0].arrivals, [after(0), at(170), at(220)]);
+        assert_eq!(ledger.messages(planned)[0].arrivals, [after(0), at(170), at(220), after(0)]);
     }
 }
