@@ -50,7 +50,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// A machine with nothing open, its clock at [`Instant::START`] and its gates open.
     ///
     /// `window`, 1 to `WINDOW`, bounds how many timestamps are open at once. The order of `clouds` means nothing
-    /// (P10). Capacities beyond 15 clouds or 1024 timestamps do not compile.
+    /// (P10). Capacities beyond 15 clouds or 1024 timestamps do not compile. The machine is as large as its capacities
+    /// make it, from about 100 bytes a timestamp: box great ones where stacks are small.
     ///
     /// # Errors
     /// The first [`ConfigError`] that holds.

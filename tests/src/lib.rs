@@ -7,3 +7,8 @@ mod run;
 pub use driver::{Driver, Fired};
 pub use ledger::Ledger;
 pub use run::{Run, runs};
+
+/// The README's example is run as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+pub struct Readme;
