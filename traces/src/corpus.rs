@@ -1,8 +1,8 @@
 //! Conforming traces, one for each case of the rules.
 //!
-//! They come with the crate, so that a command can play them to another implementation. Each says its case in its name
-//! and in its header's `x`. The breaking ones stay in `corpus/bad`, each beside a sidecar with the rule that it breaks
-//! and the line.
+//! They come with the crate, so that a command can play them to another implementation. Each says
+//! its case in its name and in its header's `x`. The breaking ones stay in `corpus/bad`, each
+//! beside a sidecar with the rule that it breaks and the line.
 
 /// A conforming trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -20,9 +20,10 @@ const STORY: usize = 12;
 
 /// Judges one trace, line after line.
 ///
-/// Every decision must be the one that the rules demand, in their order. At most one violation is told an input, the
-/// first: what else was decided about that input is not compared. With the next input it goes on, since what the rules
-/// demand depends on the inputs alone. Its memory is bounded by the window, not by the trace's length.
+/// Every decision must be the one that the rules demand, in their order. At most one violation is
+/// told an input, the first: what else was decided about that input is not compared. With the next
+/// input it goes on, since what the rules demand depends on the inputs alone. Its memory is bounded
+/// by the window, not by the trace's length.
 #[derive(Debug)]
 pub struct Judge {
     reference: Reference,
@@ -45,9 +46,11 @@ pub struct Judge {
 pub struct Verdict {
     /// The name that the trace was given.
     pub file: String,
-    /// Whether every decision is what the rules demand. So it is where nothing happened: see `judged`.
+    /// Whether every decision is what the rules demand. So it is where nothing happened: see
+    /// `judged`.
     pub conforms: bool,
-    /// How many timestamps were judged: those opened that have a result, a failure, an emit or a miss.
+    /// How many timestamps were judged: those opened that have a result, a failure, an emit or a
+    /// miss.
     pub judged: u64,
     /// How many lines the trace has, the header's too.
     pub lines: u64,
@@ -90,7 +93,8 @@ pub fn judge(file: &str, trace: impl BufRead) -> Result<Verdict, ReadError> {
 }
 
 impl Judge {
-    /// A judge of a trace with this header, its first line; `file` is the trace's name in the verdict.
+    /// A judge of a trace with this header, its first line; `file` is the trace's name in the
+    /// verdict.
     #[must_use]
     pub fn new(file: impl Into<String>, header: &Header) -> Self {
         let file = file.into();

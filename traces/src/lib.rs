@@ -1,4 +1,4 @@
-//! The trace of a fusion operator: its format, the reference machine and the judge.
+#![doc = include_str!("../README.md")]
 
 pub mod corpus;
 mod event;

@@ -26,7 +26,8 @@ pub struct ParseError {
 
 /// Reads one line of a trace, given without its `\n`.
 ///
-/// What a whole file may not hold, such as a second header, is the [`Reader`](crate::Reader)'s to say.
+/// What a whole file may not hold, such as a second header, is the [`Reader`](crate::Reader)'s to
+/// say.
 ///
 /// # Errors
 /// Whatever the format does not allow, with its column.
@@ -299,10 +300,17 @@ fn twice(offset: usize, key: &str) -> ParseError {
     ParseError::at(offset, format!("key \"{key}\" a second time; write it once"))
 }
 
-/// The start of a name that may be long, fit to be shown.
+/// The start of a text that may be long, fit to be shown on a terminal.
 pub(crate) fn brief(text: &str) -> String {
     const SHOWN: usize = 24;
-    let mut shown: String = text.chars().take(SHOWN).flat_map(char::escape_debug).collect();
+    let mut shown = String::new();
+    for c in text.chars().take(SHOWN) {
+        if c.is_control() {
+            shown.extend(c.escape_debug());
+        } else {
+            shown.push(c);
+        }
+    }
     if text.chars().nth(SHOWN).is_some() {
         shown.push('…');
     }

@@ -138,7 +138,8 @@ impl<R: BufRead> Reader<R> {
         }
     }
 
-    /// Takes the next line's bytes, of one too long just more than it may have; false if it does not end.
+    /// Takes the next line's bytes, of one too long just more than it may have; false if it does
+    /// not end.
     fn fill(&mut self) -> io::Result<bool> {
         self.raw.clear();
         while self.raw.len() <= LINE {

@@ -23,16 +23,20 @@ pub struct Recording {
 
 /// Writes one operator's trace to a file while it runs.
 ///
-/// Lines are gathered and written between two inputs, so that even a process killed outright leaves a trace that ends
-/// with a whole input's decisions (a compressed one may be cut short). What is gathered is written when the recorder is
-/// dropped, by a panic too.
+/// Lines are gathered and written between two inputs, so that even a process killed outright leaves
+/// a trace that ends with a whole input's decisions (a compressed one may be cut short). What is
+/// gathered is written when the recorder is dropped, by a panic too.
 ///
-/// A recorder never stops its operator: after the first error it records no more, and [`finish`](Self::finish) tells
-/// the error.
+/// It asks the operating system to write, not the disk: what a power cut takes is lost.
 ///
-/// With [`Recording::rotate`], `trace.jsonl` is followed by `trace.1.jsonl`, `trace.2.jsonl`… once it is full. Each
-/// begins with the header, so each can be read, but a later one is judged only after those before it: what is open, the
-/// gates and the clock carry over. [`join`](crate::join) reads them as the one trace that they are.
+/// A recorder never stops its operator: after the first error it records no more, and
+/// [`finish`](Self::finish) tells the error.
+///
+/// With [`Recording::rotate`], `trace.jsonl` is followed by `trace.1.jsonl`, `trace.2.jsonl`… once
+/// it is full. Each begins with the header, so each can be read, but a later one cannot be judged
+/// alone, since what is open, the gates and the clock carry over. Without the later headers the
+/// parts put together are the one trace that they were:
+/// `(cat trace.jsonl; tail -qn +2 trace.1.jsonl trace.2.jsonl) | fuseline check`.
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,

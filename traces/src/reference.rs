@@ -1,7 +1,7 @@
 //! The machine as the rules tell it, with plain sets.
 //!
-//! It is slow to read nothing into: a method per rule, in the rule's words. It shares no code with the machine that
-//! ships, so that the two can disagree.
+//! It is slow to read nothing into: a method per rule, in the rule's words. It shares no code with
+//! the machine that ships, so that the two can disagree.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,8 +10,9 @@ use crate::rule::Rule;
 
 /// Decides about inputs one by one, each decision with the rule that demands it.
 ///
-/// Its memory is bounded by the window and the number of clouds.
-#[derive(Clone, Debug)]
+/// Its memory is bounded by the window and the number of clouds. Equal machines decide all inputs
+/// alike.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Reference {
     window: usize,
     commit: Commit,
@@ -29,7 +30,7 @@ pub struct Reference {
 pub type Demands = Vec<(Decision, Rule)>;
 
 /// One cloud's gate.
-#[derive(Clone, Debug)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Gate {
     limit: u64,
     resume: u64,
@@ -37,7 +38,7 @@ struct Gate {
 }
 
 /// The sets of one open timestamp.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 struct Open {
     requested: BTreeSet<u64>,
     pending: BTreeSet<u64>,

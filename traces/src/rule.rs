@@ -72,41 +72,43 @@ impl Rule {
     pub const fn sentence(self) -> &'static str {
         match self {
             Self::F0 => {
-                "A decision bears the now of its input; a now below the greatest seen counts as the \
-                 greatest seen."
+                "A decision bears the now of its input; a now below the greatest seen counts as \
+                 the greatest seen."
             }
             Self::F1 => {
-                "An open is refused for the first of order, full and deadline that holds; else its \
-                 timestamp is open."
+                "An open is refused for the first of order, full and deadline that holds; else \
+                 its timestamp is open."
             }
             Self::F2 => {
-                "An offer is refused for the first of unknown, closed, duplicate, outranked, deadline \
-                 and queue that holds; else it is admitted, due at now + deadline."
+                "An offer is refused for the first of unknown, closed, duplicate, outranked, \
+                 deadline and queue that holds; else it is admitted, due at now + deadline."
             }
             Self::F2g => {
-                "An open gate shuts when backlog ≥ limit, a shut one opens when backlog ≤ resume; the \
-                 state after that decides."
+                "An open gate shuts when backlog ≥ limit, a shut one opens when backlog ≤ \
+                 resume; the state after that decides."
             }
             Self::F3 => {
-                "A result is dropped for the first of unknown, superseded, unsolicited, duplicate and \
-                 late that holds; else held while something pending outranks it; else forwarded."
+                "A result is dropped for the first of unknown, superseded, unsolicited, \
+                 duplicate and late that holds; else held while something pending outranks it; \
+                 else forwarded."
             }
             Self::F4 => {
-                "A failure is dropped for the same reasons as a result; else it closes its request and \
-                 disarms its timer."
+                "A failure is dropped for the same reasons as a result; else it closes its \
+                 request and disarms its timer, and nothing of it is held."
             }
             Self::F5 => {
-                "Before an input everything due fires, by due instant, then timestamp; the due instant \
-                 itself is past, and a live timer fires once, not earlier."
+                "Before an input everything due fires, by due instant, then timestamp; the due \
+                 instant itself is past; a live timer fires once and not earlier, any other \
+                 never."
             }
             Self::F6 => {
-                "After a failure or a timer the best in hand goes if nothing pending outranks it, or, \
-                 under eager, if a cloud's timer fired; with nothing in hand and nothing pending the \
-                 timestamp is missed."
+                "After a failure or a timer the best in hand goes if nothing pending outranks \
+                 it, or, under eager, if a cloud's timer fired; with nothing in hand and nothing \
+                 pending the timestamp is missed."
             }
             Self::F7 => {
-                "What is forwarded retires its timestamp, and each cloud still pending is cancelled, by \
-                 ascending priority."
+                "What is forwarded retires its timestamp, and each cloud still pending is \
+                 cancelled, by ascending priority."
             }
             Self::P1 => "No timestamp is forwarded twice, nor forwarded and missed.",
         }

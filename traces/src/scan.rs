@@ -1,13 +1,13 @@
 //! A cursor over one line that knows its column.
 //!
-//! It reads what a trace is made of by hand, a known key or a whole number at a time, and leaves the rest of JSON,
-//! escapes and values that nobody looks at, to `serde_json`.
+//! It reads what a trace is made of by hand, a known key or a whole number at a time, and leaves
+//! the rest of JSON, escapes and values that nobody looks at, to `serde_json`.
 
 use std::borrow::Cow;
 
 use serde::de::IgnoredAny;
 
-use crate::parse::ParseError;
+use crate::parse::{ParseError, brief};
 
 /// Where the line stands between two tokens, or within one.
 pub(crate) struct Scan<'a> {
@@ -46,8 +46,8 @@ impl<'a> Scan<'a> {
         found
     }
 
-    #[inline]
     /// Takes `wanted` or says that it is missing.
+    #[inline]
     pub(crate) fn expect(&mut self, wanted: u8, place: &str) -> Result<(), ParseError> {
         if self.take(wanted) {
             return Ok(());
@@ -61,8 +61,8 @@ impl<'a> Scan<'a> {
         Err(self.fault(format!("expected `{wanted}` {place}, found {}", self.found())))
     }
 
-    #[inline]
     /// Whether an object or a list goes on; takes the comma, or the bracket that closes it.
+    #[inline]
     pub(crate) fn more(&mut self, first: bool, close: u8) -> Result<bool, ParseError> {
         if self.take(close) {
             return Ok(false);
@@ -75,8 +75,8 @@ impl<'a> Scan<'a> {
         Ok(true)
     }
 
-    #[inline]
     /// A key, where it stands, and the colon.
+    #[inline]
     pub(crate) fn key(&mut self) -> Result<(usize, Cow<'a, str>), ParseError> {
         self.peek();
         let offset = self.at;
@@ -168,7 +168,6 @@ impl<'a> Scan<'a> {
 
     /// What comes next, in a few characters.
     fn found(&self) -> String {
-        const SHOWN: usize = 24;
         let rest = self.text.get(self.at..).unwrap_or_default();
         let end = match rest.chars().next() {
             None => return "the line's end".into(),
@@ -178,10 +177,6 @@ impl<'a> Scan<'a> {
             Some('{' | '}' | '[' | ']' | ':' | ',') => 1,
             Some(_) => rest.find([' ', ',', ':', '}', ']', '{', '[', '"']).unwrap_or(rest.len()),
         };
-        let token = rest.get(..end).unwrap_or(rest);
-        match token.char_indices().nth(SHOWN) {
-            Some((cut, _)) => format!("`{}…`", token.get(..cut).unwrap_or_default()),
-            None => format!("`{token}`"),
-        }
+        format!("`{}`", brief(rest.get(..end).unwrap_or(rest)))
     }
 }

@@ -1,4 +1,5 @@
-//! Every trace of the corpus, judged: conforming ones conform, breaking ones break what their sidecars name.
+//! Every trace of the corpus, judged: conforming ones conform, breaking ones break what their
+//! sidecars name.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -118,17 +119,21 @@ fn every_reason_is_given_and_withheld() {
             reason(&inputs.last()?, &decision)
         })
         .collect();
-    let all = BTreeSet::from_iter(
-        [Refusal::Order, Refusal::Full, Refusal::Deadline]
-            .into_iter()
-            .map(Reason::Open)
-            .chain(Refusal::ALL.into_iter().filter(|why| !of_open_alone(*why)).map(Reason::Offer))
-            .chain(
-                DropReason::ALL
-                    .into_iter()
-                    .flat_map(|why| [Reason::Result(why), Reason::Fail(why)]),
-            ),
-    );
+    let mut all = BTreeSet::new();
+    for why in Refusal::ALL {
+        match why {
+            Refusal::Order | Refusal::Full => all.extend([Reason::Open(why)]),
+            Refusal::Deadline => all.extend([Reason::Open(why), Reason::Offer(why)]),
+            Refusal::Unknown
+            | Refusal::Closed
+            | Refusal::Duplicate
+            | Refusal::Outranked
+            | Refusal::Queue => all.extend([Reason::Offer(why)]),
+        }
+    }
+    for why in DropReason::ALL {
+        all.extend([Reason::Result(why), Reason::Fail(why)]);
+    }
     assert_eq!(given, all);
     assert_eq!(withheld, all);
 }
@@ -178,10 +183,6 @@ fn reason(input: &Input, decision: &Decision) -> Option<Reason> {
         (_, Decision::Drop { why, .. }) => Some(Reason::Result(*why)),
         _ => None,
     }
-}
-
-fn of_open_alone(why: Refusal) -> bool {
-    matches!(why, Refusal::Order | Refusal::Full)
 }
 
 /// The inputs of a trace with what the rules demand.

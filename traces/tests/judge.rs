@@ -1,0 +1,170 @@
+//! The judge: how it tells, counts and goes on. Which rule it names is the corpus' matter.
+
+use std::fmt::Write;
+
+use fuseline_traces::{Rule, Verdict, judge};
+use serde_json::json;
+
+const HEADER: &str = "{\"fuseline\":1,\"window\":4,\"clouds\":[{\"p\":1,\"limit\":31}]}\n";
+
+/// Judges a trace whose events are told in a few words: `open 0 1` and so on, values in the
+/// format's order.
+fn verdict(events: &[&str]) -> Verdict {
+    let mut trace = HEADER.to_owned();
+    for event in events {
+        let mut words = event.split(' ');
+        let name = words.next().unwrap_or_default();
+        let keys = match name {
+            "offer" => ["at", "t", "p", "deadline", "backlog"],
+            "request" => ["at", "t", "p", "due", ""],
+            "miss" | "open" => ["at", "t", "limit", "", ""],
+            _ => ["at", "t", "p", "", ""],
+        };
+        let _ = write!(trace, "{{\"ev\":\"{name}\"");
+        for (key, value) in keys.into_iter().zip(words) {
+            let _ = write!(trace, ",\"{key}\":{value}");
+        }
+        trace += "}\n";
+    }
+    judge("a.jsonl", trace.as_bytes()).expect("it is well formed")
+}
+
+#[test]
+fn a_verdict_names_rule_sentence_found_expected_and_story() {
+    let verdict = verdict(&[
+        "open 0 7",
+        "offer 0 7 1 100 0",
+        "request 0 7 1 100",
+        "result 100 7 1",
+        "emit 100 7 1",
+    ]);
+    assert_eq!(
+        verdict.to_string(),
+        "a.jsonl: does not conform; 1 timestamps judged in 6 lines\n\
+         a.jsonl:6: timestamp 7 breaks F5: Before an input everything due fires, by due instant, \
+         then timestamp; the due instant itself is past; a live timer fires once and not earlier, \
+         any other never.\n  \
+           found    {\"ev\":\"emit\",\"at\":100,\"t\":7,\"p\":1}\n  \
+           expected {\"ev\":\"timer\",\"at\":100,\"t\":7,\"p\":1}\n  \
+           | 2: {\"ev\":\"open\",\"at\":0,\"t\":7}\n  \
+           | 3: {\"ev\":\"offer\",\"at\":0,\"t\":7,\"p\":1,\"deadline\":100,\"backlog\":0}\n  \
+           | 4: {\"ev\":\"request\",\"at\":0,\"t\":7,\"p\":1,\"due\":100}\n  \
+           | 5: {\"ev\":\"result\",\"at\":100,\"t\":7,\"p\":1}\n  \
+           | 6: {\"ev\":\"emit\",\"at\":100,\"t\":7,\"p\":1}"
+    );
+}
+
+#[test]
+fn a_verdict_in_json_has_the_keys_of_the_format() {
+    let verdict = verdict(&["open 0 7", "result 1 7 0"]);
+    let json = serde_json::to_value(&verdict).unwrap();
+    let violation = json!({
+        "line": 3,
+        "t": 7,
+        "rule": "F3",
+        "found": "no decision; the trace ends",
+        "expected": "{\"ev\":\"emit\",\"at\":1,\"t\":7,\"p\":0}",
+    });
+    let expected = json!({
+        "file": "a.jsonl", "conforms": false, "judged": 1, "lines": 3, "violations": [violation],
+    });
+    assert_eq!(json, expected);
+}
+
+#[test]
+fn a_missing_decision_is_told_at_the_line_after_which_it_should_stand() {
+    let verdict = verdict(&["open 0 1", "result 1 1 0", "tick 2", "tick 3"]);
+    let [violation] = &verdict.violations[..] else { panic!("{verdict}") };
+    assert_eq!((violation.line, violation.rule), (3, Rule::F3));
+    assert_eq!(violation.found, "no decision; the next input follows");
+    assert!(violation.story.iter().all(|line| !line.contains("tick")), "{verdict}");
+}
+
+#[test]
+fn a_tick_that_brings_a_violation_is_part_of_the_story() {
+    let verdict = verdict(&["open 0 1 5", "tick 4", "timer 4 1 0"]);
+    let [violation] = &verdict.violations[..] else { panic!("{verdict}") };
+    assert_eq!(violation.expected, "no decision");
+    assert_eq!(violation.story.len(), 3);
+    assert!(violation.story[1].contains("tick"), "{verdict}");
+}
+
+#[test]
+fn after_a_violation_it_goes_on_with_the_next_input() {
+    let verdict = verdict(&[
+        "open 0 1",
+        "result 1 1 0",
+        "hold 1 1 0", // it should be emitted
+        "miss 1 1",   // and so is this wrong, but told already
+        "open 2 2",
+        "result 3 2 0",
+        "emit 3 2 0",
+        "open 4 3",
+        "result 5 3 0",
+        "emit 6 3 0", // another one
+    ]);
+    let told: Vec<_> = verdict.violations.iter().map(|told| (told.line, told.rule)).collect();
+    assert_eq!(told, [(4, Rule::F3), (11, Rule::F0)]);
+    assert_eq!(verdict.judged, 3);
+}
+
+#[test]
+fn a_decision_before_any_input_is_a_violation() {
+    let verdict = verdict(&["emit 0 1 0", "open 1 1"]);
+    let [violation] = &verdict.violations[..] else { panic!("{verdict}") };
+    assert_eq!((violation.line, &*violation.expected), (2, "an input first"));
+}
+
+#[test]
+fn a_header_alone_conforms_and_says_that_nothing_was_judged() {
+    let verdict = verdict(&[]);
+    assert!(verdict.conforms);
+    assert_eq!((verdict.judged, verdict.lines), (0, 1));
+    assert_eq!(verdict.to_string(), "a.jsonl: conforms; 0 timestamps judged in 1 lines");
+}
+
+#[test]
+fn judged_are_the_opened_ones_with_a_result_failure_emit_or_miss() {
+    let verdict = verdict(&[
+        "open 0 1", // nothing comes: not judged
+        "open 0 2", // a result, forwarded
+        "result 1 2 0",
+        "emit 1 2 0",
+        "open 2 3", // a failure alone, still open
+        "offer 2 3 1 100 0",
+        "request 2 3 1 102",
+        "fail 3 3 0",
+        "open 4 4 5", // missed
+        "tick 9",
+        "timer 9 4 0",
+        "miss 9 4",
+        "open 10 5", // an offer alone: not judged
+        "offer 10 5 1 100 0",
+        "request 10 5 1 110",
+    ]);
+    assert!(verdict.conforms, "{verdict}");
+    assert_eq!(verdict.judged, 3);
+}
+
+#[test]
+fn violations_beyond_a_hundred_are_counted() {
+    let events: Vec<String> =
+        (0..150).flat_map(|t| [format!("open 0 {t}"), format!("result 0 {t} 0")]).collect();
+    let events: Vec<&str> = events.iter().map(String::as_str).collect();
+    let verdict = verdict(&events);
+    assert_eq!((verdict.violations.len(), verdict.more), (100, 50));
+    assert!(verdict.to_string().ends_with("\n50 more violations"));
+    assert_eq!(serde_json::to_value(&verdict).unwrap()["more"], 50);
+}
+
+#[test]
+fn a_long_story_tells_its_last_lines() {
+    let mut events = vec!["open 0 1", "offer 0 1 1 100 0", "request 0 1 1 100"];
+    let drops: Vec<_> = (0..20).map(|_| "fail 1 1 9").collect();
+    events.extend(&drops);
+    let verdict = verdict(&events);
+    let story = &verdict.violations.last().expect("a drop is missing").story;
+    assert_eq!(story.len(), 13);
+    assert_eq!(story[0], "(11 earlier lines left out)");
+    assert!(story[12].starts_with("24: "));
+}
