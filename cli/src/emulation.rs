@@ -173,6 +173,14 @@ mod tests {
         assert_eq!(both, [Outage { from: ms(14_000), to: ms(22_800) }]);
     }
 
+    #[test]
+    fn a_network_that_is_never_there_is_one_outage() {
+        let cloud = default("DINO-SWIN-Tiny", "vnperf/highway:wifi", 0);
+        assert_eq!(cloud.reply_after(ms(0), 0), None);
+        let outages = cloud.outages(ms(100), ms(1_000), ms(500));
+        assert_eq!(outages, [Outage { from: ms(0), to: ms(1_000) }]);
+    }
+
     #[tokio::test(start_paused = true)]
     async fn a_request_is_answered_when_the_emulation_says() {
         let cloud = default("DETR-ResNet-101", "cicv5g/rural_n8_v10", 0);

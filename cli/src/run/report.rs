@@ -22,7 +22,11 @@ pub(crate) struct Report {
     pub(crate) messages: u64,
     /// Whether it was ended before its time.
     pub(crate) interrupted: bool,
+    /// Frames a second.
+    pub(crate) rate: f64,
     pub(crate) deadline_ms: u64,
+    pub(crate) commit: &'static str,
+    pub(crate) window: u16,
     pub(crate) seed: u64,
     /// Local first, then the clouds.
     pub(crate) sources: Vec<SourceReport>,
@@ -129,7 +133,10 @@ impl Reading {
         Report {
             messages: total,
             interrupted: driven.interrupted,
+            rate: plan.rate,
             deadline_ms: plan.deadline_ms,
+            commit: plan.commit.as_str(),
+            window: plan.window,
             seed: plan.seed,
             sources: [local].into_iter().chain(clouds).collect(),
             missed: ends.missed,
