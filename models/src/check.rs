@@ -1,0 +1,107 @@
+//! Checking a configuration state by state.
+
+use std::thread;
+use std::time::{Duration, Instant};
+
+use fuseline_traces::Input;
+use stateright::{Checker, HasDiscoveries, Model};
+use thiserror::Error;
+
+use crate::claim::Claim;
+use crate::config::Config;
+use crate::counterexample::{Counterexample, shrink};
+use crate::mark::Mark;
+use crate::operator::Operator;
+
+/// How often progress is told.
+const TICK: Duration = Duration::from_millis(50);
+
+/// How to check.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// How many threads to use; at least 1.
+    pub threads: usize,
+    /// Whether to go on after a violation, to see what else is broken.
+    pub all: bool,
+}
+
+/// What checking a configuration showed.
+#[derive(Debug)]
+pub struct Verdict {
+    /// The configuration.
+    pub config: &'static Config,
+    /// How many unique states there are; fewer than all of them after a violation.
+    pub states: usize,
+    /// The most steps from the first state to one of them, itself counted.
+    pub depth: usize,
+    /// How long it took.
+    pub took: Duration,
+    /// The claims that are broken, each with a short run that breaks it.
+    pub violations: Vec<Counterexample>,
+    /// What no state showed, if all were searched.
+    pub unmet: Vec<Mark>,
+}
+
+/// Why there is no verdict.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
+pub enum CheckError {
+    /// The machine refuses the configuration.
+    #[error("the machine refuses the configuration")]
+    Refused,
+    /// The model panicked, and not in the machine.
+    #[error("the model panicked")]
+    Panicked,
+}
+
+impl Verdict {
+    /// Whether all claims and witnesses hold, in as many states as there should be.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.violations.is_empty() && self.unmet.is_empty() && self.states == self.config.states
+    }
+}
+
+/// Searches all states of a configuration, breadth first; `progress` is told how many there are.
+///
+/// Without [`Effort::all`] it stops soon after the first violation.
+///
+/// # Errors
+/// If there is no verdict.
+pub fn check(
+    config: &'static Config,
+    effort: Effort,
+    mut progress: impl FnMut(usize),
+) -> Result<Verdict, CheckError> {
+    let operator = Operator::new(config);
+    if operator.init_states().is_empty() {
+        return Err(CheckError::Refused);
+    }
+    let begin = Instant::now();
+    let finish = if effort.all { HasDiscoveries::All } else { HasDiscoveries::AnyFailures };
+    let mut checker =
+        operator.checker().threads(effort.threads.max(1)).finish_when(finish).spawn_bfs();
+    let workers = checker.handles();
+    while workers.iter().any(|worker| !worker.is_finished()) {
+        progress(checker.unique_state_count());
+        thread::sleep(TICK);
+    }
+    for worker in workers {
+        worker.join().map_err(|_| CheckError::Panicked)?;
+    }
+    let discoveries = checker.discoveries();
+    let broken = Claim::ALL.iter().filter_map(|claim| {
+        let inputs: Vec<Input> = discoveries.get(claim.name())?.clone().into_actions();
+        Some(shrink(config, *claim, inputs))
+    });
+    let violations: Vec<_> = broken.collect();
+    let unmet = config.marks().filter(|mark| !discoveries.contains_key(mark.name()));
+    let unmet = if violations.is_empty() || effort.all { unmet.collect() } else { Vec::new() };
+    Ok(Verdict {
+        config,
+        states: checker.unique_state_count(),
+        depth: checker.max_depth(),
+        took: begin.elapsed(),
+        violations,
+        unmet,
+    })
+}

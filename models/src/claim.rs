@@ -1,0 +1,66 @@
+//! What is claimed of the machine: that it follows the rules and keeps the promises.
+
+use fuseline_traces::Rule;
+
+use crate::operator::Operator;
+use crate::property::properties;
+use crate::state::State;
+
+properties! {
+    /// A rule or promise that a step can break. Each is an `always` property: no state that can be
+    /// reached has it broken.
+    Claim,
+    /// A set of claims.
+    Claims,
+    always: is_kept;
+    F0 = "F0 decides as the reference machine",
+    F1 = "F1 decides as the reference machine",
+    F2 = "F2 decides as the reference machine",
+    F2g = "F2g decides as the reference machine",
+    F3 = "F3 decides as the reference machine",
+    F4 = "F4 decides as the reference machine",
+    F5 = "F5 decides as the reference machine",
+    F6 = "F6 decides as the reference machine",
+    F7 = "F7 decides as the reference machine",
+    F8 = "F8 every input has an outcome",
+    P1 = "P1 once",
+    P2 = "P2 never late",
+    P3 = "P3 best in hand",
+    P4 = "P4 prompt",
+    P5 = "P5 local floor",
+    P6 = "P6 free without cloud",
+    P7 = "P7 no stall",
+    P8 = "P8 timers",
+    P9 = "P9 bounded",
+    P10 = "P10 deterministic",
+    P11 = "P11 accounted",
+}
+
+impl Claim {
+    /// Whether it is about agreement with the reference machine.
+    #[must_use]
+    pub const fn is_of_reference(self) -> bool {
+        (self as u8) < (Self::F8 as u8)
+    }
+}
+
+impl From<Rule> for Claim {
+    fn from(rule: Rule) -> Self {
+        match rule {
+            Rule::F0 => Self::F0,
+            Rule::F1 => Self::F1,
+            Rule::F2 => Self::F2,
+            Rule::F2g => Self::F2g,
+            Rule::F3 => Self::F3,
+            Rule::F4 => Self::F4,
+            Rule::F5 => Self::F5,
+            Rule::F6 => Self::F6,
+            Rule::F7 => Self::F7,
+            Rule::P1 => Self::P1,
+        }
+    }
+}
+
+fn is_kept(_: &Operator, state: &State, claim: Claim) -> bool {
+    !state.broken().contains(claim)
+}

@@ -1,0 +1,94 @@
+//! The configurations that are checked: the operator, its environment, and how many states that has.
+
+use fuseline_traces::{Cloud, Commit, Header};
+
+use crate::mark::Mark;
+
+mod table;
+
+pub use table::CONFIGS;
+
+/// An operator and its environment.
+#[derive(Debug)]
+pub struct Config {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// When it is checked.
+    pub size: Size,
+    /// The commit rule.
+    pub commit: Commit,
+    /// How many timestamps may be open.
+    pub window: u16,
+    /// The clouds; priorities are below 8.
+    pub clouds: &'static [Cloud],
+    /// The timestamps that inputs are about, in ascending order.
+    pub timestamps: &'static [u64],
+    /// The readings of the clock, in ascending order.
+    pub clock: &'static [u64],
+    /// Which of them inputs other than ticks come with.
+    pub reach: Reach,
+    /// The limits that an open may bring.
+    pub limits: &'static [Option<u64>],
+    /// The deadlines that an offer may bring.
+    pub deadlines: &'static [u64],
+    /// The backlogs that an offer may bring.
+    pub backlogs: &'static [u64],
+    /// What such an environment cannot show.
+    pub absent: &'static [&'static [Mark]],
+    /// How many unique states there are. Another number says that the machine or the environment
+    /// changed.
+    pub states: usize,
+}
+
+/// Which readings of the clock inputs come with. Ticks come with any.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Reach {
+    /// The present one: all else is a tick before.
+    Now,
+    /// The present one and the next.
+    Next,
+    /// The one before, the present one and all later ones.
+    Any,
+}
+
+/// When a configuration is checked.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub enum Size {
+    /// Always; in a second or so.
+    Quick,
+    /// Always, unless haste is asked for.
+    Standard,
+    /// If asked for.
+    Large,
+}
+
+impl Config {
+    /// The configuration with this name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<&'static Self> {
+        CONFIGS.iter().find(|config| config.name == name)
+    }
+
+    /// The registered cloud with this priority.
+    #[must_use]
+    pub fn cloud(&self, p: u64) -> Option<&'static Cloud> {
+        self.clouds.iter().find(|cloud| u64::from(cloud.p) == p)
+    }
+
+    /// What its environment shows.
+    pub fn marks(&self) -> impl Iterator<Item = Mark> {
+        let is_absent = |mark: &Mark| self.absent.iter().any(|marks| marks.contains(mark));
+        Mark::ALL.iter().copied().filter(move |mark| !is_absent(mark))
+    }
+
+    /// The header of its traces.
+    #[must_use]
+    pub fn header(&self) -> Header {
+        Header {
+            operator: Some(self.name.to_owned()),
+            window: self.window,
+            commit: self.commit,
+            clouds: self.clouds.to_vec(),
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! The model: an operator, and everything that its vehicle can do to it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use fuseline_traces::Input;
+use stateright::{Model, Property};
+
+use crate::claim::Claim;
+use crate::config::{Config, Reach};
+use crate::mark::{Mark, Marks, marks};
+use crate::state::State;
+
+/// Priorities that no configuration registers; the second one is a cloud's to a careless conversion.
+const STRANGERS: [u64; 2] = [3, 65_536 + 2];
+
+/// One operator in the environment of a configuration.
+pub struct Operator {
+    config: &'static Config,
+    /// Which marks were told of. The checker keeps the last witness it is told of, and the first one
+    /// has the shortest way to it.
+    told: Vec<AtomicBool>,
+}
+
+impl Operator {
+    /// An operator so configured.
+    #[must_use]
+    pub fn new(config: &'static Config) -> Self {
+        Self { config, told: Mark::ALL.iter().map(|_| AtomicBool::new(false)).collect() }
+    }
+
+    /// Its configuration.
+    #[must_use]
+    pub const fn config(&self) -> &'static Config {
+        self.config
+    }
+
+    /// Whether a step from this state shows the mark, unless another state was told to have one.
+    pub(crate) fn shows(&self, state: &State, mark: Mark) -> bool {
+        let Some(told) = self.told.get(mark as usize) else { return false };
+        if told.load(Ordering::Relaxed) {
+            return false;
+        }
+        let shows = state.ahead(|| self.ahead(state)).contains(mark);
+        shows && !told.swap(true, Ordering::Relaxed)
+    }
+
+    /// What the steps from a state show.
+    fn ahead(&self, state: &State) -> Marks {
+        let mut inputs = Vec::new();
+        self.actions(state, &mut inputs);
+        let mut shown = Marks::default();
+        for input in inputs {
+            let (next, answer) = state.step(self.config, &input);
+            shown.extend(marks(self.config, state, &input, &answer, &next).iter());
+        }
+        shown
+    }
+
+    /// The inputs other than ticks that can come at an instant.
+    fn inputs(&self, at: u64, out: &mut Vec<Input>) {
+        let config = self.config;
+        let sources = || config.clouds.iter().map(|cloud| u64::from(cloud.p));
+        for &t in config.timestamps {
+            out.extend(config.limits.iter().map(|limit| Input::Open { at, t, limit: *limit }));
+            for p in sources() {
+                for &deadline in config.deadlines {
+                    let offer =
+                        |backlog: &u64| Input::Offer { at, t, p, deadline, backlog: *backlog };
+                    out.extend(config.backlogs.iter().map(offer));
+                }
+            }
+            for p in sources().chain([0]) {
+                out.extend([Input::Result { at, t, p }, Input::Fail { at, t, p }]);
+            }
+        }
+    }
+
+    /// The inputs that nothing comes of: of strangers, to the operator as a cloud, due at once.
+    fn follies(&self, at: u64, out: &mut Vec<Input>) {
+        let Some(&t) = self.config.timestamps.first() else { return };
+        out.push(Input::Open { at, t, limit: Some(0) });
+        for p in STRANGERS.into_iter().chain([0]) {
+            out.push(Input::Offer { at, t, p, deadline: 1, backlog: 0 });
+        }
+        for p in STRANGERS {
+            out.extend([Input::Result { at, t, p }, Input::Fail { at, t, p }]);
+        }
+        for cloud in self.config.clouds {
+            out.push(Input::Offer { at, t, p: cloud.p.into(), deadline: 0, backlog: 0 });
+        }
+    }
+}
+
+impl Model for Operator {
+    type State = State;
+    type Action = Input;
+
+    fn init_states(&self) -> Vec<State> {
+        State::new(self.config).into_iter().collect()
+    }
+
+    fn actions(&self, state: &State, actions: &mut Vec<Input>) {
+        if !state.goes_on() {
+            return;
+        }
+        let now = state.ghost.now();
+        let clock = self.config.clock;
+        let later = clock.iter().copied().filter(|at| *at > now);
+        let earlier = clock.iter().copied().rev().find(|at| *at < now);
+        self.inputs(now, actions);
+        self.follies(now, actions);
+        match self.config.reach {
+            Reach::Now => {}
+            Reach::Next => later.clone().take(1).for_each(|at| self.inputs(at, actions)),
+            Reach::Any => earlier.into_iter().chain(later.clone()).for_each(|at| {
+                self.inputs(at, actions);
+            }),
+        }
+        actions.extend(earlier.into_iter().chain(later).map(|at| Input::Tick { at }));
+    }
+
+    fn next_state(&self, state: &State, input: Input) -> Option<State> {
+        Some(state.step(self.config, &input).0)
+    }
+
+    fn properties(&self) -> Vec<Property<Self>> {
+        let claims = Claim::ALL.iter().map(|claim| claim.property());
+        claims.chain(self.config.marks().map(Mark::property)).collect()
+    }
+
+    fn format_action(&self, input: &Input) -> String {
+        input.to_string()
+    }
+
+    fn format_step(&self, state: &State, input: Input) -> Option<String> {
+        let (next, answer) = state.step(self.config, &input);
+        let mut lines: Vec<_> = answer.decisions().map(ToString::to_string).collect();
+        lines.push(format!("{next:?}"));
+        Some(lines.join("\n"))
+    }
+}

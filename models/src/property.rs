@@ -1,0 +1,86 @@
+//! Properties by the table, with sets of them.
+
+/// Makes an enum of properties, each `$Name = "its name"`, and the type of their sets.
+///
+/// Stateright wants a function pointer for each property, which cannot capture which one it is of: so
+/// each needs a closure of its own, and a table keeps the three lists of them one.
+macro_rules! properties {
+    (
+        $(#[$doc:meta])* $Kind:ident, $(#[$set_doc:meta])* $Set:ident,
+        $expectation:ident: $condition:path;
+        $($Name:ident = $text:literal,)*
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+        pub enum $Kind {
+            $(#[doc = $text] $Name,)*
+        }
+
+        $(#[$set_doc])*
+        #[derive(Clone, Copy, PartialEq, Eq, Hash, Default, Debug)]
+        pub struct $Set(u128);
+
+        impl $Kind {
+            /// All, in their order.
+            pub const ALL: &[Self] = &[$(Self::$Name,)*];
+
+            /// The name of the property.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$Name => $text,)*
+                }
+            }
+
+            /// The property as stateright has it.
+            pub(crate) fn property(self) -> stateright::Property<crate::operator::Operator> {
+                let name = self.name();
+                match self {
+                    $(Self::$Name => stateright::Property::$expectation(name, |operator, state| {
+                        $condition(operator, state, Self::$Name)
+                    }),)*
+                }
+            }
+        }
+
+        impl $Set {
+            /// Whether `one` is a member.
+            #[must_use]
+            pub const fn contains(self, one: $Kind) -> bool {
+                self.0 >> one as u32 & 1 == 1
+            }
+
+            /// Whether nothing is a member.
+            #[must_use]
+            pub const fn is_empty(self) -> bool {
+                self.0 == 0
+            }
+
+            /// The members in their order.
+            pub fn iter(self) -> impl Iterator<Item = $Kind> {
+                $Kind::ALL.iter().copied().filter(move |one| self.contains(*one))
+            }
+
+            pub(crate) fn insert(&mut self, one: $Kind) {
+                self.0 |= 1 << one as u32;
+            }
+
+            /// Adds `one` if `holds`.
+            pub(crate) fn insert_if(&mut self, one: $Kind, holds: bool) {
+                if holds {
+                    self.insert(one);
+                }
+            }
+        }
+
+        impl Extend<$Kind> for $Set {
+            fn extend<I: IntoIterator<Item = $Kind>>(&mut self, more: I) {
+                for one in more {
+                    self.insert(one);
+                }
+            }
+        }
+    };
+}
+
+pub(crate) use properties;

@@ -1,0 +1,165 @@
+//! Verdicts for people, for scripts, and as files.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{self, Write};
+use std::path::Path;
+
+use anstyle::{AnsiColor, Style};
+use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
+use fuseline_models::{CONFIGS, Claim, Size, Verdict};
+use serde::Serialize;
+use tempfile::NamedTempFile;
+
+use crate::fault::Fault;
+
+const BAD: Style = AnsiColor::Red.on_default().bold();
+const STYLE: TableStyle =
+    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
+
+/// A verdict for scripts.
+#[derive(Serialize)]
+struct Summary<'a> {
+    config: &'a str,
+    holds: bool,
+    states: usize,
+    expected_states: usize,
+    depth: usize,
+    seconds: f64,
+    claims: usize,
+    witnesses: usize,
+    /// The names of the properties that are broken, each with its counterexample, a line an entry.
+    violations: BTreeMap<&'a str, Vec<&'a str>>,
+    /// The names of the witnesses that no state showed.
+    unmet: Vec<&'a str>,
+}
+
+/// The verdict in a line.
+pub(crate) fn line(verdict: &Verdict) -> String {
+    let Verdict { config, states, took, .. } = verdict;
+    let word = word(verdict);
+    format!("{}: {word}, {states} states in {:.1} s", config.name, took.as_secs_f64())
+}
+
+/// A table of verdicts, then whatever does not hold.
+pub(crate) fn tell(out: &mut impl Write, verdicts: &[Verdict]) -> Result<(), Fault> {
+    let mut table = Table::new();
+    table.load_style(STYLE);
+    table.set_header(["config", "states", "depth", "seconds", "claims", "witnesses", ""]);
+    for verdict in verdicts {
+        table.add_row([
+            verdict.config.name.to_owned(),
+            verdict.states.to_string(),
+            verdict.depth.to_string(),
+            format!("{:.1}", verdict.took.as_secs_f64()),
+            Claim::ALL.len().to_string(),
+            verdict.config.marks().count().to_string(),
+            word(verdict).to_owned(),
+        ]);
+    }
+    let numbers = table.column_iter_mut().skip(1).take(5);
+    numbers.for_each(|column| column.set_cell_alignment(CellAlignment::Right));
+    writeln!(out, "{table}")?;
+    let states: usize = verdicts.iter().map(|verdict| verdict.states).sum();
+    let seconds: f64 = verdicts.iter().map(|verdict| verdict.took.as_secs_f64()).sum();
+    writeln!(out, "{states} states in {seconds:.1} s")?;
+    verdicts.iter().try_for_each(|verdict| tell_faults(out, verdict)).map_err(Fault::Output)
+}
+
+/// One JSON object on a line.
+pub(crate) fn json(out: &mut impl Write, verdict: &Verdict) -> Result<(), Fault> {
+    let violations = verdict.violations.iter();
+    let summary = Summary {
+        config: verdict.config.name,
+        holds: verdict.holds(),
+        states: verdict.states,
+        expected_states: verdict.config.states,
+        depth: verdict.depth,
+        seconds: verdict.took.as_secs_f64(),
+        claims: Claim::ALL.len(),
+        witnesses: verdict.config.marks().count(),
+        violations: violations.map(|run| (run.claim.name(), run.trace.lines().collect())).collect(),
+        unmet: verdict.unmet.iter().map(|mark| mark.name()).collect(),
+    };
+    serde_json::to_writer(&mut *out, &summary).map_err(io::Error::from)?;
+    Ok(writeln!(out)?)
+}
+
+/// Writes the counterexamples, each whole or not at all.
+pub(crate) fn save(folder: &Path, verdict: &Verdict) -> Result<(), Fault> {
+    for run in &verdict.violations {
+        let id = run.claim.name().split(' ').next().unwrap_or_default().to_lowercase();
+        let path = folder.join(format!("{}.{id}.jsonl", verdict.config.name));
+        write_whole(folder, &path, &run.trace)
+            .map_err(|source| Fault::Save { name: path.display().to_string(), source })?;
+    }
+    Ok(())
+}
+
+/// The configurations.
+pub(crate) fn list(out: &mut impl Write) -> Result<(), Fault> {
+    let mut table = Table::new();
+    table.load_style(STYLE);
+    table.set_header([
+        "config",
+        "when",
+        "rule",
+        "clouds",
+        "timestamps",
+        "window",
+        "instants",
+        "states",
+    ]);
+    for config in CONFIGS {
+        let when = match config.size {
+            Size::Quick => "quick",
+            Size::Standard => "standard",
+            Size::Large => "large",
+        };
+        table.add_row([
+            config.name.to_owned(),
+            when.to_owned(),
+            config.commit.to_string(),
+            config.clouds.len().to_string(),
+            config.timestamps.len().to_string(),
+            config.window.to_string(),
+            config.clock.len().to_string(),
+            config.states.to_string(),
+        ]);
+    }
+    let numbers = table.column_iter_mut().skip(3);
+    numbers.for_each(|column| column.set_cell_alignment(CellAlignment::Right));
+    Ok(writeln!(out, "{table}")?)
+}
+
+fn tell_faults(out: &mut impl Write, verdict: &Verdict) -> io::Result<()> {
+    let name = verdict.config.name;
+    for run in &verdict.violations {
+        writeln!(out, "\n{name}: {BAD}broken: {}{BAD:#}", run.claim.name())?;
+        write!(out, "{}", run.trace)?;
+    }
+    for mark in &verdict.unmet {
+        writeln!(out, "{name}: {BAD}not met: {}{BAD:#}", mark.name())?;
+    }
+    if verdict.violations.is_empty() && verdict.states != verdict.config.states {
+        let (found, expected) = (verdict.states, verdict.config.states);
+        writeln!(
+            out,
+            "\n{name}: {BAD}{found} states instead of {expected}{BAD:#}: the machine or its \
+             environment changed"
+        )?;
+    }
+    Ok(())
+}
+
+fn word(verdict: &Verdict) -> &'static str {
+    if verdict.holds() { "holds" } else { "does not hold" }
+}
+
+fn write_whole(folder: &Path, path: &Path, text: &str) -> io::Result<()> {
+    fs::create_dir_all(folder)?;
+    let mut file = NamedTempFile::new_in(folder)?;
+    file.write_all(text.as_bytes())?;
+    file.persist(path)?;
+    Ok(())
+}

@@ -1,0 +1,213 @@
+//! One state of the model, and the step from it to the next.
+
+use std::fmt;
+use std::hash::{Hash, Hasher};
+use std::sync::OnceLock;
+
+use fuseline_core::{Instant, Timestamp};
+use fuseline_traces::{Decision, Demands, Input, Reference};
+
+use crate::claim::{Claim, Claims};
+use crate::config::Config;
+use crate::ghost::Ghost;
+use crate::machine::{Answer, End, Machine, answer, machine};
+use crate::mark::Marks;
+
+/// The shipped machine, and beside it what shows whether it does right.
+///
+/// All of it identifies a state but the twin: that is equal to the machine, or P10 is broken and the
+/// state is a last one. The reference machine has to be told apart, too: of two histories that a
+/// faulty machine takes for one, it would otherwise see the first alone.
+#[derive(Clone)]
+pub struct State {
+    pub(crate) machine: Machine,
+    /// P10: made with its clouds in reverse order, and ticked at every instant on the way.
+    twin: Machine,
+    /// The rules' own machine, until the two disagree.
+    reference: Option<Reference>,
+    pub(crate) ghost: Ghost,
+    broken: Claims,
+    /// What the steps from here show, once asked for.
+    ahead: OnceLock<Marks>,
+}
+
+impl State {
+    /// The state of an operator just made, or none if the machine refuses the configuration.
+    #[must_use]
+    pub fn new(config: &Config) -> Option<Self> {
+        let mut header = config.header();
+        let reference = Some(Reference::new(&header));
+        let first = machine(&header)?;
+        header.clouds.reverse();
+        let twin = machine(&header)?;
+        let mut broken = Claims::default();
+        broken.insert_if(Claim::P10, first != twin);
+        let ghost = Ghost::default();
+        Some(Self { machine: first, twin, reference, ghost, broken, ahead: OnceLock::new() })
+    }
+
+    /// What the step that led here broke, or one before it.
+    #[must_use]
+    pub const fn broken(&self) -> Claims {
+        self.broken
+    }
+
+    /// Whether what follows means something: nothing is broken but agreement with the reference
+    /// machine, which the promises do not need.
+    #[must_use]
+    pub fn goes_on(&self) -> bool {
+        self.broken.iter().all(Claim::is_of_reference)
+    }
+
+    /// The state after an input, and what the machine said to it.
+    #[must_use]
+    pub fn step(&self, config: &Config, input: &Input) -> (Self, Answer) {
+        let mut next = Self { ahead: OnceLock::new(), ..self.clone() };
+        let most = self.ghost.live_len();
+        let answer = answer(&mut next.machine, input, most);
+        next.broken.insert_if(Claim::F8, answer.end == End::Panicked);
+        next.broken.insert_if(Claim::P9, answer.end == End::Endless);
+        if answer.end == End::Whole {
+            let broken = next.ghost.enter(config, input, &answer, &next.machine);
+            next.broken.extend(broken.iter());
+            next.compare(config, input, &answer);
+            let same = next.mirror(config, input, &answer, self.ghost.now(), most);
+            next.broken.insert_if(Claim::P10, !same);
+        }
+        (next, answer)
+    }
+
+    pub(crate) fn ahead(&self, look: impl FnOnce() -> Marks) -> Marks {
+        *self.ahead.get_or_init(look)
+    }
+
+    /// Gives the input to the reference machine; ends with it where the two disagree.
+    fn compare(&mut self, config: &Config, input: &Input, answer: &Answer) {
+        let Some(reference) = &mut self.reference else { return };
+        let mut demands = Demands::new();
+        reference.apply(input, &mut demands);
+        let alike = reference.now() == self.machine.now().as_nanos()
+            && reference.next_due() == self.machine.next_due().map(Instant::as_nanos)
+            && config.timestamps.iter().all(|t| {
+                let slot = self.machine.slot(Timestamp::new(*t));
+                reference.is_open(*t) == slot.is_some()
+            });
+        let claim =
+            difference(input, answer, &demands).or_else(|| (!alike).then(|| of_input(input)));
+        if let Some(claim) = claim {
+            self.broken.insert(claim);
+            self.reference = None;
+        }
+    }
+
+    /// Gives the input to the twin, after ticks at every instant between; whether it does the same.
+    fn mirror(
+        &mut self,
+        config: &Config,
+        input: &Input,
+        answer_of_machine: &Answer,
+        from: u64,
+        most: usize,
+    ) -> bool {
+        let mut decisions = Vec::new();
+        let between = config.clock.iter().filter(|at| from < **at && **at <= input.at());
+        // The second tick of each two is one of a clock that goes back.
+        let ticks = between.flat_map(|at| [Input::Tick { at: *at }, Input::Tick { at: 0 }]);
+        for input in ticks.chain([*input]) {
+            let answer = answer(&mut self.twin, &input, most);
+            if answer.end != End::Whole {
+                return false;
+            }
+            decisions.extend(answer.decisions().map(|decision| decision.redated(0)));
+        }
+        let of_machine = answer_of_machine.decisions().map(|decision| decision.redated(0));
+        of_machine.eq(decisions) && self.twin == self.machine
+    }
+}
+
+/// The rule by which the first decision that differs is made, if one does.
+fn difference(input: &Input, answer: &Answer, demands: &Demands) -> Option<Claim> {
+    let mut found = answer.decisions();
+    let mut demanded = demands.iter();
+    loop {
+        match (found.next(), demanded.next()) {
+            (None, None) => return None,
+            (Some(found), Some((decision, _))) if found == decision => {}
+            (Some(found), Some((decision, _))) if found.redated(0) == decision.redated(0) => {
+                return Some(Claim::F0);
+            }
+            (_, Some((_, rule))) => return Some(Claim::from(*rule)),
+            (Some(Decision::Timer { .. }), None) => return Some(Claim::F5),
+            (Some(Decision::Cancel { .. }), None) => return Some(Claim::F7),
+            (Some(Decision::Emit { .. } | Decision::Miss { .. }), None) => return Some(Claim::F6),
+            (Some(_), None) => return Some(of_input(input)),
+        }
+    }
+}
+
+/// The rule about inputs of this kind.
+fn of_input(input: &Input) -> Claim {
+    match input {
+        Input::Open { .. } => Claim::F1,
+        Input::Offer { .. } => Claim::F2,
+        Input::Result { .. } => Claim::F3,
+        Input::Fail { .. } => Claim::F4,
+        Input::Tick { .. } => Claim::F5,
+    }
+}
+
+impl PartialEq for State {
+    fn eq(&self, other: &Self) -> bool {
+        self.machine == other.machine
+            && self.reference == other.reference
+            && self.ghost == other.ghost
+            && self.broken == other.broken
+    }
+}
+
+impl Eq for State {}
+
+impl Hash for State {
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        (&self.machine, &self.reference, &self.ghost, self.broken).hash(hasher);
+    }
+}
+
+impl fmt::Debug for State {
+    /// What the machine says of itself, a line for each open timestamp, and what is broken.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "now {}", self.machine.now().as_nanos())?;
+        match self.machine.newest() {
+            Some(newest) => write!(f, ", newest {}", newest.as_u64())?,
+            None => f.write_str(", nothing opened")?,
+        }
+        for source in self.machine.clouds().iter() {
+            let p = self.machine.priority(source);
+            if self.machine.gate(p).is_some_and(|gate| gate.is_shut()) {
+                write!(f, ", gate {} shut", p.as_u16())?;
+            }
+        }
+        for (t, slot) in self.machine.open() {
+            write!(f, "\nt {}:", t.as_u64())?;
+            let sets = [
+                ("pending", slot.pending()),
+                ("held", slot.cached()),
+                ("closed", slot.requested().difference(slot.pending().union(slot.cached()))),
+            ];
+            for (name, set) in sets.into_iter().filter(|(_, set)| !set.is_empty()) {
+                write!(f, " {name}")?;
+                for source in set.iter() {
+                    let p = self.machine.priority(source);
+                    write!(f, " {}", p.as_u16())?;
+                    if let Some(due) = self.machine.due(t, p) {
+                        write!(f, " (due {})", due.as_nanos())?;
+                    }
+                }
+            }
+        }
+        for claim in self.broken.iter() {
+            write!(f, "\nbroken: {}", claim.name())?;
+        }
+        Ok(())
+    }
+}
