@@ -93,7 +93,7 @@ impl fmt::Display for Report {
         if let Some(lag) = self.timer_lag_ms {
             writeln!(
                 f,
-                "Timers commit held results; they were served up to {lag:.1} ms after they were due."
+                "At the deadline a timer commits what is held; timers were served up to {lag:.1} ms late."
             )?;
         }
         Ok(())
