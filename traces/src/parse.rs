@@ -14,6 +14,10 @@ const CLOUDS: usize = 15;
 /// The greatest window that a header may ask for.
 const WINDOW: u64 = 1024;
 
+/// The keys that come most, with all that the writer puts around them.
+const USUAL: [(&[u8], Key); 4] =
+    [(b"\"at\":", Key::At), (b"\"t\":", Key::T), (b"\"p\":", Key::P), (b"\"ev\":", Key::Ev)];
+
 /// What is wrong with a line, and where.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error("column {column}: {message}")]
@@ -82,11 +86,19 @@ impl<'a> Fields<'a> {
         let mut first = true;
         while scan.more(first, b'}')? {
             first = false;
-            let (offset, name) = scan.key()?;
-            let Some(key) = Key::named(&name) else {
-                scan.skip()?;
-                self.stranger.get_or_insert((offset, name));
-                continue;
+            scan.peek();
+            let offset = scan.offset();
+            let key = match USUAL.iter().find(|(token, _)| scan.take_all(token)) {
+                Some((_, key)) => *key,
+                None => {
+                    let (offset, name) = scan.key()?;
+                    let Some(key) = Key::named(&name) else {
+                        scan.skip()?;
+                        self.stranger.get_or_insert((offset, name));
+                        continue;
+                    };
+                    key
+                }
             };
             if !self.seen.insert(key) {
                 return Err(twice(offset, key.name()));

@@ -9,6 +9,9 @@ use serde::de::IgnoredAny;
 
 use crate::parse::{ParseError, brief};
 
+/// How many digits a number may have that fits for sure.
+const FITS: usize = 19;
+
 /// Where the line stands between two tokens, or within one.
 pub(crate) struct Scan<'a> {
     text: &'a str,
@@ -64,15 +67,31 @@ impl<'a> Scan<'a> {
     /// Whether an object or a list goes on; takes the comma, or the bracket that closes it.
     #[inline]
     pub(crate) fn more(&mut self, first: bool, close: u8) -> Result<bool, ParseError> {
-        if self.take(close) {
-            return Ok(false);
+        match self.peek() {
+            Some(next) if next == close => self.at += 1,
+            Some(b',') if !first => {
+                self.at += 1;
+                return Ok(true);
+            }
+            _ if first => return Ok(true),
+            _ => return Err(self.stuck(close)),
         }
-        if !first && !self.take(b',') {
-            let close = char::from(close);
-            let found = self.found();
-            return Err(self.fault(format!("expected `,` or `{close}`, found {found}")));
-        }
-        Ok(true)
+        Ok(false)
+    }
+
+    #[cold]
+    fn stuck(&self, close: u8) -> ParseError {
+        let close = char::from(close);
+        self.fault(format!("expected `,` or `{close}`, found {}", self.found()))
+    }
+
+    /// Takes `token` if it comes at once.
+    #[inline]
+    pub(crate) fn take_all(&mut self, token: &[u8]) -> bool {
+        let rest = self.text.as_bytes().get(self.at..).unwrap_or_default();
+        let found = rest.starts_with(token);
+        self.at += if found { token.len() } else { 0 };
+        found
     }
 
     /// A key, where it stands, and the colon.
@@ -112,16 +131,23 @@ impl<'a> Scan<'a> {
     pub(crate) fn number(&mut self) -> Result<u64, ParseError> {
         self.peek();
         let rest = self.text.as_bytes().get(self.at..).unwrap_or_default();
-        let len = rest.iter().position(|byte| !byte.is_ascii_digit()).unwrap_or(rest.len());
-        let (digits, rest) = rest.split_at(len);
-        let broken = matches!(rest.first(), Some(b'.' | b'e' | b'E' | b'+' | b'-'));
-        let zero_led = len > 1 && digits.first() == Some(&b'0');
-        // What has 19 digits fits.
-        let (most, last) = digits.split_at(len.min(19));
-        let value = most.iter().fold(0, |value, digit| 10 * value + u64::from(digit - b'0'));
-        let value = last.iter().try_fold(value, |value: u64, digit| {
-            value.checked_mul(10)?.checked_add((digit - b'0').into())
-        });
+        let (near, far) = rest.split_at(rest.len().min(FITS));
+        let mut value = 0_u64;
+        let mut len = 0;
+        for byte in near.iter().take_while(|byte| byte.is_ascii_digit()) {
+            value = 10 * value + u64::from(byte - b'0');
+            len += 1;
+        }
+        let mut value = Some(value);
+        if len == FITS {
+            for byte in far.iter().take_while(|byte| byte.is_ascii_digit()) {
+                let digit = u64::from(byte - b'0');
+                value = value.and_then(|value| value.checked_mul(10)?.checked_add(digit));
+                len += 1;
+            }
+        }
+        let broken = matches!(rest.get(len), Some(b'.' | b'e' | b'E' | b'+' | b'-'));
+        let zero_led = len > 1 && rest.first() == Some(&b'0');
         match value {
             Some(value) if len > 0 && !broken && !zero_led => {
                 self.at += len;

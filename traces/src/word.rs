@@ -235,7 +235,7 @@ impl Keys {
 
     /// The one that is written first.
     pub(crate) fn first(self) -> Option<Key> {
-        self.iter().next()
+        Key::ALL.get(self.0.trailing_zeros() as usize).copied()
     }
 
     /// In the order in which they are written.

@@ -286,10 +286,19 @@ proptest! {
         prop_assert_eq!(parse(line.to_string().as_bytes()), Ok(line));
     }
 
+    #[test]
+    fn white_space_and_the_order_of_keys_make_no_difference(line in lines()) {
+        let json: serde_json::Value = serde_json::from_str(&line.to_string()).unwrap();
+        let spaced = serde_json::to_string_pretty(&json).unwrap().replace('\n', " \t");
+        prop_assert_eq!(parse(spaced.as_bytes()), Ok(line));
+    }
+
     /// A cut or changed line is never taken for another JSON than `serde_json` sees.
     #[test]
     fn damaged_lines_are_taken_only_where_they_are_json(
-        line in lines(), at in any::<prop::sample::Index>(), byte in select(&b"{}[]\",:\\ \t019.-+eEnulx"[..]),
+        line in lines(),
+        at in any::<prop::sample::Index>(),
+        byte in select(&b"{}[]\",:\\ \t019.-+eEnulx"[..]),
         remove in any::<bool>(),
     ) {
         let mut bytes = line.to_string().into_bytes();
