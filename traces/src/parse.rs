@@ -88,17 +88,17 @@ impl<'a> Fields<'a> {
             first = false;
             scan.peek();
             let offset = scan.offset();
-            let key = match USUAL.iter().find(|(token, _)| scan.take_all(token)) {
-                Some((_, key)) => *key,
-                None => {
-                    let (offset, name) = scan.key()?;
-                    let Some(key) = Key::named(&name) else {
-                        scan.skip()?;
-                        self.stranger.get_or_insert((offset, name));
-                        continue;
-                    };
-                    key
-                }
+            let usual = USUAL.iter().find(|(token, _)| scan.take_all(token));
+            let key = if let Some((_, key)) = usual {
+                *key
+            } else {
+                let (offset, name) = scan.key()?;
+                let Some(key) = Key::named(&name) else {
+                    scan.skip()?;
+                    self.stranger.get_or_insert((offset, name));
+                    continue;
+                };
+                key
             };
             if !self.seen.insert(key) {
                 return Err(twice(offset, key.name()));
