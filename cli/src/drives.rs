@@ -74,8 +74,8 @@ pub(crate) enum DriveError {
 }
 
 impl Drive {
-    /// The drive called `name`: a built-in one, else a CSV file, each with `:network` after it where the recording
-    /// has several.
+    /// The drive called `name`: a built-in one, else a CSV file, each with `:network` after it
+    /// where the recording has several.
     ///
     /// # Errors
     /// The first [`DriveError`] that holds.
@@ -99,8 +99,9 @@ impl Drive {
         Self { name, samples: vec![sample], length }
     }
 
-    /// Reads a recording: CSV with a line of column names, a time column `sent_ms` or `second`, and one
-    /// `rtt_ms`, or several `<network>_rtt_ms` of which `network` names one. Other columns are ignored.
+    /// Reads a recording: CSV with a line of column names, a time column `sent_ms` or `second`, and
+    /// one `rtt_ms`, or several `<network>_rtt_ms` of which `network` names one. Other columns are
+    /// ignored.
     fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
         let owned = || file.to_owned();
         let fault = |source| csv_error(file, source);
@@ -159,10 +160,11 @@ impl Drive {
         &self.name
     }
 
-    /// How long after `moment` (since the drive's beginning) a message sent then is back; none if never.
+    /// How long after `moment` (since the drive's beginning) a message sent then is back; none if
+    /// never.
     ///
-    /// It is the round trip of the latest sample at that moment. While the network was unavailable (`-1`) a message
-    /// waits until a sample has one again and then takes that sample's round trip.
+    /// It is the round trip of the latest sample at that moment. While the network was unavailable
+    /// (`-1`) a message waits until a sample has one again and then takes that sample's round trip.
     pub(crate) fn round_trip(&self, moment: Duration) -> Option<Duration> {
         let within = nanos(moment.as_nanos() % self.length.as_nanos());
         let sent = self.samples.partition_point(|sample| sample.at <= within).saturating_sub(1);

@@ -73,8 +73,8 @@ impl Emulation {
         Some(round_trip + self.model.runtime(self.seed, t))
     }
 
-    /// When requests sent every `period` for `span` are answered no sooner than `deadline`, as spans since the
-    /// emulation began.
+    /// When requests sent every `period` for `span` are answered no sooner than `deadline`, as
+    /// spans since the emulation began.
     pub(crate) fn outages(
         &self,
         period: Duration,

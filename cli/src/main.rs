@@ -31,8 +31,8 @@ Exit codes:
 
 Set RUST_LOG (say, RUST_LOG=info) to see what happens inside, on standard error.";
 
-/// Each message leaves with the best result that is there by its deadline: runs such an operator, replays its inputs,
-/// and judges its trace. Without a command it is `fuseline run`.
+/// Each message leaves with the best result that is there by its deadline: runs such an operator,
+/// replays its inputs, and judges its trace. Without a command it is `fuseline run`.
 #[derive(Parser)]
 #[command(version, after_help = EXITS, max_term_width = 100)]
 #[command(override_usage = "fuseline [COMMAND]")]

@@ -24,7 +24,8 @@ pub(crate) struct Model {
     pub(crate) device: Device,
     /// How long the paper measured it to take there.
     pub(crate) runtime: Duration,
-    /// Box AP on COCO val2017 as published by its authors, 0 to 100; none where no figure was at hand.
+    /// Box AP on COCO val2017 as published by its authors, 0 to 100; none where no figure was at
+    /// hand.
     pub(crate) ap: Option<f64>,
 }
 
@@ -60,7 +61,8 @@ struct Row {
 }
 
 impl Model {
-    /// The runtime for message `t`: the paper's, up to 5 % shorter or longer, the same for the same seed.
+    /// The runtime for message `t`: the paper's, up to 5 % shorter or longer, the same for the same
+    /// seed.
     pub(crate) fn runtime(&self, seed: u64, t: u64) -> Duration {
         let name = self.name.bytes().fold(0, |hash, byte| mix(hash ^ u64::from(byte)));
         let nanos = u64::try_from(self.runtime.as_nanos()).unwrap_or(u64::MAX);

@@ -47,12 +47,13 @@ pub(crate) enum Policy {
 /// What a policy gives: means over all messages.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Score {
-    /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None if it cannot
-    /// be told: some model has no figure, or some call was ended before its deadline.
+    /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None
+    /// if it cannot be told: some model has no figure, or some call was ended before its deadline.
     pub(crate) ap: Option<f64>,
     /// Outputs whose result was there before the deadline.
     pub(crate) in_time: u64,
-    /// Response times that half, 90 % and 99 % of the messages do not exceed. None without messages.
+    /// Response times that half, 90 % and 99 % of the messages do not exceed. None without
+    /// messages.
     pub(crate) quantiles: [Option<Quantile>; 3],
 }
 
@@ -78,8 +79,8 @@ struct Choice {
 }
 
 impl Policy {
-    /// How many requests the policy sends to `clouds` clouds for so many messages; none for fusion, which decides one
-    /// by one.
+    /// How many requests the policy sends to `clouds` clouds for so many messages; none for fusion,
+    /// which decides one by one.
     pub(crate) const fn requests(self, messages: u64, clouds: u64) -> Option<u64> {
         match self {
             Self::Fusion => None,
@@ -89,7 +90,8 @@ impl Policy {
         }
     }
 
-    /// The policy's score; `aps` is each source's COCO AP and `deadline` what its result has to beat.
+    /// The policy's score; `aps` is each source's COCO AP and `deadline` what its result has to
+    /// beat.
     ///
     /// A result at its deadline is late (A1).
     pub(crate) fn score(

@@ -16,8 +16,9 @@ const CHUNK: usize = 64 * 1024;
 
 /// Reads a file as it grows; its end comes with the interrupt.
 ///
-/// Only whole lines are given out, so that a line is never read while it is being written, and a last one without its
-/// end is left out. A line too long for a trace is given out as it is: its reader refuses it.
+/// Only whole lines are given out, so that a line is never read while it is being written, and a
+/// last one without its end is left out. A line too long for a trace is given out as it is: its
+/// reader refuses it.
 pub(crate) struct Tail {
     file: File,
     interrupt: Interrupt,

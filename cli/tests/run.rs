@@ -264,7 +264,8 @@ mod serve {
         let short = ["--seconds", "0.5", "--json", "--cloud", &server.cloud("http", "")];
         let report = report(&run_in(dir.path(), &short));
         assert_eq!(report["sources"][1]["requests"]["late"], 5, "{report}");
-        // What a server elsewhere would have answered after its deadline is not known, but too late.
+        // What a server elsewhere would have answered after its deadline is not known, but too
+        // late.
         assert_eq!(report["policies"][2]["mean_ap"], 0.0, "{report}");
         assert!(report["policies"][2]["response_ms"]["p50"]["at_least"].is_number(), "{report}");
     }

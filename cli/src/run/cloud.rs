@@ -53,7 +53,7 @@ pub(crate) enum CloudError {
     #[error("{0:?} is not KEY=VALUE")]
     Pair(String),
     #[error(
-        "unknown key {0:?}; there are name, priority, model, and drive, start or url, ca, cert, key, token"
+        "no key {0:?}; there are name, priority, model, drive, start, url, ca, cert, key, token"
     )]
     Key(String),
     #[error("key {0:?} twice")]
@@ -89,7 +89,8 @@ pub(crate) const DEFAULTS: [&str; 2] = [
     "name=east,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150",
 ];
 
-/// Puts other drives and starts to the clouds that they name. Another drive begins at 0 unless a start is given.
+/// Puts other drives and starts to the clouds that they name. Another drive begins at 0 unless a
+/// start is given.
 ///
 /// # Errors
 /// If a cloud is not there or elsewhere, or two have one name.
@@ -133,8 +134,8 @@ fn find<'a>(
 impl FromStr for Wanted {
     type Err = CloudError;
 
-    /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150`, or with `url=…`
-    /// instead of a drive. Values have no commas.
+    /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150`, or with
+    /// `url=…` instead of a drive. Values have no commas.
     fn from_str(text: &str) -> Result<Self, CloudError> {
         let mut keys = Keys::default();
         for pair in text.split(',') {
@@ -302,7 +303,7 @@ mod tests {
     fn a_mistaken_cloud_is_refused_with_the_key() {
         for (text, what) in [
             ("name", "\"name\" is not KEY=VALUE"),
-            ("nome=a", "unknown key \"nome\""),
+            ("nome=a", "no key \"nome\""),
             ("name=a,name=b", "\"name\" twice"),
             ("name=a", "priority is missing"),
             ("priority=1", "name is missing"),

@@ -188,8 +188,8 @@ impl Ledger {
 
     /// The messages that ended, for the policies.
     ///
-    /// Where a call was ended or never made, `planned(source, opened, t)` tells when its result would have come since
-    /// the message's instant, if it can.
+    /// Where a call was ended or never made, `planned(source, opened, t)` tells when its result
+    /// would have come since the message's instant, if it can.
     pub(crate) fn messages(
         &self,
         planned: impl Fn(usize, Duration, u64) -> Option<Arrival>,

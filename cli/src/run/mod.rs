@@ -1,4 +1,5 @@
-//! `fuseline run`: a camera operator with emulated models behind recorded networks, and its trace judged.
+//! `fuseline run`: a camera operator with emulated models behind recorded networks, and its trace
+//! judged.
 
 mod camera;
 mod cloud;

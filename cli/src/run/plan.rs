@@ -59,8 +59,9 @@ pub(crate) struct Args {
     /// How many messages local computes at once.
     #[arg(long, value_name = "N", default_value = "4", value_parser = workers)]
     workers: NonZero<usize>,
-    /// A cloud instead of the two there are; repeatable. Keys: name, priority and model with drive and start, or
-    /// with url, ca, cert, key and token (the last four are files) for a server elsewhere.
+    /// A cloud instead of the two there are; repeatable. Keys: name, priority and model with drive
+    /// and start, or with url, ca, cert, key and token (the last four are files) for a server
+    /// elsewhere.
     #[arg(long = "cloud", value_name = "KEY=VALUE,…", default_values = cloud::DEFAULTS)]
     clouds: Vec<Wanted>,
     /// Another drive for a cloud; repeatable.

@@ -185,7 +185,8 @@ pub(crate) fn ratio(part: u64, whole: u64) -> f64 {
     part as f64 / whole as f64
 }
 
-/// Milliseconds; `{"at_least":…}` where some are not known, null where so many messages have no output.
+/// Milliseconds; `{"at_least":…}` where some are not known, null where so many messages have no
+/// output.
 fn quantiles<S: Serializer>(
     quantiles: &[Option<Quantile>; 3],
     serializer: S,

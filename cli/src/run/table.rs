@@ -46,8 +46,8 @@ impl fmt::Display for Introduction<'_> {
         }
         writeln!(
             f,
-            "Local and clouds with a drive are emulated: the paper's runtimes ±5 % (seed {}), recorded \
-             networks.\nRequests of {:.1} KB and replies of {:.1} KB are real gRPC.",
+            "Local and clouds with a drive are emulated: the paper's runtimes ±5 % (seed {}), \
+             recorded networks.\nRequests of {:.1} KB and replies of {:.1} KB are real gRPC.",
             plan.seed,
             kilobytes(REQUEST_BYTES),
             kilobytes(REPLY_BYTES),
@@ -80,8 +80,8 @@ impl fmt::Display for Report {
         writeln!(f, "{}\n", self.policies_table().trim_fmt())?;
         writeln!(
             f,
-            "AP is COCO's box AP; a message without output, or whose result came after {} ms or more, \
-             counts 0.",
+            "AP is COCO's box AP; a message without output, or whose result came after {} ms or \
+             more, counts 0.",
             self.deadline_ms
         )?;
         if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
@@ -93,7 +93,8 @@ impl fmt::Display for Report {
         if let Some(lag) = self.timer_lag_ms {
             writeln!(
                 f,
-                "At the deadline a timer commits what is held; timers were served up to {lag:.1} ms late."
+                "At the deadline timers commit what is held; they were served up to {lag:.1} ms \
+                 late."
             )?;
         }
         Ok(())
