@@ -175,40 +175,40 @@ impl Judge {
             self.met += 1;
             return;
         }
-        self.differ(Some(*found), demand, |judge| match demand {
-            Some((expected, _)) => (found.to_string(), expected.to_string()),
-            None if judge.input.is_none() => (found.to_string(), "an input first".into()),
-            None if judge.met == 0 => (found.to_string(), "no decision".into()),
-            None => (found.to_string(), "no further decision".into()),
-        });
+        let lack = match self.input {
+            None => "an input first",
+            Some(_) if self.met == 0 => "no decision",
+            Some(_) => "no further decision",
+        };
+        self.differ(Some(*found), demand, lack);
     }
 
     /// Ends the last input: all that it demands must have been met.
-    fn close(&mut self, found: &str) {
-        if let Some(demand) = self.demands.get(self.met).copied()
-            && !self.differs
-        {
-            self.differ(None, Some(demand), |_| (found.into(), demand.0.to_string()));
+    fn close(&mut self, lack: &str) {
+        let demand = self.demands.get(self.met).copied();
+        if demand.is_some() && !self.differs {
+            self.differ(None, demand, lack);
         }
     }
 
-    /// Notes a violation; what was found and expected is told only of those that the verdict holds.
-    fn differ(
-        &mut self,
-        found: Option<Decision>,
-        demand: Option<(Decision, Rule)>,
-        told: impl FnOnce(&Self) -> (String, String),
-    ) {
+    /// Notes a violation; `lack` tells what is not there, of what was found and what is demanded.
+    fn differ(&mut self, found: Option<Decision>, demand: Option<(Decision, Rule)>, lack: &str) {
         self.differs = true;
         self.verdict.conforms = false;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
             return;
         }
+        let told = |told: Option<Decision>| told.map_or(lack.into(), |told| told.to_string());
         let (t, rule) = self.blame(found, demand);
-        let (found, expected) = told(self);
-        let (line, story) = (self.verdict.lines, t.map_or_else(Vec::new, |t| self.story(t)));
-        self.verdict.violations.push(Violation { line, t, rule, found, expected, story });
+        self.verdict.violations.push(Violation {
+            line: self.verdict.lines,
+            t,
+            rule,
+            found: told(found),
+            expected: told(demand.map(|(expected, _)| expected)),
+            story: t.map_or_else(Vec::new, |t| self.story(t)),
+        });
     }
 
     /// The timestamp that a difference is about, and the rule that it breaks.
@@ -217,25 +217,23 @@ impl Judge {
         found: Option<Decision>,
         demand: Option<(Decision, Rule)>,
     ) -> (Option<u64>, Rule) {
-        let Some(found) = found else {
-            // Without either there is no difference.
-            return demand.map_or((None, Rule::F0), |(expected, rule)| (Some(expected.t()), rule));
-        };
-        if self.is_second_end(&found) {
-            return (Some(found.t()), Rule::P1);
-        }
-        match (found, demand) {
-            (_, Some((expected, _))) if found.redated(expected.at()) == expected => {
-                (Some(found.t()), Rule::F0)
+        let (t, rule) = match (found, demand) {
+            (Some(found), _) if self.is_second_end(&found) => (found.t(), Rule::P1),
+            (Some(found), Some((expected, _))) if found.redated(expected.at()) == expected => {
+                (found.t(), Rule::F0)
             }
-            (Decision::Timer { t, .. }, _) => (Some(t), Rule::F5),
+            (Some(Decision::Timer { t, .. }), _) => (t, Rule::F5),
+            // The gate was shut where it should have been open.
             (
-                Decision::Refuse { t, why: Refusal::Queue, .. },
+                Some(Decision::Refuse { t, why: Refusal::Queue, .. }),
                 Some((Decision::Request { .. }, _)) | None,
-            ) => (Some(t), Rule::F2g),
-            (_, Some((expected, rule))) => (Some(expected.t()), rule),
-            (_, None) => (Some(found.t()), self.rule_of(&found)),
-        }
+            ) => (t, Rule::F2g),
+            (_, Some((expected, rule))) => (expected.t(), rule),
+            (Some(found), None) => (found.t(), self.rule_of(&found)),
+            // There is no difference then.
+            (None, None) => return (None, Rule::F0),
+        };
+        (Some(t), rule)
     }
 
     /// The rule that would demand a decision that is not demanded.
