@@ -66,6 +66,7 @@ fn shorten(mut run: Run, property: impl Fn(&Run) -> Result<(), String>) -> (Run,
     (run, difference)
 }
 
+/// F0–F8: every decision that the rules demand, in order, and no other.
 #[test]
 fn the_core_decides_what_the_reference_machine_decides() {
     let seen = RefCell::new(BTreeMap::new());

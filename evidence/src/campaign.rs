@@ -1,0 +1,145 @@
+//! Runs every kind of witness under every fault.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use crate::error::Error;
+use crate::fault::Fault;
+use crate::kind::Kind;
+use crate::lane::Lane;
+use crate::record::{Caught, Record};
+use crate::tree::Tree;
+
+/// What to run, and how.
+pub struct Campaign<'a> {
+    /// The project.
+    pub tree: &'a Tree,
+    /// The kinds of witness.
+    pub kinds: &'a [&'static Kind],
+    /// The faults.
+    pub faults: &'a [Fault],
+    /// How many copies are worked on at once; at least 1.
+    pub jobs: usize,
+    /// How long one run of one kind may take, building included; then its witnesses that did not end are red.
+    pub limit: Duration,
+    /// Whether to run again what the records already say.
+    pub again: bool,
+    /// Set from outside to end early.
+    pub stop: &'a AtomicBool,
+}
+
+/// What a campaign found: the faults, each with who caught it, by kind.
+pub type Summary = BTreeMap<String, BTreeMap<&'static str, BTreeSet<String>>>;
+
+/// One kind under one fault.
+type Task<'a> = (&'static Kind, &'a Fault);
+
+impl Campaign<'_> {
+    /// Runs what the records lack, and keeps each result as it comes.
+    ///
+    /// `tell` hears of each run as it ends, with how many ended and how many there are.
+    ///
+    /// # Errors
+    /// A witness is red without a fault, a run says nothing, or `stop` was set.
+    pub fn run(&self, tell: impl Fn(&str, usize, usize) + Sync) -> Result<Summary, Error> {
+        let lanes: Vec<Lane> = (0..self.jobs.max(1)).map(|number| self.lane(number)).collect();
+        for lane in &lanes {
+            self.tree.copy_to(&lane.copy)?;
+        }
+        let rustc = compiler()?;
+        let mut records = BTreeMap::new();
+        for kind in self.kinds {
+            tell(&format!("{} without a fault", kind.title), 0, 0);
+            records.insert(kind.name, self.begin(kind, &lanes[0], &rustc)?);
+        }
+        let tasks: Vec<Task> = self
+            .faults
+            .iter()
+            .flat_map(|fault| self.kinds.iter().map(move |kind| (*kind, fault)))
+            .filter(|(kind, fault)| self.again || records[kind.name].caught(fault).is_none())
+            .collect();
+        let records = Mutex::new(records);
+        let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let work = |lane: &Lane| -> Result<(), Error> {
+            while let Some((kind, fault)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let outcomes = lane.run(kind, Some(fault))?;
+                let by = outcomes.into_iter().filter(|(_, held)| !held).map(|(name, _)| name);
+                let caught = Caught { change: fault.digest(), by: by.collect() };
+                let ended = done.fetch_add(1, Ordering::Relaxed) + 1;
+                tell(&format!("{} under {}", kind.title, fault.name), ended, tasks.len());
+                let mut records = records.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                if let Some(record) = records.get_mut(kind.name) {
+                    record.faults.insert(fault.name.clone(), caught);
+                    record.save(self.tree, kind)?;
+                }
+            }
+            Ok(())
+        };
+        thread::scope(|scope| {
+            let work = &work;
+            let workers: Vec<_> =
+                lanes.iter().map(|lane| scope.spawn(move || work(lane))).collect();
+            workers.into_iter().try_for_each(|worker| match worker.join() {
+                Ok(done) => done,
+                Err(panic) => std::panic::resume_unwind(panic),
+            })
+        })?;
+        let records = records.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        Ok(self.summary(&records))
+    }
+
+    /// The record to go on with: the one that is there if it is current, else that of a run without a fault.
+    fn begin(&self, kind: &'static Kind, lane: &Lane, rustc: &str) -> Result<Record, Error> {
+        let sources = kind.digest(&lane.copy)?;
+        let there = Record::load(self.tree, kind)?;
+        if let Some(record) = there.filter(|record| record.sources == sources && !self.again) {
+            return Ok(record);
+        }
+        let outcomes = lane.run(kind, None)?;
+        let red: Vec<&str> =
+            outcomes.iter().filter(|(_, held)| !**held).map(|(name, _)| &**name).collect();
+        if !red.is_empty() {
+            return Err(Error::Run {
+                kind: kind.name,
+                run: "none".to_owned(),
+                why: format!("red without a fault: {}", red.join(", ")),
+                log: lane.target.join("logs"),
+            });
+        }
+        let held = outcomes.into_keys().collect();
+        Ok(Record { sources, rustc: rustc.to_owned(), held, faults: BTreeMap::new() })
+    }
+
+    fn summary(&self, records: &BTreeMap<&'static str, Record>) -> Summary {
+        let by_kind = |fault: &Fault| {
+            let caught = self.kinds.iter().map(|kind| {
+                let by = records.get(kind.name).and_then(|record| record.caught(fault));
+                (kind.name, by.cloned().unwrap_or_default())
+            });
+            caught.collect()
+        };
+        self.faults.iter().map(|fault| (fault.name.clone(), by_kind(fault))).collect()
+    }
+
+    fn lane(&self, number: usize) -> Lane<'_> {
+        let folder = self.tree.path("target/evidence").join(number.to_string());
+        Lane {
+            copy: Tree::new(folder.join("source")),
+            target: folder.join("target"),
+            limit: self.limit,
+            stop: self.stop,
+        }
+    }
+}
+
+/// The compiler's version.
+fn compiler() -> Result<String, Error> {
+    let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let printed = Command::new(&rustc).arg("--version").output();
+    let printed = printed.map_err(Error::file(rustc.as_ref()))?;
+    Ok(String::from_utf8_lossy(&printed.stdout).trim().to_owned())
+}

@@ -1,0 +1,97 @@
+//! Identifiers: where the specification defines them, and where they are cited.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
+
+use regex::Regex;
+
+use crate::error::Error;
+use crate::tree::Tree;
+
+/// Where the code that meets the rules is.
+const CODE: [&str; 4] =
+    ["core/src", "adapters/operator/src", "adapters/tokio/src", "traces/src/reference.rs"];
+
+static DEFINITION: LazyLock<Regex> = LazyLock::new(|| {
+    regex(r"(?m)^(?:### (F\d+g?) (.+)|\| (P\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")
+});
+/// One identifier, or the first and the last of several.
+static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPA])(\d+)(g?)(?:–([FPA])(\d+))?\b"));
+/// The identifiers in the order of their definition, each with its title.
+pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, Error> {
+    let spec = tree.text("SPEC.md")?;
+    let pair = |found: regex::Captures| {
+        let mut parts = found.iter().skip(1).flatten().map(|part| part.as_str().trim().to_owned());
+        Some((parts.next()?, parts.next()?))
+    };
+    Ok(DEFINITION.captures_iter(&spec).filter_map(pair).collect())
+}
+
+/// The identifiers in a text; `F2–F7` stands for all from one to the other.
+pub(crate) fn words(text: &str) -> BTreeSet<String> {
+    let mut ids = BTreeSet::new();
+    for found in WORD.captures_iter(text) {
+        match (found.get(4), found.get(5)) {
+            (Some(_), Some(last)) => ids.extend(range(&found[1], &found[2], last.as_str())),
+            _ => drop(ids.insert(format!("{}{}{}", &found[1], &found[2], &found[3]))),
+        }
+    }
+    ids
+}
+
+/// The identifiers in a function's name; `p1_to_p9` stands for all from one to the other.
+pub(crate) fn named(name: &str) -> BTreeSet<String> {
+    let parts: Vec<&str> = name.split('_').collect();
+    let mut ids = BTreeSet::new();
+    for (i, part) in parts.iter().enumerate() {
+        let Some(id) = upper(part) else { continue };
+        if let (Some(&"to"), Some(last)) =
+            (parts.get(i + 1), parts.get(i + 2).and_then(|p| upper(p)))
+        {
+            ids.extend(range(&id[..1], &id[1..], &last[1..]));
+        }
+        ids.insert(id);
+    }
+    ids
+}
+
+/// The places of the code that cite each identifier, `file:line`.
+pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, Error> {
+    let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for file in tree.files(&CODE)? {
+        if !file.ends_with(".rs") || file.ends_with("tests.rs") {
+            continue;
+        }
+        let text = tree.text(&file)?;
+        let own = text.lines().take_while(|line| !line.trim_start().starts_with("mod tests {"));
+        for (number, line) in (1_u32..).zip(own) {
+            for id in words(line) {
+                places.entry(id).or_default().push(format!("{file}:{number}"));
+            }
+        }
+    }
+    Ok(places)
+}
+
+fn range(family: &str, first: &str, last: &str) -> Vec<String> {
+    let number = |text: &str| text.parse::<u32>().unwrap_or_default();
+    let (first, last) = (number(first), number(last));
+    let mut ids: Vec<String> = (first..=last).map(|n| format!("{family}{n}")).collect();
+    if family == "F" && (first..=last).contains(&2) && last > 2 {
+        ids.push("F2g".to_owned());
+    }
+    ids
+}
+
+/// The identifier that a part of a name is, if it is one.
+fn upper(part: &str) -> Option<String> {
+    let mut letters = part.chars();
+    let family = letters.next().filter(|letter| "fpa".contains(*letter))?;
+    let number = letters.as_str().trim_end_matches('g');
+    let is_id = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
+    is_id.then(|| format!("{}{}", family.to_ascii_uppercase(), letters.as_str()))
+}
+
+fn regex(pattern: &str) -> Regex {
+    Regex::new(pattern).expect("a sound pattern")
+}

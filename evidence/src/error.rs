@@ -1,0 +1,61 @@
+//! What can go wrong.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why there is no evidence.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file or folder cannot be used.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// Which one.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file does not say what it should.
+    #[error("{}: {why}", path.display())]
+    Content {
+        /// Which one.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// A fault cannot be seeded.
+    #[error("fault {name}: {why}")]
+    Fault {
+        /// Its name.
+        name: String,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// A run of witnesses says nothing.
+    #[error("{kind}, {run}: {why}; see {}", log.display())]
+    Run {
+        /// The kind of witness.
+        kind: &'static str,
+        /// The fault's name, or that there was none.
+        run: String,
+        /// What is wrong.
+        why: String,
+        /// What it printed.
+        log: PathBuf,
+    },
+    /// The user wants it to end.
+    #[error("interrupted; what is done so far is kept")]
+    Interrupted,
+}
+
+impl Error {
+    /// About this file.
+    pub(crate) fn file(path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::File { path: path.to_owned(), source }
+    }
+
+    /// About what this file says.
+    pub(crate) fn content(path: &Path, why: impl ToString) -> Self {
+        Self::Content { path: path.to_owned(), why: why.to_string() }
+    }
+}

@@ -1,0 +1,82 @@
+//! The seeded faults.
+
+use std::collections::BTreeSet;
+use std::fs;
+
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+
+use crate::error::Error;
+use crate::tree::{Tree, hex};
+
+/// Where they are kept.
+pub(crate) const FILE: &str = "tests/faults.toml";
+
+/// One place of the source with what a fault would make of it.
+#[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fault {
+    /// Its name, which says what the machine then does.
+    pub name: String,
+    /// The identifiers of the rules, promises and ambiguities that it violates.
+    pub breaks: BTreeSet<String>,
+    /// The file, from the root.
+    pub file: String,
+    /// What occurs exactly once there.
+    pub find: String,
+    /// What takes its place.
+    pub replace: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Faults {
+    fault: Vec<Fault>,
+}
+
+/// All faults, in their order.
+///
+/// # Errors
+/// The file cannot be read, a name is there twice, or a fault breaks nothing.
+pub fn load(tree: &Tree) -> Result<Vec<Fault>, Error> {
+    let path = tree.path(FILE);
+    let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+    let faults: Faults = toml::from_str(&text).map_err(|error| Error::content(&path, error))?;
+    let mut names = BTreeSet::new();
+    for fault in &faults.fault {
+        if !names.insert(&fault.name) {
+            return Err(fault.error("the name is taken"));
+        }
+        if fault.breaks.is_empty() {
+            return Err(fault.error("it breaks nothing"));
+        }
+    }
+    Ok(faults.fault)
+}
+
+impl Fault {
+    /// The source with this fault.
+    ///
+    /// # Errors
+    /// The place does not occur exactly once.
+    pub fn seed(&self, source: &str) -> Result<String, Error> {
+        match source.matches(&self.find).count() {
+            1 => Ok(source.replacen(&self.find, &self.replace, 1)),
+            count => Err(self.error(&format!("its place occurs {count} times in {}", self.file))),
+        }
+    }
+
+    /// A digest of the change that it makes.
+    pub(crate) fn digest(&self) -> String {
+        let mut digest = Sha256::new();
+        for part in [&self.file, &self.find, &self.replace] {
+            digest.update(part.len().to_le_bytes());
+            digest.update(part);
+        }
+        hex(&digest.finalize())
+    }
+
+    fn error(&self, why: &str) -> Error {
+        Error::Fault { name: self.name.clone(), why: why.to_owned() }
+    }
+}

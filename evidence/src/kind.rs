@@ -1,0 +1,207 @@
+//! The kinds of witness. A new kind is one entry here.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::LazyLock;
+
+use regex::Regex;
+
+use crate::citation::{named, words};
+use crate::error::Error;
+use crate::tree::Tree;
+
+/// What a run printed, by witness: whether it held.
+pub(crate) type Outcomes = BTreeMap<String, bool>;
+
+/// One kind of witness: how it is run, what it printed means, and what each witness cites.
+pub struct Kind {
+    /// Its name, which is that of its record too.
+    pub name: &'static str,
+    /// What its witnesses are, for readers.
+    pub title: &'static str,
+    /// Which identifiers must have a witness of this kind.
+    pub(crate) applies: fn(&str) -> bool,
+    /// The arguments for cargo.
+    pub(crate) cargo: &'static [&'static str],
+    /// The files that the results depend on.
+    pub(crate) sources: &'static [&'static str],
+    /// Reads what cargo printed.
+    pub(crate) read: fn(&str) -> Outcomes,
+    /// The identifiers that a witness cites.
+    pub(crate) cites: fn(&Tree, &str) -> Result<BTreeSet<String>, Error>,
+}
+
+/// The machine and what turns a trace's inputs into its decisions.
+const CORE: &str = "core/src";
+const ARBITER: &str = "adapters/operator/src/arbiter.rs";
+
+/// All of them.
+pub const KINDS: &[Kind] = &[
+    Kind {
+        name: "test",
+        title: "tests",
+        applies: |_| true,
+        cargo: &[
+            "test",
+            "-p",
+            "fuseline-core",
+            "-p",
+            "fuseline-tests",
+            "--lib",
+            "--test",
+            "rules",
+            "--test",
+            "differential",
+            "--test",
+            "window",
+            "--no-fail-fast",
+        ],
+        sources: &[
+            CORE,
+            ARBITER,
+            "traces/src",
+            "traces/corpus",
+            "tests/src/driver.rs",
+            "tests/src/ledger.rs",
+            "tests/src/run.rs",
+            "tests/tests/rules.rs",
+            "tests/tests/differential.rs",
+            "tests/tests/window.rs",
+        ],
+        read: read_tests,
+        cites: cited_by_test,
+    },
+    Kind {
+        name: "trace",
+        title: "traces of the corpus",
+        applies: |id| id.starts_with('F'),
+        cargo: &["run", "-p", "fuseline-tests", "--example", "corpus"],
+        sources: &[CORE, ARBITER, "traces/src", "traces/corpus", "tests/examples/corpus.rs"],
+        read: read_tests,
+        cites: cited_by_trace,
+    },
+    Kind {
+        name: "model",
+        title: "properties of the models",
+        applies: |_| true,
+        cargo: &[
+            "run",
+            "--release",
+            "-p",
+            "fuseline-models",
+            "--",
+            "check",
+            "--quick",
+            "--keep-going",
+            "--threads",
+            "1",
+            "--json",
+        ],
+        sources: &[CORE, "traces/src", "models/src"],
+        read: read_models,
+        cites: |_, witness| Ok(words(witness)),
+    },
+];
+
+impl Kind {
+    /// A digest of what its results depend on.
+    ///
+    /// # Errors
+    /// A file cannot be read.
+    pub fn digest(&self, tree: &Tree) -> Result<String, Error> {
+        tree.digest(self.sources)
+    }
+
+    /// The one of this name.
+    #[must_use]
+    pub fn find(name: &str) -> Option<&'static Self> {
+        KINDS.iter().find(|kind| kind.name == name)
+    }
+}
+
+/// Lines of the test harness. A test that began and never ended is red.
+fn read_tests(printed: &str) -> Outcomes {
+    static BINARY: LazyLock<Regex> =
+        LazyLock::new(|| regex(r"^ +Running .*/deps/(\w+)-[0-9a-f]+\)"));
+    static TEST: LazyLock<Regex> = LazyLock::new(|| regex(r"^test (\S+) \.\.\.(?: (ok|ignored))?"));
+    let mut outcomes = Outcomes::new();
+    let mut binary = String::new();
+    for line in printed.lines() {
+        if let Some(found) = BINARY.captures(line) {
+            binary = format!("{}::", &found[1]);
+        } else if let Some(found) = TEST.captures(line) {
+            let outcome = found.get(2).map(|outcome| outcome.as_str());
+            if outcome != Some("ignored") {
+                outcomes.insert(format!("{binary}{}", &found[1]), outcome == Some("ok"));
+            }
+        }
+    }
+    outcomes
+}
+
+/// A JSON object a configuration: the properties that are broken there, or the configuration itself if it holds.
+fn read_models(printed: &str) -> Outcomes {
+    #[derive(serde::Deserialize)]
+    struct Verdict {
+        config: String,
+        holds: bool,
+        violations: BTreeMap<String, serde::de::IgnoredAny>,
+    }
+    let verdicts = printed.lines().filter_map(|line| serde_json::from_str::<Verdict>(line).ok());
+    let mut outcomes = Outcomes::new();
+    for verdict in verdicts {
+        outcomes.extend(verdict.violations.into_keys().map(|claim| (claim, false)));
+        if verdict.holds {
+            outcomes.insert(verdict.config, true);
+        }
+    }
+    outcomes
+}
+
+/// What a test's name, its documentation and its body cite.
+fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
+    let mut parts: Vec<&str> = witness.split("::").collect();
+    let name = parts.pop().unwrap_or_default();
+    let file = match parts.split_first() {
+        Some((&"fuseline_core", modules)) => {
+            let modules: Vec<&str> = modules.iter().copied().filter(|m| *m != "tests").collect();
+            let own = format!("core/src/{}/tests.rs", modules.join("/"));
+            let whole = format!("core/src/{}.rs", modules.join("/"));
+            if tree.path(&own).exists() { own } else { whole }
+        }
+        Some((target, _)) => format!("tests/tests/{target}.rs"),
+        None => return Ok(BTreeSet::new()),
+    };
+    let text = tree.text(&file)?;
+    let Some(function) = function(&text, name) else {
+        return Err(Error::content(Path::new(&file), format!("no test {name} here")));
+    };
+    let mut cited = named(name);
+    cited.extend(words(&function));
+    Ok(cited)
+}
+
+/// A function with what stands directly above it.
+fn function(text: &str, name: &str) -> Option<String> {
+    let lines: Vec<&str> = text.lines().collect();
+    let head = format!("fn {name}(");
+    let at = lines.iter().position(|line| line.trim_start().starts_with(&head))?;
+    let is_above = |line: &&&str| matches!(line.trim_start().as_bytes(), [b'/' | b'#', ..]);
+    let above = lines.iter().take(at).rev().take_while(is_above).count();
+    let indent = lines[at].len() - lines[at].trim_start().len();
+    let end = format!("{:indent$}}}", "");
+    let below = lines.iter().skip(at).position(|line| *line == end)?;
+    Some(lines[at - above..=at + below].join("\n"))
+}
+
+/// What a trace's name and its header cite.
+fn cited_by_trace(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
+    let text = tree.text(&format!("traces/corpus/{witness}.jsonl"))?;
+    let mut cited = words(text.lines().next().unwrap_or_default());
+    cited.extend(named(&witness.replace('-', "_")));
+    Ok(cited)
+}
+
+fn regex(pattern: &str) -> Regex {
+    Regex::new(pattern).expect("a sound pattern")
+}

@@ -1,0 +1,105 @@
+//! A copy of the project in which faults are seeded and witnesses run.
+
+use std::fs::{self, File};
+use std::os::unix::process::CommandExt as _;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process_group};
+
+use crate::error::Error;
+use crate::fault::Fault;
+use crate::kind::{Kind, Outcomes};
+use crate::tree::Tree;
+
+/// How often a running command is looked at.
+const GLANCE: Duration = Duration::from_millis(20);
+
+/// One copy with its own folder of built things.
+pub(crate) struct Lane<'a> {
+    pub(crate) copy: Tree,
+    pub(crate) target: PathBuf,
+    pub(crate) limit: Duration,
+    pub(crate) stop: &'a AtomicBool,
+}
+
+impl Lane<'_> {
+    /// Runs the witnesses of a kind, under a fault or under none.
+    ///
+    /// # Errors
+    /// The fault cannot be seeded, the code does not build, or no witness ran.
+    pub(crate) fn run(&self, kind: &Kind, fault: Option<&Fault>) -> Result<Outcomes, Error> {
+        let Some(fault) = fault else { return self.witnesses(kind, "none") };
+        let path = self.copy.path(&fault.file);
+        let sound = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        fs::write(&path, fault.seed(&sound)?).map_err(Error::file(&path))?;
+        let outcomes = self.witnesses(kind, &fault.name);
+        fs::write(&path, sound).map_err(Error::file(&path))?;
+        outcomes
+    }
+
+    fn witnesses(&self, kind: &Kind, run: &str) -> Result<Outcomes, Error> {
+        let log = self.target.join("logs").join(format!("{}.{run}.txt", kind.name));
+        let wrong = |why: &str| Error::Run {
+            kind: kind.name,
+            run: run.to_owned(),
+            why: why.to_owned(),
+            log: log.clone(),
+        };
+        self.cargo(kind, &log)?;
+        let printed = fs::read(&log).map_err(Error::file(&log))?;
+        let printed = String::from_utf8_lossy(&printed);
+        if printed.contains("error: could not compile") {
+            return Err(wrong("it does not build"));
+        }
+        let outcomes = (kind.read)(&printed);
+        if outcomes.is_empty() { Err(wrong("no witness ran")) } else { Ok(outcomes) }
+    }
+
+    /// Runs cargo until it ends or its time is up; what ended it shows in what it printed.
+    fn cargo(&self, kind: &Kind, log: &PathBuf) -> Result<(), Error> {
+        let folder = log.parent().unwrap_or(log);
+        fs::create_dir_all(folder).map_err(Error::file(folder))?;
+        let out = File::create(log).map_err(Error::file(log))?;
+        let err = out.try_clone().map_err(Error::file(log))?;
+        let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        command.args(kind.cargo).current_dir(self.copy.root());
+        let fixed = [
+            ("CARGO_TARGET_DIR", self.target.as_os_str()),
+            ("CARGO_NET_OFFLINE", "true".as_ref()),
+            ("CARGO_TERM_COLOR", "never".as_ref()),
+            ("CARGO_PROFILE_DEV_OPT_LEVEL", "1".as_ref()),
+            ("CARGO_PROFILE_DEV_DEBUG", "0".as_ref()),
+            ("RUST_BACKTRACE", "0".as_ref()),
+            // In order, so that one that hangs is the last one named.
+            ("RUST_TEST_THREADS", "1".as_ref()),
+        ];
+        let mut child = command
+            .envs(fixed)
+            .env_remove("PROPTEST_CASES")
+            .stdin(Stdio::null())
+            .stdout(Stdio::from(out))
+            .stderr(Stdio::from(err))
+            .process_group(0)
+            .spawn()
+            .map_err(Error::file(self.copy.root()))?;
+        let group = Pid::from_child(&child);
+        let start = Instant::now();
+        loop {
+            if child.try_wait().map_err(Error::file(self.copy.root()))?.is_some() {
+                return Ok(());
+            }
+            let stopped = self.stop.load(Ordering::Acquire);
+            if stopped || start.elapsed() > self.limit {
+                // It may have ended just now.
+                let _ = kill_process_group(group, Signal::KILL);
+                child.wait().map_err(Error::file(self.copy.root()))?;
+                return if stopped { Err(Error::Interrupted) } else { Ok(()) };
+            }
+            thread::sleep(GLANCE);
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! The command: runs the seeded faults, and makes or checks the matrix.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand};
+use fuseline_evidence::{
+    Campaign, Error, KINDS, Kind, Matrix, Summary, Tree, artefacts, load_faults,
+};
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// Seeded faults, who catches them, and the matrix of evidence.
+#[derive(Parser)]
+#[command(name = "evidence", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Seed faults in copies of the project, run the witnesses, and record who catches what.
+    ///
+    /// Results that are current are kept: an interrupted run goes on where it was.
+    Faults(Faults),
+    /// Make EVIDENCE.md, its CSV and its JSON from the results.
+    Matrix {
+        /// Change nothing; fail if something is missing, stale or different.
+        #[arg(long)]
+        check: bool,
+    },
+}
+
+#[derive(Args)]
+struct Faults {
+    /// The faults; all unless named.
+    names: Vec<String>,
+    /// The kinds of witness; all unless named.
+    #[arg(long, value_name = "KIND")]
+    kind: Vec<String>,
+    /// How many copies to work on at once.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
+    jobs: u8,
+    /// How many seconds one run of one kind may take, building included.
+    #[arg(long, value_name = "SECONDS", default_value_t = 600)]
+    limit: u64,
+    /// Run again what the results already say.
+    #[arg(long)]
+    again: bool,
+}
+
+static STOP: AtomicBool = AtomicBool::new(false);
+
+fn main() -> ExitCode {
+    let tree = Tree::new(PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/..")));
+    let done = match Cli::parse().command {
+        Command::Faults(args) => faults(&tree, &args),
+        Command::Matrix { check } => matrix(&tree, check),
+    };
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Whether every fault is caught.
+fn faults(tree: &Tree, args: &Faults) -> Result<bool, Error> {
+    let mut faults = load_faults(tree)?;
+    let wanted: BTreeSet<&str> = args.names.iter().map(String::as_str).collect();
+    if let Some(name) = wanted.iter().find(|name| !faults.iter().any(|f| f.name == **name)) {
+        return Err(Error::Fault { name: (*name).to_owned(), why: "there is none".to_owned() });
+    }
+    faults.retain(|fault| wanted.is_empty() || wanted.contains(&*fault.name));
+    let kinds: Vec<&'static Kind> = KINDS
+        .iter()
+        .filter(|kind| args.kind.is_empty() || args.kind.iter().any(|name| name == kind.name))
+        .collect();
+    // Where the system refuses a handler, Ctrl-C ends the command as it does otherwise.
+    let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Release));
+
+    let bar = ProgressBar::new(0);
+    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed} {wide_msg}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let campaign = Campaign {
+        tree,
+        kinds: &kinds,
+        faults: &faults,
+        jobs: usize::from(args.jobs),
+        limit: Duration::from_secs(args.limit),
+        again: args.again,
+        stop: &STOP,
+    };
+    let summary = campaign.run(|what, done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+        bar.set_message(what.to_owned());
+    });
+    bar.finish_and_clear();
+    Ok(report(&summary?))
+}
+
+/// Prints who caught what; whether someone caught each.
+fn report(summary: &Summary) -> bool {
+    let mut all = true;
+    for (fault, kinds) in summary {
+        let counts: Vec<String> =
+            kinds.iter().map(|(kind, by)| format!("{kind} {}", by.len())).collect();
+        let caught = kinds.values().any(|by| !by.is_empty());
+        all &= caught;
+        println!("{} {fault}: {}", if caught { "caught" } else { "MISSED" }, counts.join(", "));
+    }
+    all
+}
+
+/// Whether the matrix stands, and is what is there already if it is only checked.
+fn matrix(tree: &Tree, check: bool) -> Result<bool, Error> {
+    let matrix = Matrix::build(tree)?;
+    let mut wrong = matrix.wrong.clone();
+    for artefact in artefacts(&matrix)? {
+        if !check {
+            artefact.save(tree)?;
+        } else if !artefact.is_current(tree) {
+            wrong.push(format!("{} is not what the results make it", artefact.name));
+        }
+    }
+    for line in &wrong {
+        eprintln!("{line}");
+    }
+    Ok(wrong.is_empty())
+}

@@ -1,0 +1,200 @@
+//! The matrix: what shows each rule, promise and ambiguity.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+
+use crate::citation;
+use crate::error::Error;
+use crate::fault::{self, Fault};
+use crate::kind::{KINDS, Kind};
+use crate::record::Record;
+use crate::tree::Tree;
+
+/// The whole matrix, with whatever is wrong with it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Matrix {
+    /// The compilers that built the witnesses, by kind.
+    pub built_by: BTreeMap<&'static str, String>,
+    /// How many witnesses of each kind ran.
+    pub ran: BTreeMap<&'static str, usize>,
+    /// A row an identifier, in the order of the specification.
+    pub rows: Vec<Row>,
+    /// The faults in their order, each with who caught it.
+    pub faults: Vec<Seeded>,
+    /// What must be put right; the matrix stands only if this is empty.
+    #[serde(skip)]
+    pub wrong: Vec<String>,
+}
+
+/// What shows one rule, promise or ambiguity.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Its identifier.
+    pub id: String,
+    /// How the specification heads it.
+    pub title: String,
+    /// The code that meets it, `file:line`.
+    pub code: Vec<String>,
+    /// By kind: the witnesses that cite it and went red under a fault of it.
+    pub witnesses: BTreeMap<&'static str, BTreeSet<String>>,
+    /// The faults that violate it.
+    pub faults: Vec<String>,
+}
+
+/// One fault with who caught it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Seeded {
+    /// Its name.
+    pub name: String,
+    /// What it violates.
+    pub breaks: BTreeSet<String>,
+    /// By kind: the witnesses that went red.
+    pub caught_by: BTreeMap<&'static str, BTreeSet<String>>,
+}
+
+impl Matrix {
+    /// Builds it from the specification, the sources, the faults and the records.
+    ///
+    /// # Errors
+    /// One of them cannot be read. What they lack is in [`wrong`](Self::wrong).
+    pub fn build(tree: &Tree) -> Result<Self, Error> {
+        let faults = fault::load(tree)?;
+        let mut wrong = Vec::new();
+        let mut records = Vec::new();
+        for kind in KINDS {
+            records.extend(current(tree, kind, &faults, &mut wrong)?.map(|record| (kind, record)));
+        }
+        let defined = citation::defined(tree)?;
+        let known: BTreeSet<&str> = defined.iter().map(|(id, _)| &**id).collect();
+        let code = citation::code(tree)?;
+        let cited = code.keys().chain(faults.iter().flat_map(|fault| &fault.breaks));
+        wrong.extend(unknown("code or a fault", cited, &known));
+
+        let seeded: Vec<Seeded> = faults.iter().map(|fault| seeded(fault, &records)).collect();
+        for fault in &seeded {
+            if fault.caught_by.values().all(BTreeSet::is_empty) {
+                wrong.push(format!("nothing catches the fault {}", fault.name));
+            }
+        }
+        let shown = shown(tree, &seeded, &known, &mut wrong)?;
+        let mut rows = Vec::new();
+        for (id, title) in &defined {
+            let row = row(id, title, &code, &seeded, &shown);
+            wrong.extend(lacks(&row, &records));
+            rows.push(row);
+        }
+        Ok(Self {
+            built_by: records.iter().map(|(kind, r)| (kind.name, r.rustc.clone())).collect(),
+            ran: records.iter().map(|(kind, record)| (kind.name, record.held.len())).collect(),
+            rows,
+            faults: seeded,
+            wrong,
+        })
+    }
+}
+
+/// The record of a kind; says what is stale or missing.
+fn current(
+    tree: &Tree,
+    kind: &Kind,
+    faults: &[Fault],
+    wrong: &mut Vec<String>,
+) -> Result<Option<Record>, Error> {
+    let Some(record) = Record::load(tree, kind)? else {
+        wrong.push(format!("{}: there are no results", kind.title));
+        return Ok(None);
+    };
+    if record.sources != kind.digest(tree)? {
+        wrong.push(format!("{}: the sources changed since the results", kind.title));
+    }
+    if record.held.is_empty() {
+        wrong.push(format!("{}: none ran", kind.title));
+    }
+    let missing = faults.iter().filter(|fault| record.caught(fault).is_none());
+    wrong.extend(missing.map(|fault| format!("{}: not run under {}", kind.title, fault.name)));
+    Ok(Some(record))
+}
+
+fn seeded(fault: &Fault, records: &[(&Kind, Record)]) -> Seeded {
+    let caught = records
+        .iter()
+        .filter_map(|(kind, record)| Some((kind.name, record.caught(fault)?.clone())));
+    Seeded { name: fault.name.clone(), breaks: fault.breaks.clone(), caught_by: caught.collect() }
+}
+
+/// Who shows what: a witness that cites an identifier and went red under a fault of it.
+type Shown = BTreeMap<String, BTreeMap<&'static str, BTreeSet<String>>>;
+
+fn shown(
+    tree: &Tree,
+    faults: &[Seeded],
+    known: &BTreeSet<&str>,
+    wrong: &mut Vec<String>,
+) -> Result<Shown, Error> {
+    let mut cites: BTreeMap<(&str, &str), BTreeSet<String>> = BTreeMap::new();
+    let mut shown = Shown::new();
+    for fault in faults {
+        for (name, witnesses) in &fault.caught_by {
+            let Some(kind) = Kind::find(name) else { continue };
+            for witness in witnesses {
+                if !cites.contains_key(&(kind.name, &**witness)) {
+                    let cited = (kind.cites)(tree, witness)?;
+                    wrong.extend(unknown(witness, cited.iter(), known));
+                    cites.insert((kind.name, witness), cited);
+                }
+                let cited = &cites[&(kind.name, &**witness)];
+                for id in cited.intersection(&fault.breaks) {
+                    let of_id = shown.entry(id.clone()).or_default();
+                    of_id.entry(kind.name).or_default().insert(witness.clone());
+                }
+            }
+        }
+    }
+    Ok(shown)
+}
+
+fn row(
+    id: &str,
+    title: &str,
+    code: &BTreeMap<String, Vec<String>>,
+    faults: &[Seeded],
+    shown: &Shown,
+) -> Row {
+    let of_it = faults.iter().filter(|fault| fault.breaks.contains(id));
+    Row {
+        id: id.to_owned(),
+        title: title.to_owned(),
+        code: code.get(id).cloned().unwrap_or_default(),
+        witnesses: shown.get(id).cloned().unwrap_or_default(),
+        faults: of_it.map(|fault| fault.name.clone()).collect(),
+    }
+}
+
+/// What a rule or promise must have and has not. An ambiguity is a reading of one and needs nothing of its own.
+fn lacks(row: &Row, records: &[(&Kind, Record)]) -> Vec<String> {
+    let mut lacks = Vec::new();
+    if row.id.starts_with('A') {
+        return lacks;
+    }
+    if row.code.is_empty() {
+        lacks.push(format!("{}: no code cites it", row.id));
+    }
+    for (kind, _) in records.iter().filter(|(kind, _)| (kind.applies)(&row.id)) {
+        if row.witnesses.get(kind.name).is_none_or(BTreeSet::is_empty) {
+            lacks.push(format!("{}: none of the {} that went red cites it", row.id, kind.title));
+        }
+    }
+    lacks
+}
+
+fn unknown<'a>(
+    place: &str,
+    cited: impl Iterator<Item = &'a String>,
+    known: &BTreeSet<&str>,
+) -> Vec<String> {
+    cited
+        .filter(|id| !known.contains(id.as_str()))
+        .map(|id| format!("{place} cites {id}, which SPEC.md does not define"))
+        .collect()
+}

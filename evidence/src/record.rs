@@ -1,0 +1,98 @@
+//! What the witnesses of one kind did, as it is committed.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use tempfile::NamedTempFile;
+
+use crate::error::Error;
+use crate::fault::Fault;
+use crate::kind::Kind;
+use crate::tree::Tree;
+
+/// The results of one kind of witness.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
+    /// A digest of the sources that the results depend on.
+    pub sources: String,
+    /// The compiler that built them.
+    pub rustc: String,
+    /// The witnesses that ran, and held, without a fault.
+    pub held: BTreeSet<String>,
+    /// By the faults' names, what happened under each.
+    pub faults: BTreeMap<String, Caught>,
+}
+
+/// What happened under one fault.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Caught {
+    /// A digest of the change that the fault makes.
+    pub change: String,
+    /// The witnesses that went red.
+    pub by: BTreeSet<String>,
+}
+
+/// The folder of the records.
+#[must_use]
+pub fn folder(tree: &Tree) -> PathBuf {
+    tree.path("evidence/results")
+}
+
+impl Record {
+    /// The committed record of a kind, if there is one.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn load(tree: &Tree, kind: &Kind) -> Result<Option<Self>, Error> {
+        let path = path(tree, kind);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        serde_json::from_str(&text).map(Some).map_err(|error| Error::content(&path, error))
+    }
+
+    /// Writes it, whole or not at all.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn save(&self, tree: &Tree, kind: &Kind) -> Result<(), Error> {
+        let path = path(tree, kind);
+        let mut text =
+            serde_json::to_string_pretty(self).map_err(|error| Error::content(&path, error))?;
+        text.push('\n');
+        write_whole(&path, &text)
+    }
+
+    /// What happened under this fault, if it is the fault that was seeded.
+    #[must_use]
+    pub fn caught(&self, fault: &Fault) -> Option<&BTreeSet<String>> {
+        let caught = self.faults.get(&fault.name)?;
+        (caught.change == fault.digest()).then_some(&caught.by)
+    }
+}
+
+/// Writes a file by another name first, then gives it its own.
+pub(crate) fn write_whole(path: &std::path::Path, text: &str) -> Result<(), Error> {
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder).map_err(Error::file(folder))?;
+    let mut file = NamedTempFile::new_in(folder).map_err(Error::file(folder))?;
+    file.write_all(text.as_bytes()).map_err(Error::file(path))?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        let shared = fs::Permissions::from_mode(0o644);
+        file.as_file().set_permissions(shared).map_err(Error::file(path))?;
+    }
+    file.persist(path).map_err(|error| Error::file(path)(error.error))?;
+    Ok(())
+}
+
+fn path(tree: &Tree, kind: &Kind) -> PathBuf {
+    folder(tree).join(format!("{}.json", kind.name))
+}

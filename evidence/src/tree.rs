@@ -1,0 +1,146 @@
+//! The project's files.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use sha2::{Digest, Sha256};
+
+use crate::error::Error;
+
+/// The root folder of the project, or of a copy of it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Tree {
+    root: PathBuf,
+}
+
+impl Tree {
+    /// The files below this folder.
+    #[must_use]
+    pub const fn new(root: PathBuf) -> Self {
+        Self { root }
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// A file or folder named from the root.
+    #[must_use]
+    pub fn path(&self, name: impl AsRef<Path>) -> PathBuf {
+        self.root.join(name)
+    }
+
+    /// A text file named from the root.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn text(&self, name: &str) -> Result<String, Error> {
+        let path = self.path(name);
+        fs::read_to_string(&path).map_err(Error::file(&path))
+    }
+
+    /// All files at or below these names, by their names from the root.
+    ///
+    /// # Errors
+    /// One of the folders cannot be read, or a name is not there.
+    pub fn files(&self, names: &[&str]) -> Result<Vec<String>, Error> {
+        let mut files = Vec::new();
+        for name in names {
+            self.walk(&self.path(name), &mut files)?;
+        }
+        files.sort();
+        Ok(files)
+    }
+
+    /// A digest of all files at or below these names.
+    ///
+    /// # Errors
+    /// As for [`files`](Self::files).
+    pub fn digest(&self, names: &[&str]) -> Result<String, Error> {
+        let mut digest = Sha256::new();
+        for name in self.files(names)? {
+            let path = self.path(&name);
+            let content = fs::read(&path).map_err(Error::file(&path))?;
+            digest.update(name.len().to_le_bytes());
+            digest.update(&name);
+            digest.update(content.len().to_le_bytes());
+            digest.update(content);
+        }
+        Ok(hex(&digest.finalize()))
+    }
+
+    /// Makes `copy` hold what git would keep of this tree, and nothing else of the project.
+    ///
+    /// A file that is the same already is left alone, so that nothing is built again for it.
+    ///
+    /// # Errors
+    /// git cannot list the files, or one cannot be copied.
+    pub fn copy_to(&self, copy: &Self) -> Result<(), Error> {
+        let wanted = self.kept()?;
+        fs::create_dir_all(&copy.root).map_err(Error::file(&copy.root))?;
+        for name in copy.files(&["."])? {
+            if !wanted.contains_key(&name) {
+                let path = copy.path(&name);
+                fs::remove_file(&path).map_err(Error::file(&path))?;
+            }
+        }
+        for (name, content) in wanted {
+            let path = copy.path(&name);
+            if fs::read(&path).is_ok_and(|there| there == content) {
+                continue;
+            }
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder).map_err(Error::file(folder))?;
+            }
+            fs::write(&path, content).map_err(Error::file(&path))?;
+        }
+        Ok(())
+    }
+
+    /// What git keeps, new files included.
+    fn kept(&self) -> Result<BTreeMap<String, Vec<u8>>, Error> {
+        let listed = Command::new("git")
+            .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
+            .current_dir(&self.root)
+            .output()
+            .map_err(Error::file(Path::new("git")))?;
+        if !listed.status.success() {
+            return Err(Error::content(&self.root, String::from_utf8_lossy(&listed.stderr).trim()));
+        }
+        let mut kept = BTreeMap::new();
+        for name in String::from_utf8_lossy(&listed.stdout).split_terminator('\0') {
+            // A file that was removed and not yet committed is listed all the same.
+            if let Ok(content) = fs::read(self.path(name)) {
+                kept.insert(name.to_owned(), content);
+            }
+        }
+        Ok(kept)
+    }
+
+    fn walk(&self, path: &Path, files: &mut Vec<String>) -> Result<(), Error> {
+        if path.is_file() {
+            let name = path.strip_prefix(&self.root).unwrap_or(path);
+            let parts: Vec<_> = name.components().map(|part| part.as_os_str()).collect();
+            let names: Vec<_> = parts.iter().map(|part| part.to_string_lossy()).collect();
+            files.push(names.join("/").trim_start_matches("./").to_owned());
+            return Ok(());
+        }
+        for entry in fs::read_dir(path).map_err(Error::file(path))? {
+            self.walk(&entry.map_err(Error::file(path))?.path(), files)?;
+        }
+        Ok(())
+    }
+}
+
+/// Bytes in hexadecimal.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}

@@ -1,0 +1,35 @@
+//! Replays each conforming trace of the corpus through the core and says, as a test would, whether it came out alike.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::ExitCode;
+
+use fuseline_operator::Arbiter;
+use fuseline_traces::corpus::{CASES, Case};
+use fuseline_traces::{Decision, Event, Reader};
+
+fn main() -> ExitCode {
+    let mut all = true;
+    for case in CASES {
+        // On a line of its own before the replay: one that never ends has been named.
+        println!("test {} ...", case.name);
+        let alike = catch_unwind(AssertUnwindSafe(|| replays(case))).unwrap_or(false);
+        println!("test {} ... {}", case.name, if alike { "ok" } else { "FAILED" });
+        all &= alike;
+    }
+    if all { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Whether the core answers the inputs with the decisions that stand after them.
+fn replays(case: &Case) -> bool {
+    let mut reader = Reader::new(case.name, case.trace.as_bytes()).expect("it has a header");
+    let mut arbiter = Arbiter::new(reader.header()).expect("a sound configuration");
+    let mut expected: Vec<Decision> = Vec::new();
+    let mut found: Vec<Decision> = Vec::new();
+    while let Some(event) = reader.next_event().expect("it is well formed") {
+        match event {
+            Event::Input(input) => arbiter.apply(&input, |decision| found.push(decision)),
+            Event::Decision(decision) => expected.push(decision),
+        }
+    }
+    found == expected
+}

@@ -1,0 +1,141 @@
+//! Writes the fuzz targets' seeds, from the corpus: `cargo run -p fuseline-tests --example seeds`.
+//!
+//! Seeds that are there stay, findings among them, unless one of the same name is written.
+
+use std::collections::HashSet;
+use std::fs;
+use std::io::{self, Write};
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use fuseline_tests::Run;
+use fuseline_tests::fuzz::{self, Edit, Mark, Op, Reach};
+use fuseline_traces::corpus::CASES;
+use fuseline_traces::{Event, LINE, Reader, Rule};
+
+const SEEDS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/seeds");
+
+fn main() -> io::Result<()> {
+    let runs: Vec<(&str, Run)> = CASES.iter().map(|case| (case.name, run(case.trace))).collect();
+    for (name, run) in &runs {
+        write("step", name, &fuzz::bytes_of(run))?;
+    }
+    for (name, bytes) in edited(&runs) {
+        write("judge", &name, &bytes)?;
+    }
+    for (name, bytes) in files()? {
+        write("trace_parse", name, &bytes)?;
+    }
+    Ok(())
+}
+
+fn write(target: &str, name: &str, bytes: &[u8]) -> io::Result<()> {
+    let folder = Path::new(SEEDS).join(target);
+    fs::create_dir_all(&folder)?;
+    fs::write(folder.join(name), bytes)
+}
+
+/// The inputs of a conforming trace.
+fn run(trace: &str) -> Run {
+    let mut reader = Reader::new("corpus", trace.as_bytes()).expect("the corpus has headers");
+    let header = reader.header().clone();
+    let mut inputs = Vec::new();
+    while let Some(event) = reader.next_event().expect("the corpus can be read") {
+        if let Event::Input(input) = event {
+            inputs.push(input);
+        }
+    }
+    Run { header, inputs }
+}
+
+/// Edited traces: each breaks a rule by an op that did not break it before, or reaches more.
+fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
+    let (mut all, mut broken) = (Reach::default(), HashSet::new());
+    let mut seeds = Vec::new();
+    for (name, run) in runs {
+        for edit in edits() {
+            let bytes = [edit.bytes(), fuzz::bytes_of(run)].concat();
+            let mut reach = Reach::default();
+            fuzz::judge(&bytes, &mut reach).expect("core and judge agree");
+            let reached: Vec<Mark> =
+                Mark::of_judge().into_iter().filter(|mark| reach.has(*mark)).collect();
+            let rule = Rule::ALL.into_iter().find(|rule| reach.has(Mark::Broken(*rule)));
+            let more = reached.iter().filter(|mark| all.mark(**mark)).count();
+            if broken.insert((edit.op as u8, rule)) || more > 0 {
+                seeds.push((format!("{name}-{:?}-{}", edit.op, edit.place).to_lowercase(), bytes));
+            }
+        }
+    }
+    seeds
+}
+
+/// Each op at each of the first places, changing one word by one.
+fn edits() -> impl Iterator<Item = Edit> {
+    let words = (0..6).map(|word| std::array::from_fn(|other| i8::from(other == word)));
+    let words: Vec<[i8; 6]> = words.collect();
+    Op::ALL.into_iter().flat_map(move |op| {
+        let words = words.clone();
+        (0..12).flat_map(move |place| {
+            let changes = if op == Op::Rewrite || op == Op::Insert { words.len() } else { 1 };
+            words.clone().into_iter().take(changes).map(move |by| Edit { op, place, by })
+        })
+    })
+}
+
+/// What the corpus has not: files that are no traces, odd ones that are, and every line.
+fn files() -> io::Result<Vec<(&'static str, Vec<u8>)>> {
+    let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
+    let tick = "{\"ev\":\"tick\",\"at\":1}\n";
+    let with = |line: &str| format!("{header}{line}").into_bytes();
+    let odd = "{ \"x\":{\"a\":[1e3,null,\"\\u00e9\"],\"a\":0} , \"at\":\t18446744073709551615,\"ev\":\"ti\\u0063k\"}\n";
+    let long = format!("{header}{}\n", " ".repeat(LINE + 1));
+    let whole = gzip(&with(tick))?;
+    let broken: Vec<u8> = whole[..whole.len() - 9].to_vec();
+    let header_of_all = "{\"clouds\":[{\"x\":[],\"name\":\"a\\\"\\n\\ud83d\\ude97\",\"limit\":3,\"p\":65535,\"resume\":1},\
+        {\"p\":1,\"limit\":18446744073709551615}],\"commit\":\"patient\",\"operator\":\"é\",\"window\":1024,\"fuseline\":1}\n";
+    Ok(vec![
+        ("blank-line", with("\n")),
+        ("byte-order-mark", format!("\u{feff}{header}").into_bytes()),
+        (
+            "clouds-alike",
+            header.replace("[]", "[{\"p\":1,\"limit\":1},{\"p\":1,\"limit\":1}]").into(),
+        ),
+        ("crlf", header.replace('\n', "\r\n").into()),
+        (
+            "deep",
+            with(&format!(
+                "{{\"ev\":\"tick\",\"at\":1,\"x\":{}1{}}}\n",
+                "[".repeat(300),
+                "]".repeat(300)
+            )),
+        ),
+        ("empty", Vec::new()),
+        ("float", with("{\"ev\":\"tick\",\"at\":1.0}\n")),
+        ("gzip", whole),
+        ("gzip-broken", broken),
+        ("gzip-line-too-long", gzip(long.as_bytes())?),
+        ("header-of-all", header_of_all.into()),
+        ("header-twice", with(header)),
+        ("invalid-utf-8", [header.as_bytes(), b"{\"ev\":\"\xff\"}\n"].concat()),
+        ("key-of-another-event", with("{\"ev\":\"tick\",\"at\":1,\"t\":1}\n")),
+        ("key-twice", with("{\"ev\":\"tick\",\"at\":1,\"at\":1}\n")),
+        ("key-unknown", with("{\"ev\":\"tick\",\"at\":1,\"y\":1}\n")),
+        ("no-header", tick.into()),
+        ("null", with("{\"ev\":\"open\",\"at\":1,\"t\":1,\"limit\":null}\n")),
+        ("number-too-great", with("{\"ev\":\"tick\",\"at\":18446744073709551616}\n")),
+        ("odd-tick", with(odd)),
+        (
+            "resume-not-below-limit",
+            header.replace("[]", "[{\"p\":1,\"limit\":1,\"resume\":1}]").into(),
+        ),
+        ("unterminated", with(tick.trim_end())),
+        ("window-0", header.replace("\"window\":1", "\"window\":0").into()),
+    ])
+}
+
+fn gzip(bytes: &[u8]) -> io::Result<Vec<u8>> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+    encoder.write_all(bytes)?;
+    encoder.finish()
+}
