@@ -1,6 +1,7 @@
 //! What crosses crates: a driver with a manual clock, random runs, and a ledger that checks the promises.
 
 mod driver;
+pub mod fuzz;
 mod ledger;
 mod run;
 

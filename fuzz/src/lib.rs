@@ -1,0 +1,30 @@
+//! What the fuzz targets share: one check, again and again, until it finds something.
+
+use std::sync::{LazyLock, Mutex, PoisonError};
+
+use fuseline_tests::fuzz::{Mark, Reach};
+
+/// Printed once everything that a target can come to was reached.
+const REACHED: &str = "fuseline-fuzz: everything was reached";
+
+/// What a target checks of bytes.
+pub type Check = fn(&[u8], &mut Reach) -> Result<(), String>;
+
+/// What this program came to so far; nothing once all was reached.
+static REACH: LazyLock<Mutex<(Reach, bool)>> = LazyLock::new(Mutex::default);
+
+/// Checks bytes, and says so when everything in `marks` was reached for the first time.
+///
+/// # Panics
+/// If the check finds something, with the trace that shows it.
+pub fn run(check: Check, marks: fn() -> Vec<Mark>, bytes: &[u8]) {
+    let mut shared = REACH.lock().unwrap_or_else(PoisonError::into_inner);
+    let (reach, complete) = &mut *shared;
+    if let Err(fault) = check(bytes, reach) {
+        panic!("{fault}");
+    }
+    if !*complete && reach.missing(marks()).is_empty() {
+        *complete = true;
+        eprintln!("{REACHED}");
+    }
+}

@@ -1,0 +1,214 @@
+//! What the fuzz targets check, as functions over bytes: plain tests replay the targets' seeds.
+//!
+//! Each notes in a [`Reach`] what the bytes came to, and returns what is wrong with it, in words, with
+//! the trace.
+
+mod bytes;
+mod edit;
+mod reach;
+
+use fuseline_operator::Arbiter;
+use fuseline_traces as traces;
+use fuseline_traces::{Event, Fault, LINE, Line, ReadError, Reader, Reference, parse, unpack};
+use serde::de::IgnoredAny;
+
+use crate::Run;
+use bytes::Bytes;
+pub use edit::{Edit, Op};
+pub use reach::{Mark, Reach};
+
+/// The name of a trace in verdicts and errors.
+const FILE: &str = "fuzz";
+/// What no error's message needs to be longer than, in bytes.
+const MESSAGE: usize = 512;
+
+/// What is wrong, in words.
+type Check = Result<(), String>;
+
+/// Bytes as a run, the machine that ships against the reference machine: decision for decision, and
+/// the next due instant after each input.
+///
+/// # Errors
+/// The first difference, and the run as it should be.
+pub fn step(bytes: &[u8], reach: &mut Reach) -> Check {
+    let run = Bytes::new(bytes).run();
+    compare(&run, reach).map_err(|difference| format!("{difference}\n{run:?}"))
+}
+
+/// Bytes as a file: it is read to its end or to an error that says where, and every line read is the
+/// same after it was written.
+///
+/// # Errors
+/// What is wrong with how it was read.
+pub fn trace_parse(bytes: &[u8], reach: &mut Reach) -> Check {
+    let inner = unpack(bytes).map_err(|error| format!("bytes in memory did not come: {error}"))?;
+    let mut reader = match Reader::new(FILE, inner) {
+        Ok(reader) => reader,
+        Err(error) => return refused(&error, 1, reach),
+    };
+    unchanged(reader.raw(), &Line::Header(reader.header().clone()), reach)?;
+    loop {
+        let line = reader.line() + 1;
+        match reader.next_event() {
+            Ok(Some(event)) => unchanged(reader.raw(), &Line::Event(event), reach)?,
+            Ok(None) => return Ok(()),
+            Err(error) => return refused(&error, line, reach),
+        }
+    }
+}
+
+/// Bytes as an [`Edit`] and a run: the judge accepts what the machine that ships decides, and finds
+/// the edit at its line, unless it changes nothing.
+///
+/// # Errors
+/// Where the judge is wrong, and the edited trace.
+pub fn judge(bytes: &[u8], reach: &mut Reach) -> Check {
+    let mut bytes = Bytes::new(bytes);
+    let edit = Edit::read(&mut bytes);
+    let run = bytes.run();
+    let whole = replay(&run).map_err(|fault| format!("{fault}\n{run:?}"))?;
+    let edited = edit.apply(&whole);
+    find(&run, &whole, &edited, reach)
+        .map_err(|fault| format!("{fault}\n{}", String::from_utf8_lossy(&text(&run, &edited))))
+}
+
+/// A run as [`step`] reads it; for [`judge`] an edit's bytes go before it.
+///
+/// The operator's and the clouds' names are left out.
+#[must_use]
+pub fn bytes_of(run: &Run) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    bytes::write(run, &mut bytes);
+    bytes
+}
+
+/// The run that [`step`] makes of bytes.
+#[must_use]
+pub fn run_of(bytes: &[u8]) -> Run {
+    Bytes::new(bytes).run()
+}
+
+/// Runs both machines side by side.
+fn compare(run: &Run, reach: &mut Reach) -> Check {
+    let mut arbiter = arbiter(run)?;
+    let mut reference = Reference::new(&run.header);
+    let (mut demands, mut found) = (Vec::new(), Vec::new());
+    for (i, input) in run.inputs.iter().enumerate() {
+        demands.clear();
+        reference.apply(input, &mut demands);
+        found.clear();
+        arbiter.apply(input, |decision| found.push(decision));
+        if !found.iter().eq(demands.iter().map(|(decision, _)| decision)) {
+            return Err(format!("input {i}, {input}: {found:?}, the rules say {demands:?}"));
+        }
+        if arbiter.next_due() != reference.next_due() {
+            let (found, expected) = (arbiter.next_due(), reference.next_due());
+            return Err(format!("input {i}, {input}: next due is {found:?}, not {expected:?}"));
+        }
+        reach.demands(run.header.commit, input, &demands);
+    }
+    Ok(())
+}
+
+/// An accepted line: it is JSON to others too, and written and read again it says the same.
+fn unchanged(raw: &[u8], line: &Line, reach: &mut Reach) -> Check {
+    reach.line(line);
+    let wrong = |what: &str| Err(format!("{what}: {}\n{line:?}", String::from_utf8_lossy(raw)));
+    if serde_json::from_slice::<IgnoredAny>(raw).is_err() {
+        return wrong("read though it is not JSON");
+    }
+    let mut written = Vec::new();
+    line.write(&mut written);
+    let again = parse(&written);
+    if again.as_ref() != Ok(line) {
+        return wrong(&format!("written as {}, read as {again:?}", written.escape_ascii()));
+    }
+    Ok(())
+}
+
+/// An error, where line number `line` was to be read: it tells that line, and is fit for a terminal.
+fn refused(error: &ReadError, line: u64, reach: &mut Reach) -> Check {
+    reach.fault(&error.fault);
+    let message = error.to_string();
+    let column = 1..=LINE as u64 + 1;
+    // What flate2 says of a broken file is not ours.
+    let is_ours = !matches!(error.fault, Fault::Io(_));
+    if error.line != line || !column.contains(&error.column) {
+        return Err(format!("at line {line} the error is {message:?}"));
+    }
+    if is_ours && (message.len() > MESSAGE || message.contains(char::is_control)) {
+        return Err(format!("not fit for a terminal: {message:?}"));
+    }
+    Ok(())
+}
+
+/// The run's inputs, each with what the machine that ships decides about it.
+fn replay(run: &Run) -> Result<Vec<Event>, String> {
+    let mut arbiter = arbiter(run)?;
+    let mut events = Vec::new();
+    for input in &run.inputs {
+        events.push(Event::Input(*input));
+        arbiter.apply(input, |decision| events.push(Event::Decision(decision)));
+    }
+    Ok(events)
+}
+
+fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Reach) -> Check {
+    let conforming = verdict(run, whole)?;
+    if !conforming.conforms || !conforming.violations.is_empty() {
+        return Err(format!("what the core decides is judged so: {conforming}"));
+    }
+    let mut reference = Reference::new(&run.header);
+    let mut demands = Vec::new();
+    for input in &run.inputs {
+        demands.clear();
+        reference.apply(input, &mut demands);
+        reach.demands(run.header.commit, input, &demands);
+    }
+    let verdict = verdict(run, edited)?;
+    if verdict.judged != conforming.judged || verdict.lines != edited.len() as u64 + 1 {
+        return Err(format!("the edit changes what is counted: {verdict}"));
+    }
+    let found = verdict.violations.first();
+    if let Some(found) = found {
+        reach.mark(Mark::Broken(found.rule));
+    }
+    let expected = broken_line(whole, edited);
+    if found.map(|found| found.line) != expected || verdict.conforms != expected.is_none() {
+        return Err(format!("the edit is at {expected:?}, judged so: {verdict}"));
+    }
+    Ok(())
+}
+
+/// Where the judge finds the first difference: at a decision, or, where one is missing, at the line
+/// before what stands in its place.
+fn broken_line(whole: &[Event], edited: &[Event]) -> Option<u64> {
+    let both = whole.len().max(edited.len());
+    let place = (0..both).find(|place| whole.get(*place) != edited.get(*place))?;
+    // The header is line 1, the first event line 2.
+    let line = place as u64 + 2;
+    match edited.get(place) {
+        Some(Event::Decision(_)) => Some(line),
+        Some(Event::Input(_)) | None => Some(line - 1),
+    }
+}
+
+fn verdict(run: &Run, events: &[Event]) -> Result<traces::Verdict, String> {
+    traces::judge(FILE, &*text(run, events)).map_err(|error| format!("it cannot be read: {error}"))
+}
+
+/// The trace as it is written.
+fn text(run: &Run, events: &[Event]) -> Vec<u8> {
+    let mut text = Vec::new();
+    run.header.write(&mut text);
+    text.push(b'\n');
+    for event in events {
+        event.write(&mut text);
+        text.push(b'\n');
+    }
+    text
+}
+
+fn arbiter(run: &Run) -> Result<Arbiter, String> {
+    Arbiter::new(&run.header).map_err(|error| format!("a sound configuration is refused: {error}"))
+}

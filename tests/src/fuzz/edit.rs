@@ -1,0 +1,150 @@
+//! One change of a trace's decisions, its inputs left as they are.
+
+use fuseline_traces::{Decision, DropReason, Event, Refusal};
+
+use super::bytes::Bytes;
+
+/// A change at one place of a trace.
+///
+/// Where it cannot be made, for instance in a trace without a decision, nothing is changed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Edit {
+    /// What is done.
+    pub op: Op,
+    /// To which of the trace's events, in turn; where an op needs a decision, to the next one.
+    pub place: u16,
+    /// The decision that [`Op::Rewrite`] and [`Op::Insert`] write: by how much its kind, `at`, `t`,
+    /// `p`, reason and due instant differ from those of the event that is there; all 0 is the same.
+    pub by: [i8; 6],
+}
+
+/// What an edit does.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Op {
+    /// Nothing.
+    #[default]
+    Keep,
+    /// A decision is taken out.
+    Remove,
+    /// A decision stands twice.
+    Repeat,
+    /// An event and the one after it change places, unless both are inputs.
+    Swap,
+    /// Another decision stands there.
+    Rewrite,
+    /// A decision is put before an event, or at the end.
+    Insert,
+}
+
+impl Op {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Keep, Self::Remove, Self::Repeat, Self::Swap, Self::Rewrite, Self::Insert];
+}
+
+impl Edit {
+    pub(super) fn read(bytes: &mut Bytes<'_>) -> Self {
+        let op = Op::ALL[usize::from(bytes.byte()) % Op::ALL.len()];
+        let place = bytes.short();
+        Self { op, place, by: std::array::from_fn(|_| bytes.byte().cast_signed()) }
+    }
+
+    /// The bytes of this edit, as they stand before a run's.
+    #[must_use]
+    pub fn bytes(&self) -> Vec<u8> {
+        let mut bytes = vec![self.op as u8];
+        bytes.extend(self.place.to_le_bytes());
+        bytes.extend(self.by.map(i8::cast_unsigned));
+        bytes
+    }
+
+    /// The trace's events after this edit.
+    pub(super) fn apply(&self, events: &[Event]) -> Vec<Event> {
+        let mut edited = events.to_vec();
+        if events.is_empty() {
+            return edited;
+        }
+        let place = usize::from(self.place) % events.len();
+        let mut from_here = (place..events.len()).chain(0..place);
+        let decision = from_here.find(|place| matches!(events[*place], Event::Decision(_)));
+        match (self.op, decision) {
+            (Op::Remove, Some(place)) => drop(edited.remove(place)),
+            (Op::Repeat, Some(place)) => edited.insert(place, events[place]),
+            (Op::Rewrite, Some(place)) => edited[place] = self.written(&events[place]),
+            (Op::Insert, _) => {
+                let place = usize::from(self.place) % (events.len() + 1);
+                let near = events.get(place).or(events.last());
+                edited.splice(place..place, near.map(|near| self.written(near)));
+            }
+            (Op::Swap, _) => {
+                let both_inputs =
+                    edited[place..].iter().take(2).all(|event| matches!(event, Event::Input(_)));
+                if !both_inputs && place + 1 < edited.len() {
+                    edited.swap(place, place + 1);
+                }
+            }
+            (Op::Keep, _) | (Op::Remove | Op::Repeat | Op::Rewrite, None) => {}
+        }
+        edited
+    }
+
+    /// A decision that differs from an event by so much.
+    fn written(&self, near: &Event) -> Event {
+        let [kind, at, t, p, why, due] = self.by;
+        let was = Words::of(near);
+        let more = |value: u64, by: i8| value.wrapping_add_signed(by.into());
+        let (at, t, p) = (more(was.at, at), more(was.t, t), more(was.p, p));
+        let turned = |place: usize, by: i8, all: usize| place.wrapping_add_signed(by.into()) % all;
+        let refusal = Refusal::ALL[turned(was.why, why, Refusal::ALL.len())];
+        let dropped = DropReason::ALL[turned(was.why, why, DropReason::ALL.len())];
+        Event::Decision(match turned(was.kind, kind, 9) {
+            0 => Decision::Timer { at, t, p },
+            1 => Decision::Refuse { at, t, p: None, why: refusal },
+            2 => Decision::Refuse { at, t, p: Some(p), why: refusal },
+            3 => Decision::Request { at, t, p, due: more(was.due, due) },
+            4 => Decision::Hold { at, t, p },
+            5 => Decision::Drop { at, t, p, why: dropped },
+            6 => Decision::Emit { at, t, p },
+            7 => Decision::Miss { at, t },
+            _ => Decision::Cancel { at, t, p },
+        })
+    }
+}
+
+/// What stands in a line; 0 where it has no such key.
+#[derive(Default)]
+struct Words {
+    kind: usize,
+    at: u64,
+    t: u64,
+    p: u64,
+    why: usize,
+    due: u64,
+}
+
+impl Words {
+    fn of(event: &Event) -> Self {
+        let words = |kind, at, t, p| Self { kind, at, t, p, ..Self::default() };
+        match *event {
+            Event::Input(input) => words(0, input.at(), input.t().unwrap_or_default(), 0),
+            Event::Decision(decision) => match decision {
+                Decision::Timer { at, t, p } => words(0, at, t, p),
+                Decision::Refuse { at, t, p, why } => {
+                    let place = Refusal::ALL.iter().position(|other| *other == why);
+                    let kind = 1 + usize::from(p.is_some());
+                    let why = place.unwrap_or_default();
+                    Self { why, ..words(kind, at, t, p.unwrap_or_default()) }
+                }
+                Decision::Request { at, t, p, due } => Self { due, ..words(3, at, t, p) },
+                Decision::Hold { at, t, p } => words(4, at, t, p),
+                Decision::Drop { at, t, p, why } => {
+                    let place = DropReason::ALL.iter().position(|other| *other == why);
+                    Self { why: place.unwrap_or_default(), ..words(5, at, t, p) }
+                }
+                Decision::Emit { at, t, p } => words(6, at, t, p),
+                Decision::Miss { at, t } => words(7, at, t, 0),
+                Decision::Cancel { at, t, p } => words(8, at, t, p),
+            },
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! The fuzz targets' seeds, replayed: what was found once is looked at by every `cargo test`.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use fuseline_tests::fuzz::{Edit, Mark, Op, Reach, bytes_of, judge, run_of, step, trace_parse};
+use fuseline_tests::runs;
+use proptest::prelude::*;
+
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+type Check = fn(&[u8], &mut Reach) -> Result<(), String>;
+
+/// The files of a folder, by name.
+fn files(folder: &str) -> Vec<PathBuf> {
+    let entries = fs::read_dir(Path::new(ROOT).join(folder)).expect("the folder is there");
+    let paths = entries.map(|entry| entry.expect("a readable folder").path());
+    let mut files: Vec<_> = paths.filter(|path| path.is_file()).collect();
+    files.sort();
+    assert!(!files.is_empty(), "no file in {folder}");
+    files
+}
+
+/// Checks every file of these folders; together they must reach all of `marks`.
+fn replay(folders: &[&str], check: Check, marks: Vec<Mark>) {
+    let mut reach = Reach::default();
+    for path in folders.iter().flat_map(|folder| files(folder)) {
+        let bytes = fs::read(&path).expect("a readable file");
+        if let Err(fault) = check(&bytes, &mut reach) {
+            panic!("{}: {fault}", path.display());
+        }
+    }
+    let missing = reach.missing(marks);
+    assert!(missing.is_empty(), "no file in {folders:?} reaches {missing:?}");
+}
+
+#[test]
+fn seeds_of_step_agree_and_reach_every_rule_and_reason() {
+    replay(&["fuzz/seeds/step"], step, Mark::of_step());
+}
+
+#[test]
+fn seeds_of_judge_agree_and_break_every_rule() {
+    replay(&["fuzz/seeds/judge"], judge, Mark::of_judge());
+}
+
+#[test]
+fn seeds_of_trace_parse_and_the_corpus_reach_every_line_and_fault() {
+    let folders = ["fuzz/seeds/trace_parse", "traces/corpus", "traces/corpus/bad"];
+    replay(&folders, trace_parse, Mark::of_trace_parse());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, cases: 64, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_run_survives_its_bytes(run in runs()) {
+        prop_assert_eq!(run_of(&bytes_of(&run)), run);
+    }
+
+    #[test]
+    fn any_bytes_are_a_run_that_its_own_bytes_tell(bytes in any::<Vec<u8>>()) {
+        let run = run_of(&bytes);
+        prop_assert_eq!(run_of(&bytes_of(&run)), run);
+    }
+
+    #[test]
+    fn an_edit_of_a_random_run_is_found_at_its_line(
+        run in runs(), op in 0..Op::ALL.len(), place in any::<u16>(), by in any::<[i8; 6]>()
+    ) {
+        let edit = Edit { op: Op::ALL[op], place, by: by.map(|by| by % 2) };
+        let bytes = [edit.bytes(), bytes_of(&run)].concat();
+        judge(&bytes, &mut Reach::default()).map_err(TestCaseError::fail)?;
+    }
+
+    #[test]
+    fn bytes_that_are_no_trace_are_refused_in_good_order(bytes in any::<Vec<u8>>()) {
+        trace_parse(&bytes, &mut Reach::default()).map_err(TestCaseError::fail)?;
+    }
+}
