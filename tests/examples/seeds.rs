@@ -88,12 +88,21 @@ fn files() -> io::Result<Vec<(&'static str, Vec<u8>)>> {
     let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
     let tick = "{\"ev\":\"tick\",\"at\":1}\n";
     let with = |line: &str| format!("{header}{line}").into_bytes();
-    let odd = "{ \"x\":{\"a\":[1e3,null,\"\\u00e9\"],\"a\":0} , \"at\":\t18446744073709551615,\"ev\":\"ti\\u0063k\"}\n";
+    let odd = concat!(
+        r#"{ "x":{"a":[1e3,null,"\u00e9"],"a":0} , "at":"#,
+        "\t",
+        r#"18446744073709551615,"ev":"ti\u0063k"}"#,
+        "\n"
+    );
     let long = format!("{header}{}\n", " ".repeat(LINE + 1));
     let whole = gzip(&with(tick))?;
     let broken: Vec<u8> = whole[..whole.len() - 9].to_vec();
-    let header_of_all = "{\"clouds\":[{\"x\":[],\"name\":\"a\\\"\\n\\ud83d\\ude97\",\"limit\":3,\"p\":65535,\"resume\":1},\
-        {\"p\":1,\"limit\":18446744073709551615}],\"commit\":\"patient\",\"operator\":\"é\",\"window\":1024,\"fuseline\":1}\n";
+    let header_of_all = concat!(
+        r#"{"clouds":[{"x":[],"name":"a\"\n\ud83d\ude97","limit":3,"p":65535,"resume":1},"#,
+        r#"{"p":1,"limit":18446744073709551615}],"commit":"patient","operator":"é","#,
+        r#""window":1024,"fuseline":1}"#,
+        "\n"
+    );
     Ok(vec![
         ("blank-line", with("\n")),
         ("byte-order-mark", format!("\u{feff}{header}").into_bytes()),

@@ -1,7 +1,7 @@
 //! What the fuzz targets check, as functions over bytes: plain tests replay the targets' seeds.
 //!
-//! Each notes in a [`Reach`] what the bytes came to, and returns what is wrong with it, in words, with
-//! the trace.
+//! Each notes in a [`Reach`] what the bytes came to, and returns what is wrong, in words, with the
+//! trace.
 
 mod bytes;
 mod edit;
@@ -35,8 +35,8 @@ pub fn step(bytes: &[u8], reach: &mut Reach) -> Check {
     compare(&run, reach).map_err(|difference| format!("{difference}\n{run:?}"))
 }
 
-/// Bytes as a file: it is read to its end or to an error that says where, and every line read is the
-/// same after it was written.
+/// Bytes as a file: it is read to its end or to an error that says where, and every line read is
+/// the same after it was written.
 ///
 /// # Errors
 /// What is wrong with how it was read.
@@ -126,7 +126,7 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Reach) -> Check {
     Ok(())
 }
 
-/// An error, where line number `line` was to be read: it tells that line, and is fit for a terminal.
+/// An error where line number `line` was to be read: it tells that line, fit for a terminal.
 fn refused(error: &ReadError, line: u64, reach: &mut Reach) -> Check {
     reach.fault(&error.fault);
     let message = error.to_string();

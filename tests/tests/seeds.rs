@@ -51,7 +51,11 @@ fn seeds_of_trace_parse_and_the_corpus_reach_every_line_and_fault() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, cases: 64, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        failure_persistence: None,
+        cases: 64,
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn a_run_survives_its_bytes(run in runs()) {

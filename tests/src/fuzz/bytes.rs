@@ -1,5 +1,5 @@
-//! A run as bytes, in a form that suits a fuzzer: any bytes are a run, and what small changes of them
-//! make is close to what was there.
+//! A run as bytes, in a form that suits a fuzzer: any bytes are a run, and small changes of them
+//! make a run that is close.
 
 use fuseline_traces::{Cloud, Commit, Header, Input};
 
