@@ -57,7 +57,7 @@ fn trace() -> (Vec<u8>, u64) {
         for (p, usual) in (0..).zip(USUAL) {
             // One arrival in sixteen takes four times as long.
             let noise = run.random() % usual;
-            let delay = if run.random() % 16 == 0 { 4 * usual } else { usual / 2 + noise };
+            let delay = if run.random().is_multiple_of(16) { 4 * usual } else { usual / 2 + noise };
             run.arrivals.push(Reverse((at + delay, t, p)));
         }
         if run.lines >= LINES {
