@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use crate::claim::Claim;
 use crate::config::Config;
-use crate::counterexample::{Counterexample, shrink};
+use crate::counterexample::Counterexample;
 use crate::mark::Mark;
 use crate::operator::Operator;
 
@@ -91,7 +91,7 @@ pub fn check(
     let discoveries = checker.discoveries();
     let broken = Claim::ALL.iter().filter_map(|claim| {
         let inputs: Vec<Input> = discoveries.get(claim.name())?.clone().into_actions();
-        Some(shrink(config, *claim, inputs))
+        Some(Counterexample::of(config, *claim, inputs))
     });
     let violations: Vec<_> = broken.collect();
     let unmet = config.marks().filter(|mark| !discoveries.contains_key(mark.name()));

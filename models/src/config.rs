@@ -9,7 +9,7 @@ mod table;
 pub use table::CONFIGS;
 
 /// An operator and its environment.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Config {
     /// Its name on the command line.
     pub name: &'static str,

@@ -17,14 +17,23 @@ pub struct Counterexample {
     pub trace: String,
 }
 
-/// The inputs with all left out that is not needed to break the claim.
-pub(crate) fn shrink(config: &Config, claim: Claim, mut inputs: Vec<Input>) -> Counterexample {
+impl Counterexample {
+    /// Of these inputs, which break the claim, those that are needed to.
+    pub(crate) fn of(config: &Config, claim: Claim, inputs: Vec<Input>) -> Self {
+        let inputs = shrink(inputs, |inputs| breaks(config, claim, inputs));
+        let trace = trace(config, &inputs);
+        Self { claim, inputs, trace }
+    }
+}
+
+/// The inputs without any that can be left out; `breaks` says after how many the claim is broken.
+fn shrink(mut inputs: Vec<Input>, breaks: impl Fn(&[Input]) -> Option<usize>) -> Vec<Input> {
     let mut place = 0;
     while place < inputs.len() {
         let mut fewer = inputs.clone();
         fewer.remove(place);
-        // What is left may end sooner, and what was needed before may be no more.
-        if let Some(len) = breaks(config, claim, &fewer) {
+        if let Some(len) = breaks(&fewer) {
+            // What was needed for the inputs that are gone may be needed no more.
             fewer.truncate(len);
             inputs = fewer;
             place = 0;
@@ -32,8 +41,7 @@ pub(crate) fn shrink(config: &Config, claim: Claim, mut inputs: Vec<Input>) -> C
             place += 1;
         }
     }
-    let trace = trace(config, &inputs);
-    Counterexample { claim, inputs, trace }
+    inputs
 }
 
 /// After how many of the inputs the claim is broken, if it is.
@@ -68,4 +76,48 @@ fn trace(config: &Config, inputs: &[Input]) -> String {
     }
     lines.push(String::new());
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use fuseline_traces::judge;
+
+    use super::*;
+
+    fn ticks(instants: &[u64]) -> Vec<Input> {
+        instants.iter().map(|at| Input::Tick { at: *at }).collect()
+    }
+
+    #[test]
+    fn shrinking_leaves_what_is_needed_and_no_more() {
+        // Broken once a 3 comes after a 1.
+        let breaks = |inputs: &[Input]| {
+            let one = inputs.iter().position(|input| input.at() == 1)?;
+            let three = inputs.iter().skip(one).position(|input| input.at() == 3)?;
+            Some(one + three + 1)
+        };
+        assert_eq!(shrink(ticks(&[0, 1, 2, 1, 3, 4, 3]), breaks), ticks(&[1, 3]));
+    }
+
+    #[test]
+    fn the_trace_of_a_run_is_one_that_the_judge_reads() {
+        let config = Config::named("2x1-eager").expect("a configuration");
+        let inputs = [
+            Input::Open { at: 0, t: 0, limit: Some(2) },
+            Input::Offer { at: 0, t: 0, p: 5, deadline: 3, backlog: 0 },
+            Input::Result { at: 1, t: 0, p: 0 },
+            Input::Tick { at: 4 },
+        ];
+        let trace = trace(config, &inputs);
+        let verdict = judge("a run", trace.as_bytes()).expect("a trace");
+        assert!(verdict.conforms, "{trace}");
+        assert_eq!((verdict.lines, verdict.judged), (9, 1), "{trace}");
+    }
+
+    #[test]
+    fn no_run_breaks_what_is_kept() {
+        let config = Config::named("2x1-eager").expect("a configuration");
+        let inputs = ticks(&[1, 0, 4]);
+        assert!(Claim::ALL.iter().all(|claim| breaks(config, *claim, &inputs).is_none()));
+    }
 }

@@ -343,3 +343,6 @@ impl Account {
         due
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,4 +1,4 @@
-//! Models of the shipped machine.
+#![doc = include_str!("../README.md")]
 
 mod check;
 mod claim;

@@ -129,41 +129,15 @@ pub const CONFIGS: &[Config] = &[
     Config {
         name: "1x2w1-eager",
         absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, TWO_OPEN],
-        states: 0,
+        states: 249,
         ..NARROW
     },
     Config {
         name: "1x2w1-patient",
         commit: Commit::Patient,
         absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, TWO_OPEN],
-        states: 0,
+        states: 249,
         ..NARROW
-    },
-    Config {
-        name: "2x1-eager",
-        absent: &[PATIENT, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 0,
-        ..TALL
-    },
-    Config {
-        name: "2x1-patient",
-        commit: Commit::Patient,
-        absent: &[EAGER, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 0,
-        ..TALL
-    },
-    Config {
-        name: "3x1-short-eager",
-        absent: &[PATIENT, GATES, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 0,
-        ..HIGH
-    },
-    Config {
-        name: "3x1-short-patient",
-        commit: Commit::Patient,
-        absent: &[EAGER, GATES, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 0,
-        ..HIGH
     },
     Config {
         name: "gate",
@@ -172,21 +146,52 @@ pub const CONFIGS: &[Config] = &[
             Cloud { p: 5, name: None, limit: 2, resume: 1 },
             Cloud { p: 2, name: None, limit: 3, resume: 1 },
         ],
-        timestamps: &[0, 1, 2],
+        timestamps: &[0, 1],
         clock: &[0, 1],
         limits: &[None],
         deadlines: &[1],
         backlogs: &[0, 1, 2, 3],
-        absent: &[PATIENT, THREE_CLOUDS, LIMITS, LEAPS, THREE_INSTANTS],
-        states: 0,
+        absent: &[PATIENT, THREE_CLOUDS, LIMITS, LEAPS, THREE_INSTANTS, TWO_TIMESTAMPS],
+        states: 2666,
         ..BASE
     },
-    Config { name: "edges-eager", absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS], states: 0, ..EDGES },
+    Config {
+        name: "2x1-eager",
+        absent: &[PATIENT, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
+        states: 1389,
+        ..TALL
+    },
+    Config {
+        name: "2x1-patient",
+        commit: Commit::Patient,
+        absent: &[EAGER, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
+        states: 1272,
+        ..TALL
+    },
+    Config {
+        name: "3x1-short-eager",
+        absent: &[PATIENT, GATES, TWO_TIMESTAMPS, TWO_OPEN],
+        states: 3367,
+        ..HIGH
+    },
+    Config {
+        name: "3x1-short-patient",
+        commit: Commit::Patient,
+        absent: &[EAGER, GATES, TWO_TIMESTAMPS, TWO_OPEN],
+        states: 2755,
+        ..HIGH
+    },
+    Config {
+        name: "edges-eager",
+        absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS],
+        states: 4345,
+        ..EDGES
+    },
     Config {
         name: "edges-patient",
         commit: Commit::Patient,
         absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS],
-        states: 0,
+        states: 4345,
         ..EDGES
     },
     Config {
@@ -196,28 +201,33 @@ pub const CONFIGS: &[Config] = &[
         timestamps: &[0, 1, 2, 3],
         limits: &[None],
         absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, LIMITS, LEAPS, &[Mark::TimersTogether]],
-        states: 0,
+        states: 19_136,
         ..BASE
     },
-    Config { name: "2x3w2-eager", absent: &[PATIENT, GATES, THREE_CLOUDS], states: 0, ..WIDE },
+    Config {
+        name: "2x3w2-eager",
+        absent: &[PATIENT, GATES, THREE_CLOUDS],
+        states: 310_145,
+        ..WIDE
+    },
     Config {
         name: "2x3w2-patient",
         commit: Commit::Patient,
         absent: &[EAGER, GATES, THREE_CLOUDS],
-        states: 0,
+        states: 270_680,
         ..WIDE
     },
     Config {
         name: "3x1-eager",
         absent: &[PATIENT, GATES, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 0,
+        states: 36_104,
         ..HIGHER
     },
     Config {
         name: "3x1-patient",
         commit: Commit::Patient,
         absent: &[EAGER, GATES, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 0,
+        states: 24_380,
         ..HIGHER
     },
     Config { name: "2x3w2-long-eager", absent: &[PATIENT, GATES, THREE_CLOUDS], states: 0, ..LONG },

@@ -1,0 +1,110 @@
+//! Small configurations, checked whole; and what makes a check fail.
+
+use std::collections::BTreeSet;
+
+use fuseline_models::{CONFIGS, Config, Effort, Mark, Size, Verdict, check};
+
+const EFFORT: Effort = Effort { threads: 2, all: false };
+
+fn verdict(config: &'static Config) -> Verdict {
+    check(config, EFFORT, |_| {}).expect("a verdict")
+}
+
+fn named(name: &str) -> Config {
+    *Config::named(name).expect("a configuration")
+}
+
+/// The verdict on a configuration made here.
+fn verdict_of(config: Config) -> Verdict {
+    verdict(Box::leak(Box::new(config)))
+}
+
+#[track_caller]
+fn assert_holds(name: &str) {
+    let verdict = verdict(Config::named(name).expect("a configuration"));
+    assert!(verdict.violations.is_empty(), "{:#?}", verdict.violations);
+    assert!(verdict.unmet.is_empty(), "{:#?}", verdict.unmet);
+    assert_eq!(verdict.states, verdict.config.states, "{name}");
+}
+
+#[test]
+fn one_cloud_and_two_timestamps_hold_eagerly() {
+    assert_holds("1x2w1-eager");
+}
+
+#[test]
+fn one_cloud_and_two_timestamps_hold_patiently() {
+    assert_holds("1x2w1-patient");
+}
+
+#[test]
+fn two_clouds_hold_eagerly() {
+    assert_holds("2x1-eager");
+}
+
+#[test]
+fn two_clouds_hold_patiently() {
+    assert_holds("2x1-patient");
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes a minute unless it is built with --release")]
+fn three_clouds_hold_eagerly() {
+    assert_holds("3x1-short-eager");
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes a minute unless it is built with --release")]
+fn three_clouds_hold_patiently() {
+    assert_holds("3x1-short-patient");
+}
+
+#[test]
+fn gates_hold() {
+    assert_holds("gate");
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes a minute unless it is built with --release")]
+fn the_ends_of_every_range_hold_eagerly() {
+    assert_holds("edges-eager");
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes a minute unless it is built with --release")]
+fn the_ends_of_every_range_hold_patiently() {
+    assert_holds("edges-patient");
+}
+
+#[test]
+fn an_environment_without_a_backlog_does_not_show_a_shut_gate() {
+    let verdict = verdict_of(Config { backlogs: &[0], ..named("gate") });
+    assert_eq!(verdict.unmet, [Mark::GateShuts, Mark::GateStays, Mark::GateOpens]);
+    assert!(!verdict.holds());
+}
+
+#[test]
+fn an_environment_with_one_instant_less_has_other_states() {
+    let verdict = verdict_of(Config { clock: &[0, 1, 2, 3], ..named("1x2w1-eager") });
+    assert_eq!(verdict.unmet, []);
+    assert!(!verdict.holds());
+}
+
+#[test]
+fn the_quick_configurations_show_every_mark() {
+    let quick = CONFIGS.iter().filter(|config| config.size == Size::Quick);
+    let shown: BTreeSet<Mark> = quick.flat_map(Config::marks).collect();
+    assert_eq!(shown, Mark::ALL.iter().copied().collect());
+}
+
+#[test]
+fn the_table_is_sound() {
+    for (place, config) in CONFIGS.iter().enumerate() {
+        let name = config.name;
+        assert!(CONFIGS.iter().skip(place + 1).all(|other| other.name != name), "{name}");
+        // Sets are bits, and priorities index arrays.
+        assert!(config.clouds.iter().all(|cloud| cloud.p < 8), "{name}");
+        assert!(config.timestamps.is_sorted() && config.clock.is_sorted(), "{name}");
+        assert!(config.states > 0, "{name}: state how many states there are");
+    }
+}

@@ -1,0 +1,106 @@
+//! The command from outside.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::process::{Command, Output, Stdio};
+
+fn models(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_fuseline-models")).args(args).output().expect("it runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).expect("UTF-8")
+}
+
+#[test]
+fn what_holds_is_told_in_a_table_and_exits_with_0() {
+    let output = models(&["check", "1x2w1"]);
+    let out = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{out}");
+    for name in ["1x2w1-eager", "1x2w1-patient"] {
+        let row = out.lines().find(|line| line.contains(name)).expect("a row");
+        assert!(row.trim_end().ends_with(" holds") && row.contains(" 249 "), "{row}");
+    }
+}
+
+#[test]
+fn json_is_one_object_a_configuration() {
+    let output = models(&["check", "--json", "1x2w1"]);
+    let lines: Vec<serde_json::Value> = text(&output.stdout)
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("an object"))
+        .collect();
+    assert_eq!(lines.len(), 2);
+    let [first, ..] = &lines[..] else { panic!("{lines:?}") };
+    assert_eq!(first["config"], "1x2w1-eager");
+    assert_eq!(first["holds"], true);
+    assert_eq!(first["states"], 249);
+    assert_eq!(first["violations"], serde_json::json!({}));
+    assert_eq!(first["unmet"], serde_json::json!([]));
+}
+
+#[test]
+fn an_unknown_configuration_is_told_in_one_line_and_exits_with_2() {
+    for args in [&["check", "1x"][..], &["explore", "1x2w1"], &["check", "--what"], &["prove"]] {
+        let output = models(args);
+        let told = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{told}");
+        assert!(told.starts_with("error: ") && told.lines().count() == 1, "{told}");
+        assert_eq!(text(&output.stdout), "");
+    }
+}
+
+#[test]
+fn an_address_that_is_taken_is_told_in_one_line_and_exits_with_2() {
+    let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = taken.local_addr().expect("an address").to_string();
+    let output = models(&["explore", "1x2w1-eager", "--listen", &address]);
+    let told = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.lines().last().is_some_and(|line| line.starts_with("error: --listen")), "{told}");
+}
+
+#[test]
+fn the_list_names_every_configuration_with_its_states() {
+    let out = text(&models(&["list"]).stdout);
+    for config in fuseline_models::CONFIGS {
+        let row = out.lines().find(|line| line.trim_start().starts_with(config.name));
+        assert!(row.expect("a row").trim_end().ends_with(&config.states.to_string()), "{out}");
+    }
+}
+
+#[test]
+fn the_explorer_shows_steps_in_the_words_of_the_trace() {
+    let port = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("one").port();
+    let address = format!("127.0.0.1:{port}");
+    let mut explorer = Command::new(env!("CARGO_BIN_EXE_fuseline-models"))
+        .args(["explore", "1x2w1-eager", "--listen", &address])
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("it runs");
+    let mut told = String::new();
+    let mut stderr = BufReader::new(explorer.stderr.take().expect("a pipe"));
+    stderr.read_line(&mut told).expect("a line");
+    assert!(told.contains(&address), "{told}");
+    // It says so before it listens.
+    let steps = loop {
+        if let Some(answer) = request(&address, "/.states/0") {
+            break answer;
+        }
+        assert!(explorer.try_wait().expect("a state").is_none(), "the explorer ended");
+        std::thread::yield_now();
+    };
+    explorer.kill().expect("it ends");
+    explorer.wait().expect("it ended");
+    let step = r#""action":"{\"ev\":\"open\",\"at\":0,\"t\":0,\"limit\":0}","outcome":"{\"ev\":\"refuse\",\"at\":0,\"t\":0,\"why\":\"deadline\"}\nnow 0, nothing opened""#;
+    assert!(steps.contains(step), "{steps}");
+}
+
+/// What the server has at a path, if it listens.
+fn request(address: &str, path: &str) -> Option<String> {
+    let mut stream = TcpStream::connect(address).ok()?;
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").ok()?;
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).ok()?;
+    Some(answer)
+}
