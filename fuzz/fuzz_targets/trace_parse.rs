@@ -3,4 +3,8 @@
 
 use fuseline_tests::fuzz::{Mark, trace_parse};
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz::run(trace_parse, Mark::of_trace_parse, bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz::run(
+    trace_parse,
+    Mark::of_trace_parse,
+    bytes
+));
