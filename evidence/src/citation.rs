@@ -1,6 +1,7 @@
 //! Identifiers: where the specification defines them, and where they are cited.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::sync::LazyLock;
 
 use regex::Regex;
@@ -59,7 +60,8 @@ pub(crate) fn named(name: &str) -> BTreeSet<String> {
 pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, Error> {
     let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for file in tree.files(&CODE)? {
-        if !file.ends_with(".rs") || file.ends_with("tests.rs") {
+        let is_code = Path::new(&file).extension().is_some_and(|extension| extension == "rs");
+        if !is_code || file.ends_with("tests.rs") {
             continue;
         }
         let text = tree.text(&file)?;
@@ -87,11 +89,33 @@ fn range(family: &str, first: &str, last: &str) -> Vec<String> {
 fn upper(part: &str) -> Option<String> {
     let mut letters = part.chars();
     let family = letters.next().filter(|letter| "fpa".contains(*letter))?;
-    let number = letters.as_str().trim_end_matches('g');
+    let number = letters.as_str();
+    let number = number.strip_suffix('g').unwrap_or(number);
     let is_id = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
     is_id.then(|| format!("{}{}", family.to_ascii_uppercase(), letters.as_str()))
 }
 
 fn regex(pattern: &str) -> Regex {
     Regex::new(pattern).expect("a sound pattern")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn set<const N: usize>(ids: [&str; N]) -> BTreeSet<String> {
+        ids.map(String::from).into()
+    }
+
+    #[test]
+    fn a_range_stands_for_all_between_and_the_gate_among_the_rules() {
+        assert_eq!(words("see F1–F3 and P2"), set(["F1", "F2", "F2g", "F3", "P2"]));
+        assert_eq!(named("p1_to_p3_and_p11_hold"), set(["P1", "P2", "P3", "P11"]));
+    }
+
+    #[test]
+    fn a_word_that_only_begins_like_an_identifier_is_none() {
+        assert_eq!(words("F3x XP2 f1 A"), set([]));
+        assert_eq!(named("a_fold_p_f2gg_f2h"), set([]));
+    }
 }

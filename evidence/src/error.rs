@@ -55,7 +55,7 @@ impl Error {
     }
 
     /// About what this file says.
-    pub(crate) fn content(path: &Path, why: impl ToString) -> Self {
-        Self::Content { path: path.to_owned(), why: why.to_string() }
+    pub(crate) fn content(path: &Path, why: impl Into<String>) -> Self {
+        Self::Content { path: path.to_owned(), why: why.into() }
     }
 }

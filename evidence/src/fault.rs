@@ -41,7 +41,8 @@ struct Faults {
 pub fn load(tree: &Tree) -> Result<Vec<Fault>, Error> {
     let path = tree.path(FILE);
     let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-    let faults: Faults = toml::from_str(&text).map_err(|error| Error::content(&path, error))?;
+    let faults: Faults =
+        toml::from_str(&text).map_err(|error| Error::content(&path, error.to_string()))?;
     let mut names = BTreeSet::new();
     for fault in &faults.fault {
         if !names.insert(&fault.name) {
@@ -78,5 +79,24 @@ impl Fault {
 
     fn error(&self, why: &str) -> Error {
         Error::Fault { name: self.name.clone(), why: why.to_owned() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_that_is_not_there_exactly_once_is_refused() {
+        let fault = Fault {
+            name: "x".into(),
+            breaks: BTreeSet::new(),
+            file: "f".into(),
+            find: "a < b".into(),
+            replace: "a <= b".into(),
+        };
+        assert_eq!(fault.seed("if a < b {").expect("it is there once"), "if a <= b {");
+        assert!(fault.seed("").is_err());
+        assert!(fault.seed("a < b || a < b").is_err());
     }
 }

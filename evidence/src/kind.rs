@@ -145,7 +145,7 @@ fn read_models(printed: &str) -> Outcomes {
     struct Verdict {
         config: String,
         holds: bool,
-        violations: BTreeMap<String, serde::de::IgnoredAny>,
+        violations: BTreeMap<String, Vec<String>>,
     }
     let verdicts = printed.lines().filter_map(|line| serde_json::from_str::<Verdict>(line).ok());
     let mut outcomes = Outcomes::new();
@@ -204,4 +204,43 @@ fn cited_by_trace(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error>
 
 fn regex(pattern: &str) -> Regex {
     Regex::new(pattern).expect("a sound pattern")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_test_that_began_and_never_ended_is_red() {
+        let printed = "     Running tests/rules.rs (/x/deps/rules-0a1b)\n\
+            test f1_a ... ok\ntest f2_b ... FAILED\ntest f3_c ... ignored, not here\ntest f4_d ... ";
+        let expected = [("rules::f1_a", true), ("rules::f2_b", false), ("rules::f4_d", false)];
+        assert_eq!(
+            read_tests(printed),
+            expected.map(|(name, held)| (name.to_owned(), held)).into()
+        );
+    }
+
+    #[test]
+    fn a_build_that_failed_ran_nothing() {
+        assert!(read_tests("error: could not compile `fuseline-core`").is_empty());
+        assert!(read_models("error: could not compile `fuseline-core`").is_empty());
+    }
+
+    #[test]
+    fn a_violated_property_is_red_in_whatever_configuration() {
+        let printed = r#"{"config":"a","holds":true,"states":1,"violations":{}}
+            {"config":"b","holds":false,"states":1,"violations":{"P1 once":["{}"]}}"#;
+        let expected = [("P1 once", false), ("a", true)];
+        let expected = expected.map(|(name, held)| (name.to_owned(), held));
+        assert_eq!(read_models(printed), expected.into());
+    }
+
+    #[test]
+    fn a_test_cites_by_its_name_its_documentation_and_its_body() {
+        let text = "/// F1.\n#[test]\nfn p2_never() {\n    // A3.\n}\n\n// F9\n";
+        let found = function(text, "p2_never").expect("it is there");
+        assert_eq!(words(&found), ["A3", "F1"].map(String::from).into());
+        assert_eq!(named("p2_never"), ["P2".to_owned()].into());
+    }
 }

@@ -45,7 +45,7 @@ struct Faults {
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     jobs: u8,
     /// How many seconds one run of one kind may take, building included.
-    #[arg(long, value_name = "SECONDS", default_value_t = 600)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 120)]
     limit: u64,
     /// Run again what the results already say.
     #[arg(long)]

@@ -73,7 +73,7 @@ impl Matrix {
 
         let seeded: Vec<Seeded> = faults.iter().map(|fault| seeded(fault, &records)).collect();
         for fault in &seeded {
-            if fault.caught_by.values().all(BTreeSet::is_empty) {
+            if !fault.caught_by.is_empty() && fault.caught_by.values().all(BTreeSet::is_empty) {
                 wrong.push(format!("nothing catches the fault {}", fault.name));
             }
         }
@@ -132,18 +132,18 @@ fn shown(
     known: &BTreeSet<&str>,
     wrong: &mut Vec<String>,
 ) -> Result<Shown, Error> {
-    let mut cites: BTreeMap<(&str, &str), BTreeSet<String>> = BTreeMap::new();
+    let mut cache: BTreeMap<(&str, &str), BTreeSet<String>> = BTreeMap::new();
     let mut shown = Shown::new();
     for fault in faults {
         for (name, witnesses) in &fault.caught_by {
             let Some(kind) = Kind::find(name) else { continue };
             for witness in witnesses {
-                if !cites.contains_key(&(kind.name, &**witness)) {
+                if !cache.contains_key(&(kind.name, &**witness)) {
                     let cited = (kind.cites)(tree, witness)?;
                     wrong.extend(unknown(witness, cited.iter(), known));
-                    cites.insert((kind.name, witness), cited);
+                    cache.insert((kind.name, witness), cited);
                 }
-                let cited = &cites[&(kind.name, &**witness)];
+                let cited = &cache[&(kind.name, &**witness)];
                 for id in cited.intersection(&fault.breaks) {
                     let of_id = shown.entry(id.clone()).or_default();
                     of_id.entry(kind.name).or_default().insert(witness.clone());

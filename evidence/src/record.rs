@@ -54,7 +54,9 @@ impl Record {
             return Ok(None);
         }
         let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-        serde_json::from_str(&text).map(Some).map_err(|error| Error::content(&path, error))
+        serde_json::from_str(&text)
+            .map(Some)
+            .map_err(|error| Error::content(&path, error.to_string()))
     }
 
     /// Writes it, whole or not at all.
@@ -63,8 +65,8 @@ impl Record {
     /// It cannot be written.
     pub fn save(&self, tree: &Tree, kind: &Kind) -> Result<(), Error> {
         let path = path(tree, kind);
-        let mut text =
-            serde_json::to_string_pretty(self).map_err(|error| Error::content(&path, error))?;
+        let mut text = serde_json::to_string_pretty(self)
+            .map_err(|error| Error::content(&path, error.to_string()))?;
         text.push('\n');
         write_whole(&path, &text)
     }

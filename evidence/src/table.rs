@@ -40,7 +40,7 @@ impl Artefact {
 pub fn artefacts(matrix: &Matrix) -> Result<[Artefact; 3], Error> {
     let json = "evidence/evidence.json";
     let mut text = serde_json::to_string_pretty(matrix)
-        .map_err(|error| Error::content(json.as_ref(), error))?;
+        .map_err(|error| Error::content(json.as_ref(), error.to_string()))?;
     text.push('\n');
     Ok([
         Artefact { name: "EVIDENCE.md", text: markdown(matrix) },
@@ -157,8 +157,9 @@ fn number(count: usize) -> String {
 fn csv(matrix: &Matrix) -> Result<String, Error> {
     let name = "evidence/evidence.csv".as_ref();
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let mut write =
-        |cells: [&str; 3]| writer.write_record(cells).map_err(|error| Error::content(name, error));
+    let mut write = |cells: [&str; 3]| {
+        writer.write_record(cells).map_err(|error| Error::content(name, error.to_string()))
+    };
     write(["id", "kind", "witness"])?;
     for row in &matrix.rows {
         for place in &row.code {
@@ -173,6 +174,7 @@ fn csv(matrix: &Matrix) -> Result<String, Error> {
             write([&row.id, "fault", fault])?;
         }
     }
-    let bytes = writer.into_inner().map_err(|error| Error::content(name, error.error()))?;
-    String::from_utf8(bytes).map_err(|error| Error::content(name, error))
+    let bytes =
+        writer.into_inner().map_err(|error| Error::content(name, error.error().to_string()))?;
+    String::from_utf8(bytes).map_err(|error| Error::content(name, error.to_string()))
 }

@@ -124,8 +124,9 @@ impl Tree {
     fn walk(&self, path: &Path, files: &mut Vec<String>) -> Result<(), Error> {
         if path.is_file() {
             let name = path.strip_prefix(&self.root).unwrap_or(path);
-            let parts: Vec<_> = name.components().map(|part| part.as_os_str()).collect();
-            let names: Vec<_> = parts.iter().map(|part| part.to_string_lossy()).collect();
+            let parts: Vec<_> = name.components().collect();
+            let names: Vec<_> =
+                parts.iter().map(|part| part.as_os_str().to_string_lossy()).collect();
             files.push(names.join("/").trim_start_matches("./").to_owned());
             return Ok(());
         }
