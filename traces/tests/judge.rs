@@ -18,11 +18,13 @@ fn verdict(events: &[&str]) -> Verdict {
             "offer" => ["at", "t", "p", "deadline", "backlog"],
             "request" => ["at", "t", "p", "due", ""],
             "miss" | "open" => ["at", "t", "limit", "", ""],
+            "drop" | "refuse" => ["at", "t", "p", "why", ""],
             _ => ["at", "t", "p", "", ""],
         };
         let _ = write!(trace, "{{\"ev\":\"{name}\"");
         for (key, value) in keys.into_iter().zip(words) {
-            let _ = write!(trace, ",\"{key}\":{value}");
+            let quote = if value.parse::<u64>().is_ok() { "" } else { "\"" };
+            let _ = write!(trace, ",\"{key}\":{quote}{value}{quote}");
         }
         trace += "}\n";
     }
@@ -106,6 +108,34 @@ fn after_a_violation_it_goes_on_with_the_next_input() {
     let told: Vec<_> = verdict.violations.iter().map(|told| (told.line, told.rule)).collect();
     assert_eq!(told, [(4, Rule::F3), (11, Rule::F0)]);
     assert_eq!(verdict.judged, 3);
+}
+
+#[test]
+fn a_decision_too_many_is_laid_to_the_rule_that_would_make_it() {
+    let opened = ["open 0 1", "offer 0 1 1 100 0", "request 0 1 1 100"];
+    let cases: [(&[&str], &str, Rule); 14] = [
+        (&["open 1 2"], "refuse 1 2 0 queue", Rule::F2g),
+        (&["open 1 2"], "refuse 1 2 0 unknown", Rule::F2),
+        (&["open 1 2"], "request 1 2 1 9", Rule::F2),
+        (&["result 1 1 0", "hold 1 1 0"], "hold 1 1 0", Rule::F3),
+        (&["result 1 1 0", "hold 1 1 0"], "drop 1 1 0 late", Rule::F3),
+        (&["result 1 1 0", "hold 1 1 0"], "emit 1 1 0", Rule::F3),
+        (&["result 1 1 0", "hold 1 1 0"], "miss 1 1", Rule::F6),
+        (&["fail 1 1 0"], "hold 1 1 0", Rule::F4),
+        (&["fail 1 1 0"], "drop 1 1 0 late", Rule::F4),
+        (&["fail 1 1 0"], "emit 1 1 0", Rule::F6),
+        (&["fail 1 1 0"], "miss 1 1", Rule::F6),
+        (&["tick 1"], "emit 1 1 0", Rule::F6),
+        (&["tick 1"], "timer 1 1 1", Rule::F5),
+        (&["tick 1"], "cancel 1 1 1", Rule::F7),
+    ];
+    for (events, extra, rule) in cases {
+        let verdict = verdict(&[&opened, events, &[extra]].concat());
+        let [violation] = &verdict.violations[..] else { panic!("{extra}: {verdict}") };
+        assert_eq!(violation.rule, rule, "{extra}: {verdict}");
+        let wanted = if events.len() == 1 { "no decision" } else { "no further decision" };
+        assert_eq!(violation.expected, wanted);
+    }
 }
 
 #[test]
