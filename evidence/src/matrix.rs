@@ -23,7 +23,6 @@ pub struct Matrix {
     /// The faults in their order, each with who caught it.
     pub faults: Vec<Seeded>,
     /// What must be put right; the matrix stands only if this is empty.
-    #[serde(skip)]
     pub wrong: Vec<String>,
 }
 
@@ -112,7 +111,10 @@ fn current(
         wrong.push(format!("{}: none ran", kind.title));
     }
     let missing = faults.iter().filter(|fault| record.caught(fault).is_none());
-    wrong.extend(missing.map(|fault| format!("{}: not run under {}", kind.title, fault.name)));
+    let missing: Vec<&str> = missing.map(|fault| &*fault.name).collect();
+    if !missing.is_empty() {
+        wrong.push(format!("{}: not run under {}", kind.title, missing.join(", ")));
+    }
     Ok(Some(record))
 }
 

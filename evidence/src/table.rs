@@ -67,6 +67,10 @@ fn markdown(matrix: &Matrix) -> String {
             kind.title, matrix.ran[kind.name], matrix.built_by[kind.name]
         );
     }
+    if !matrix.wrong.is_empty() {
+        text.push_str("\n## What is missing\n\n");
+        matrix.wrong.iter().for_each(|line| text.extend(["- ", line, "\n"]));
+    }
     text.push_str("\n## In short\n\n");
     overview(matrix, &mut text);
     for (family, title) in [('F', "Rules"), ('P', "Promises"), ('A', "Ambiguities")] {
