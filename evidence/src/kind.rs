@@ -238,7 +238,7 @@ mod tests {
 
     #[test]
     fn a_test_cites_by_its_name_its_documentation_and_its_body() {
-        let text = "/// F1.\n#[test]\nfn p2_never() {\n    // A3.\n}\n\n// F9\n";
+        let text = "/// F1.\n#[test]\nfn p2_never() {\n    // A3.\n}\n\n// F8\n";
         let found = function(text, "p2_never").expect("it is there");
         assert_eq!(words(&found), ["A3", "F1"].map(String::from).into());
         assert_eq!(named("p2_never"), ["P2".to_owned()].into());
