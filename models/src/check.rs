@@ -8,7 +8,7 @@ use stateright::{Checker, HasDiscoveries, Model};
 use thiserror::Error;
 
 use crate::claim::Claim;
-use crate::config::Config;
+use crate::config::{Config, Size};
 use crate::counterexample::Counterexample;
 use crate::mark::Mark;
 use crate::operator::Operator;
@@ -61,7 +61,8 @@ impl Verdict {
     }
 }
 
-/// Searches all states of a configuration, breadth first; `progress` is told how many there are.
+/// Searches all states of a configuration, breadth first unless it is large; `progress` is told how
+/// many there are.
 ///
 /// Without [`Effort::all`] it stops soon after the first violation.
 ///
@@ -70,16 +71,28 @@ impl Verdict {
 pub fn check(
     config: &'static Config,
     effort: Effort,
-    mut progress: impl FnMut(usize),
+    progress: impl FnMut(usize),
 ) -> Result<Verdict, CheckError> {
     let operator = Operator::new(config);
     if operator.init_states().is_empty() {
         return Err(CheckError::Refused);
     }
-    let begin = Instant::now();
     let finish = if effort.all { HasDiscoveries::All } else { HasDiscoveries::AnyFailures };
-    let mut checker =
-        operator.checker().threads(effort.threads.max(1)).finish_when(finish).spawn_bfs();
+    let checker = operator.checker().threads(effort.threads.max(1)).finish_when(finish);
+    match config.size {
+        Size::Quick | Size::Standard => search(config, effort, checker.spawn_bfs(), progress),
+        // The states that wait for their turn would not fit into memory breadth first.
+        Size::Large => search(config, effort, checker.spawn_dfs(), progress),
+    }
+}
+
+fn search(
+    config: &'static Config,
+    effort: Effort,
+    mut checker: impl Checker<Operator>,
+    mut progress: impl FnMut(usize),
+) -> Result<Verdict, CheckError> {
+    let begin = Instant::now();
     let workers = checker.handles();
     while workers.iter().any(|worker| !worker.is_finished()) {
         progress(checker.unique_state_count());

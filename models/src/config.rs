@@ -1,4 +1,4 @@
-//! The configurations that are checked: the operator, its environment, and how many states that has.
+//! The configurations that are checked: operator, environment, and how many states they have.
 
 use fuseline_traces::{Cloud, Commit, Header};
 

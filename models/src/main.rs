@@ -21,7 +21,7 @@ Exit codes:
   1  not so
   2  bad input, told in one line";
 
-/// Searches every state that the shipped machine can get into, for a rule or promise that is broken.
+/// Searches every state that the shipped machine can get into for a broken rule or promise.
 #[derive(Parser)]
 #[command(name = "fuseline-models", version, after_help = EXITS, max_term_width = 100)]
 struct Cli {
@@ -41,8 +41,8 @@ enum Command {
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-A broken claim is told with the shortest run that breaks it, as a trace: `fuseline replay` shows what
-the machine that it is built with does, `fuseline check` what it should do.
+A broken claim is told with a short run that breaks it, as a trace: `fuseline replay` shows what the
+machine that it is built with does, `fuseline check` what it should do.
 
 Examples:
   fuseline-models check                    what CI checks

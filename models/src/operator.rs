@@ -10,14 +10,14 @@ use crate::config::{Config, Reach};
 use crate::mark::{Mark, Marks, marks};
 use crate::state::State;
 
-/// Priorities that no configuration registers; the second one is a cloud's to a careless conversion.
+/// Priorities that no configuration registers; to a careless conversion the second one is a cloud's.
 const STRANGERS: [u64; 2] = [3, 65_536 + 2];
 
 /// One operator in the environment of a configuration.
 pub struct Operator {
     config: &'static Config,
-    /// Which marks were told of. The checker keeps the last witness it is told of, and the first one
-    /// has the shortest way to it.
+    /// Which marks were told of: the checker keeps the last witness that it is told of, and the
+    /// first one has the shortest way to it.
     told: Vec<AtomicBool>,
 }
 

@@ -2,8 +2,8 @@
 
 /// Makes an enum of properties, each `$Name = "its name"`, and the type of their sets.
 ///
-/// Stateright wants a function pointer for each property, which cannot capture which one it is of: so
-/// each needs a closure of its own, and a table keeps the three lists of them one.
+/// Stateright wants a function pointer for each property, which cannot capture which one it is of.
+/// So each needs a closure of its own, and a table keeps enum, names and closures together.
 macro_rules! properties {
     (
         $(#[$doc:meta])* $Kind:ident, $(#[$set_doc:meta])* $Set:ident,

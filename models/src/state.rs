@@ -5,7 +5,7 @@ use std::hash::{Hash, Hasher};
 use std::sync::OnceLock;
 
 use fuseline_core::{Instant, Timestamp};
-use fuseline_traces::{Decision, Demands, Input, Reference};
+use fuseline_traces::{Decision, Demands, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
 use crate::config::Config;
@@ -16,8 +16,8 @@ use crate::mark::Marks;
 /// The shipped machine, and beside it what shows whether it does right.
 ///
 /// All of it identifies a state but the twin: that is equal to the machine, or P10 is broken and the
-/// state is a last one. The reference machine has to be told apart, too: of two histories that a
-/// faulty machine takes for one, it would otherwise see the first alone.
+/// state is a last one. The reference machine is part of it: of two histories that a faulty machine
+/// takes for one, it would otherwise see the first alone.
 #[derive(Clone)]
 pub struct State {
     pub(crate) machine: Machine,
@@ -86,14 +86,15 @@ impl State {
         let Some(reference) = &mut self.reference else { return };
         let mut demands = Demands::new();
         reference.apply(input, &mut demands);
-        let alike = reference.now() == self.machine.now().as_nanos()
-            && reference.next_due() == self.machine.next_due().map(Instant::as_nanos)
+        let now = reference.now() == self.machine.now().as_nanos();
+        let alike = reference.next_due() == self.machine.next_due().map(Instant::as_nanos)
             && config.timestamps.iter().all(|t| {
                 let slot = self.machine.slot(Timestamp::new(*t));
                 reference.is_open(*t) == slot.is_some()
             });
-        let claim =
-            difference(input, answer, &demands).or_else(|| (!alike).then(|| of_input(input)));
+        let claim = difference(input, answer, &demands)
+            .or_else(|| (!now).then_some(Claim::F0))
+            .or_else(|| (!alike).then(|| of_input(input)));
         if let Some(claim) = claim {
             self.broken.insert(claim);
             self.reference = None;
@@ -127,21 +128,35 @@ impl State {
 
 /// The rule by which the first decision that differs is made, if one does.
 fn difference(input: &Input, answer: &Answer, demands: &Demands) -> Option<Claim> {
-    let mut found = answer.decisions();
-    let mut demanded = demands.iter();
-    loop {
-        match (found.next(), demanded.next()) {
-            (None, None) => return None,
-            (Some(found), Some((decision, _))) if found == decision => {}
-            (Some(found), Some((decision, _))) if found.redated(0) == decision.redated(0) => {
-                return Some(Claim::F0);
-            }
-            (_, Some((_, rule))) => return Some(Claim::from(*rule)),
-            (Some(Decision::Timer { .. }), None) => return Some(Claim::F5),
-            (Some(Decision::Cancel { .. }), None) => return Some(Claim::F7),
-            (Some(Decision::Emit { .. } | Decision::Miss { .. }), None) => return Some(Claim::F6),
-            (Some(_), None) => return Some(of_input(input)),
+    let found: Vec<&Decision> = answer.decisions().collect();
+    let of_firings = found.len() - answer.own.len();
+    let demanded = |place: usize| demands.get(place).map(|(decision, _)| decision);
+    let places = 0..found.len().max(demands.len());
+    let place = places.into_iter().find(|place| found.get(*place).copied() != demanded(*place))?;
+    Some(match (found.get(place), demands.get(place)) {
+        (Some(found), Some((decision, _))) if found.redated(0) == decision.redated(0) => Claim::F0,
+        // What a timer did without a demand stands where the input's own decision should.
+        (Some(found), Some((_, rule)))
+            if place < of_firings && !matches!(rule, Rule::F5 | Rule::F6 | Rule::F7) =>
+        {
+            of_decision(found, input)
         }
+        (_, Some((_, rule))) => Claim::from(*rule),
+        (Some(found), None) => of_decision(found, input),
+        (None, None) => of_input(input),
+    })
+}
+
+/// The rule by which a decision that nothing demands was made.
+fn of_decision(decision: &Decision, input: &Input) -> Claim {
+    match decision {
+        Decision::Timer { .. } => Claim::F5,
+        Decision::Emit { .. } | Decision::Miss { .. } => Claim::F6,
+        Decision::Cancel { .. } => Claim::F7,
+        Decision::Refuse { .. }
+        | Decision::Request { .. }
+        | Decision::Hold { .. }
+        | Decision::Drop { .. } => of_input(input),
     }
 }
 

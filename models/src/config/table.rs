@@ -120,7 +120,8 @@ const BROAD: Config = Config {
     window: 2,
     clouds: THREE,
     timestamps: &[0, 1],
-    clock: &[0, 1, 2, 3],
+    clock: &[0, 1, 2],
+    limits: &[None],
     ..BASE
 };
 
@@ -230,25 +231,30 @@ pub const CONFIGS: &[Config] = &[
         states: 24_380,
         ..HIGHER
     },
-    Config { name: "2x3w2-long-eager", absent: &[PATIENT, GATES, THREE_CLOUDS], states: 0, ..LONG },
+    Config {
+        name: "2x3w2-long-eager",
+        absent: &[PATIENT, GATES, THREE_CLOUDS],
+        states: 1_122_341,
+        ..LONG
+    },
     Config {
         name: "2x3w2-long-patient",
         commit: Commit::Patient,
         absent: &[EAGER, GATES, THREE_CLOUDS],
-        states: 0,
+        states: 941_324,
         ..LONG
     },
     Config {
         name: "3x2w2-eager",
-        absent: &[PATIENT, GATES, LEAPS, TWO_TIMESTAMPS],
-        states: 0,
+        absent: &[PATIENT, GATES, LIMITS, LEAPS, TWO_TIMESTAMPS],
+        states: 429_065,
         ..BROAD
     },
     Config {
         name: "3x2w2-patient",
         commit: Commit::Patient,
-        absent: &[EAGER, GATES, LEAPS, TWO_TIMESTAMPS],
-        states: 0,
+        absent: &[EAGER, GATES, LIMITS, LEAPS, TWO_TIMESTAMPS],
+        states: 303_725,
         ..BROAD
     },
 ];
