@@ -40,10 +40,8 @@ impl State {
         let first = machine(&header)?;
         header.clouds.reverse();
         let twin = machine(&header)?;
-        let mut broken = Claims::default();
-        broken.insert_if(Claim::P10, first != twin);
-        let ghost = Ghost::default();
-        Some(Self { machine: first, twin, reference, ghost, broken, ahead: OnceLock::new() })
+        let (ghost, broken, ahead) = Default::default();
+        Some(Self { machine: first, twin, reference, ghost, broken, ahead })
     }
 
     /// What the step that led here broke, or one before it.
