@@ -144,13 +144,14 @@ fn parts_begin_with_the_header_and_are_the_trace_when_put_together() {
         let parts = (0..).map(|part| Recorder::part(&path, part)).take_while(|part| part.exists());
         let parts: Vec<_> = parts.collect();
         assert!(parts.len() > 5);
-        for part in &parts {
+        for (place, part) in parts.iter().enumerate() {
             let mut text = String::new();
             let packed = fs::read(part).unwrap();
             std::io::Read::read_to_string(&mut unpack(&packed[..]).unwrap(), &mut text).unwrap();
             joined += text.strip_prefix(&head).expect("each part has the header");
-            // It overshoots by no more than one input with its decisions.
+            // A part is full when the next one begins, by no more than an input with its decisions.
             assert!(text.len() < 4096 + 300);
+            assert!(text.len() >= 4096 || place + 1 == parts.len());
         }
         assert_eq!(joined, fs::read_to_string(&whole).unwrap());
     }
