@@ -294,7 +294,7 @@ impl Reference {
 
     /// Whether `t` or a later timestamp was ever opened.
     #[must_use]
-    pub fn was_reached(&self, t: u64) -> bool {
+    fn was_reached(&self, t: u64) -> bool {
         self.newest.is_some_and(|newest| newest >= t)
     }
 }
