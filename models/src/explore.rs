@@ -10,11 +10,16 @@ use crate::operator::Operator;
 
 /// Serves the Explorer on this address until the process ends.
 ///
+/// With `witnesses` it shows them too: it finds the way to each anew whenever it shows a state, which
+/// takes seconds once many are met.
+///
 /// # Errors
 /// If nothing can listen there.
-pub fn explore(config: &'static Config, listen: SocketAddr) -> io::Result<()> {
+pub fn explore(config: &'static Config, listen: SocketAddr, witnesses: bool) -> io::Result<()> {
     // Stateright panics where it cannot listen.
     drop(TcpListener::bind(listen)?);
-    Operator::new(config).checker().serve(listen);
+    let operator = Operator::new(config);
+    let operator = if witnesses { operator } else { operator.without_witnesses() };
+    operator.checker().serve(listen);
     Ok(())
 }

@@ -80,6 +80,9 @@ struct Explore {
     /// Where to listen.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:3000")]
     listen: SocketAddr,
+    /// Show the witnesses beside the claims; each click takes seconds then.
+    #[arg(long)]
+    witnesses: bool,
 }
 
 fn main() -> ExitCode {
@@ -190,5 +193,6 @@ fn explore_one(args: &Explore) -> Result<(), Fault> {
     let config = Config::named(name).ok_or_else(|| Fault::Config { name: name.clone() })?;
     eprintln!("{name}: open http://{}/ in a browser; Ctrl-C ends it", args.listen);
     hush();
-    explore(config, args.listen).map_err(|source| Fault::Listen { address: args.listen, source })
+    explore(config, args.listen, args.witnesses)
+        .map_err(|source| Fault::Listen { address: args.listen, source })
 }

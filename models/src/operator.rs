@@ -19,13 +19,22 @@ pub struct Operator {
     /// Which marks were told of: the checker keeps the last witness that it is told of, and the
     /// first one has the shortest way to it.
     told: Vec<AtomicBool>,
+    /// What is to be witnessed.
+    marks: Vec<Mark>,
 }
 
 impl Operator {
     /// An operator so configured.
     #[must_use]
     pub fn new(config: &'static Config) -> Self {
-        Self { config, told: Mark::ALL.iter().map(|_| AtomicBool::new(false)).collect() }
+        let told = Mark::ALL.iter().map(|_| AtomicBool::new(false)).collect();
+        Self { config, told, marks: config.marks().collect() }
+    }
+
+    /// The same without witnesses: its only properties are the claims.
+    #[must_use]
+    pub fn without_witnesses(self) -> Self {
+        Self { marks: Vec::new(), ..self }
     }
 
     /// Its configuration.
@@ -125,7 +134,7 @@ impl Model for Operator {
 
     fn properties(&self) -> Vec<Property<Self>> {
         let claims = Claim::ALL.iter().map(|claim| claim.property());
-        claims.chain(self.config.marks().map(Mark::property)).collect()
+        claims.chain(self.marks.iter().map(|mark| mark.property())).collect()
     }
 
     fn format_action(&self, input: &Input) -> String {
