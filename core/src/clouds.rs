@@ -74,9 +74,9 @@ impl core::error::Error for ConfigError {}
 /// The clouds in ascending priority; cloud `i` is source `i + 1`. Entries from `len` on mean nothing.
 #[derive(Clone, Copy)]
 pub(crate) struct Clouds<const CLOUDS: usize> {
-    priorities: [Priority; CLOUDS],
-    gates: [Gate; CLOUDS],
-    len: usize,
+    pub(crate) priorities: [Priority; CLOUDS],
+    pub(crate) gates: [Gate; CLOUDS],
+    pub(crate) len: usize,
 }
 
 /// Fills entries that hold no cloud; never consulted.

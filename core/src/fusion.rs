@@ -21,12 +21,12 @@ use crate::window::{Entry, Place, Window};
 ///   [`window`](Self::window), [`commit`](Self::commit)
 #[derive(Clone)]
 pub struct Fusion<const CLOUDS: usize, const WINDOW: usize> {
-    commit: Commit,
-    window: usize,
-    clouds: Clouds<CLOUDS>,
-    now: Instant,
-    newest: Option<Timestamp>,
-    open: Window<CLOUDS, WINDOW>,
+    pub(crate) commit: Commit,
+    pub(crate) window: usize,
+    pub(crate) clouds: Clouds<CLOUDS>,
+    pub(crate) now: Instant,
+    pub(crate) newest: Option<Timestamp>,
+    pub(crate) open: Window<CLOUDS, WINDOW>,
 }
 
 /// The machine at an instant (F0): either a firing comes first, or it takes inputs.

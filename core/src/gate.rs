@@ -4,9 +4,9 @@
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Gate {
-    limit: u64,
-    resume: u64,
-    shut: bool,
+    pub(crate) limit: u64,
+    pub(crate) resume: u64,
+    pub(crate) shut: bool,
 }
 
 impl Gate {

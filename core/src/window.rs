@@ -15,9 +15,9 @@ const MAX_HEIGHT: usize = 14;
 
 /// An index into the arrays.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Place(u16);
+pub(crate) struct Place(pub(crate) u16);
 
-const NIL: Place = Place(u16::MAX);
+pub(crate) const NIL: Place = Place(u16::MAX);
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Side {
@@ -35,20 +35,20 @@ impl Side {
 }
 
 #[derive(Clone, Copy)]
-struct Node {
-    timestamp: Timestamp,
+pub(crate) struct Node {
+    pub(crate) timestamp: Timestamp,
     /// The earliest due instant among this timestamp's armed timers.
-    due: Option<Instant>,
+    pub(crate) due: Option<Instant>,
     /// The earliest at or below this node.
-    below: Option<Instant>,
-    left: Place,
-    right: Place,
-    up: Place,
-    height: u8,
+    pub(crate) below: Option<Instant>,
+    pub(crate) left: Place,
+    pub(crate) right: Place,
+    pub(crate) up: Place,
+    pub(crate) height: u8,
 }
 
 impl Node {
-    const NIL: Self = Self {
+    pub(crate) const NIL: Self = Self {
         timestamp: Timestamp::new(0),
         due: None,
         below: None,
@@ -63,8 +63,8 @@ impl Node {
 #[derive(Clone, Copy)]
 pub(crate) struct Entry<const CLOUDS: usize> {
     pub(crate) slot: Slot,
-    limit_due: Instant,
-    dues: [Instant; CLOUDS],
+    pub(crate) limit_due: Instant,
+    pub(crate) dues: [Instant; CLOUDS],
 }
 
 impl<const CLOUDS: usize> Entry<CLOUDS> {
@@ -110,14 +110,14 @@ fn earlier(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
 
 #[derive(Clone)]
 pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
-    nodes: [Node; CAPACITY],
-    entries: [Entry<CLOUDS>; CAPACITY],
-    root: Place,
+    pub(crate) nodes: [Node; CAPACITY],
+    pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
+    pub(crate) root: Place,
     /// The greatest timestamp, at the right end.
-    last: Place,
+    pub(crate) last: Place,
     /// The first free place; the others follow by `right`.
-    free: Place,
-    len: usize,
+    pub(crate) free: Place,
+    pub(crate) len: usize,
 }
 
 impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
