@@ -43,7 +43,7 @@ pub enum At<'a, const CLOUDS: usize, const WINDOW: usize> {
 ///
 /// It may take several inputs of the same instant: whatever they arm is due later.
 pub struct Ready<'a, const CLOUDS: usize, const WINDOW: usize> {
-    fusion: &'a mut Fusion<CLOUDS, WINDOW>,
+    pub(crate) fusion: &'a mut Fusion<CLOUDS, WINDOW>,
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
@@ -172,7 +172,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     }
 
     /// F5 for one timestamp at one due instant.
-    fn fire(&mut self, due: Instant) -> Firing<CLOUDS> {
+    pub(crate) fn fire(&mut self, due: Instant) -> Firing<CLOUDS> {
         let place = self.open.first_due_at(due);
         let timestamp = self.open.timestamp(place);
         let timers = self.open.entry(place).armed_at(due);
@@ -181,7 +181,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     }
 
     /// Steps an open timestamp, and retires it if the step does.
-    fn close(&mut self, place: Place, event: Event) -> Outcome<CLOUDS> {
+    pub(crate) fn close(&mut self, place: Place, event: Event) -> Outcome<CLOUDS> {
         let (slot, decision) = self.open.entry(place).slot.step(self.commit, event);
         if slot.is_open() {
             self.open.set(place, slot);
