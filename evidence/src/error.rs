@@ -43,6 +43,14 @@ pub enum Error {
         /// What it printed.
         log: PathBuf,
     },
+    /// A tool is not there.
+    #[error("{tool}: there is no such tool here; {remedy}")]
+    Tool {
+        /// How it was called.
+        tool: String,
+        /// How it comes here.
+        remedy: String,
+    },
     /// The user wants it to end.
     #[error("interrupted; what is done so far is kept")]
     Interrupted,

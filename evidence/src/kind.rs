@@ -8,6 +8,7 @@ use regex::Regex;
 
 use crate::citation::{named, words};
 use crate::error::Error;
+use crate::sources::{ARBITER, CORE, CORPUS, NO_LIST, NO_SHARED, TESTS, TRACES};
 use crate::tree::Tree;
 
 /// What a run printed, by witness: whether it held.
@@ -31,10 +32,6 @@ pub struct Kind {
     pub(crate) cites: fn(&Tree, &str) -> Result<BTreeSet<String>, Error>,
 }
 
-/// The machine and what turns a trace's inputs into its decisions.
-const CORE: &str = "core/src";
-const ARBITER: &str = "adapters/operator/src/arbiter.rs";
-
 /// All of them.
 pub const KINDS: &[Kind] = &[
     Kind {
@@ -51,6 +48,8 @@ pub const KINDS: &[Kind] = &[
             "--test",
             "rules",
             "--test",
+            "surface",
+            "--test",
             "differential",
             "--test",
             "window",
@@ -58,14 +57,15 @@ pub const KINDS: &[Kind] = &[
         ],
         sources: &[
             CORE,
+            NO_LIST,
+            NO_SHARED,
             ARBITER,
-            "traces/src",
-            "traces/corpus",
-            "tests/src/driver.rs",
-            "tests/src/ledger.rs",
-            "tests/src/run.rs",
+            TRACES,
+            CORPUS,
+            TESTS,
             "tests/tests/rules.rs",
             "tests/tests/differential.rs",
+            "tests/tests/surface.rs",
             "tests/tests/window.rs",
         ],
         read: read_tests,
@@ -76,7 +76,7 @@ pub const KINDS: &[Kind] = &[
         title: "traces of the corpus",
         applies: |id| id.starts_with('F'),
         cargo: &["run", "-p", "fuseline-tests", "--example", "corpus"],
-        sources: &[CORE, ARBITER, "traces/src", "traces/corpus", "tests/examples/corpus.rs"],
+        sources: &[CORE, NO_LIST, NO_SHARED, ARBITER, TRACES, CORPUS, "tests/examples/corpus.rs"],
         read: read_tests,
         cites: cited_by_trace,
     },
@@ -97,9 +97,28 @@ pub const KINDS: &[Kind] = &[
             "1",
             "--json",
         ],
-        sources: &[CORE, "traces/src", "models/src"],
+        sources: &[CORE, NO_LIST, NO_SHARED, TRACES, "models/src"],
         read: read_models,
         cites: |_, witness| Ok(words(witness)),
+    },
+    Kind {
+        name: "fuzz",
+        title: "fuzz targets, on their seeds",
+        applies: |id| id.starts_with('F'),
+        cargo: &["test", "-p", "fuseline-tests", "--test", "seeds", "seeds_of_"],
+        sources: &[
+            CORE,
+            NO_LIST,
+            NO_SHARED,
+            ARBITER,
+            TRACES,
+            CORPUS,
+            TESTS,
+            "tests/tests/seeds.rs",
+            "fuzz/seeds",
+        ],
+        read: read_tests,
+        cites: cited_by_test,
     },
 ];
 

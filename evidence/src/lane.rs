@@ -19,7 +19,7 @@ use crate::tree::Tree;
 const GLANCE: Duration = Duration::from_millis(20);
 
 /// A faulty machine may take memory without end; 4 GiB are more than any sound witness takes.
-const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
+pub(crate) const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
 
 /// One copy with its own folder of built things.
 pub(crate) struct Lane<'a> {

@@ -1,24 +1,31 @@
 //! Seeded faults of the machine, who catches each, and the matrix that says what shows each rule and promise.
 //!
 //! Nothing here trusts a name: a witness counts for an identifier only if it cites it and went red under a
-//! seeded fault of it.
+//! seeded fault of it. Beside it stand measurements of the tests: mutants that survive, code that never runs.
 
 mod campaign;
 mod citation;
+mod coverage;
 mod error;
 mod fault;
+mod gap;
 mod kind;
 mod lane;
 mod matrix;
+mod measure;
+mod mutants;
 mod record;
+mod sources;
 mod table;
 mod tree;
 
 pub use campaign::{Campaign, Summary};
 pub use error::Error;
 pub use fault::{Fault, load as load_faults};
+pub use gap::Gap;
 pub use kind::{KINDS, Kind};
-pub use matrix::{Matrix, Row};
+pub use matrix::{Matrix, Row, Seeded, Standing};
+pub use measure::{MEASURES, Measure, Measured};
 pub use record::{Record, folder as records};
 pub use table::{Artefact, artefacts};
 pub use tree::Tree;

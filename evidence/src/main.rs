@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 use fuseline_evidence::{
-    Campaign, Error, KINDS, Kind, Matrix, Summary, Tree, artefacts, load_faults,
+    Campaign, Error, KINDS, Kind, MEASURES, Matrix, Summary, Tree, artefacts, load_faults,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -26,6 +26,8 @@ enum Command {
     ///
     /// Results that are current are kept: an interrupted run goes on where it was.
     Faults(Faults),
+    /// Measure the tests: mutants that survive, code that never runs.
+    Measure(Measured),
     /// Make EVIDENCE.md, its CSV and its JSON from the results.
     Matrix {
         /// Change nothing; fail if something is missing, stale or different.
@@ -52,12 +54,23 @@ struct Faults {
     again: bool,
 }
 
+#[derive(Args)]
+struct Measured {
+    /// The measurements; all unless named.
+    #[arg(value_parser = MEASURES.iter().map(|measure| measure.name).collect::<Vec<_>>())]
+    names: Vec<String>,
+    /// How many mutants to test at once.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
+    jobs: u8,
+}
+
 static STOP: AtomicBool = AtomicBool::new(false);
 
 fn main() -> ExitCode {
     let tree = Tree::new(PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/..")));
     let done = match Cli::parse().command {
         Command::Faults(args) => faults(&tree, &args),
+        Command::Measure(args) => measure(&tree, &args),
         Command::Matrix { check } => matrix(&tree, check),
     };
     match done {
@@ -117,6 +130,22 @@ fn report(summary: &Summary) -> bool {
         println!("{} {fault}: {}", if caught { "caught" } else { "MISSED" }, counts.join(", "));
     }
     all
+}
+
+/// Takes measurements; what they leave open is for the matrix to say.
+fn measure(tree: &Tree, args: &Measured) -> Result<bool, Error> {
+    let is_wanted = |name: &str| args.names.is_empty() || args.names.iter().any(|n| n == name);
+    for measure in MEASURES.iter().filter(|measure| is_wanted(measure.name)) {
+        let measured = measure.take(tree, args.jobs)?;
+        println!("{}, by {}", measure.title, measured.by);
+        for (kind, count) in &measured.counts {
+            println!("  {kind}: {count}");
+        }
+        for gap in &measured.gaps {
+            println!("  {gap}");
+        }
+    }
+    Ok(true)
 }
 
 /// Whether the matrix stands, and is what is there already if it is only checked.

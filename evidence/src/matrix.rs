@@ -7,7 +7,9 @@ use serde::Serialize;
 use crate::citation;
 use crate::error::Error;
 use crate::fault::{self, Fault};
+use crate::gap::{self, Gap};
 use crate::kind::{KINDS, Kind};
+use crate::measure::MEASURES;
 use crate::record::Record;
 use crate::tree::Tree;
 
@@ -22,6 +24,8 @@ pub struct Matrix {
     pub rows: Vec<Row>,
     /// The faults in their order, each with who caught it.
     pub faults: Vec<Seeded>,
+    /// The measurements of the tests, in their order.
+    pub measured: Vec<Standing>,
     /// What must be put right; the matrix stands only if this is empty.
     pub wrong: Vec<String>,
 }
@@ -50,6 +54,19 @@ pub struct Seeded {
     pub breaks: BTreeSet<String>,
     /// By kind: the witnesses that went red.
     pub caught_by: BTreeMap<&'static str, BTreeSet<String>>,
+}
+
+/// One measurement with the explanations of its gaps.
+#[derive(Clone, Debug, Serialize)]
+pub struct Standing {
+    /// What is measured.
+    pub title: &'static str,
+    /// What measured it.
+    pub by: String,
+    /// How many there are of each kind.
+    pub counts: BTreeMap<String, u64>,
+    /// The gaps, each with the reason why it may stay; an empty one is wrong.
+    pub gaps: Vec<(Gap, String)>,
 }
 
 impl Matrix {
@@ -83,11 +100,13 @@ impl Matrix {
             wrong.extend(lacks(&row, &records));
             rows.push(row);
         }
+        let measured = measured(tree, &mut wrong)?;
         Ok(Self {
             built_by: records.iter().map(|(kind, r)| (kind.name, r.rustc.clone())).collect(),
             ran: records.iter().map(|(kind, record)| (kind.name, record.held.len())).collect(),
             rows,
             faults: seeded,
+            measured,
             wrong,
         })
     }
@@ -116,6 +135,37 @@ fn current(
         wrong.push(format!("{}: not run under {}", kind.title, missing.join(", ")));
     }
     Ok(Some(record))
+}
+
+/// The measurements; says what is stale, missing, not explained, or explained without need.
+fn measured(tree: &Tree, wrong: &mut Vec<String>) -> Result<Vec<Standing>, Error> {
+    let reasons = gap::explanations(tree)?;
+    let mut standings = Vec::new();
+    for measure in MEASURES {
+        let Some(record) = measure.load(tree)? else {
+            wrong.push(format!("{}: there is no result", measure.title));
+            continue;
+        };
+        if record.sources != measure.digest(tree)? {
+            wrong.push(format!("{}: the sources changed since the result", measure.title));
+        }
+        let explain = |gap: Gap| {
+            let because = reasons.iter().find(|reason| reason.gap == gap);
+            (gap, because.map(|reason| reason.because.clone()).unwrap_or_default())
+        };
+        let gaps: Vec<_> = record.gaps.into_iter().map(explain).collect();
+        let open = gaps.iter().filter(|(_, because)| because.is_empty());
+        wrong.extend(open.map(|(gap, _)| format!("{}: no reason for {gap}", measure.title)));
+        let (by, counts) = (record.by, record.counts);
+        standings.push(Standing { title: measure.title, by, counts, gaps });
+    }
+    for reason in &reasons {
+        if !standings.iter().flat_map(|standing| &standing.gaps).any(|(gap, _)| *gap == reason.gap)
+        {
+            wrong.push(format!("a gap that is none is explained: {}", reason.gap));
+        }
+    }
+    Ok(standings)
 }
 
 fn seeded(fault: &Fault, records: &[(&Kind, Record)]) -> Seeded {

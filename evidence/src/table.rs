@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use crate::error::Error;
 use crate::kind::{KINDS, Kind};
-use crate::matrix::{Matrix, Row};
+use crate::matrix::{Matrix, Row, Standing};
 use crate::tree::Tree;
 
 /// One file made of the matrix.
@@ -83,6 +83,7 @@ fn markdown(matrix: &Matrix) -> String {
         "\n## Seeded faults\n\nHow many witnesses of each kind each fault turned red.\n\n",
     );
     faults(matrix, &mut text);
+    matrix.measured.iter().for_each(|standing| measurement(standing, &mut text));
     text
 }
 
@@ -145,6 +146,23 @@ fn faults(matrix: &Matrix, text: &mut String) {
         let counts: Vec<String> = counts.map(number).collect();
         let breaks = breaks.join(" ");
         let _ = writeln!(text, "| `{}` | {breaks} | {} |", fault.name, counts.join(" | "));
+    }
+}
+
+fn measurement(standing: &Standing, text: &mut String) {
+    let counts: Vec<String> =
+        standing.counts.iter().map(|(kind, count)| format!("{kind} {count}")).collect();
+    let title = standing.title;
+    let _ =
+        writeln!(text, "\n## Tests measured: {title}\n\n{}: {}.", standing.by, counts.join(", "));
+    if standing.gaps.is_empty() {
+        return;
+    }
+    let _ = writeln!(text, "\n| where | what | why it may stay |\n|---|---|---|");
+    for (gap, because) in &standing.gaps {
+        let cell = |text: &str| text.replace('|', "\\|");
+        let (line, what) = (cell(&gap.line), cell(&gap.what));
+        let _ = writeln!(text, "| `{}`: `{line}` | {what} | {} |", gap.file, cell(because));
     }
 }
 

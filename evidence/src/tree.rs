@@ -56,13 +56,16 @@ impl Tree {
         Ok(files)
     }
 
-    /// A digest of all files at or below these names.
+    /// A digest of all files at or below these names, but those whose names begin as a name after a `!` does.
     ///
     /// # Errors
     /// As for [`files`](Self::files).
     pub fn digest(&self, names: &[&str]) -> Result<String, Error> {
+        let (without, with): (Vec<&str>, Vec<&str>) =
+            names.iter().partition(|name| name.starts_with('!'));
+        let is_without = |name: &str| without.iter().any(|start| name.starts_with(&start[1..]));
         let mut digest = Sha256::new();
-        for name in self.files(names)? {
+        for name in self.files(&with)?.into_iter().filter(|name| !is_without(name)) {
             let path = self.path(&name);
             let content = fs::read(&path).map_err(Error::file(&path))?;
             digest.update(name.len().to_le_bytes());

@@ -34,11 +34,13 @@ fn replay(folders: &[&str], check: Check, marks: Vec<Mark>) {
     assert!(missing.is_empty(), "no file in {folders:?} reaches {missing:?}");
 }
 
+/// F0–F8: the core against the reference machine.
 #[test]
 fn seeds_of_step_agree_and_reach_every_rule_and_reason() {
     replay(&["fuzz/seeds/step"], step, Mark::of_step());
 }
 
+/// F0–F8: the judge has nothing to say of what the core decides, and finds what was changed in it.
 #[test]
 fn seeds_of_judge_agree_and_break_every_rule() {
     replay(&["fuzz/seeds/judge"], judge, Mark::of_judge());

@@ -1,0 +1,72 @@
+//! Gaps in the tests: a change that they do not notice, code that they never run. Each has its explanation.
+
+use std::collections::BTreeSet;
+use std::fs;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::Error;
+use crate::tree::Tree;
+
+/// Where the explanations are kept.
+const FILE: &str = "evidence/gaps.toml";
+
+/// One gap. It is known by what its line says, so that it keeps its explanation when code above it moves.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gap {
+    /// The file, from the root.
+    pub file: String,
+    /// The line, without the white space around it.
+    pub line: String,
+    /// What is not noticed there, or does not happen.
+    pub what: String,
+}
+
+/// Why a gap may stay.
+#[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
+pub(crate) struct Explained {
+    #[serde(flatten)]
+    pub(crate) gap: Gap,
+    /// The reason.
+    pub(crate) because: String,
+}
+
+/// All explanations, in their order.
+///
+/// # Errors
+/// The file cannot be read, a gap is explained twice, or a reason is empty.
+pub(crate) fn explanations(tree: &Tree) -> Result<Vec<Explained>, Error> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct File {
+        gap: Vec<Explained>,
+    }
+    let path = tree.path(FILE);
+    let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+    let file: File =
+        toml::from_str(&text).map_err(|error| Error::content(&path, error.to_string()))?;
+    let mut seen = BTreeSet::new();
+    for explained in &file.gap {
+        if !seen.insert(&explained.gap) || explained.because.trim().is_empty() {
+            let why = format!("{}: explained twice, or with nothing", explained.gap);
+            return Err(Error::content(&path, why));
+        }
+    }
+    Ok(file.gap)
+}
+
+impl Gap {
+    /// The gap at a line, counted from 1, of a text.
+    pub(crate) fn at(file: &str, text: &str, line: usize, what: impl Into<String>) -> Self {
+        let line = line.checked_sub(1).and_then(|above| text.lines().nth(above));
+        let line = line.unwrap_or_default().trim().to_owned();
+        Self { file: file.to_owned(), line, what: what.into() }
+    }
+}
+
+impl std::fmt::Display for Gap {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: `{}`: {}", self.file, self.line, self.what)
+    }
+}

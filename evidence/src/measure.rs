@@ -1,0 +1,164 @@
+//! Measurements of the tests: mutants that they let pass, lines and branches that they never take.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::Error;
+use crate::gap::Gap;
+use crate::sources::{ARBITER, CORE, CORPUS, NO_LIST, NO_SHARED, TESTS, TRACES};
+use crate::tree::Tree;
+use crate::{coverage, mutants};
+
+/// One measurement.
+pub struct Measure {
+    /// Its name, which is that of its record too.
+    pub name: &'static str,
+    /// What is measured, for readers.
+    pub title: &'static str,
+    /// The files that the result depends on.
+    sources: &'static [&'static str],
+    tool: Tool,
+    tests: Tests,
+}
+
+/// Which tests run.
+pub(crate) struct Tests {
+    pub(crate) packages: &'static [&'static str],
+    /// The arguments for `cargo test` that choose among those of the packages.
+    pub(crate) targets: &'static [&'static str],
+}
+
+enum Tool {
+    /// cargo-mutants, on these files; what follows a `!` is left out.
+    Mutants(&'static [&'static str]),
+    /// cargo-llvm-cov, of the files in this folder.
+    Coverage(&'static str),
+}
+
+/// The result, as it is committed.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Measured {
+    /// A digest of the sources that it depends on.
+    pub sources: String,
+    /// What measured it.
+    pub by: String,
+    /// How many there are of each kind.
+    pub counts: BTreeMap<String, u64>,
+    /// What the tests leave open.
+    pub gaps: BTreeSet<Gap>,
+}
+
+const TESTS_OF_CORE: Tests = Tests {
+    packages: &["fuseline-core", "fuseline-tests"],
+    targets: &["--lib", "--test=rules", "--test=surface", "--test=differential", "--test=window"],
+};
+const SOURCES_OF_CORE: &[&str] = &[
+    CORE,
+    NO_LIST,
+    NO_SHARED,
+    ARBITER,
+    "traces/src/reference.rs",
+    CORPUS,
+    TESTS,
+    "tests/tests/rules.rs",
+    "tests/tests/differential.rs",
+    "tests/tests/surface.rs",
+    "tests/tests/window.rs",
+];
+
+/// All of them.
+pub const MEASURES: &[Measure] = &[
+    Measure {
+        name: "mutants-core",
+        title: "mutants of the core",
+        sources: SOURCES_OF_CORE,
+        tool: Tool::Mutants(&["core/src/*.rs", NO_SHARED]),
+        tests: TESTS_OF_CORE,
+    },
+    Measure {
+        name: "mutants-judge",
+        title: "mutants of the judge and of its reference machine",
+        sources: &[TRACES, "traces/tests", CORPUS, TESTS, "fuzz/seeds"],
+        tool: Tool::Mutants(&[
+            "traces/src/judge.rs",
+            "traces/src/reference.rs",
+            "traces/src/rule.rs",
+        ]),
+        tests: Tests {
+            packages: &["fuseline-traces", "fuseline-tests"],
+            targets: &["--lib", "--tests"],
+        },
+    },
+    Measure {
+        name: "coverage-core",
+        title: "coverage of the core",
+        sources: SOURCES_OF_CORE,
+        tool: Tool::Coverage("core/src"),
+        tests: TESTS_OF_CORE,
+    },
+];
+
+impl Measure {
+    /// A digest of what its result depends on.
+    ///
+    /// # Errors
+    /// A file cannot be read.
+    pub fn digest(&self, tree: &Tree) -> Result<String, Error> {
+        tree.digest(self.sources)
+    }
+
+    /// Measures it and keeps the result. The tool's own progress goes to standard error.
+    ///
+    /// # Errors
+    /// The tool is not there, cannot measure, or the result cannot be kept.
+    pub fn take(&self, tree: &Tree, jobs: u8) -> Result<Measured, Error> {
+        let sources = self.digest(tree)?;
+        let out = tree.path("target/evidence").join(self.name);
+        std::fs::create_dir_all(&out).map_err(Error::file(&out))?;
+        let (by, counts, gaps) = match self.tool {
+            Tool::Mutants(files) => mutants::take(tree, &out, files, &self.tests, jobs)?,
+            Tool::Coverage(folder) => coverage::take(tree, &out, folder, &self.tests)?,
+        };
+        let measured = Measured { sources, by, counts, gaps };
+        let path = self.path(tree);
+        let mut text = serde_json::to_string_pretty(&measured)
+            .map_err(|error| Error::content(&path, error.to_string()))?;
+        text.push('\n');
+        crate::record::write_whole(&path, &text)?;
+        Ok(measured)
+    }
+
+    /// The committed result, if there is one.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn load(&self, tree: &Tree) -> Result<Option<Measured>, Error> {
+        let path = self.path(tree);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let text = std::fs::read_to_string(&path).map_err(Error::file(&path))?;
+        serde_json::from_str(&text)
+            .map(Some)
+            .map_err(|error| Error::content(&path, error.to_string()))
+    }
+
+    fn path(&self, tree: &Tree) -> std::path::PathBuf {
+        crate::record::folder(tree).join(format!("{}.json", self.name))
+    }
+}
+
+/// A tool's name and version, from its first line.
+pub(crate) fn version(command: &mut Command, remedy: &str) -> Result<String, Error> {
+    let tool = format!("{command:?}");
+    let missing = || Error::Tool { tool: tool.clone(), remedy: remedy.to_owned() };
+    let printed = command.output().map_err(|_| missing())?;
+    if !printed.status.success() {
+        return Err(missing());
+    }
+    let text = String::from_utf8_lossy(&printed.stdout);
+    Ok(text.lines().next().unwrap_or_default().trim().to_owned())
+}

@@ -1,0 +1,105 @@
+//! Mutants: cargo-mutants changes the code, one place at a time, and some test must notice.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::process::Command;
+
+use serde::Deserialize;
+
+use crate::error::Error;
+use crate::gap::Gap;
+use crate::lane::BOUNDED;
+use crate::measure::{Tests, version};
+use crate::tree::Tree;
+
+type Taken = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
+
+/// Makes and tests all mutants of `files`.
+pub(crate) fn take(
+    tree: &Tree,
+    out: &Path,
+    files: &[&str],
+    tests: &Tests,
+    jobs: u8,
+) -> Result<Taken, Error> {
+    let remedy = "cargo install --locked cargo-mutants";
+    let by = version(Command::new("cargo").args(["mutants", "--version"]), remedy)?;
+    let mut command = Command::new("sh");
+    command.args(["-c", BOUNDED, "sh", "cargo", "mutants", "--workspace", "--no-shuffle"]);
+    command.args(["--colors", "never", "--minimum-test-timeout", "40"]);
+    command.arg("--jobs").arg(jobs.to_string()).arg("--output").arg(out);
+    command.args(files.iter().flat_map(|file| match file.strip_prefix('!') {
+        None => ["--file".to_owned(), (*file).to_owned()],
+        Some(without) => ["--exclude".to_owned(), format!("{without}*")],
+    }));
+    // Beside the tests of the package that is changed, which it chooses itself.
+    command.args(tests.packages.iter().map(|package| format!("--cargo-arg=--package={package}")));
+    command.args(tests.targets.iter().map(|target| format!("--cargo-arg={target}")));
+    let fixed = [
+        ("CARGO_NET_OFFLINE", "true"),
+        ("CARGO_PROFILE_DEV_OPT_LEVEL", "1"),
+        ("CARGO_PROFILE_DEV_DEBUG", "0"),
+    ];
+    command.current_dir(tree.root()).envs(fixed).env_remove("PROPTEST_CASES");
+    let ended = command.status().map_err(Error::file(tree.root()))?;
+    // 2: some survived; 3: some ran out of time.
+    if !matches!(ended.code(), Some(0 | 2 | 3)) {
+        return Err(Error::content(out, format!("cargo mutants ended with {ended}")));
+    }
+    let (counts, gaps) = read(tree, &out.join("mutants.out/outcomes.json"))?;
+    Ok((by, counts, gaps))
+}
+
+/// What happened to the mutants.
+#[derive(Deserialize)]
+struct Outcomes {
+    outcomes: Vec<Outcome>,
+}
+
+#[derive(Deserialize)]
+struct Outcome {
+    scenario: Scenario,
+    summary: String,
+}
+
+#[derive(Deserialize)]
+enum Scenario {
+    Baseline,
+    Mutant { name: String, file: String, span: Span },
+}
+
+#[derive(Deserialize)]
+struct Span {
+    start: Place,
+}
+
+#[derive(Deserialize)]
+struct Place {
+    line: usize,
+}
+
+fn read(tree: &Tree, path: &Path) -> Result<(BTreeMap<String, u64>, BTreeSet<Gap>), Error> {
+    let text = std::fs::read_to_string(path).map_err(Error::file(path))?;
+    let outcomes: Outcomes =
+        serde_json::from_str(&text).map_err(|error| Error::content(path, error.to_string()))?;
+    let mut counts: BTreeMap<String, u64> =
+        ["caught", "out of time", "not built", "survived"].map(|kind| (kind.into(), 0)).into();
+    let mut gaps = BTreeSet::new();
+    for outcome in outcomes.outcomes {
+        let Scenario::Mutant { name, file, span } = outcome.scenario else { continue };
+        let kind = match &*outcome.summary {
+            "CaughtMutant" => "caught",
+            "Timeout" => "out of time",
+            "Unviable" => "not built",
+            "MissedMutant" => "survived",
+            other => return Err(Error::content(path, format!("{name}: what is {other}?"))),
+        };
+        *counts.entry(kind.to_owned()).or_default() += 1;
+        if kind == "survived" {
+            // After file, line and column.
+            let what = name.splitn(4, ':').last().unwrap_or_default().trim();
+            gaps.insert(Gap::at(&file, &tree.text(&file)?, span.start.line, what));
+        }
+    }
+    Ok((counts, gaps))
+}
