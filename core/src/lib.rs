@@ -9,6 +9,7 @@ mod clouds;
 mod fusion;
 mod gate;
 mod priority;
+pub mod shared;
 mod slot;
 mod source;
 mod time;

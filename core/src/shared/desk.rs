@@ -1,0 +1,233 @@
+//! The half for all threads: what comes for open timestamps.
+
+use core::sync::atomic::Ordering;
+
+#[cfg(not(loom))]
+use core::sync::atomic::AtomicU64;
+#[cfg(loom)]
+use loom::sync::atomic::AtomicU64;
+
+use crate::answer::{DropReason, Firing, Outcome};
+use crate::clouds::Clouds;
+use crate::priority::Priority;
+use crate::slot::{Commit, Decision, Event, Slot};
+use crate::source::{Source, Sources};
+use crate::time::Instant;
+use crate::window::Entry;
+
+use super::machine::Ticket;
+use super::word::Word;
+
+/// Where any thread gives results and failures, and lets time go by.
+///
+/// Each call names its message and says when it is, by the caller's own clock. It answers first which timers of that
+/// message were due by then and what they decided, several due instants told as one firing with the last of them.
+/// Whoever is told `Forwarded`, by a firing or an outcome, forwards; nobody else is.
+///
+/// - inputs: [`result`](Self::result), [`fail`](Self::fail), [`expire`](Self::expire)
+/// - question: [`next_due`](Self::next_due)
+pub struct Desk<const CLOUDS: usize, const WINDOW: usize> {
+    pub(super) window: usize,
+    pub(super) commit: Commit,
+    pub(super) clouds: Clouds<CLOUDS>,
+    pub(super) places: [Place<CLOUDS>; WINDOW],
+}
+
+/// One place of the window. Places do not share cache lines: their messages have different callers.
+#[repr(align(64))]
+pub(super) struct Place<const CLOUDS: usize> {
+    pub(super) word: AtomicU64,
+    limit_due: AtomicU64,
+    dues: [AtomicU64; CLOUDS],
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
+    /// Each cloud is asked once, each source stops being pending once, and then the timestamp is retired: so often can
+    /// an exchange fail. The look after that sees another generation.
+    const LOOKS: usize = CLOUDS.wrapping_mul(2).wrapping_add(2);
+
+    pub(super) fn new(window: usize, commit: Commit, clouds: Clouds<CLOUDS>) -> Self {
+        Self { window, commit, clouds, places: core::array::from_fn(|_| Place::new()) }
+    }
+
+    /// F3: this source's result came.
+    pub fn result(
+        &self,
+        now: Instant,
+        ticket: Ticket,
+        source: Priority,
+    ) -> (Option<Firing<CLOUDS>>, Outcome<CLOUDS>) {
+        self.close(now, ticket, source, Event::Result)
+    }
+
+    /// F4: no result will come from this source.
+    pub fn fail(
+        &self,
+        now: Instant,
+        ticket: Ticket,
+        source: Priority,
+    ) -> (Option<Firing<CLOUDS>>, Outcome<CLOUDS>) {
+        self.close(now, ticket, source, Event::Failure)
+    }
+
+    /// F5: time went by. Answers none if no timer of this message was due, as when it is open no more.
+    pub fn expire(&self, now: Instant, ticket: Ticket) -> Option<Firing<CLOUDS>> {
+        let fired = self.exchange(ticket, |_, mut entry| {
+            let fired = self.fire(now, ticket, &mut entry);
+            (entry.slot, fired)
+        });
+        fired.flatten()
+    }
+
+    /// The earliest due instant of this message's timers, if one is armed; another thread's call may move it at once.
+    #[must_use]
+    pub fn next_due(&self, ticket: Ticket) -> Option<Instant> {
+        self.exchange(ticket, |_, entry| (entry.slot, earliest(&entry))).flatten()
+    }
+
+    fn close(
+        &self,
+        now: Instant,
+        ticket: Ticket,
+        source: Priority,
+        event: impl Fn(Source) -> Event,
+    ) -> (Option<Firing<CLOUDS>>, Outcome<CLOUDS>) {
+        let source = self.clouds.source(source);
+        let answer = self.exchange(ticket, |_, mut entry| {
+            let fired = self.fire(now, ticket, &mut entry);
+            let Some(source) = source else {
+                return (entry.slot, (fired, Outcome::Dropped(DropReason::Unknown)));
+            };
+            let (slot, decision) = entry.slot.step(self.commit, event(source));
+            (slot, (fired, self.outcome(decision)))
+        });
+        answer.unwrap_or_else(|| {
+            let reason = source.map_or(DropReason::Unknown, |_| DropReason::Superseded);
+            (None, Outcome::Dropped(reason))
+        })
+    }
+
+    /// F5 for one timestamp: fires what is due by `now`, one due instant after the other.
+    pub(super) fn fire(
+        &self,
+        now: Instant,
+        ticket: Ticket,
+        entry: &mut Entry<CLOUDS>,
+    ) -> Option<Firing<CLOUDS>> {
+        let mut timers = Sources::EMPTY;
+        let mut last = None;
+        for _ in 0..Source::COUNT {
+            // A1: the due instant itself is past.
+            let Some(due) = earliest(entry).filter(|due| *due <= now) else { break };
+            let firing = entry.armed_at(due);
+            let (slot, decision) = entry.slot.step(self.commit, Event::Timers(firing));
+            entry.slot = slot;
+            timers = timers.union(firing);
+            last = Some((due, decision));
+        }
+        let (due, decision) = last?;
+        Some(Firing {
+            timestamp: ticket.timestamp,
+            due,
+            timers: self.clouds.priorities(timers),
+            outcome: self.outcome(decision),
+        })
+    }
+
+    /// Lets `decide` turn the message's entry into its next state and an answer, as if nothing happened meanwhile; none
+    /// if the message is open no more.
+    ///
+    /// Within a generation a state never comes back, and the due instant of a requested source stays. So if the word is
+    /// still what it was, what `decide` saw was still so.
+    pub(super) fn exchange<A>(
+        &self,
+        ticket: Ticket,
+        mut decide: impl FnMut(&Place<CLOUDS>, Entry<CLOUDS>) -> (Slot, A),
+    ) -> Option<A> {
+        let place = self.places.get(ticket.place())?;
+        for _ in 0..Self::LOOKS {
+            // Acquire: the due instants of those requested in it, and what was done before results were held.
+            let word = Word::<CLOUDS>::from_bits(place.word.load(Ordering::Acquire));
+            if word.generation() != ticket.generation {
+                return None;
+            }
+            let (slot, answer) = decide(place, place.entry(word.slot(self.commit)));
+            let next = word.stepped(slot);
+            // Also when nothing changes: the place may have been reused since, and the due instants be another one's.
+            // Release: what the caller did before, to whoever forwards or opens next. The word of a failed exchange is
+            // not used, so its load may be relaxed; the next load sees no older one.
+            let exchanged = place.word.compare_exchange(
+                word.bits(),
+                next.bits(),
+                Ordering::Release,
+                Ordering::Relaxed,
+            );
+            if exchanged.is_ok() {
+                return Some(answer);
+            }
+        }
+        debug_assert!(false, "a state changes at most so often");
+        None
+    }
+
+    fn outcome(&self, decision: Decision) -> Outcome<CLOUDS> {
+        match decision {
+            Decision::Dropped(reason) => Outcome::Dropped(reason),
+            Decision::Held => Outcome::Held,
+            Decision::Waiting => Outcome::Waiting,
+            Decision::Missed => Outcome::Missed,
+            Decision::Forwarded { by, cancelled } => Outcome::Forwarded {
+                by: self.clouds.priority(by),
+                cancelled: self.clouds.priorities(cancelled),
+            },
+        }
+    }
+}
+
+impl<const CLOUDS: usize> Place<CLOUDS> {
+    fn new() -> Self {
+        Self {
+            word: AtomicU64::new(0),
+            limit_due: AtomicU64::new(0),
+            dues: core::array::from_fn(|_| AtomicU64::new(0)),
+        }
+    }
+
+    /// For a source that is not requested: the word that makes it so publishes this, hence relaxed.
+    pub(super) fn set_due(&self, source: Source, due: Instant) {
+        if let Some(cell) = self.due(source) {
+            cell.store(due.as_nanos(), Ordering::Relaxed);
+        }
+    }
+
+    /// The state with the due instants of its armed timers. They were published along with it, hence relaxed.
+    fn entry(&self, slot: Slot) -> Entry<CLOUDS> {
+        let mut entry = Entry { slot, ..Entry::EMPTY };
+        for source in slot.armed().iter() {
+            if let Some(cell) = self.due(source) {
+                entry.set_due(source, Instant::from_nanos(cell.load(Ordering::Relaxed)));
+            }
+        }
+        entry
+    }
+
+    fn due(&self, source: Source) -> Option<&AtomicU64> {
+        match usize::from(source.index()).checked_sub(1) {
+            None => Some(&self.limit_due),
+            Some(cloud) => self.dues.get(cloud),
+        }
+    }
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> core::fmt::Debug for Desk<CLOUDS, WINDOW> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Desk")
+            .field("commit", &self.commit)
+            .field("window", &self.window)
+            .finish_non_exhaustive()
+    }
+}
+
+fn earliest<const CLOUDS: usize>(entry: &Entry<CLOUDS>) -> Option<Instant> {
+    entry.slot.armed().iter().map(|source| entry.due(source)).min()
+}

@@ -1,0 +1,141 @@
+//! What threads did at the machine and when, and the search for one order that explains it.
+
+use std::collections::{BTreeMap, HashSet};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use fuseline_core::shared::{Desk, Intake, Ticket};
+use fuseline_core::{Deadline, Instant, Priority, Timestamp};
+
+use crate::input::{Answer, Input, Timed};
+use crate::sequential::Sequential;
+
+/// One call: it took effect somewhere between `began` and `ended`.
+#[derive(Clone, Copy, Debug)]
+pub struct Call {
+    /// The caller's clock and what it gave.
+    pub input: Timed,
+    /// What it was answered.
+    pub answer: Answer,
+    /// The reading of the history's own clock before the call.
+    pub began: u64,
+    /// And after it.
+    pub ended: u64,
+}
+
+/// The calls of all threads. Its clock and its lock are no part of what loom simulates.
+#[derive(Debug, Default)]
+pub struct History {
+    clock: AtomicU64,
+    calls: Mutex<Vec<Call>>,
+}
+
+/// What one thread needs to make calls.
+#[derive(Debug)]
+pub struct Member<'a, const CLOUDS: usize, const WINDOW: usize> {
+    history: &'a History,
+    desk: &'a Desk<CLOUDS, WINDOW>,
+    intake: Option<Intake<'a, CLOUDS, WINDOW>>,
+    tickets: BTreeMap<u64, Ticket>,
+}
+
+impl History {
+    /// The calls in the order in which they began.
+    #[must_use]
+    pub fn calls(&self) -> Vec<Call> {
+        let mut calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        calls.sort_by_key(|call| call.began);
+        calls
+    }
+
+    /// Whether some order of the calls, in which none comes before one that had ended when it began, makes `machine`
+    /// answer as they were answered.
+    ///
+    /// # Panics
+    /// If there is no call, or there are more than 64.
+    #[must_use]
+    pub fn is_explained_by(&self, machine: &Sequential) -> bool {
+        let calls = self.calls();
+        assert!(!calls.is_empty() && calls.len() <= 64, "{} calls", calls.len());
+        let all = u64::MAX >> (64 - calls.len());
+        let mut seen = HashSet::new();
+        let mut next = vec![(0_u64, machine.clone())];
+        while let Some((done, machine)) = next.pop() {
+            if done == all {
+                return true;
+            }
+            let left = || calls.iter().enumerate().filter(|(i, _)| done & 1 << i == 0);
+            let first_end = left().map(|(_, call)| call.ended).min().unwrap_or(u64::MAX);
+            for (i, call) in left().filter(|(_, call)| call.began <= first_end) {
+                let mut machine = machine.clone();
+                if machine.apply(call.input.0, call.input.1) == call.answer {
+                    let state = (done | 1 << i, machine);
+                    if seen.insert(state.clone()) {
+                        next.push(state);
+                    }
+                }
+            }
+        }
+        false
+    }
+
+    fn now(&self) -> u64 {
+        self.clock.fetch_add(1, Ordering::SeqCst)
+    }
+}
+
+impl<'a, const CLOUDS: usize, const WINDOW: usize> Member<'a, CLOUDS, WINDOW> {
+    /// The owner.
+    #[must_use]
+    pub const fn owner(
+        history: &'a History,
+        desk: &'a Desk<CLOUDS, WINDOW>,
+        intake: Intake<'a, CLOUDS, WINDOW>,
+    ) -> Self {
+        Self { history, desk, intake: Some(intake), tickets: BTreeMap::new() }
+    }
+
+    /// Another thread with the tickets that this one has.
+    #[must_use]
+    pub fn other(&self) -> Self {
+        let (history, desk, tickets) = (self.history, self.desk, self.tickets.clone());
+        Self { history, desk, intake: None, tickets }
+    }
+
+    /// Makes these calls, one after the other. A call on what this thread has no ticket for is left out.
+    pub fn make(&mut self, calls: &[Timed]) {
+        for input in calls {
+            let began = self.history.now();
+            let Some(answer) = self.call(*input) else { continue };
+            let ended = self.history.now();
+            let call = Call { input: *input, answer, began, ended };
+            self.history.calls.lock().unwrap_or_else(PoisonError::into_inner).push(call);
+        }
+    }
+
+    fn call(&mut self, (now, input): Timed) -> Option<Answer> {
+        let now = Instant::from_nanos(now);
+        let ticket = self.tickets.get(&input.timestamp()).copied();
+        Some(match input {
+            Input::Open { t, limit } => {
+                let limit = limit.map(Deadline::from_nanos);
+                let opened = self.intake.as_mut()?.open(now, Timestamp::new(t), limit);
+                self.tickets.extend(opened.map(|ticket| (t, ticket)));
+                Answer::Opened(opened.map(drop))
+            }
+            Input::Offer { p, deadline, backlog, .. } => {
+                let deadline = Deadline::from_nanos(deadline);
+                let intake = self.intake.as_mut()?;
+                Answer::offered(intake.offer(now, ticket?, priority(p), deadline, backlog))
+            }
+            Input::Result { p, .. } => Answer::closed(self.desk.result(now, ticket?, priority(p))),
+            Input::Fail { p, .. } => Answer::closed(self.desk.fail(now, ticket?, priority(p))),
+            Input::Tick { .. } => Answer::ticked(self.desk.expire(now, ticket?)),
+            Input::NextDue { .. } => Answer::due(self.desk.next_due(ticket?)),
+        })
+    }
+}
+
+fn priority(p: u8) -> Priority {
+    Priority::new(p.into())
+}

@@ -1,0 +1,10 @@
+//! The machine for many threads under test: what its callers do, what they were answered, and whether some order of
+//! the pure step explains it.
+
+mod history;
+mod input;
+mod sequential;
+
+pub use history::{Call, History, Member};
+pub use input::{Answer, Fired, Input, Timed, fail, limited, next_due, offer, open, result, tick};
+pub use sequential::Sequential;

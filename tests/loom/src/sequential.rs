@@ -1,0 +1,146 @@
+//! The machine as one caller after the other would meet it: the pure step, and each timestamp's own timers before it.
+
+use std::collections::BTreeMap;
+
+use fuseline_core::{
+    Commit, Decision, DropReason, Event, Gate, OfferRefusal, OpenRefusal, Slot, Source, Sources,
+};
+
+use crate::input::{Answer, Fired, Input};
+
+/// One state of it. Clouds 1 and on are registered, as many as there are gates.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Sequential {
+    commit: Commit,
+    window: usize,
+    gates: Vec<Gate>,
+    newest: Option<u64>,
+    open: BTreeMap<u64, Message>,
+}
+
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct Message {
+    slot: Slot,
+    dues: BTreeMap<u8, u64>,
+}
+
+impl Sequential {
+    /// A machine with nothing open, and a gate for each cloud.
+    #[must_use]
+    pub const fn new(commit: Commit, window: usize, gates: Vec<Gate>) -> Self {
+        Self { commit, window, gates, newest: None, open: BTreeMap::new() }
+    }
+
+    /// What the machine answers here; it moves on.
+    pub fn apply(&mut self, now: u64, input: Input) -> Answer {
+        match input {
+            Input::Open { t, limit } => Answer::Opened(self.accept(now, t, limit)),
+            Input::Offer { t, p, deadline, backlog } => {
+                let fired = self.expire(now, t);
+                Answer::Offered(fired, self.admit(t, p, now.saturating_add(deadline), now, backlog))
+            }
+            Input::Result { t, p } => {
+                Answer::Closed(self.expire(now, t), self.close(t, p, Event::Result))
+            }
+            Input::Fail { t, p } => {
+                Answer::Closed(self.expire(now, t), self.close(t, p, Event::Failure))
+            }
+            Input::Tick { t } => Answer::Ticked(self.expire(now, t)),
+            Input::NextDue { t } => Answer::Due(self.open.get(&t).and_then(Message::earliest)),
+        }
+    }
+
+    fn accept(&mut self, now: u64, t: u64, limit: Option<u64>) -> Result<(), OpenRefusal> {
+        if self.newest >= Some(t) {
+            return Err(OpenRefusal::Order);
+        }
+        if self.open.len() >= self.window {
+            return Err(OpenRefusal::Full);
+        }
+        let due = limit.map(|limit| now.saturating_add(limit));
+        if due.is_some_and(|due| due <= now) {
+            return Err(OpenRefusal::Deadline);
+        }
+        let dues = due.map(|due| (0, due)).into_iter().collect();
+        self.open.insert(t, Message { slot: Slot::open(limit.is_some()), dues });
+        self.newest = Some(t);
+        Ok(())
+    }
+
+    fn admit(
+        &mut self,
+        t: u64,
+        p: u8,
+        due: u64,
+        now: u64,
+        backlog: u64,
+    ) -> Result<u64, OfferRefusal> {
+        let gate = usize::from(p).checked_sub(1).and_then(|p| self.gates.get_mut(p));
+        let (Some(gate), Some(source)) = (gate, Source::new(p)) else {
+            return Err(OfferRefusal::Unknown);
+        };
+        let message = self.open.get_mut(&t).ok_or(OfferRefusal::Closed)?;
+        let (admitted, refusal) = message.slot.offer(source);
+        if let Some(why) = refusal {
+            return Err(why);
+        }
+        if due <= now {
+            return Err(OfferRefusal::Deadline);
+        }
+        if !gate.admits(backlog) {
+            return Err(OfferRefusal::Queue);
+        }
+        message.slot = admitted;
+        message.dues.insert(p, due);
+        Ok(due)
+    }
+
+    fn close(&mut self, t: u64, p: u8, event: impl FnOnce(Source) -> Event) -> Decision {
+        let Some(source) = Source::new(p).filter(|_| usize::from(p) <= self.gates.len()) else {
+            return Decision::Dropped(DropReason::Unknown);
+        };
+        if self.open.contains_key(&t) {
+            self.step(t, event(source))
+        } else {
+            Decision::Dropped(DropReason::Superseded)
+        }
+    }
+
+    /// F5, due instant by due instant.
+    fn expire(&mut self, now: u64, t: u64) -> Option<Fired> {
+        let mut all: Option<Fired> = None;
+        while let Some(message) = self.open.get(&t)
+            && let Some(due) = message.earliest().filter(|due| *due <= now)
+        {
+            let timers = message.armed().filter(|source| message.due(*source) == due).collect();
+            let decision = self.step(t, Event::Timers(timers));
+            let timers = all.map_or(Sources::EMPTY, |all| all.timers).union(timers);
+            all = Some(Fired { due, timers, decision });
+        }
+        all
+    }
+
+    fn step(&mut self, t: u64, event: Event) -> Decision {
+        let message = self.open.get_mut(&t).expect("only open timestamps are stepped");
+        let (slot, decision) = message.slot.step(self.commit, event);
+        message.slot = slot;
+        if !slot.is_open() {
+            self.open.remove(&t);
+        }
+        decision
+    }
+}
+
+impl Message {
+    fn armed(&self) -> impl Iterator<Item = Source> {
+        self.slot.armed().iter()
+    }
+
+    fn due(&self, source: Source) -> u64 {
+        self.dues[&source.index()]
+    }
+
+    fn earliest(&self) -> Option<u64> {
+        self.armed().map(|source| self.due(source)).min()
+    }
+}
