@@ -81,7 +81,16 @@ pub const MEASURES: &[Measure] = &[
     Measure {
         name: "mutants-judge",
         title: "mutants of the judge and of its reference machine",
-        sources: &[TRACES, "traces/tests", CORPUS, TESTS, "fuzz/seeds"],
+        sources: &[
+            TRACES,
+            CORPUS,
+            TESTS,
+            "traces/tests/corpus.rs",
+            "traces/tests/judge.rs",
+            "tests/tests/seeds.rs",
+            "tests/tests/differential.rs",
+            "fuzz/seeds",
+        ],
         tool: Tool::Mutants(&[
             "traces/src/judge.rs",
             "traces/src/reference.rs",
@@ -89,7 +98,13 @@ pub const MEASURES: &[Measure] = &[
         ]),
         tests: Tests {
             packages: &["fuseline-traces", "fuseline-tests"],
-            targets: &["--lib", "--tests"],
+            targets: &[
+                "--lib",
+                "--test=corpus",
+                "--test=judge",
+                "--test=seeds",
+                "--test=differential",
+            ],
         },
     },
     Measure {

@@ -369,6 +369,20 @@ fn a4_a_lesser_timer_commits_under_eager_and_closes_its_own_under_patient() {
 }
 
 #[test]
+fn p3_of_several_in_hand_the_best_goes() {
+    for (commit, at_10, at_30) in [
+        (Commit::Eager, "0: [1], 2 goes, cancels [3]", None),
+        (Commit::Patient, "0: [1], waits", Some("0: [3], 2 goes, cancels []")),
+    ] {
+        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        assert_eq!(told(driver.result(0, 0)), "held");
+        assert_eq!(told(driver.result(0, 2)), "held");
+        assert_eq!(told_firings(&driver.tick(10)), [at_10]);
+        assert_eq!(told_firings(&driver.tick(30)), Vec::from_iter(at_30));
+    }
+}
+
+#[test]
 fn a28_a_firing_that_found_nothing_does_not_hurry_what_comes_later() {
     let mut driver = asked(Commit::Eager, &[(1, 10), (2, 20)]);
     assert_eq!(told_firings(&driver.tick(10)), ["0: [1], waits"]);

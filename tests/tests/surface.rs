@@ -136,6 +136,39 @@ fn there_are_sixteen_sources_and_sets_tell_their_members() {
     assert_eq!(format!("{set:?}"), "{0, 2, 15}");
 }
 
+/// All pairs of sets over the two ends of the range, against a set of the standard library.
+#[test]
+fn sets_of_sources_do_as_sets_do() {
+    let ends = [0, 1, 2, 14, 15];
+    let subsets: Vec<BTreeSet<u8>> = (0..1_u32 << ends.len())
+        .map(|chosen| {
+            (0..).zip(ends).filter(|(i, _)| chosen >> i & 1 == 1).map(|(_, e)| e).collect()
+        })
+        .collect();
+    let packed = |set: &BTreeSet<u8>| sources(&set.iter().copied().collect::<Vec<_>>());
+    for one in &subsets {
+        let set = packed(one);
+        assert_eq!(set.iter().map(Source::index).collect::<BTreeSet<_>>(), *one);
+        assert_eq!(set.greatest().map(Source::index), one.last().copied());
+        assert_eq!(set.least().map(Source::index), one.first().copied());
+        assert_eq!(set.is_empty(), one.is_empty());
+        for index in ends {
+            let source = Source::new(index).expect("within the range");
+            assert_eq!(set.contains(source), one.contains(&index));
+            assert_eq!(set.any_above(source), one.range(index + 1..).next().is_some());
+            assert_eq!(set.with(source), packed(&(one | &BTreeSet::from([index]))));
+            assert_eq!(set.without(source), packed(&(one - &BTreeSet::from([index]))));
+        }
+        for other in &subsets {
+            let other_set = packed(other);
+            assert_eq!(set.union(other_set), packed(&(one | other)));
+            assert_eq!(set.intersection(other_set), packed(&(one & other)));
+            assert_eq!(set.difference(other_set), packed(&(one - other)));
+            assert_eq!(set.contains_all(other_set), other.is_subset(one));
+        }
+    }
+}
+
 #[test]
 fn the_cancelled_are_a_set_of_priorities() {
     let beaten = || {

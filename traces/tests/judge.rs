@@ -176,6 +176,19 @@ fn judged_are_the_opened_ones_with_a_result_failure_emit_or_miss() {
     assert_eq!(verdict.judged, 3);
 }
 
+/// What a judge remembers is bounded, whatever the trace's length.
+#[test]
+fn a_story_looks_so_many_lines_back_and_no_further() {
+    for (between, lines) in [(16 * 1024 - 2, 2), (16 * 1024 - 1, 1)] {
+        let mut events = vec!["open 0 1"];
+        events.extend(std::iter::repeat_n("tick 0", between));
+        events.push("fail 1 1 9");
+        let verdict = verdict(&events);
+        assert_eq!(verdict.violations.len(), 1);
+        assert_eq!(verdict.violations[0].story.len(), lines, "{between} lines between");
+    }
+}
+
 #[test]
 fn violations_beyond_a_hundred_are_counted() {
     let events: Vec<String> =
