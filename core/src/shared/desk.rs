@@ -71,6 +71,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
     }
 
     /// F5: time went by. Answers none if no timer of this message was due, as when it is open no more.
+    #[must_use = "a firing may forward a result"]
     pub fn expire(&self, now: Instant, ticket: Ticket) -> Option<Firing<CLOUDS>> {
         let fired = self.exchange(ticket, |_, mut entry| {
             let fired = self.fire(now, ticket, &mut entry);

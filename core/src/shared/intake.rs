@@ -119,8 +119,9 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Intake<'a, CLOUDS, WINDOW> {
         let places = self.desk.places.iter().take(self.desk.window).enumerate();
         let from = self.owner.last.wrapping_add(1);
         let free = |(index, place): (usize, &'a Place<CLOUDS>)| {
-            // Acquire: what was done before the place was retired, and the reads of its due instants.
-            let word = Word::from_bits(place.word.load(Ordering::Acquire));
+            // An exchange that changes nothing: a load might not hear of a retirement that is long past.
+            // Acquire: what was done before it, the reads of the due instants that are now written anew among it.
+            let word = Word::from_bits(place.word.fetch_or(0, Ordering::Acquire));
             (!word.is_open()).then_some((index, place, word))
         };
         places.clone().skip(from).chain(places.take(from)).find_map(free)

@@ -102,9 +102,11 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Member<'a, CLOUDS, WINDOW> {
         Self { history, desk, intake: None, tickets }
     }
 
-    /// Makes these calls, one after the other. A call on what this thread has no ticket for is left out.
-    pub fn make(&mut self, calls: &[Timed]) {
+    /// Makes these calls, one after the other, each after a `pause`. A call on what this thread has no ticket for is
+    /// left out.
+    pub fn make(&mut self, calls: &[Timed], mut pause: impl FnMut()) {
         for input in calls {
+            pause();
             let began = self.history.now();
             let Some(answer) = self.call(*input) else { continue };
             let ended = self.history.now();

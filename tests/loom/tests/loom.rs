@@ -6,11 +6,14 @@ use std::collections::HashSet;
 use std::sync::{Arc, Mutex};
 
 use fuseline_core::shared::Shared;
-use fuseline_core::{Cloud, Commit, Gate, Priority};
+use fuseline_core::{
+    Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
+};
 use fuseline_loom::{
     Answer, History, Member, Sequential, Timed, fail, limited, next_due, offer, open, result, tick,
 };
 use loom::model::Builder;
+use loom::sync::atomic::{AtomicU64, Ordering};
 use loom::thread;
 
 /// What threads do: first the owner alone, then all at once, the owner first among them, then the owner alone.
@@ -40,19 +43,20 @@ impl Race {
             (Box::leak(Box::new(shared)), &*Box::leak(Box::<History>::default()));
         let (intake, desk) = shared.split();
         let mut owner = Member::owner(history, desk, intake);
-        owner.make(self.before);
+        owner.make(self.before, || {});
+        let turn = Turn::default();
         let others: Vec<_> = self.threads[1..]
             .iter()
             .map(|calls| {
-                let mut member = owner.other();
-                thread::spawn(move || member.make(calls))
+                let (mut member, turn) = (owner.other(), turn.clone());
+                thread::spawn(move || member.make(calls, || turn.take()))
             })
             .collect();
-        owner.make(self.threads[0]);
+        owner.make(self.threads[0], || turn.take());
         for other in others {
             other.join().unwrap();
         }
-        owner.make(self.after);
+        owner.make(self.after, || {});
         let gates = vec![Gate::new(1, 0).unwrap(); CLOUDS];
         let explained = history.is_explained_by(&Sequential::new(commit, WINDOW, gates));
         assert!(explained, "no order of the pure step explains {:#?}", history.calls());
@@ -62,20 +66,233 @@ impl Race {
     }
 }
 
+/// What threads take before each call, so that loom looks at every order of the calls.
+///
+/// It does not by itself: of an atomic it knows the last access alone, so it overlooks that a load by one thread and an
+/// exchange by another could come the other way round if the other one loads before it exchanges. Being relaxed, it
+/// orders nothing else.
+#[derive(Clone, Default)]
+struct Turn(Arc<AtomicU64>);
+
+impl Turn {
+    fn take(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
 fn explore(run: impl Fn() + Sync + Send + 'static) {
     let mut builder = Builder::new();
     builder.preemption_bound = Some(3);
     builder.check(run);
 }
 
+/// P1: whoever comes second is superseded, or it was held and the other one forwards.
 #[test]
-fn two_clouds_race() {
+fn p1_two_clouds_race() {
     static RACE: Race = Race {
         before: &[open(0, 0), offer(0, 0, 1, 10), offer(0, 0, 2, 20)],
         threads: &[&[result(5, 0, 1)], &[result(5, 0, 2)]],
         after: &[tick(20, 0)],
     };
+    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 2);
+    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 2);
+}
+
+/// P2, A1: in time by the clock of its caller, or late by that of the timer's.
+#[test]
+fn p2_a_result_races_its_own_timer() {
+    static RACE: Race = Race {
+        before: &[open(0, 0), offer(0, 0, 1, 10), offer(0, 0, 2, 20), result(1, 0, 0)],
+        threads: &[&[tick(10, 0), next_due(0)], &[result(9, 0, 1)]],
+        after: &[tick(20, 0)],
+    };
+    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 2);
+    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 2);
+}
+
+/// P5–P7 for one timestamp: local's result goes, with the timer or with itself.
+#[test]
+fn f6_local_races_the_last_timer() {
+    static RACE: Race = Race {
+        before: &[limited(0, 0, 30), offer(0, 0, 1, 10)],
+        threads: &[&[tick(10, 0)], &[result(9, 0, 0)]],
+        after: &[tick(30, 0)],
+    };
+    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 2);
+    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 2);
+}
+
+/// P1, F3 duplicate and superseded.
+#[test]
+fn f3_a_forward_races_a_late_duplicate() {
+    static RACE: Race = Race {
+        before: &[open(0, 0), offer(0, 0, 1, 10), offer(0, 0, 2, 20)],
+        threads: &[&[result(9, 0, 1)], &[result(10, 0, 1)], &[result(9, 0, 2)]],
+        after: &[tick(20, 0)],
+    };
+    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 5);
+    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 5);
+}
+
+/// F4, F5: either closes the request, never both.
+#[test]
+fn f4_a_failure_races_the_timer() {
+    static RACE: Race = Race {
+        before: &[open(0, 0), offer(0, 0, 1, 10), offer(0, 0, 2, 20)],
+        threads: &[&[fail(9, 0, 1)], &[tick(10, 0)], &[result(9, 0, 0)]],
+        after: &[tick(20, 0)],
+    };
+    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 3);
+    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 2);
+}
+
+/// F3 superseded, F5: what comes for a message meets no later one in its place.
+#[test]
+fn f3_a_stale_result_and_a_stale_tick_race_the_reuse_of_their_place() {
+    static RACE: Race = Race {
+        before: &[open(0, 0), offer(0, 0, 1, 10)],
+        threads: &[
+            &[result(5, 0, 1), open(6, 1), offer(6, 1, 1, 60)],
+            &[result(9, 0, 1)],
+            &[tick(10, 0)],
+        ],
+        after: &[result(20, 0, 0), tick(65, 1), result(65, 1, 1)],
+    };
+    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 3);
+    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 3);
+}
+
+/// P11: even an input that changes nothing is answered from what its own message had.
+#[test]
+fn p11_a_drop_races_the_reuse_of_its_place() {
+    static RACE: Race = Race {
+        before: &[open(0, 0), offer(0, 0, 1, 10)],
+        threads: &[
+            &[result(5, 0, 1), open(6, 1), offer(6, 1, 1, 60)],
+            &[result(10, 0, 2)],
+            &[next_due(0)],
+        ],
+        after: &[tick(65, 1), result(65, 1, 1)],
+    };
+    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 4);
+    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 4);
+}
+
+/// F2, P8: the request's timer is live from the instant at which it counts, with its own due instant.
+#[test]
+fn p8_an_offer_races_a_tick() {
+    static RACE: Race = Race {
+        before: &[open(0, 0)],
+        threads: &[&[offer(0, 0, 1, 10)], &[tick(9, 0), tick(10, 0)], &[result(9, 0, 0)]],
+        after: &[tick(10, 0)],
+    };
+    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 4);
+    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 4);
+}
+
+/// F2: what comes meanwhile outranks the offer, closes it or is held for it.
+#[test]
+fn f2_offers_race_results_and_a_failure() {
+    static RACE: Race = Race {
+        before: &[limited(0, 0, 30), offer(0, 0, 3, 20)],
+        threads: &[
+            &[offer(1, 0, 1, 10), offer(1, 0, 1, 10), offer(2, 0, 4, 10)],
+            &[result(5, 0, 3)],
+            &[fail(5, 0, 0)],
+        ],
+        after: &[tick(30, 0)],
+    };
+    assert_eq!(RACE.ends::<4, 1>(Commit::Eager), 7);
+    assert_eq!(RACE.ends::<4, 1>(Commit::Patient), 7);
+}
+
+/// F1: an open is refused only if no place was free when it began.
+#[test]
+fn f1_opens_race_what_frees_their_places() {
+    static RACE: Race = Race {
+        before: &[open(0, 0), limited(0, 1, 10)],
+        threads: &[
+            &[open(9, 2), open(9, 3), open(9, 2), offer(9, 2, 1, 10)],
+            &[result(9, 0, 0)],
+            &[tick(10, 1)],
+        ],
+        after: &[tick(10, 0), tick(10, 1), tick(20, 2)],
+    };
+    assert_eq!(RACE.ends::<1, 2>(Commit::Eager), 5);
+    assert_eq!(RACE.ends::<1, 2>(Commit::Patient), 5);
+}
+
+/// F8: a caller whose timestamp changes as often as it can still gets its answer.
+#[test]
+fn f8_a_tick_meets_every_change_of_its_timestamp() {
+    static RACE: Race = Race {
+        before: &[open(0, 0)],
+        threads: &[&[offer(0, 0, 1, 10)], &[tick(1, 0)], &[result(2, 0, 0)], &[result(3, 0, 1)]],
+        after: &[tick(10, 0)],
+    };
+    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 5);
+    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 5);
+}
+
+/// P1: what was kept beside the machine before a result was held is there for whoever forwards it.
+#[test]
+fn p1_a_forwarder_sees_what_was_done_before_the_result_was_held() {
     for commit in [Commit::Eager, Commit::Patient] {
-        assert_eq!(RACE.ends::<2, 1>(commit), 2);
+        explore(move || {
+            let shared = Box::leak(Box::new(Shared::<1, 1>::new(1, commit, &CLOUD).unwrap()));
+            let value = Arc::new(AtomicU64::new(0));
+            let (mut intake, desk) = shared.split();
+            let ticket = intake.open(at(0), Timestamp::new(0), None).unwrap();
+            let (_, admission) = intake.offer(at(0), ticket, P1, Deadline::from_nanos(10), 0);
+            assert_eq!(admission, Admission::Admitted { due: at(10) });
+            let (theirs, turn) = (Arc::clone(&value), Turn::default());
+            let their_turn = turn.clone();
+            let other = thread::spawn(move || {
+                their_turn.take();
+                theirs.store(7, Ordering::Relaxed);
+                desk.result(at(9), ticket, Priority::LOCAL)
+            });
+            turn.take();
+            if let Some(fired) = desk.expire(at(10), ticket) {
+                match fired.outcome {
+                    Outcome::Forwarded { .. } => assert_eq!(value.load(Ordering::Relaxed), 7),
+                    Outcome::Waiting => {}
+                    Outcome::Dropped(_) | Outcome::Held | Outcome::Missed => unreachable!(),
+                }
+            }
+            other.join().unwrap();
+        });
     }
+}
+
+/// F1: what was done before a message was retired is done before its place is used again.
+#[test]
+fn f1_an_open_sees_what_was_done_before_its_place_was_retired() {
+    for commit in [Commit::Eager, Commit::Patient] {
+        explore(move || {
+            let shared = Box::leak(Box::new(Shared::<1, 1>::new(1, commit, &CLOUD).unwrap()));
+            let value = Arc::new(AtomicU64::new(0));
+            let (mut intake, desk) = shared.split();
+            let ticket = intake.open(at(0), Timestamp::new(0), None).unwrap();
+            let (theirs, turn) = (Arc::clone(&value), Turn::default());
+            let their_turn = turn.clone();
+            let other = thread::spawn(move || {
+                their_turn.take();
+                theirs.store(7, Ordering::Relaxed);
+                desk.result(at(9), ticket, Priority::LOCAL)
+            });
+            turn.take();
+            if intake.open(at(9), Timestamp::new(1), None).is_ok() {
+                assert_eq!(value.load(Ordering::Relaxed), 7);
+            }
+            other.join().unwrap();
+        });
+    }
+}
+
+const P1: Priority = Priority::new(1);
+const CLOUD: [Cloud; 1] = [Cloud::new(P1, 1)];
+
+fn at(nanos: u64) -> Instant {
+    Instant::from_nanos(nanos)
 }
