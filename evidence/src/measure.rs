@@ -87,6 +87,7 @@ pub const MEASURES: &[Measure] = &[
             TESTS,
             "traces/tests/corpus.rs",
             "traces/tests/judge.rs",
+            "traces/tests/reference.rs",
             "tests/tests/seeds.rs",
             "tests/tests/differential.rs",
             "fuzz/seeds",
