@@ -8,7 +8,9 @@ use regex::Regex;
 
 use crate::citation::{named, words};
 use crate::error::Error;
-use crate::sources::{ARBITER, CORE, CORPUS, NO_LIST, NO_SHARED, TESTS, TRACES};
+use crate::sources::{
+    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, TESTS, TRACES,
+};
 use crate::tree::Tree;
 
 /// What a run printed, by witness: whether it held.
@@ -61,6 +63,8 @@ pub const KINDS: &[Kind] = &[
             NO_SHARED,
             ARBITER,
             TRACES,
+            NO_LIST_OF_TRACES,
+            NO_OBSERVED,
             CORPUS,
             TESTS,
             "tests/tests/rules.rs",
@@ -76,7 +80,17 @@ pub const KINDS: &[Kind] = &[
         title: "traces of the corpus",
         applies: |id| id.starts_with('F'),
         cargo: &["run", "-p", "fuseline-tests", "--example", "corpus"],
-        sources: &[CORE, NO_LIST, NO_SHARED, ARBITER, TRACES, CORPUS, "tests/examples/corpus.rs"],
+        sources: &[
+            CORE,
+            NO_LIST,
+            NO_SHARED,
+            ARBITER,
+            TRACES,
+            NO_LIST_OF_TRACES,
+            NO_OBSERVED,
+            CORPUS,
+            "tests/examples/corpus.rs",
+        ],
         read: read_tests,
         cites: cited_by_trace,
     },
@@ -97,7 +111,7 @@ pub const KINDS: &[Kind] = &[
             "1",
             "--json",
         ],
-        sources: &[CORE, NO_LIST, NO_SHARED, TRACES, "models/src"],
+        sources: &[CORE, NO_LIST, NO_SHARED, TRACES, NO_LIST_OF_TRACES, NO_OBSERVED, "models/src"],
         read: read_models,
         cites: |_, witness| Ok(words(witness)),
     },
@@ -112,6 +126,8 @@ pub const KINDS: &[Kind] = &[
             NO_SHARED,
             ARBITER,
             TRACES,
+            NO_LIST_OF_TRACES,
+            NO_OBSERVED,
             CORPUS,
             TESTS,
             "tests/tests/seeds.rs",

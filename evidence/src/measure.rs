@@ -7,7 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::gap::Gap;
-use crate::sources::{ARBITER, CORE, CORPUS, NO_LIST, NO_SHARED, TESTS, TRACES};
+use crate::sources::{
+    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, TESTS, TRACES,
+};
 use crate::tree::Tree;
 use crate::{coverage, mutants};
 
@@ -83,6 +85,8 @@ pub const MEASURES: &[Measure] = &[
         title: "mutants of the judge and of its reference machine",
         sources: &[
             TRACES,
+            NO_LIST_OF_TRACES,
+            NO_OBSERVED,
             CORPUS,
             TESTS,
             "traces/tests/corpus.rs",

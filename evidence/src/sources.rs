@@ -1,12 +1,15 @@
 //! The files that results depend on. A name after a `!` is left out, with all that begins as it does.
 
 pub(crate) const CORE: &str = "core/src";
-/// It lists the modules and has no logic.
+/// They list the modules and have no logic.
 pub(crate) const NO_LIST: &str = "!core/src/lib.rs";
+pub(crate) const NO_LIST_OF_TRACES: &str = "!traces/src/lib.rs";
 /// The machine for many threads, which the other one does not know.
 pub(crate) const NO_SHARED: &str = "!core/src/shared";
 /// What turns a trace's inputs into the machine's and its answers into decisions.
 pub(crate) const ARBITER: &str = "adapters/operator/src/arbiter.rs";
+/// The judge of what concurrent machines record, which the strict one does not know.
+pub(crate) const NO_OBSERVED: &str = "!traces/src/observed";
 /// The format, the reference machine, the judge.
 pub(crate) const TRACES: &str = "traces/src";
 pub(crate) const CORPUS: &str = "traces/corpus";
