@@ -25,7 +25,7 @@ use super::word::Word;
 /// Whoever is told `Forwarded`, by a firing or an outcome, forwards; nobody else is.
 ///
 /// - inputs: [`result`](Self::result), [`fail`](Self::fail), [`expire`](Self::expire)
-/// - question: [`next_due`](Self::next_due)
+/// - questions: [`next_due`](Self::next_due), [`source`](Self::source), [`priority`](Self::priority)
 pub struct Desk<const CLOUDS: usize, const WINDOW: usize> {
     pub(super) window: usize,
     pub(super) commit: Commit,
@@ -84,6 +84,18 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
     #[must_use]
     pub fn next_due(&self, ticket: Ticket) -> Option<Instant> {
         self.exchange(ticket, |_, entry| (entry.slot, earliest(&entry))).flatten()
+    }
+
+    /// The source that has this priority; 0 is local.
+    #[must_use]
+    pub fn source(&self, priority: Priority) -> Option<Source> {
+        self.clouds.source(priority)
+    }
+
+    /// The priority of a source; local's for one that is not registered.
+    #[must_use]
+    pub fn priority(&self, source: Source) -> Priority {
+        self.clouds.priority(source)
     }
 
     fn close(

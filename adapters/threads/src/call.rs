@@ -1,0 +1,128 @@
+//! What threads have in their hands: the calls on a message, and its timers.
+
+use std::fmt;
+use std::sync::Arc;
+
+use fuseline_core::shared::{Desk, Ticket};
+use fuseline_core::{Firing, Instant, Outcome, Source, Timestamp};
+
+use crate::cells::Cells;
+
+/// An open message, for its timers; any number of threads may have it.
+pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
+    pub(crate) desk: &'a Desk<CLOUDS, WINDOW>,
+    pub(crate) ticket: Ticket,
+    pub(crate) cells: Arc<Cells<T, CLOUDS>>,
+}
+
+/// One source asked for one message: it gives one result or one failure.
+///
+/// Dropped, it gives neither: a cloud's timer closes its request then, and local's limit, if it has one.
+#[must_use = "the message waits for it"]
+pub struct Call<'a, T, const CLOUDS: usize, const WINDOW: usize> {
+    pub(crate) message: Message<'a, T, CLOUDS, WINDOW>,
+    pub(crate) source: Source,
+}
+
+/// What a result or a failure led to.
+#[derive(Clone, PartialEq, Eq, Debug)]
+#[must_use = "a forwarded value must be sent"]
+pub struct Reply<T, const CLOUDS: usize> {
+    /// The timers of the message that were due before.
+    pub fired: Option<Firing<CLOUDS>>,
+    /// What became of the result or the failure.
+    pub outcome: Outcome<CLOUDS>,
+    /// The value to be sent downstream, if the timers or the outcome say forwarded.
+    pub forwarded: Option<T>,
+    /// The call's own value, if its result was dropped.
+    pub unused: Option<T>,
+}
+
+impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW> {
+    /// Its timestamp.
+    #[must_use]
+    pub const fn timestamp(&self) -> Timestamp {
+        self.ticket.timestamp()
+    }
+
+    /// The earliest due instant of its timers, as [`Desk::next_due`] answers it.
+    #[must_use]
+    pub fn next_due(&self) -> Option<Instant> {
+        self.desk.next_due(self.ticket)
+    }
+
+    /// F5: time went by. Answers the timers that were due, if any, and the value to be sent downstream if they say
+    /// forwarded.
+    #[must_use = "a forwarded value must be sent"]
+    pub fn expire(&self, now: Instant) -> Option<(Firing<CLOUDS>, Option<T>)> {
+        let firing = self.desk.expire(now, self.ticket)?;
+        Some((firing, self.forwarded(&firing.outcome)))
+    }
+
+    /// The winner's value, for whoever was told to forward it.
+    pub(crate) fn forwarded(&self, outcome: &Outcome<CLOUDS>) -> Option<T> {
+        match outcome {
+            Outcome::Forwarded { by, .. } => self.cells.take(self.desk.source(*by)?),
+            Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting | Outcome::Missed => None,
+        }
+    }
+}
+
+impl<T, const CLOUDS: usize, const WINDOW: usize> Call<'_, T, CLOUDS, WINDOW> {
+    /// The message's timestamp.
+    #[must_use]
+    pub const fn timestamp(&self) -> Timestamp {
+        self.message.timestamp()
+    }
+
+    /// F3: the result came.
+    pub fn result(self, now: Instant, value: T) -> Reply<T, CLOUDS> {
+        let Self { message, source } = self;
+        let Message { desk, ticket, cells } = &message;
+        // Before the machine knows of it: once it is held, any thread may forward it.
+        cells.put(source, value);
+        let (fired, outcome) = desk.result(now, *ticket, desk.priority(source));
+        let unused = matches!(outcome, Outcome::Dropped(_)).then(|| cells.take(source)).flatten();
+        message.reply(fired, outcome, unused)
+    }
+
+    /// F4: no result will come.
+    pub fn fail(self, now: Instant) -> Reply<T, CLOUDS> {
+        let Self { message, source } = self;
+        let (fired, outcome) =
+            message.desk.fail(now, message.ticket, message.desk.priority(source));
+        message.reply(fired, outcome, None)
+    }
+}
+
+impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW> {
+    fn reply(
+        &self,
+        fired: Option<Firing<CLOUDS>>,
+        outcome: Outcome<CLOUDS>,
+        unused: Option<T>,
+    ) -> Reply<T, CLOUDS> {
+        // A message is forwarded once, so at most one of them says so.
+        let by_timers = fired.and_then(|firing| self.forwarded(&firing.outcome));
+        let forwarded = by_timers.or_else(|| self.forwarded(&outcome));
+        Reply { fired, outcome, forwarded, unused }
+    }
+}
+
+impl<T, const CLOUDS: usize, const WINDOW: usize> Clone for Message<'_, T, CLOUDS, WINDOW> {
+    fn clone(&self) -> Self {
+        Self { desk: self.desk, ticket: self.ticket, cells: Arc::clone(&self.cells) }
+    }
+}
+
+impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for Message<'_, T, CLOUDS, WINDOW> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Message").field(&self.ticket).finish()
+    }
+}
+
+impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for Call<'_, T, CLOUDS, WINDOW> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Call").field(&self.message.ticket).field(&self.source).finish()
+    }
+}

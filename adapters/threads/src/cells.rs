@@ -1,0 +1,56 @@
+//! Where the values of one message wait.
+
+use std::sync::PoisonError;
+#[cfg(not(loom))]
+use std::sync::{Mutex, MutexGuard};
+
+#[cfg(loom)]
+use loom::sync::{Mutex, MutexGuard};
+
+use fuseline_core::Source;
+
+/// One cell for each source.
+#[derive(Debug)]
+pub(crate) struct Cells<T, const CLOUDS: usize> {
+    local: Mutex<Option<T>>,
+    clouds: [Mutex<Option<T>>; CLOUDS],
+}
+
+impl<T, const CLOUDS: usize> Cells<T, CLOUDS> {
+    pub(crate) fn new() -> Self {
+        let clouds = std::array::from_fn(|_| Mutex::new(None));
+        Self { local: Mutex::new(None), clouds }
+    }
+
+    pub(crate) fn put(&self, source: Source, value: T) {
+        if let Some(cell) = self.cell(source) {
+            *alone(cell) = Some(value);
+        }
+    }
+
+    pub(crate) fn take(&self, source: Source) -> Option<T> {
+        alone(self.cell(source)?).take()
+    }
+
+    /// Drops what was discarded.
+    pub(crate) fn clear(&mut self) {
+        for cell in std::iter::once(&mut self.local).chain(&mut self.clouds) {
+            *cell.get_mut().unwrap_or_else(PoisonError::into_inner) = None;
+        }
+    }
+
+    fn cell(&self, source: Source) -> Option<&Mutex<Option<T>>> {
+        match usize::from(source.index()).checked_sub(1) {
+            None => Some(&self.local),
+            Some(cloud) => self.clouds.get(cloud),
+        }
+    }
+}
+
+/// Locks a cell that nobody else wants now.
+fn alone<T>(cell: &Mutex<T>) -> MutexGuard<'_, T> {
+    cell.try_lock().unwrap_or_else(|_| {
+        debug_assert!(false, "two threads want one cell");
+        cell.lock().unwrap_or_else(PoisonError::into_inner)
+    })
+}

@@ -1,0 +1,95 @@
+//! All interleavings of few threads that bring values along, with at most three preemptions: whoever is told to forward
+//! gets the winner's value, and no value is lost. Run with `RUSTFLAGS="--cfg loom"`.
+#![cfg(loom)]
+
+use fuseline_core::shared::Shared;
+use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
+use fuseline_threads::{Intake, Reply};
+use loom::model::Builder;
+use loom::thread;
+
+const CLOUD: Priority = Priority::new(1);
+
+fn explore(run: impl Fn(Commit) + Sync + Send + Copy + 'static) {
+    for commit in [Commit::Eager, Commit::Patient] {
+        let mut builder = Builder::new();
+        builder.preemption_bound = Some(3);
+        builder.check(move || run(commit));
+    }
+}
+
+fn intake(commit: Commit) -> Intake<'static, &'static str, 1, 1> {
+    let shared = Shared::new(1, commit, &[Cloud::new(CLOUD, 1)]).unwrap();
+    Intake::new(Box::leak(Box::new(shared)))
+}
+
+const fn at(nanos: u64) -> Instant {
+    Instant::from_nanos(nanos)
+}
+
+fn is_forwarded<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>) -> bool {
+    matches!(outcome, Outcome::Forwarded { .. })
+}
+
+/// Who forwards has a value, and who was dropped has its own back.
+fn is_complete(reply: &Reply<&'static str, 1>) -> bool {
+    let fired = reply.fired.is_some_and(|firing| is_forwarded(&firing.outcome));
+    let is_dropped = matches!(reply.outcome, Outcome::Dropped(_));
+    (fired || is_forwarded(&reply.outcome)) == reply.forwarded.is_some()
+        && is_dropped == reply.unused.is_some()
+}
+
+/// P1, F7: local's value is forwarded by the timer, or with its own call.
+#[test]
+fn p1_the_timer_forwards_the_value_that_was_held() {
+    explore(|commit| {
+        let mut intake = intake(commit);
+        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
+        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
+        let other = thread::spawn(move || local.result(at(9), "local"));
+        let expired = message.expire(at(10));
+        let reply = other.join().unwrap();
+        assert!(is_complete(&reply));
+        let by_timer = expired.and_then(|(_, value)| value);
+        assert_eq!(by_timer.xor(reply.forwarded), Some("local"));
+        let late = call.unwrap().0.result(at(10), "cloud");
+        assert!(is_complete(&late) && late.unused == Some("cloud"));
+    });
+}
+
+/// P3: the cloud's value goes if it is there, and each other one comes back or stays in its cell.
+#[test]
+fn p3_local_and_a_cloud_race_with_their_values() {
+    explore(|commit| {
+        let mut intake = intake(commit);
+        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
+        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
+        let (call, _) = call.unwrap();
+        let other = thread::spawn(move || local.result(at(9), "local"));
+        let cloud = call.result(at(9), "cloud");
+        let local = other.join().unwrap();
+        assert!(is_complete(&cloud) && is_complete(&local));
+        assert_eq!((cloud.forwarded, local.forwarded), (Some("cloud"), None));
+        assert!(local.unused == Some("local") || local.outcome == Outcome::Held);
+    });
+}
+
+/// F3 superseded: a value that comes for a retired message meets none of its place's next one.
+#[test]
+fn f3_a_stale_value_races_the_reuse_of_its_place() {
+    explore(|commit| {
+        let mut intake = intake(commit);
+        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
+        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
+        let stale = thread::spawn(move || local.result(at(9), "stale"));
+        let first = call.unwrap().0.result(at(5), "cloud");
+        assert_eq!(first.forwarded, Some("cloud"));
+        drop(message);
+        let (_, local) = intake.open(at(6), Timestamp::new(1), None).unwrap();
+        let second = local.result(at(7), "local");
+        assert_eq!(second.forwarded, Some("local"));
+        let stale = stale.join().unwrap();
+        assert!(is_complete(&first) && is_complete(&second) && is_complete(&stale));
+        assert_eq!(stale.forwarded, None);
+    });
+}
