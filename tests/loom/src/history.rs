@@ -40,6 +40,12 @@ pub struct Member<'a, const CLOUDS: usize, const WINDOW: usize> {
 }
 
 impl History {
+    /// One of these calls.
+    #[must_use]
+    pub const fn of(calls: Vec<Call>) -> Self {
+        Self { clock: AtomicU64::new(0), calls: Mutex::new(calls) }
+    }
+
     /// The calls in the order in which they began.
     #[must_use]
     pub fn calls(&self) -> Vec<Call> {

@@ -150,6 +150,12 @@ pub const fn offer(now: u64, t: u64, p: u8, deadline: u64) -> Timed {
     (now, Input::Offer { t, p, deadline, backlog: 0 })
 }
 
+/// An offer with a queue.
+#[must_use]
+pub const fn queued(now: u64, t: u64, p: u8, deadline: u64, backlog: u64) -> Timed {
+    (now, Input::Offer { t, p, deadline, backlog })
+}
+
 /// A result.
 #[must_use]
 pub const fn result(now: u64, t: u64, p: u8) -> Timed {

@@ -4,7 +4,13 @@
 mod history;
 mod input;
 mod sequential;
+#[cfg(loom)]
+mod turn;
 
 pub use history::{Call, History, Member};
-pub use input::{Answer, Fired, Input, Timed, fail, limited, next_due, offer, open, result, tick};
+pub use input::{
+    Answer, Fired, Input, Timed, fail, limited, next_due, offer, open, queued, result, tick,
+};
 pub use sequential::Sequential;
+#[cfg(loom)]
+pub use turn::Turn;

@@ -3,6 +3,7 @@
 #![cfg(loom)]
 
 use std::collections::HashSet;
+use std::sync::atomic::AtomicBool as Flag;
 use std::sync::{Arc, Mutex};
 
 use fuseline_core::shared::Shared;
@@ -10,7 +11,8 @@ use fuseline_core::{
     Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
 };
 use fuseline_loom::{
-    Answer, History, Member, Sequential, Timed, fail, limited, next_due, offer, open, result, tick,
+    Answer, History, Member, Sequential, Timed, Turn, fail, limited, next_due, offer, open, queued,
+    result, tick,
 };
 use loom::model::Builder;
 use loom::sync::atomic::{AtomicU64, Ordering};
@@ -35,8 +37,8 @@ impl Race {
     }
 
     fn run<const CLOUDS: usize, const WINDOW: usize>(&self, commit: Commit) -> Vec<Answer> {
-        let clouds: [u16; CLOUDS] = std::array::from_fn(|i| i as u16 + 1);
-        let clouds = clouds.map(|p| Cloud::new(Priority::new(p), 1));
+        let numbers: [u16; CLOUDS] = std::array::from_fn(|i| u16::try_from(i).unwrap() + 1);
+        let clouds = numbers.map(|p| Cloud { priority: Priority::new(p), limit: 2, resume: 0 });
         let shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, commit, &clouds).unwrap();
         // Loom's threads cannot borrow.
         let (shared, history) =
@@ -57,26 +59,12 @@ impl Race {
             other.join().unwrap();
         }
         owner.make(self.after, || {});
-        let gates = vec![Gate::new(1, 0).unwrap(); CLOUDS];
+        let gates = vec![Gate::new(2, 0).unwrap(); CLOUDS];
         let explained = history.is_explained_by(&Sequential::new(commit, WINDOW, gates));
         assert!(explained, "no order of the pure step explains {:#?}", history.calls());
         let mut calls = history.calls();
         calls.sort_by_key(|call| format!("{:?}", call.input));
         calls.iter().map(|call| call.answer).collect()
-    }
-}
-
-/// What threads take before each call, so that loom looks at every order of the calls.
-///
-/// It does not by itself: of an atomic it knows the last access alone, so it overlooks that a load by one thread and an
-/// exchange by another could come the other way round if the other one loads before it exchanges. Being relaxed, it
-/// orders nothing else.
-#[derive(Clone, Default)]
-struct Turn(Arc<AtomicU64>);
-
-impl Turn {
-    fn take(&self) {
-        self.0.fetch_add(1, Ordering::Relaxed);
     }
 }
 
@@ -183,11 +171,15 @@ fn p11_a_drop_races_the_reuse_of_its_place() {
 fn p8_an_offer_races_a_tick() {
     static RACE: Race = Race {
         before: &[open(0, 0)],
-        threads: &[&[offer(0, 0, 1, 10)], &[tick(9, 0), tick(10, 0)], &[result(9, 0, 0)]],
+        threads: &[
+            &[offer(0, 0, 1, 10), offer(0, 0, 1, 5)],
+            &[tick(9, 0), tick(10, 0)],
+            &[result(9, 0, 0)],
+        ],
         after: &[tick(10, 0)],
     };
-    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 4);
-    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 4);
+    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 6);
+    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 6);
 }
 
 /// F2: what comes meanwhile outranks the offer, closes it or is held for it.
@@ -204,6 +196,18 @@ fn f2_offers_race_results_and_a_failure() {
     };
     assert_eq!(RACE.ends::<4, 1>(Commit::Eager), 7);
     assert_eq!(RACE.ends::<4, 1>(Commit::Patient), 7);
+}
+
+/// F2g: an offer that comes to find its message retired has not asked the gate.
+#[test]
+fn f2g_an_offer_races_what_retires_its_message() {
+    static RACE: Race = Race {
+        before: &[open(0, 0), open(0, 1)],
+        threads: &[&[queued(0, 0, 1, 10, 2), queued(0, 1, 1, 10, 1)], &[result(0, 0, 0)]],
+        after: &[],
+    };
+    assert_eq!(RACE.ends::<1, 2>(Commit::Eager), 2);
+    assert_eq!(RACE.ends::<1, 2>(Commit::Patient), 2);
 }
 
 /// F1: an open is refused only if no place was free when it began.
@@ -237,6 +241,7 @@ fn f8_a_tick_meets_every_change_of_its_timestamp() {
 /// P1: what was kept beside the machine before a result was held is there for whoever forwards it.
 #[test]
 fn p1_a_forwarder_sees_what_was_done_before_the_result_was_held() {
+    static BY_TIMER: Flag = Flag::new(false);
     for commit in [Commit::Eager, Commit::Patient] {
         explore(move || {
             let shared = Box::leak(Box::new(Shared::<1, 1>::new(1, commit, &CLOUD).unwrap()));
@@ -250,24 +255,26 @@ fn p1_a_forwarder_sees_what_was_done_before_the_result_was_held() {
             let other = thread::spawn(move || {
                 their_turn.take();
                 theirs.store(7, Ordering::Relaxed);
-                desk.result(at(9), ticket, Priority::LOCAL)
+                desk.result(at(9), ticket, Priority::LOCAL).1
             });
             turn.take();
-            if let Some(fired) = desk.expire(at(10), ticket) {
-                match fired.outcome {
-                    Outcome::Forwarded { .. } => assert_eq!(value.load(Ordering::Relaxed), 7),
-                    Outcome::Waiting => {}
-                    Outcome::Dropped(_) | Outcome::Held | Outcome::Missed => unreachable!(),
-                }
+            let fired = desk.expire(at(10), ticket).expect("nobody else ticks");
+            let by_timer = matches!(fired.outcome, Outcome::Forwarded { .. });
+            if by_timer {
+                assert_eq!(value.load(Ordering::Relaxed), 7);
+                BY_TIMER.store(true, Ordering::Relaxed);
             }
-            other.join().unwrap();
+            let outcome = other.join().unwrap();
+            assert_eq!(by_timer, outcome == Outcome::Held);
         });
     }
+    assert!(BY_TIMER.load(Ordering::Relaxed), "the timer never forwarded");
 }
 
 /// F1: what was done before a message was retired is done before its place is used again.
 #[test]
 fn f1_an_open_sees_what_was_done_before_its_place_was_retired() {
+    static REUSED: Flag = Flag::new(false);
     for commit in [Commit::Eager, Commit::Patient] {
         explore(move || {
             let shared = Box::leak(Box::new(Shared::<1, 1>::new(1, commit, &CLOUD).unwrap()));
@@ -279,15 +286,18 @@ fn f1_an_open_sees_what_was_done_before_its_place_was_retired() {
             let other = thread::spawn(move || {
                 their_turn.take();
                 theirs.store(7, Ordering::Relaxed);
-                desk.result(at(9), ticket, Priority::LOCAL)
+                desk.result(at(9), ticket, Priority::LOCAL).1
             });
             turn.take();
             if intake.open(at(9), Timestamp::new(1), None).is_ok() {
                 assert_eq!(value.load(Ordering::Relaxed), 7);
+                REUSED.store(true, Ordering::Relaxed);
             }
-            other.join().unwrap();
+            let outcome = other.join().unwrap();
+            assert!(matches!(outcome, Outcome::Forwarded { .. }));
         });
     }
+    assert!(REUSED.load(Ordering::Relaxed), "the place was never used again");
 }
 
 const P1: Priority = Priority::new(1);

@@ -4,6 +4,7 @@
 
 use fuseline_core::shared::Shared;
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
+use fuseline_loom::Turn;
 use fuseline_threads::{Intake, Reply};
 use loom::model::Builder;
 use loom::thread;
@@ -46,7 +47,13 @@ fn p1_the_timer_forwards_the_value_that_was_held() {
         let mut intake = intake(commit);
         let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
         let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
-        let other = thread::spawn(move || local.result(at(9), "local"));
+        let turn = Turn::default();
+        let their_turn = turn.clone();
+        let other = thread::spawn(move || {
+            their_turn.take();
+            local.result(at(9), "local")
+        });
+        turn.take();
         let expired = message.expire(at(10));
         let reply = other.join().unwrap();
         assert!(is_complete(&reply));
@@ -65,7 +72,13 @@ fn p3_local_and_a_cloud_race_with_their_values() {
         let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
         let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
         let (call, _) = call.unwrap();
-        let other = thread::spawn(move || local.result(at(9), "local"));
+        let turn = Turn::default();
+        let their_turn = turn.clone();
+        let other = thread::spawn(move || {
+            their_turn.take();
+            local.result(at(9), "local")
+        });
+        turn.take();
         let cloud = call.result(at(9), "cloud");
         let local = other.join().unwrap();
         assert!(is_complete(&cloud) && is_complete(&local));
@@ -81,11 +94,19 @@ fn f3_a_stale_value_races_the_reuse_of_its_place() {
         let mut intake = intake(commit);
         let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
         let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
-        let stale = thread::spawn(move || local.result(at(9), "stale"));
+        let turn = Turn::default();
+        let their_turn = turn.clone();
+        let stale = thread::spawn(move || {
+            their_turn.take();
+            local.result(at(9), "stale")
+        });
+        turn.take();
         let first = call.unwrap().0.result(at(5), "cloud");
         assert_eq!(first.forwarded, Some("cloud"));
         drop(message);
+        turn.take();
         let (_, local) = intake.open(at(6), Timestamp::new(1), None).unwrap();
+        turn.take();
         let second = local.result(at(7), "local");
         assert_eq!(second.forwarded, Some("local"));
         let stale = stale.join().unwrap();

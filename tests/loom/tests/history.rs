@@ -1,0 +1,117 @@
+//! Random races on real threads: each recorded history is some order of the pure step.
+#![cfg(not(loom))]
+
+use std::sync::Barrier;
+use std::thread;
+
+use fuseline_core::shared::Shared;
+use fuseline_core::{Cloud, Commit, Gate, Priority};
+use fuseline_loom::{Answer, Call, History, Input, Member, Sequential, Timed, open, result, tick};
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+const CLOUDS: usize = 2;
+const WINDOW: usize = 2;
+const GATE: (u64, u64) = (3, 1);
+
+/// What one thread does, and for how many turns of an empty loop it waits before each call.
+type Part = Vec<(Timed, u8)>;
+
+fn sequential(commit: Commit) -> Sequential {
+    Sequential::new(commit, WINDOW, vec![Gate::new(GATE.0, GATE.1).unwrap(); CLOUDS])
+}
+
+fn make(mut member: Member<CLOUDS, WINDOW>, part: &Part) {
+    let (calls, pauses): (Vec<Timed>, Vec<u8>) = part.iter().copied().unzip();
+    let mut pauses = pauses.into_iter();
+    member.make(&calls, || match pauses.next() {
+        Some(u8::MAX) => thread::yield_now(),
+        turns => (0..turns.unwrap_or_default()).for_each(|_| std::hint::spin_loop()),
+    });
+}
+
+/// The owner's calls alone, then its others beside those of other threads.
+fn race(commit: Commit, before: &[Timed], threads: &[Part]) -> History {
+    let clouds =
+        [1, 2].map(|p| Cloud { priority: Priority::new(p), limit: GATE.0, resume: GATE.1 });
+    let mut shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, commit, &clouds).unwrap();
+    let history = History::default();
+    let (intake, desk) = shared.split();
+    let mut owner = Member::owner(&history, desk, intake);
+    owner.make(before, || {});
+    let start = Barrier::new(threads.len());
+    thread::scope(|scope| {
+        for part in &threads[1..] {
+            let (member, start) = (owner.other(), &start);
+            scope.spawn(move || {
+                start.wait();
+                make(member, part);
+            });
+        }
+        start.wait();
+        make(owner, &threads[0]);
+    });
+    history
+}
+
+fn by_any_thread() -> impl Strategy<Value = Timed> {
+    let input = prop_oneof![
+        4 => (0..3_u64, 0..4_u8).prop_map(|(t, p)| Input::Result { t, p }),
+        2 => (0..3_u64, 0..4_u8).prop_map(|(t, p)| Input::Fail { t, p }),
+        2 => (0..3_u64).prop_map(|t| Input::Tick { t }),
+        1 => (0..3_u64).prop_map(|t| Input::NextDue { t }),
+    ];
+    (0..20_u64, input)
+}
+
+fn by_the_owner() -> impl Strategy<Value = Timed> {
+    let limit = prop::option::of(0..15_u64);
+    let input = prop_oneof![
+        2 => (0..6_u64, limit).prop_map(|(t, limit)| Input::Open { t, limit }),
+        3 => (0..6_u64, 0..4_u8, 0..15_u64, 0..5_u64)
+            .prop_map(|(t, p, deadline, backlog)| Input::Offer { t, p, deadline, backlog }),
+    ];
+    prop_oneof![3 => (0..10_u64, input), 1 => by_any_thread()]
+}
+
+fn part(call: impl Strategy<Value = Timed>) -> impl Strategy<Value = Part> {
+    vec((call, any::<u8>()), 1..7)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 4_000, ..ProptestConfig::default() })]
+
+    /// P1–P4, P8, P11, F0–F7: whatever threads do, some order of the pure step answers it.
+    #[test]
+    fn f8_every_race_is_some_order_of_the_pure_step(
+        is_eager in any::<bool>(),
+        before in vec(by_the_owner(), 0..6),
+        parts in (part(by_the_owner()), vec(part(by_any_thread()), 1..3)),
+    ) {
+        let commit = if is_eager { Commit::Eager } else { Commit::Patient };
+        let before = [&[open(0, 0), open(0, 1)], &*before].concat();
+        let threads = [&[parts.0], &*parts.1].concat();
+        let history = race(commit, &before, &threads);
+        let explained = history.is_explained_by(&sequential(commit));
+        prop_assert!(explained, "no order of the pure step explains {:#?}", history.calls());
+    }
+}
+
+#[test]
+fn a_history_that_no_order_explains_is_found() {
+    let history = History::default();
+    let mut shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, Commit::Eager, &[]).unwrap();
+    let (intake, desk) = shared.split();
+    let mut owner = Member::owner(&history, desk, intake);
+    owner.make(&[open(0, 0), result(1, 0, 0), tick(2, 0)], || {});
+    assert!(history.is_explained_by(&sequential(Commit::Eager)));
+
+    let calls = history.calls();
+    let twice = [&*calls, &[Call { began: 9, ended: 10, ..calls[1] }]].concat();
+    assert!(!History::of(twice).is_explained_by(&sequential(Commit::Eager)), "P1");
+    let early = Call { began: 0, ended: 0, ..calls[1] };
+    let before_its_open = vec![early, Call { began: 1, ..calls[0] }];
+    assert!(!History::of(before_its_open).is_explained_by(&sequential(Commit::Eager)));
+    let other_answer = Call { answer: Answer::Ticked(None), ..calls[0] };
+    assert!(!History::of(vec![other_answer]).is_explained_by(&sequential(Commit::Eager)));
+}
