@@ -3,6 +3,7 @@
 pub mod corpus;
 mod event;
 mod judge;
+pub mod observed;
 mod parse;
 mod read;
 mod record;

@@ -1,0 +1,312 @@
+use std::collections::BTreeSet;
+
+use proptest::collection::{btree_map, vec};
+use proptest::option;
+use proptest::prelude::*;
+
+use super::*;
+
+/// Every explanation there is, one after the other: the definition of `SPEC.md`, word for word.
+struct Search<'a> {
+    story: &'a Story,
+    commit: Commit,
+    slack: Slack,
+    end: u64,
+    /// Until when something can happen.
+    horizon: i64,
+}
+
+/// A fact that has an instant of its own.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+enum Fact {
+    Open,
+    Request(usize),
+    Result(usize),
+    Failure(usize),
+}
+
+/// Where an explanation has come to.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug)]
+struct State {
+    now: i64,
+    left: BTreeSet<Fact>,
+    pending: BTreeSet<u64>,
+    requested: BTreeSet<u64>,
+    cached: BTreeSet<u64>,
+    armed: BTreeSet<(u64, i64)>,
+    is_open: bool,
+    out: Out,
+}
+
+/// What came out, if anything, and at which true instant.
+type Out = Option<(Option<u64>, i64)>;
+
+impl Search<'_> {
+    /// Whether some explanation fits.
+    fn fits(&self) -> bool {
+        self.ends().iter().any(|out| self.fits_what_came_out(*out))
+    }
+
+    /// What may come out and when, over all explanations.
+    fn ends(&self) -> BTreeSet<Out> {
+        let story = self.story;
+        let mut left: BTreeSet<Fact> = story.open.iter().map(|_| Fact::Open).collect();
+        left.extend((0..story.requests.len()).map(Fact::Request));
+        left.extend((0..story.results.len()).map(Fact::Result));
+        left.extend((0..story.failures.len()).map(Fact::Failure));
+        let mut start = State {
+            now: -i64::try_from(self.slack.tolerance).unwrap(),
+            left,
+            pending: BTreeSet::new(),
+            requested: BTreeSet::new(),
+            cached: BTreeSet::new(),
+            armed: BTreeSet::new(),
+            is_open: false,
+            out: None,
+        };
+        if story.open.is_none() {
+            start.open(None);
+        }
+        let (mut seen, mut ends) = (BTreeSet::new(), BTreeSet::new());
+        let mut todo = vec![start];
+        while let Some(state) = todo.pop() {
+            if !seen.insert(state.clone()) {
+                continue;
+            }
+            if state.now > self.horizon && state.left.is_empty() {
+                ends.insert(state.out);
+            }
+            todo.extend(self.next(&state));
+        }
+        ends
+    }
+
+    fn at(&self, fact: Fact) -> i64 {
+        let at = match fact {
+            Fact::Open => self.story.open.unwrap().0,
+            Fact::Request(i) => self.story.requests[i].1,
+            Fact::Result(i) => self.story.results[i].1,
+            Fact::Failure(i) => self.story.failures[i].1,
+        };
+        i64::try_from(at).unwrap()
+    }
+
+    fn slack(&self) -> (i64, i64) {
+        (i64::try_from(self.slack.tolerance).unwrap(), i64::try_from(self.slack.lateness).unwrap())
+    }
+
+    /// Whether a timer that is live cannot be served after `now`.
+    fn must_have_fired(&self, due: i64, now: i64) -> bool {
+        let (tolerance, lateness) = self.slack();
+        let by = due + lateness + tolerance;
+        by <= i64::try_from(self.end).unwrap() && by <= now
+    }
+
+    fn next(&self, state: &State) -> Vec<State> {
+        let (tolerance, lateness) = self.slack();
+        let mut next = Vec::new();
+        for fact in &state.left {
+            let at = self.at(*fact);
+            if at - tolerance <= state.now && state.now <= at + tolerance {
+                let mut after = state.clone();
+                after.left.remove(fact);
+                if self.apply(&mut after, *fact) {
+                    next.push(after);
+                }
+            }
+        }
+        for (p, due) in &state.armed {
+            if due - tolerance <= state.now && state.now <= due + lateness + tolerance {
+                let mut after = state.clone();
+                after.armed.remove(&(*p, *due));
+                after.pending.remove(p);
+                after.settle(self.commit, *p > 0);
+                next.push(after);
+            }
+        }
+        let must_come = state.left.iter().any(|fact| self.at(*fact) + tolerance <= state.now);
+        let must_fire = state.armed.iter().any(|(_, due)| self.must_have_fired(*due, state.now));
+        if !must_come && !must_fire && state.now <= self.horizon {
+            next.push(State { now: state.now + 1, ..state.clone() });
+        }
+        next
+    }
+
+    /// Whether it may come now.
+    fn apply(&self, state: &mut State, fact: Fact) -> bool {
+        if fact != Fact::Open && state.left.contains(&Fact::Open) {
+            return false;
+        }
+        match fact {
+            Fact::Open => {
+                let (at, limit) = self.story.open.unwrap();
+                state.open(limit.map(|limit| i64::try_from(at + limit).unwrap()));
+                true
+            }
+            Fact::Request(i) => {
+                let (p, _, due) = self.story.requests[i];
+                state.requested.insert(p);
+                state.pending.insert(p);
+                let due = i64::try_from(due).unwrap();
+                state.armed.insert((p, due));
+                state.is_open && !self.must_have_fired(due, state.now - 1)
+            }
+            Fact::Result(i) => {
+                let (p, _) = self.story.results[i];
+                if self.is_before_its_request(state, p) {
+                    return false;
+                }
+                state.result(self.commit, p);
+                true
+            }
+            Fact::Failure(i) => {
+                let (p, _) = self.story.failures[i];
+                if self.is_before_its_request(state, p) {
+                    return false;
+                }
+                if state.is_open && state.pending.remove(&p) {
+                    state.armed.retain(|(q, _)| *q != p);
+                    state.settle(self.commit, false);
+                }
+                true
+            }
+        }
+    }
+
+    fn is_before_its_request(&self, state: &State, p: u64) -> bool {
+        let is_of_p =
+            |fact: &Fact| matches!(fact, Fact::Request(i) if self.story.requests[*i].0 == p);
+        state.left.iter().any(is_of_p)
+    }
+
+    fn fits_what_came_out(&self, out: Out) -> bool {
+        let (tolerance, lateness) = self.slack();
+        match (&*self.story.outputs, out) {
+            ([], None) => true,
+            ([], Some((_, y))) => y + lateness + tolerance > i64::try_from(self.end).unwrap(),
+            ([(p, at)], Some((what, y))) => {
+                let at = i64::try_from(*at).unwrap();
+                *p == what && y - tolerance <= at && at <= y + lateness + tolerance
+            }
+            _ => false,
+        }
+    }
+}
+
+impl State {
+    fn open(&mut self, limit: Option<i64>) {
+        self.is_open = true;
+        self.requested.insert(0);
+        self.pending.insert(0);
+        self.armed.extend(limit.map(|due| (0, due)));
+    }
+
+    fn result(&mut self, commit: Commit, p: u64) {
+        if !self.is_open || !self.pending.remove(&p) {
+            return;
+        }
+        if self.pending.iter().any(|q| *q > p) {
+            self.cached.insert(p);
+            if p == 0 || commit == Commit::Patient {
+                self.armed.retain(|(q, _)| *q != p);
+            }
+        } else {
+            self.retire(Some(p));
+        }
+    }
+
+    fn settle(&mut self, commit: Commit, is_timer: bool) {
+        match self.cached.last().copied() {
+            Some(best) => {
+                let outranked = self.pending.iter().any(|q| *q > best);
+                if !outranked || (is_timer && commit == Commit::Eager) {
+                    self.retire(Some(best));
+                }
+            }
+            None if self.pending.is_empty() => self.retire(None),
+            None => {}
+        }
+    }
+
+    fn retire(&mut self, what: Option<u64>) {
+        self.is_open = false;
+        self.pending.clear();
+        self.cached.clear();
+        self.armed.clear();
+        self.out = Some((what, self.now));
+    }
+}
+
+/// Small stories: up to three clouds, instants close enough that all orders occur.
+fn stories() -> impl Strategy<Value = Story> {
+    let at = 0..8_u64;
+    let open = option::weighted(0.8, (0..3_u64, option::of(1..6_u64)));
+    let requests = btree_map(1..4_u64, (0..4_u64, 1..8_u64), 0..4);
+    let came = |most| vec((0..4_u64, at.clone()), 0..most);
+    let outputs = vec((option::weighted(0.8, 0..4_u64), at.clone()), 0..2);
+    (open, requests, came(4), came(3), outputs).prop_map(
+        |(open, requests, results, failures, outputs)| Story {
+            open,
+            requests: requests.into_iter().map(|(p, (at, due))| (p, at, due)).collect(),
+            results,
+            failures,
+            outputs,
+        },
+    )
+}
+
+fn commits() -> impl Strategy<Value = Commit> {
+    any::<bool>().prop_map(|eager| if eager { Commit::Eager } else { Commit::Patient })
+}
+
+fn slacks() -> impl Strategy<Value = Slack> {
+    (0..3_u64, 0..3_u64).prop_map(|(tolerance, lateness)| Slack { tolerance, lateness })
+}
+
+/// The greatest instant of a story's trace, where another timestamp's come `rest` later.
+fn end(story: &Story, rest: u64) -> u64 {
+    let requests = story.requests.iter().map(|(_, at, _)| *at);
+    let came = story.results.iter().chain(&story.failures).map(|(_, at)| *at);
+    let out = story.outputs.iter().map(|(_, at)| *at);
+    let opened = story.open.iter().map(|(at, _)| *at);
+    requests.chain(came).chain(out).chain(opened).max().unwrap_or(0) + rest
+}
+
+const HORIZON: i64 = 20;
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 4096, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn what_may_come_out_and_when_is_what_any_order_of_the_facts_brings_out(
+        story in stories(), slack in slacks(), commit in commits(), rest in 0..12_u64
+    ) {
+        let end = end(&story, rest);
+        let ends = Search { story: &story, commit, slack, end, horizon: HORIZON }.ends();
+        // Before the trace's first instant there is nothing that could tell two instants apart.
+        let ends: BTreeSet<Out> = ends.into_iter().map(|out| out.map(|(p, y)| (p, y.max(0)))).collect();
+        let mut found = BTreeSet::new();
+        if let Some((facts, priorities)) = story.facts(commit, slack, end) {
+            found.extend(facts.stays_open().then_some(None));
+            for y in 0..=HORIZON {
+                let at = Time::try_from(y).unwrap();
+                let when = Span { from: at, to: at };
+                let yields = |output| facts.yields(output, when);
+                found.extend(yields(Output::Miss).then_some(Some((None, y))));
+                for (i, p) in priorities.iter().enumerate() {
+                    found.extend(yields(Output::Emit(i)).then_some(Some((Some(*p), y))));
+                }
+            }
+        }
+        prop_assert_eq!(found, ends);
+    }
+
+    #[test]
+    fn a_story_is_explained_if_any_order_of_its_facts_explains_it(
+        story in stories(), slack in slacks(), commit in commits(), rest in 0..12_u64
+    ) {
+        let end = end(&story, rest);
+        let search = Search { story: &story, commit, slack, end, horizon: HORIZON };
+        prop_assert_eq!(story.is_explained(commit, slack, end), search.fits());
+    }
+}
