@@ -1,7 +1,8 @@
 //! The machine for many threads: no lock, no allocation, a bounded number of steps.
 //!
 //! One owner opens and offers; results, failures and timers come from any thread, each with the [`Ticket`] of its
-//! message. All of them take the same pure step as [`Fusion`](crate::Fusion).
+//! message. All of them take the same pure step as [`Fusion`](crate::Fusion). The project's `SPEC.md` says in its section
+//! on many threads what holds.
 //!
 //! ```
 //! # #[cfg(target_has_atomic = "64")] {
@@ -27,24 +28,25 @@
 //!
 //! # What is guaranteed
 //!
-//! - Each call but a refused open takes effect at one instant between its begin and its end, and answers what the pure
-//!   step answers there: first the timers of its timestamp that are due by the caller's own `now` (F5), then its input
-//!   (F2–F4). The calls on one timestamp have one such order that explains all their answers.
-//! - In that order P1–P4, P8 and P11 hold. P2 is meant by the clock of the caller: a result is forwarded only if the
-//!   `now` given along with it lies before its due instant. Nothing later than a call's own `now` fires in it.
+//! - Each call takes effect at one instant between its begin and its end, and answers what the pure step answers there:
+//!   first the timers of its timestamp that are due by the caller's own `now` (F5), then its input (F1–F4). All calls
+//!   have one such order that explains all their answers.
+//! - In that order P1–P4, P8 and P11 hold. P2 is meant by the clock of the caller who gives the result: it is forwarded
+//!   only if the `now` given along with it lies before its due instant.
 //! - A call does not wait for another one, and looks at its timestamp's state at most `2 · CLOUDS + 2` times. It looks
 //!   again only when that state changed meanwhile. Each cloud is asked once, and each source stops being pending once:
 //!   `2 · CLOUDS + 1` changes at most, the last of which retires the timestamp.
 //!   [`Intake::open`] looks at each place at most once.
-//! - What a thread did before a call that retired a timestamp, or whose result was held, happens before the call that
-//!   forwards it returns, and before an open that uses its place again. So values may be kept beside the machine:
-//!   store one before the call, take it out after being told to forward.
+//! - What a thread did before a call that changed a timestamp happens before the return of each later call that changes
+//!   it, and of a later open that uses its place again. So values may be kept beside the machine: store one before
+//!   the call, take it out after being told to forward. `fuseline-threads` does so.
 //!
 //! # What is not
 //!
 //! - **F0 and F5 over several timestamps.** A call fires no other timestamp's timers, and its `now` binds no other
-//!   call: callers whose clocks differ are ordered by their calls, not by their instants. Tick each timestamp; a timer
-//!   per admitted request does, or [`Desk::next_due`].
+//!   call: callers whose clocks differ are ordered by their calls, not by their instants. An open fires none, so that
+//!   room which only a timer would make is none (A31). Tick each timestamp, at its [`Desk::next_due`] or by a timer for
+//!   each admitted request.
 //! - **P9 and P10.** There is no next due instant over all, and an open looks for a free place, from the one after the
 //!   last. Who comes first is up to the threads.
 //! - P5–P7 hold as far as somebody ticks the timestamp when they say so.
