@@ -18,7 +18,7 @@ use crate::tree::Tree;
 pub struct Campaign<'a> {
     /// The project.
     pub tree: &'a Tree,
-    /// The kinds of witness.
+    /// The kinds of witness; one with a command of its own is passed over.
     pub kinds: &'a [&'static Kind],
     /// The faults.
     pub faults: &'a [Fault],
@@ -52,14 +52,17 @@ impl Campaign<'_> {
         }
         let rustc = compiler()?;
         let mut records = BTreeMap::new();
-        for kind in self.kinds {
+        let kinds: Vec<&'static Kind> =
+            self.kinds.iter().copied().filter(|kind| kind.is_run_here()).collect();
+        for kind in &kinds {
             tell(&format!("{} without a fault", kind.title), 0, 0);
             records.insert(kind.name, self.begin(kind, &lanes[0], &rustc)?);
         }
         let tasks: Vec<Task> = self
             .faults
             .iter()
-            .flat_map(|fault| self.kinds.iter().map(move |kind| (*kind, fault)))
+            .flat_map(|fault| kinds.iter().map(move |kind| (*kind, fault)))
+            .filter(|(kind, fault)| (kind.concerns)(fault))
             .filter(|(kind, fault)| self.again || records[kind.name].caught(fault).is_none())
             .collect();
         let records = Mutex::new(records);
@@ -89,7 +92,7 @@ impl Campaign<'_> {
             })
         })?;
         let records = records.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        Ok(self.summary(&records))
+        Ok(self.summary(&kinds, &records))
     }
 
     /// The record to go on with: the one that is there if it is current, else that of a run without a fault.
@@ -114,9 +117,14 @@ impl Campaign<'_> {
         Ok(Record { sources, rustc: rustc.to_owned(), held, faults: BTreeMap::new() })
     }
 
-    fn summary(&self, records: &BTreeMap<&'static str, Record>) -> Summary {
+    fn summary(
+        &self,
+        kinds: &[&'static Kind],
+        records: &BTreeMap<&'static str, Record>,
+    ) -> Summary {
         let by_kind = |fault: &Fault| {
-            let caught = self.kinds.iter().map(|kind| {
+            let of_it = kinds.iter().filter(|kind| (kind.concerns)(fault));
+            let caught = of_it.map(|kind| {
                 let by = records.get(kind.name).and_then(|record| record.caught(fault));
                 (kind.name, by.cloned().unwrap_or_default())
             });

@@ -8,8 +8,10 @@ use regex::Regex;
 
 use crate::citation::{named, words};
 use crate::error::Error;
+use crate::fault::Fault;
 use crate::sources::{
-    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, TESTS, TRACES,
+    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, SHARED, TESTS,
+    TRACES,
 };
 use crate::tree::Tree;
 
@@ -24,8 +26,9 @@ pub struct Kind {
     pub title: &'static str,
     /// Which identifiers must have a witness of this kind.
     pub(crate) applies: fn(&str) -> bool,
-    /// The arguments for cargo.
-    pub(crate) cargo: &'static [&'static str],
+    /// Which faults its witnesses could see.
+    pub(crate) concerns: fn(&Fault) -> bool,
+    pub(crate) run: Run,
     /// The files that the results depend on.
     pub(crate) sources: &'static [&'static str],
     /// Reads what cargo printed.
@@ -34,29 +37,41 @@ pub struct Kind {
     pub(crate) cites: fn(&Tree, &str) -> Result<BTreeSet<String>, Error>,
 }
 
+/// How the witnesses of a kind run.
+pub(crate) enum Run {
+    /// cargo with these arguments and variables, under every fault.
+    Cargo { arguments: &'static [&'static str], variables: &'static [(&'static str, &'static str)] },
+    /// A command of its own, which keeps its own record and holds it against the sources in each run of it.
+    Prove,
+}
+
 /// All of them.
 pub const KINDS: &[Kind] = &[
     Kind {
         name: "test",
         title: "tests",
         applies: |_| true,
-        cargo: &[
-            "test",
-            "-p",
-            "fuseline-core",
-            "-p",
-            "fuseline-tests",
-            "--lib",
-            "--test",
-            "rules",
-            "--test",
-            "surface",
-            "--test",
-            "differential",
-            "--test",
-            "window",
-            "--no-fail-fast",
-        ],
+        concerns: is_of_machine,
+        run: Run::Cargo {
+            arguments: &[
+                "test",
+                "-p",
+                "fuseline-core",
+                "-p",
+                "fuseline-tests",
+                "--lib",
+                "--test",
+                "rules",
+                "--test",
+                "surface",
+                "--test",
+                "differential",
+                "--test",
+                "window",
+                "--no-fail-fast",
+            ],
+            variables: &[],
+        },
         sources: &[
             CORE,
             NO_LIST,
@@ -79,7 +94,11 @@ pub const KINDS: &[Kind] = &[
         name: "trace",
         title: "traces of the corpus",
         applies: |id| id.starts_with('F'),
-        cargo: &["run", "-p", "fuseline-tests", "--example", "corpus"],
+        concerns: is_of_machine,
+        run: Run::Cargo {
+            arguments: &["run", "-p", "fuseline-tests", "--example", "corpus"],
+            variables: &[],
+        },
         sources: &[
             CORE,
             NO_LIST,
@@ -98,19 +117,23 @@ pub const KINDS: &[Kind] = &[
         name: "model",
         title: "properties of the models",
         applies: |_| true,
-        cargo: &[
-            "run",
-            "--release",
-            "-p",
-            "fuseline-models",
-            "--",
-            "check",
-            "--quick",
-            "--keep-going",
-            "--threads",
-            "1",
-            "--json",
-        ],
+        concerns: is_of_machine,
+        run: Run::Cargo {
+            arguments: &[
+                "run",
+                "--release",
+                "-p",
+                "fuseline-models",
+                "--",
+                "check",
+                "--quick",
+                "--keep-going",
+                "--threads",
+                "1",
+                "--json",
+            ],
+            variables: &[],
+        },
         sources: &[CORE, NO_LIST, NO_SHARED, TRACES, NO_LIST_OF_TRACES, NO_OBSERVED, "models/src"],
         read: read_models,
         cites: |_, witness| Ok(words(witness)),
@@ -119,7 +142,11 @@ pub const KINDS: &[Kind] = &[
         name: "fuzz",
         title: "fuzz targets, on their seeds",
         applies: |id| id.starts_with('F'),
-        cargo: &["test", "-p", "fuseline-tests", "--test", "seeds", "seeds_of_"],
+        concerns: is_of_machine,
+        run: Run::Cargo {
+            arguments: &["test", "-p", "fuseline-tests", "--test", "seeds", "seeds_of_"],
+            variables: &[],
+        },
         sources: &[
             CORE,
             NO_LIST,
@@ -136,7 +163,35 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
+    Kind {
+        name: "proof",
+        title: "proofs",
+        applies: |id| id.starts_with('P'),
+        concerns: is_of_machine,
+        run: Run::Prove,
+        sources: &[CORE, NO_LIST, NO_SHARED, "proofs/src"],
+        read: |_| Outcomes::new(),
+        cites: cited_by_harness,
+    },
+    Kind {
+        name: "loom",
+        title: "races under loom",
+        applies: |_| false,
+        concerns: |fault| !is_of_machine(fault),
+        run: Run::Cargo {
+            arguments: &["test", "-p", "fuseline-loom", "--release", "--no-fail-fast"],
+            variables: &[("RUSTFLAGS", "--cfg loom")],
+        },
+        sources: &[SHARED, "core/src/slot.rs", "adapters/threads/src", "tests/loom"],
+        read: read_tests,
+        cites: cited_by_test,
+    },
 ];
+
+/// Whether a fault is in the machine with one caller.
+fn is_of_machine(fault: &Fault) -> bool {
+    !fault.file.starts_with(SHARED) && !fault.file.starts_with("adapters/threads")
+}
 
 impl Kind {
     /// A digest of what its results depend on.
@@ -145,6 +200,12 @@ impl Kind {
     /// A file cannot be read.
     pub fn digest(&self, tree: &Tree) -> Result<String, Error> {
         tree.digest(self.sources)
+    }
+
+    /// Whether its witnesses run under every fault by a campaign.
+    #[must_use]
+    pub fn is_run_here(&self) -> bool {
+        matches!(self.run, Run::Cargo { .. })
     }
 
     /// The one of this name.
@@ -204,7 +265,11 @@ fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> 
             let whole = format!("core/src/{}.rs", modules.join("/"));
             if tree.path(&own).exists() { own } else { whole }
         }
-        Some((target, _)) => format!("tests/tests/{target}.rs"),
+        Some((target, _)) => {
+            let places = ["tests/tests", "tests/loom/tests"].map(|at| format!("{at}/{target}.rs"));
+            let there = places.into_iter().find(|place| tree.path(place).exists());
+            there.unwrap_or_else(|| format!("tests/tests/{target}.rs"))
+        }
         None => return Ok(BTreeSet::new()),
     };
     let text = tree.text(&file)?;
@@ -227,6 +292,18 @@ fn function(text: &str, name: &str) -> Option<String> {
     let end = format!("{:indent$}}}", "");
     let below = lines.iter().skip(at).position(|line| *line == end)?;
     Some(lines[at - above..=at + below].join("\n"))
+}
+
+/// What a harness' name, its documentation and its body cite.
+fn cited_by_harness(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
+    let mut cited = named(witness);
+    for file in tree.files(&["proofs/src/harness"])? {
+        if let Some(function) = function(&tree.text(&file)?, witness) {
+            cited.extend(words(&function));
+            return Ok(cited);
+        }
+    }
+    Err(Error::content(Path::new("proofs/src/harness"), format!("no harness {witness} here")))
 }
 
 /// What a trace's name and its header cite.

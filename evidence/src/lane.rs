@@ -12,7 +12,7 @@ use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::error::Error;
 use crate::fault::Fault;
-use crate::kind::{Kind, Outcomes};
+use crate::kind::{Kind, Outcomes, Run};
 use crate::tree::Tree;
 
 /// How often a running command is looked at.
@@ -71,9 +71,12 @@ impl Lane<'_> {
         let mut command = Command::new("sh");
         command.args(["-c", BOUNDED, "sh"]);
         command.arg(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        command.args(kind.cargo).current_dir(self.copy.root());
+        let Run::Cargo { arguments, variables } = kind.run else { return Ok(()) };
+        command.args(arguments).current_dir(self.copy.root());
+        // Other flags of the compiler build everything anew.
+        let target = self.target.join(if variables.is_empty() { "plain" } else { kind.name });
         let fixed = [
-            ("CARGO_TARGET_DIR", self.target.as_os_str()),
+            ("CARGO_TARGET_DIR", target.as_os_str()),
             ("CARGO_NET_OFFLINE", "true".as_ref()),
             ("CARGO_TERM_COLOR", "never".as_ref()),
             ("CARGO_PROFILE_DEV_OPT_LEVEL", "1".as_ref()),
@@ -86,6 +89,7 @@ impl Lane<'_> {
         ];
         let mut child = command
             .envs(fixed)
+            .envs(variables.iter().copied())
             .env_remove("PROPTEST_CASES")
             .stdin(Stdio::null())
             .stdout(Stdio::from(out))

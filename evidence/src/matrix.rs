@@ -129,7 +129,8 @@ fn current(
     if record.held.is_empty() {
         wrong.push(format!("{}: none ran", kind.title));
     }
-    let missing = faults.iter().filter(|fault| record.caught(fault).is_none());
+    let concerned = faults.iter().filter(|fault| kind.is_run_here() && (kind.concerns)(fault));
+    let missing = concerned.filter(|fault| record.caught(fault).is_none());
     let missing: Vec<&str> = missing.map(|fault| &*fault.name).collect();
     if !missing.is_empty() {
         wrong.push(format!("{}: not run under {}", kind.title, missing.join(", ")));

@@ -37,6 +37,13 @@ pub struct Caught {
     pub by: BTreeSet<String>,
 }
 
+/// What the proofs keep of themselves, as far as it is of use here.
+#[derive(Deserialize)]
+struct Proofs {
+    harnesses: BTreeMap<String, serde_json::Value>,
+    faults: BTreeMap<String, Caught>,
+}
+
 /// The folder of the records.
 #[must_use]
 pub fn folder(tree: &Tree) -> PathBuf {
@@ -54,9 +61,14 @@ impl Record {
             return Ok(None);
         }
         let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-        serde_json::from_str(&text)
-            .map(Some)
-            .map_err(|error| Error::content(&path, error.to_string()))
+        let wrong = |error: serde_json::Error| Error::content(&path, error.to_string());
+        if kind.is_run_here() {
+            return serde_json::from_str(&text).map(Some).map_err(wrong);
+        }
+        let proofs: Proofs = serde_json::from_str(&text).map_err(wrong)?;
+        let held = proofs.harnesses.into_keys().collect();
+        let (sources, rustc) = (kind.digest(tree)?, "proofs/prove".to_owned());
+        Ok(Some(Self { sources, rustc, held, faults: proofs.faults }))
     }
 
     /// Writes it, whole or not at all.
@@ -96,5 +108,9 @@ pub(crate) fn write_whole(path: &std::path::Path, text: &str) -> Result<(), Erro
 }
 
 fn path(tree: &Tree, kind: &Kind) -> PathBuf {
-    folder(tree).join(format!("{}.json", kind.name))
+    if kind.is_run_here() {
+        folder(tree).join(format!("{}.json", kind.name))
+    } else {
+        tree.path("proofs/results/record.json")
+    }
 }

@@ -4,7 +4,9 @@ pub(crate) const CORE: &str = "core/src";
 /// They list the modules and have no logic.
 pub(crate) const NO_LIST: &str = "!core/src/lib.rs";
 pub(crate) const NO_LIST_OF_TRACES: &str = "!traces/src/lib.rs";
-/// The machine for many threads, which the other one does not know.
+/// The machine for many threads.
+pub(crate) const SHARED: &str = "core/src/shared";
+/// The other machine does not know it.
 pub(crate) const NO_SHARED: &str = "!core/src/shared";
 /// What turns a trace's inputs into the machine's and its answers into decisions.
 pub(crate) const ARBITER: &str = "adapters/operator/src/arbiter.rs";
