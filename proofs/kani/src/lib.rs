@@ -1,0 +1,89 @@
+//! Kani's names where Kani is not: the same harness source for another engine.
+//!
+//! Compiled to wasm, values and properties are imports that the checker defines. Natively they come from random numbers
+//! or from the list of a counterexample, and what happened is reported: see [`native`].
+#![cfg_attr(target_arch = "wasm32", no_std)]
+
+pub use fuseline_kani_macros::{proof, solver, unwind};
+
+#[cfg(target_arch = "wasm32")]
+#[path = "wasm.rs"]
+mod engine;
+#[cfg(not(target_arch = "wasm32"))]
+pub mod native;
+#[cfg(not(target_arch = "wasm32"))]
+use native as engine;
+
+/// What can be any value of its type.
+pub trait Arbitrary {
+    /// Any value.
+    fn any() -> Self;
+}
+
+macro_rules! arbitrary {
+    ($($type:ty)*) => { $(
+        impl Arbitrary for $type {
+            #[inline]
+            #[allow(clippy::cast_possible_truncation, reason = "the bits beyond the type mean nothing")]
+            fn any() -> Self {
+                engine::any(Self::BITS) as Self
+            }
+        }
+    )* };
+}
+
+arbitrary!(u8 u16 u32 u64);
+
+impl Arbitrary for bool {
+    #[inline]
+    fn any() -> Self {
+        engine::any(1) & 1 != 0
+    }
+}
+
+impl<T: Arbitrary, const N: usize> Arbitrary for [T; N] {
+    #[inline]
+    fn any() -> Self {
+        core::array::from_fn(|_| T::any())
+    }
+}
+
+/// Any value.
+#[inline]
+#[must_use]
+pub fn any<T: Arbitrary>() -> T {
+    T::any()
+}
+
+/// Any value for which `wanted` holds.
+#[inline]
+pub fn any_where<T: Arbitrary, F: Fn(&T) -> bool>(wanted: F) -> T {
+    engine::any_where(wanted)
+}
+
+/// Leaves out what does not satisfy `condition`.
+#[inline]
+pub fn assume(condition: bool) {
+    engine::assume(condition);
+}
+
+/// The property: `condition` holds, whatever the values.
+#[inline(always)]
+#[track_caller]
+pub fn assert(condition: bool, message: &'static str) {
+    engine::check(condition, message, core::panic::Location::caller());
+}
+
+#[doc(hidden)]
+#[inline]
+pub fn cover(condition: bool, line: u32, message: &'static str) {
+    engine::cover(condition, line, message);
+}
+
+/// Some values reach this place with `condition`.
+#[macro_export]
+macro_rules! cover {
+    ($condition:expr, $message:literal) => {
+        $crate::cover($condition, line!(), $message)
+    };
+}

@@ -1,0 +1,232 @@
+//! Harnesses as plain functions: on random values, or on those of a counterexample.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, VecDeque};
+use std::panic::{self, AssertUnwindSafe, Location};
+
+use crate::Arbitrary;
+
+/// How often [`any_where`] draws before the run is given up as rejected.
+const DRAWS: u32 = 2_000;
+
+/// What the runs of a harness did.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Report {
+    /// Runs that came to their end.
+    pub accepted: u64,
+    /// Runs that an assumption left out.
+    pub rejected: u64,
+    /// How often each assertion was met, by its message.
+    pub assertions: BTreeMap<&'static str, u64>,
+    /// How often each cover was reached, by its line and message; 0 if its condition was never met.
+    pub covers: BTreeMap<(u32, &'static str), u64>,
+}
+
+/// An assertion that did not hold.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Failure {
+    /// What it says.
+    pub message: String,
+    /// File and line, if it is one of the harness and no panic of what is proved.
+    pub place: Option<String>,
+    /// The values drawn until then.
+    pub values: Vec<u64>,
+}
+
+/// How a run that was not accepted ended.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Ended {
+    /// An assumption left it out.
+    Rejected,
+    /// An assertion did not hold, or something panicked.
+    Failed(Failure),
+}
+
+enum Values {
+    Random(Random),
+    Recorded(VecDeque<u64>),
+}
+
+struct Run {
+    values: Values,
+    drawn: Vec<u64>,
+    report: Report,
+    failed: Option<(&'static str, String)>,
+}
+
+thread_local! {
+    static RUN: RefCell<Option<Run>> = const { RefCell::new(None) };
+}
+
+/// The payload with which a run ends that an assumption left out.
+struct Rejected;
+/// The payload with which a run ends in which an assertion did not hold.
+struct Refuted;
+
+/// Runs a harness on random values until `accepted` runs came to their end.
+///
+/// # Errors
+/// The first failure.
+pub fn random(harness: fn(), seed: u64, accepted: u64) -> Result<Report, Failure> {
+    let values = Values::Random(Random::new(seed));
+    start(values);
+    loop {
+        let ended = once(harness);
+        let stop = RUN.with_borrow_mut(|run| {
+            let run = run.as_mut().expect("a run was started");
+            match &ended {
+                Ok(()) => run.report.accepted += 1,
+                Err(Ended::Rejected) => run.report.rejected += 1,
+                Err(Ended::Failed(_)) => return true,
+            }
+            run.drawn.clear();
+            let hopeless = run.report.rejected > 10 * accepted;
+            run.report.accepted == accepted || hopeless
+        });
+        if let Err(Ended::Failed(failure)) = ended {
+            return Err(failure);
+        }
+        if stop {
+            return Ok(RUN.take().expect("a run was started").report);
+        }
+    }
+}
+
+/// Runs a harness once on these values; missing ones are 0.
+///
+/// # Errors
+/// It was not accepted.
+pub fn replay(harness: fn(), values: &[u64]) -> Result<Report, Ended> {
+    start(Values::Recorded(values.iter().copied().collect()));
+    once(harness).map(|()| RUN.take().expect("a run was started").report)
+}
+
+/// Whether what happens is to be told: only in a replay.
+#[must_use]
+pub fn is_replay() -> bool {
+    RUN.with_borrow(|run| run.as_ref().is_some_and(|run| matches!(run.values, Values::Recorded(_))))
+}
+
+fn start(values: Values) {
+    let run = Run { values, drawn: Vec::new(), report: Report::default(), failed: None };
+    RUN.set(Some(run));
+}
+
+fn once(harness: fn()) -> Result<(), Ended> {
+    let Err(payload) = panic::catch_unwind(AssertUnwindSafe(harness)) else { return Ok(()) };
+    if payload.is::<Rejected>() {
+        return Err(Ended::Rejected);
+    }
+    let said = payload
+        .downcast_ref::<&str>()
+        .map(|said| (*said).to_owned())
+        .or_else(|| payload.downcast_ref::<String>().cloned());
+    Err(Ended::Failed(with(|run| {
+        let values = run.drawn.clone();
+        match run.failed.take() {
+            Some((message, place)) if payload.is::<Refuted>() => {
+                Failure { message: message.to_owned(), place: Some(place), values }
+            }
+            _ => Failure { message: said.unwrap_or_default(), place: None, values },
+        }
+    })))
+}
+
+fn with<T>(act: impl FnOnce(&mut Run) -> T) -> T {
+    RUN.with_borrow_mut(|run| {
+        act(run.as_mut().expect("a harness runs through `random` or `replay`"))
+    })
+}
+
+pub(crate) fn any(bits: u32) -> u64 {
+    with(|run| {
+        let mask = u64::MAX >> (64 - bits);
+        let value = match &mut run.values {
+            Values::Random(random) => random.any(mask),
+            Values::Recorded(values) => values.pop_front().unwrap_or(0) & mask,
+        };
+        run.drawn.push(value);
+        value
+    })
+}
+
+pub(crate) fn any_where<T: Arbitrary, F: Fn(&T) -> bool>(wanted: F) -> T {
+    let (before, draws) = with(|run| match run.values {
+        Values::Random(_) => (run.drawn.len(), DRAWS),
+        Values::Recorded(_) => (run.drawn.len(), 1),
+    });
+    for _ in 0..draws {
+        let value = T::any();
+        if wanted(&value) {
+            return value;
+        }
+        if draws > 1 {
+            with(|run| run.drawn.truncate(before));
+        }
+    }
+    panic::resume_unwind(Box::new(Rejected))
+}
+
+pub(crate) fn assume(condition: bool) {
+    if !condition {
+        panic::resume_unwind(Box::new(Rejected));
+    }
+}
+
+pub(crate) fn check(condition: bool, message: &'static str, at: &'static Location<'static>) {
+    with(|run| {
+        *run.report.assertions.entry(message).or_default() += 1;
+        if !condition {
+            run.failed = Some((message, format!("{}:{}", at.file(), at.line())));
+        }
+    });
+    if !condition {
+        panic::resume_unwind(Box::new(Refuted));
+    }
+}
+
+pub(crate) fn cover(condition: bool, line: u32, message: &'static str) {
+    with(|run| *run.report.covers.entry((line, message)).or_default() += u64::from(condition));
+}
+
+/// Steele and Vigna's `SplitMix64`, bent towards the values that decide: the ends of the range and what was drawn
+/// shortly before.
+struct Random {
+    state: u64,
+    recent: [u64; 8],
+    next: usize,
+}
+
+impl Random {
+    fn new(seed: u64) -> Self {
+        Self { state: seed, recent: [0; 8], next: 0 }
+    }
+
+    fn word(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn any(&mut self, mask: u64) -> u64 {
+        let choice = self.word();
+        let near = self.recent[usize::from(choice.to_be_bytes()[0] % 8)];
+        let value = match choice % 16 {
+            0 => 0,
+            1 => mask,
+            2 => mask - 1,
+            3..=5 => self.word() % 8,
+            6 | 7 => near,
+            8 => near.wrapping_add(1),
+            9 => near.wrapping_sub(1),
+            _ => self.word(),
+        } & mask;
+        if mask > 1 {
+            self.recent[self.next] = value;
+            self.next = (self.next + 1) % 8;
+        }
+        value
+    }
+}

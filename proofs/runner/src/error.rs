@@ -1,0 +1,56 @@
+//! What keeps a run from its verdict.
+
+use std::path::{Path, PathBuf};
+
+/// Why there is no ledger.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Error {
+    /// A file or folder cannot be read, written or run.
+    #[error("{path}: {source}", path = path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file does not say what it should.
+    #[error("{path}: {why}", path = path.display())]
+    Content {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong.
+        why: String,
+    },
+    /// A tool failed where it must not.
+    #[error("{tool} failed for {what}:\n{said}")]
+    Tool {
+        /// Which.
+        tool: &'static str,
+        /// On what.
+        what: String,
+        /// What it said.
+        said: String,
+    },
+    /// There is nothing of this name.
+    #[error("there is no {kind} {name}")]
+    Name {
+        /// A harness or a fault.
+        kind: &'static str,
+        /// What was asked for.
+        name: String,
+    },
+    /// Ctrl-C.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+impl Error {
+    pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_owned();
+        |source| Self::File { path, source }
+    }
+
+    pub(crate) fn content(path: &Path, why: &dyn std::fmt::Display) -> Self {
+        Self::Content { path: path.to_owned(), why: format!("{why}") }
+    }
+}

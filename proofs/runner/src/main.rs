@@ -1,0 +1,179 @@
+//! Runs the proofs and keeps their ledger. `proofs/prove` finds the engine and starts this.
+
+mod check;
+mod error;
+mod fault;
+mod kani_engine;
+mod ledger;
+mod record;
+mod run;
+mod source;
+mod tools;
+mod translate;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use clap::{Parser, ValueEnum};
+
+use crate::error::Error;
+use crate::run::Run;
+use crate::tools::{Limits, STOP};
+
+/// Proves what is promised of the machine, and shows that a faulty machine would not pass.
+///
+/// Each harness is proved, shown to reach its covers and its end, and shown to catch a seeded fault.
+/// Exit code 0 if all is as it must be, 1 if not, 2 if there is no verdict, 77 if nothing can run here.
+#[derive(Parser)]
+#[command(name = "prove", version)]
+#[expect(clippy::struct_excessive_bools, reason = "each is an option of the command line")]
+struct Cli {
+    /// Only these harnesses; no faults then unless asked for.
+    #[arg(long, value_name = "NAME")]
+    harness: Vec<String>,
+    /// Which harnesses.
+    #[arg(long, value_enum, default_value_t = Tier::Fast)]
+    tier: Tier,
+    /// Only the seeded faults, or with --harness these too.
+    #[arg(long)]
+    faults: bool,
+    /// Look anew which harnesses catch each fault, and record it.
+    #[arg(long)]
+    search: bool,
+    /// With --search, only these faults.
+    #[arg(long, value_name = "NAME")]
+    fault: Vec<String>,
+    /// Record the harnesses, assertions and covers that there are now.
+    #[arg(long)]
+    record: bool,
+    /// Say what there is to prove, and stop.
+    #[arg(long)]
+    list: bool,
+    /// Print JSON, one object a line.
+    #[arg(long)]
+    json: bool,
+    /// Run a harness here on the values of a counterexample.
+    #[arg(long, num_args = 1.., value_names = ["NAME", "VALUE"])]
+    replay: Vec<String>,
+    /// How many at once.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
+    jobs: u8,
+    /// How many seconds the checker has for one question; 600, or 3600 for the slow tier, unless given.
+    #[arg(long, value_name = "SECONDS")]
+    time: Option<u64>,
+    /// How much memory the checker has for one question.
+    #[arg(long, value_name = "MIB", default_value_t = 8192)]
+    memory: u64,
+    /// Ask Kani.
+    #[arg(long, hide = true)]
+    kani: bool,
+    /// Where the checker's tools are.
+    #[arg(long, hide = true, default_value = "/")]
+    root: PathBuf,
+}
+
+/// Which harnesses are proved.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Tier {
+    /// Those of every run.
+    Fast,
+    /// Larger ones.
+    Slow,
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    // Where the system refuses a handler, Ctrl-C ends the command as it does otherwise.
+    let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Release));
+    match act(&cli) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(Error::Interrupted) => ExitCode::from(130),
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn act(cli: &Cli) -> Result<bool, Error> {
+    let tree = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
+    let sources = source::read(tree)?;
+    if let Some((name, values)) = cli.replay.split_first() {
+        return replay(name, values);
+    }
+    if cli.list {
+        for harness in &sources.harnesses {
+            println!(
+                "{:8} {}\n         {} Bounds: {}.",
+                harness.group, harness.name, harness.says, harness.bounds
+            );
+        }
+        return Ok(true);
+    }
+    let mut record = record::Record::load(tree)?;
+    if cli.record {
+        record.take(&sources);
+        record.save(tree)?;
+        return Ok(true);
+    }
+    let seconds = cli.time.unwrap_or(if cli.tier == Tier::Slow { 3600 } else { 600 });
+    let limits = Limits { time: Duration::from_secs(seconds), memory_mib: cli.memory };
+    let run = Run {
+        tree,
+        root: &cli.root,
+        sources: &sources,
+        jobs: usize::from(cli.jobs),
+        limits,
+        json: cli.json,
+    };
+    let slow = cli.tier == Tier::Slow;
+    if cli.search {
+        return run.search(&mut record, &cli.fault);
+    }
+    if cli.kani {
+        let names: Vec<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();
+        return kani_engine::run(tree, &names, &cli.harness, seconds);
+    }
+    let whole = cli.harness.is_empty();
+    let mut good = true;
+    if whole {
+        for wrong in record.shrunk(&sources) {
+            eprintln!("{wrong}");
+            good = false;
+        }
+    }
+    if !(whole && cli.faults) {
+        good &= run.harnesses(&cli.harness, slow)?;
+    }
+    if cli.faults || whole && !slow {
+        good &= run.faults(&record, &cli.harness)?;
+    }
+    Ok(good)
+}
+
+/// Runs a harness natively on recorded values.
+fn replay(name: &str, values: &[String]) -> Result<bool, Error> {
+    let none = |kind: &'static str, name: &str| Error::Name { kind, name: name.to_owned() };
+    let found = fuseline_proofs::harness::ALL.iter().find(|(known, _)| *known == name);
+    let (_, harness) = found.ok_or_else(|| none("harness", name))?;
+    let parse = |value: &String| value.parse::<u64>().map_err(|_| none("value", value));
+    let values = values.iter().map(parse).collect::<Result<Vec<_>, _>>()?;
+    match kani::native::replay(*harness, &values) {
+        Ok(report) => {
+            println!("it holds for these values: {} assertions", report.assertions.len());
+            Ok(true)
+        }
+        Err(kani::native::Ended::Rejected) => {
+            println!("these values are left out by an assumption: they show nothing");
+            Ok(false)
+        }
+        Err(kani::native::Ended::Failed(failure)) => {
+            let place = failure.place.unwrap_or_else(|| "a panic".to_owned());
+            println!("it does not hold: {} ({place})", failure.message);
+            Ok(false)
+        }
+    }
+}

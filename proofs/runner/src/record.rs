@@ -1,0 +1,130 @@
+//! What is committed: the harnesses that there must be, and which of them catches which fault.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::Error;
+use crate::fault::Fault;
+use crate::source::Sources;
+
+/// The ratchet. Numbers may rise with `--record`; where they fall, the run fails.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Record {
+    /// By harness, how many covers it has.
+    pub(crate) harnesses: BTreeMap<String, usize>,
+    /// By file and function, how many assertions it makes.
+    pub(crate) assertions: BTreeMap<String, usize>,
+    /// By fault, who caught it.
+    pub(crate) faults: BTreeMap<String, Caught>,
+}
+
+/// Who caught a fault.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Caught {
+    /// A digest of the change that the fault makes.
+    pub(crate) change: String,
+    /// The harnesses of which an assertion failed.
+    pub(crate) by: BTreeSet<String>,
+}
+
+impl Record {
+    pub(crate) fn path(root: &Path) -> PathBuf {
+        root.join("proofs/results/record.json")
+    }
+
+    /// The committed one; empty if there is none yet.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub(crate) fn load(root: &Path) -> Result<Self, Error> {
+        let path = Self::path(root);
+        if !path.exists() {
+            return Ok(Self::default());
+        }
+        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        serde_json::from_str(&text).map_err(|error| Error::content(&path, &error))
+    }
+
+    /// # Errors
+    /// It cannot be written.
+    pub(crate) fn save(&self, root: &Path) -> Result<(), Error> {
+        save(&Self::path(root), self)
+    }
+
+    /// Takes over what the sources show.
+    pub(crate) fn take(&mut self, sources: &Sources) {
+        let harnesses = sources.harnesses.iter();
+        self.harnesses = harnesses.map(|h| (h.name.clone(), h.covers.len())).collect();
+        self.assertions.clone_from(&sources.assertions);
+        for caught in self.faults.values_mut() {
+            caught.by.retain(|name| self.harnesses.contains_key(name));
+        }
+    }
+
+    /// What the sources have less of than is recorded.
+    pub(crate) fn shrunk(&self, sources: &Sources) -> Vec<String> {
+        let mut wrong = Vec::new();
+        for (name, covers) in &self.harnesses {
+            match sources.harnesses.iter().find(|harness| harness.name == *name) {
+                None => wrong.push(format!("the harness {name} is gone")),
+                Some(harness) if harness.covers.len() < *covers => {
+                    wrong.push(format!("{name} has fewer covers than {covers}"));
+                }
+                Some(_) => {}
+            }
+        }
+        for (function, assertions) in &self.assertions {
+            if sources.assertions.get(function).is_none_or(|now| now < assertions) {
+                wrong.push(format!("{function} makes fewer assertions than {assertions}"));
+            }
+        }
+        for harness in &sources.harnesses {
+            if !self.harnesses.contains_key(&harness.name) {
+                wrong.push(format!("{} is not recorded yet: use --record", harness.name));
+            }
+        }
+        wrong
+    }
+
+    /// Pairs to run so that each fault is caught, and each harness catches one.
+    pub(crate) fn pairs(&self, faults: &[Fault]) -> BTreeSet<(String, String)> {
+        let names: BTreeSet<&str> = faults.iter().map(|fault| fault.name.as_str()).collect();
+        let caught: Vec<_> =
+            self.faults.iter().filter(|(fault, _)| names.contains(fault.as_str())).collect();
+        let mut pairs = BTreeSet::new();
+        let mut used = BTreeSet::new();
+        for (fault, caught) in &caught {
+            // One that has none yet, so that few pairs do.
+            let fresh = caught.by.iter().find(|name| !used.contains(*name));
+            if let Some(name) = fresh.or_else(|| caught.by.first()) {
+                used.insert(name.clone());
+                pairs.insert(((*fault).clone(), name.clone()));
+            }
+        }
+        for name in self.harnesses.keys().filter(|name| !used.contains(*name)) {
+            if let Some((fault, _)) = caught.iter().find(|(_, caught)| caught.by.contains(name)) {
+                pairs.insert(((*fault).clone(), name.clone()));
+            }
+        }
+        pairs
+    }
+}
+
+/// Writes a value as JSON.
+///
+/// # Errors
+/// The file cannot be written.
+pub(crate) fn save(path: &Path, value: &impl Serialize) -> Result<(), Error> {
+    let mut text =
+        serde_json::to_string_pretty(value).map_err(|error| Error::content(path, &error))?;
+    text.push('\n');
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).map_err(Error::file(folder))?;
+    }
+    fs::write(path, text).map_err(Error::file(path))
+}

@@ -1,0 +1,335 @@
+//! One run over harnesses and faults, several at once.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::check::{self, Checked, Verdict};
+use crate::error::Error;
+use crate::fault::{self, Fault};
+use crate::ledger::Line;
+use crate::record::{Caught, Record};
+use crate::source::{Harness, Sources};
+use crate::tools::{Limits, Tools};
+use crate::translate::Copy;
+
+/// What to prove, and with what.
+pub(crate) struct Run<'a> {
+    pub(crate) tree: &'a Path,
+    pub(crate) root: &'a Path,
+    pub(crate) sources: &'a Sources,
+    pub(crate) jobs: usize,
+    pub(crate) limits: Limits,
+    pub(crate) json: bool,
+}
+
+impl Run<'_> {
+    /// Proves harnesses: those named, or all of a tier.
+    ///
+    /// # Errors
+    /// There is no harness of a name, one does not build, or Ctrl-C.
+    pub(crate) fn harnesses(&self, names: &[String], slow: bool) -> Result<bool, Error> {
+        let harnesses: Vec<&Harness> = if names.is_empty() {
+            self.sources.harnesses.iter().filter(|harness| harness.is_slow() == slow).collect()
+        } else {
+            names.iter().map(|name| self.harness(name)).collect::<Result<_, _>>()?
+        };
+        let tools = Tools::new(self.root)?;
+        let copy = Copy::new(&tools, self.tree)?;
+        let lines = self.all(
+            "harnesses",
+            &harnesses,
+            |line| self.tell(line),
+            |harness| {
+                let checked = check::prove(&tools, &copy, harness, self.limits)?;
+                Ok((harness.name.clone(), line(harness, None, checked)))
+            },
+        )?;
+        Ok(self.sum_up(&lines, "proved") && !harnesses.is_empty())
+    }
+
+    /// Shows that the recorded harnesses catch the faults.
+    ///
+    /// # Errors
+    /// As for [`harnesses`](Self::harnesses).
+    pub(crate) fn faults(&self, record: &Record, names: &[String]) -> Result<bool, Error> {
+        let faults = fault::load(self.tree)?;
+        let beyond = fault::beyond(self.tree, &faults)?;
+        let mut good = true;
+        let mut wrong = |what: String| {
+            eprintln!("{what}");
+            good = false;
+        };
+        for fault in faults.iter().filter(|fault| !beyond.contains_key(&fault.name)) {
+            match record.faults.get(&fault.name) {
+                Some(caught) if caught.change != fault.digest() => {
+                    wrong(format!("{} is not the fault of the record: search again", fault.name));
+                }
+                Some(caught) if !caught.by.is_empty() => {}
+                _ => wrong(format!("no harness is recorded to catch {}", fault.name)),
+            }
+        }
+        let pairs: Vec<(String, String)> = record
+            .pairs(&faults)
+            .into_iter()
+            .filter(|(_, name)| names.is_empty() || names.contains(name))
+            .collect();
+        let caught: BTreeSet<&String> = pairs.iter().map(|(_, name)| name).collect();
+        if names.is_empty() {
+            for harness in self.sources.harnesses.iter().filter(|harness| !harness.is_slow()) {
+                if !caught.contains(&harness.name) {
+                    wrong(format!("no fault is recorded that {} catches", harness.name));
+                }
+            }
+        }
+        let tools = Tools::new(self.root)?;
+        let copy = Copy::new(&tools, self.tree)?;
+        let lines = self.all(
+            "faults",
+            &pairs,
+            |line| self.tell(line),
+            |(fault, name)| {
+                let harness = self.harness(name)?;
+                let fault = faults.iter().find(|known| known.name == *fault);
+                let fault = fault.ok_or_else(|| none("fault", name))?;
+                let checked = self.under(&tools, &copy, fault, harness)?;
+                let line = line(harness, Some(fault), checked);
+                Ok((line.name(), line))
+            },
+        )?;
+        Ok(self.sum_up(&lines, "caught") && good)
+    }
+
+    /// Looks for the harnesses that catch each fault: those that cite what it breaks, else whichever does.
+    ///
+    /// # Errors
+    /// As for [`harnesses`](Self::harnesses), or the record cannot be written.
+    pub(crate) fn search(&self, record: &mut Record, names: &[String]) -> Result<bool, Error> {
+        let faults = fault::load(self.tree)?;
+        let beyond = fault::beyond(self.tree, &faults)?;
+        record.take(self.sources);
+        record.faults.retain(|name, _| faults.iter().any(|fault| fault.name == *name));
+        let wanted: Vec<&Fault> = faults
+            .iter()
+            .filter(|fault| !beyond.contains_key(&fault.name))
+            .filter(|fault| {
+                let known = record.faults.get(&fault.name);
+                let stale = known.is_none_or(|c| c.change != fault.digest() || c.by.is_empty());
+                if names.is_empty() { stale } else { names.contains(&fault.name) }
+            })
+            .collect();
+        let tools = Tools::new(self.root)?;
+        let copy = Copy::new(&tools, self.tree)?;
+        let kept = Mutex::new(record);
+        let catches = |fault: &Fault, harness: &Harness| {
+            let checked = self.under(&tools, &copy, fault, harness)?;
+            let caught = matches!(checked.verdict, Verdict::Refuted(_));
+            let mut record = kept.lock().unwrap_or_else(PoisonError::into_inner);
+            let change = fault.digest();
+            let entry = record.faults.entry(fault.name.clone()).or_default();
+            if entry.change != change {
+                *entry = Caught { change, by: BTreeSet::new() };
+            }
+            if caught {
+                entry.by.insert(harness.name.clone());
+                println!("{} is caught by {}", fault.name, harness.name);
+            }
+            record.save(self.tree)?;
+            Ok::<_, Error>(caught)
+        };
+        // Those that cite what the fault breaks come first.
+        let found = self.all(
+            "faults",
+            &wanted,
+            |_| {},
+            |fault| {
+                let fast = self.sources.harnesses.iter().filter(|harness| !harness.is_slow());
+                let (citing, others): (Vec<&Harness>, Vec<&Harness>) =
+                    fast.partition(|h| is_cited(h, fault));
+                for harness in citing.into_iter().chain(others) {
+                    if catches(fault, harness)? {
+                        return Ok((fault.name.clone(), true));
+                    }
+                }
+                Ok((fault.name.clone(), false))
+            },
+        )?;
+        let idle: Vec<&Harness> = {
+            let record = kept.lock().unwrap_or_else(PoisonError::into_inner);
+            let fast = self.sources.harnesses.iter().filter(|harness| !harness.is_slow());
+            fast.filter(|h| !record.faults.values().any(|c| c.by.contains(&h.name))).collect()
+        };
+        let reachable: Vec<&Fault> =
+            faults.iter().filter(|fault| !beyond.contains_key(&fault.name)).collect();
+        let busy = self.all(
+            "harnesses",
+            &idle,
+            |_| {},
+            |harness| {
+                for fault in reachable.iter().filter(|fault| is_cited(harness, fault)) {
+                    if catches(fault, harness)? {
+                        return Ok((harness.name.clone(), true));
+                    }
+                }
+                Ok((harness.name.clone(), false))
+            },
+        )?;
+        for (name, _) in found.iter().chain(&busy).filter(|(_, good)| !**good) {
+            println!("nothing was found for {name}");
+        }
+        Ok(found.values().chain(busy.values()).all(|good| *good))
+    }
+
+    /// A harness on a machine with a fault.
+    fn under(
+        &self,
+        tools: &Tools,
+        copy: &Copy,
+        fault: &Fault,
+        harness: &Harness,
+    ) -> Result<Checked, Error> {
+        if !fault.file.starts_with("core/src/") {
+            let verdict = Verdict::Unknown(format!("{} is not proved", fault.file));
+            return Ok(Checked { verdict, seconds: 0.0, peak_mib: 0 });
+        }
+        let name = format!("{}.{}", fault.name, harness.name);
+        let faulty = copy.with(&name, &fault.file, &fault.seed(self.tree)?)?;
+        let checked = check::refute(tools, &faulty, harness, self.limits);
+        faulty.remove();
+        checked
+    }
+
+    fn harness(&self, name: &str) -> Result<&Harness, Error> {
+        let found = self.sources.harnesses.iter().find(|harness| harness.name == name);
+        found.ok_or_else(|| none("harness", name))
+    }
+
+    /// Says how many lines are good, and how to see the others; whether all are.
+    fn sum_up(&self, lines: &BTreeMap<String, Line>, word: &str) -> bool {
+        let good = lines.values().filter(|line| line.good).count();
+        if !self.json {
+            println!("{good} of {} {word}", lines.len());
+            for line in lines.values().filter(|line| !line.good && !line.values.is_empty()) {
+                let values: Vec<String> = line.values.iter().map(u64::to_string).collect();
+                println!("proofs/prove --replay {} {}", line.harness, values.join(" "));
+            }
+        }
+        good == lines.len() && !lines.is_empty()
+    }
+
+    /// Prints a line of the ledger.
+    fn tell(&self, line: &Line) {
+        if self.json {
+            println!("{}", serde_json::to_string(line).unwrap_or_default());
+        } else {
+            println!("{line}");
+        }
+    }
+
+    /// Works on all of `tasks`, several at once, until one fails.
+    fn all<T: Sync, R: Send>(
+        &self,
+        what: &'static str,
+        tasks: &[T],
+        tell: impl Fn(&R) + Sync,
+        work: impl Fn(&T) -> Result<(String, R), Error> + Sync,
+    ) -> Result<BTreeMap<String, R>, Error> {
+        let bar = ProgressBar::new(tasks.len() as u64);
+        let style = ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed} {wide_msg}");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.set_message(what);
+        let next = AtomicUsize::new(0);
+        let worker = || {
+            let mut done = BTreeMap::new();
+            while let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
+                match work(task) {
+                    Ok((name, result)) => {
+                        bar.suspend(|| tell(&result));
+                        bar.set_message(name.clone());
+                        done.insert(name, result);
+                    }
+                    Err(error) => {
+                        next.store(tasks.len(), Ordering::Relaxed);
+                        return Err(error);
+                    }
+                }
+                bar.inc(1);
+            }
+            Ok(done)
+        };
+        let done = thread::scope(|scope| {
+            let workers: Vec<_> = (0..self.jobs.max(1)).map(|_| scope.spawn(worker)).collect();
+            let join = |worker: thread::ScopedJoinHandle<'_, Result<_, Error>>| {
+                worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            };
+            workers.into_iter().map(join).collect::<Vec<_>>()
+        });
+        bar.finish_and_clear();
+        let mut all = BTreeMap::new();
+        for done in done {
+            all.extend(done?);
+        }
+        Ok(all)
+    }
+}
+
+/// What the ledger says of one question.
+fn line(harness: &Harness, fault: Option<&Fault>, checked: Checked) -> Line {
+    let good = match (&checked.verdict, fault) {
+        (Verdict::Proved, None) | (Verdict::Refuted(_), Some(_)) => true,
+        (_, _) => false,
+    };
+    let verdict = match (&checked.verdict, fault) {
+        (Verdict::Refuted(found), Some(_)) => format!("caught: {}", found.message),
+        (Verdict::Proved, Some(_)) => "MISSED".to_owned(),
+        (verdict, _) => verdict.word(),
+    };
+    let values = match checked.verdict {
+        Verdict::Refuted(found) => found.values,
+        _ => Vec::new(),
+    };
+    Line {
+        harness: harness.name.clone(),
+        fault: fault.map(|fault| fault.name.clone()),
+        engine: "cbmc".to_owned(),
+        bounds: format!("{}; unwind {}", harness.bounds, harness.unwind),
+        solver: harness.solver.clone(),
+        verdict,
+        good,
+        seconds: (checked.seconds * 10.0).round() / 10.0,
+        memory_mib: checked.peak_mib,
+        values,
+    }
+}
+
+fn none(kind: &'static str, name: &str) -> Error {
+    Error::Name { kind, name: name.to_owned() }
+}
+
+fn is_cited(harness: &Harness, fault: &Fault) -> bool {
+    cites(harness).iter().any(|id| fault.breaks.contains(id))
+}
+
+/// The identifiers that a harness cites by its name and its documentation.
+fn cites(harness: &Harness) -> BTreeSet<String> {
+    let separated = |c: char| !c.is_ascii_alphanumeric();
+    let is_id = |word: &str| {
+        let digits = word.trim_start_matches(['F', 'P', 'A']).trim_end_matches('g');
+        word.len() >= 2
+            && word.len() - digits.len() <= 2
+            && !digits.is_empty()
+            && digits.bytes().all(|byte| byte.is_ascii_digit())
+            && word.starts_with(['F', 'P', 'A'])
+    };
+    let named = harness.name.split('_').next().unwrap_or_default();
+    let named = match named.split_at_checked(1) {
+        Some((first, rest)) => format!("{}{rest}", first.to_uppercase()),
+        None => String::new(),
+    };
+    let words = harness.says.split(separated).map(str::to_owned);
+    words.chain([named]).filter(|word| is_id(word)).collect()
+}

@@ -1,0 +1,162 @@
+//! The harnesses as their sources show them: attributes, bounds, assertions and covers.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use regex::Regex;
+
+use crate::error::Error;
+
+/// The folder of the harness files, from the root.
+pub(crate) const FOLDER: &str = "proofs/src/harness";
+
+/// The group whose harnesses are proved on request only.
+const SLOW: &str = "slow";
+
+/// One harness.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Harness {
+    pub(crate) name: String,
+    /// Its file, without `.rs`.
+    pub(crate) group: String,
+    /// Its documentation as one line, without the bounds.
+    pub(crate) says: String,
+    /// What it is bounded to.
+    pub(crate) bounds: String,
+    pub(crate) unwind: u32,
+    pub(crate) solver: String,
+    /// The lines of its covers.
+    pub(crate) covers: Vec<u32>,
+    /// How many assertions it makes itself.
+    pub(crate) assertions: usize,
+}
+
+impl Harness {
+    pub(crate) fn is_slow(&self) -> bool {
+        self.group == SLOW
+    }
+}
+
+/// What the harness files hold.
+#[derive(Debug, Default)]
+pub(crate) struct Sources {
+    pub(crate) harnesses: Vec<Harness>,
+    /// The assertions that each function makes, harness or not, by file and name.
+    pub(crate) assertions: BTreeMap<String, usize>,
+}
+
+/// Reads all harness files.
+///
+/// # Errors
+/// A file cannot be read, or a harness lacks something.
+pub(crate) fn read(root: &Path) -> Result<Sources, Error> {
+    let folder = root.join(FOLDER);
+    let mut files = Vec::new();
+    for entry in fs::read_dir(&folder).map_err(Error::file(&folder))? {
+        files.push(entry.map_err(Error::file(&folder))?.path());
+    }
+    files.sort();
+    let mut sources = Sources::default();
+    for path in files {
+        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        let group = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        sources.add(&group, &text).map_err(|why| Error::content(&path, &why))?;
+    }
+    Ok(sources)
+}
+
+impl Sources {
+    /// Reads one file, which is formatted as rustfmt formats it: a function ends at a brace in its first column.
+    fn add(&mut self, group: &str, text: &str) -> Result<(), String> {
+        let name = Regex::new(r"^(?:pub )?fn (\w+)").map_err(|error| error.to_string())?;
+        let lines: Vec<&str> = text.lines().collect();
+        let mut spoken_for = 0;
+        for (at, line) in lines.iter().enumerate() {
+            let Some(found) = name.captures(line) else { continue };
+            let name = &found[1];
+            let length = lines[at..].iter().position(|line| *line == "}").unwrap_or(0);
+            let body = &lines[at..=at + length];
+            let above = lines[..at].iter().rev().take_while(|line| line.starts_with(['/', '#']));
+            let mut above: Vec<&str> = above.copied().collect();
+            above.reverse();
+            let assertions = body.iter().map(|line| line.matches("kani::assert(").count()).sum();
+            if assertions > 0 {
+                self.assertions.insert(format!("{group}::{name}"), assertions);
+            }
+            let covers = (at..=at + length).filter(|line| lines[*line].contains("kani::cover!("));
+            let covers: Vec<u32> = covers.filter_map(|line| u32::try_from(line + 1).ok()).collect();
+            if above.contains(&"#[kani::proof]") {
+                spoken_for += covers.len();
+                let harness = Harness::new(group, name, &above, covers, assertions)?;
+                self.harnesses.push(harness);
+            }
+        }
+        // A cover anywhere else could stay unreached in one harness and be reached in another.
+        if text.matches("kani::cover!(").count() != spoken_for {
+            return Err("a cover stands outside a harness".to_owned());
+        }
+        Ok(())
+    }
+}
+
+impl Harness {
+    fn new(
+        group: &str,
+        name: &str,
+        above: &[&str],
+        covers: Vec<u32>,
+        assertions: usize,
+    ) -> Result<Self, String> {
+        let attribute = |word: &str| {
+            let head = format!("#[kani::{word}(");
+            above.iter().find_map(|line| line.strip_prefix(&head)?.strip_suffix(")]"))
+        };
+        let said = above.iter().filter_map(|line| line.strip_prefix("///")).map(str::trim);
+        let (bounds, says): (Vec<&str>, Vec<&str>) =
+            said.partition(|line| line.starts_with("Bounds: "));
+        let lacks = |what: &str| format!("{name} has no {what}");
+        let [bounds] = bounds[..] else { return Err(lacks("line of bounds")) };
+        if covers.is_empty() {
+            return Err(lacks("cover"));
+        }
+        let unwind = attribute("unwind").unwrap_or("20");
+        Ok(Self {
+            name: name.to_owned(),
+            group: group.to_owned(),
+            says: says.join(" ").trim().to_owned(),
+            bounds: bounds.trim_start_matches("Bounds: ").trim_end_matches('.').to_owned(),
+            unwind: unwind.parse().map_err(|_| lacks("number to unwind to"))?,
+            solver: attribute("solver").unwrap_or("cadical").to_owned(),
+            covers,
+            assertions,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "/// P1: once.\n/// Bounds: none.\n#[kani::proof]\n#[kani::unwind(7)]\n\
+        pub fn p1_once() {\n    kani::assert(true, \"x\");\n    kani::cover!(true, \"y\");\n}\n";
+
+    #[test]
+    fn harness_is_read_with_its_attributes() {
+        let mut sources = Sources::default();
+        sources.add("slot", TEXT).expect("it is complete");
+        let [harness] = &sources.harnesses[..] else { panic!("one harness") };
+        assert_eq!((harness.name.as_str(), harness.unwind, harness.assertions), ("p1_once", 7, 1));
+        assert_eq!((harness.says.as_str(), harness.bounds.as_str()), ("P1: once.", "none"));
+        assert_eq!(harness.covers, [7]);
+        assert_eq!(sources.assertions["slot::p1_once"], 1);
+    }
+
+    #[test]
+    fn harness_without_a_cover_or_a_cover_without_a_harness_is_refused() {
+        let bare = TEXT.replace("    kani::cover!(true, \"y\");\n", "");
+        assert!(Sources::default().add("slot", &bare).is_err());
+        let stray = format!("{TEXT}fn helper() {{\n    kani::cover!(true, \"z\");\n}}\n");
+        assert!(Sources::default().add("slot", &stray).is_err());
+    }
+}

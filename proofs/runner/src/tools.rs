@@ -1,0 +1,169 @@
+//! The tools of the checker, run in their root within limits of time and memory.
+
+use std::fs::{self, File};
+use std::os::unix::process::CommandExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process_group};
+use tempfile::TempDir;
+
+use crate::error::Error;
+
+/// Set by Ctrl-C.
+pub(crate) static STOP: AtomicBool = AtomicBool::new(false);
+
+/// How often a running tool is looked at.
+const GLANCE: Duration = Duration::from_millis(100);
+
+/// How much one run may take.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Limits {
+    pub(crate) time: Duration,
+    pub(crate) memory_mib: u64,
+}
+
+/// What a run did.
+#[derive(Debug)]
+pub(crate) struct Ran {
+    /// Its exit code, or none if it was ended.
+    pub(crate) code: Option<i32>,
+    pub(crate) timed_out: bool,
+    pub(crate) printed: String,
+    pub(crate) complained: String,
+    pub(crate) seconds: f64,
+    pub(crate) peak_mib: u64,
+}
+
+/// The root that has the tools, with a folder for this run that goes when this value does.
+pub(crate) struct Tools {
+    root: PathBuf,
+    work: TempDir,
+}
+
+impl Tools {
+    /// # Errors
+    /// The folder cannot be made.
+    pub(crate) fn new(root: &Path) -> Result<Self, Error> {
+        let parent = root.join("tmp");
+        let work = tempfile::Builder::new().prefix("fuseline-prove.").tempdir_in(&parent);
+        Ok(Self { root: root.to_owned(), work: work.map_err(Error::file(&parent))? })
+    }
+
+    /// This run's folder.
+    pub(crate) fn work(&self) -> &Path {
+        self.work.path()
+    }
+
+    /// Runs a tool in a folder below this run's; what it prints is kept there while it runs.
+    ///
+    /// # Errors
+    /// It cannot be started, or Ctrl-C ended it.
+    pub(crate) fn run(
+        &self,
+        folder: &Path,
+        limits: Limits,
+        tool: &str,
+        arguments: &[String],
+    ) -> Result<Ran, Error> {
+        const BOUNDED: &str =
+            "cd \"$1\" && export TMPDIR=\"$1\" && ulimit -v \"$2\" && shift 2 && exec \"$@\"";
+        let inside = Path::new("/").join(folder.strip_prefix(&self.root).unwrap_or(folder));
+        let mut command = if self.root == Path::new("/") {
+            Command::new("/bin/sh")
+        } else {
+            let mut command = Command::new("chroot");
+            command.arg(&self.root).arg("/bin/sh");
+            command
+        };
+        command.args(["-c", BOUNDED, "sh"]).arg(&inside);
+        command.arg((limits.memory_mib * 1024).to_string());
+        command.arg(format!("/usr/bin/{tool}")).args(arguments);
+        let path = std::env::var_os("PATH").unwrap_or_default();
+        command.env_clear().env("PATH", "/usr/sbin:/usr/bin:/sbin:/bin");
+        if !Path::new("/usr/sbin/chroot").exists() {
+            command.env("PATH", path);
+        }
+        let (out, err) = (folder.join(format!("{tool}.out")), folder.join(format!("{tool}.err")));
+        command.stdin(Stdio::null());
+        command.stdout(File::create(&out).map_err(Error::file(&out))?);
+        command.stderr(File::create(&err).map_err(Error::file(&err))?);
+        let start = Instant::now();
+        let mut child =
+            command.process_group(0).spawn().map_err(Error::file(Path::new("chroot")))?;
+        let group = Pid::from_child(&child);
+        let (mut peak_mib, mut timed_out) = (0, false);
+        let status = loop {
+            if let Some(status) = child.try_wait().map_err(Error::file(folder))? {
+                break status;
+            }
+            peak_mib = peak_mib.max(resident_mib(group));
+            timed_out = start.elapsed() > limits.time;
+            if timed_out || STOP.load(Ordering::Acquire) {
+                // It may have ended just now.
+                let _ = kill_process_group(group, Signal::KILL);
+                break child.wait().map_err(Error::file(folder))?;
+            }
+            thread::sleep(GLANCE);
+        };
+        // A solver that outlives the checker would go on alone.
+        let _ = kill_process_group(group, Signal::KILL);
+        if STOP.load(Ordering::Acquire) {
+            return Err(Error::Interrupted);
+        }
+        let text = |path: &Path| {
+            fs::read(path)
+                .map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
+                .map_err(Error::file(path))
+        };
+        Ok(Ran {
+            code: status.code(),
+            timed_out,
+            printed: text(&out)?,
+            complained: text(&err)?,
+            seconds: start.elapsed().as_secs_f64(),
+            peak_mib,
+        })
+    }
+
+    /// Runs a tool that must succeed.
+    ///
+    /// # Errors
+    /// It does not.
+    pub(crate) fn must(
+        &self,
+        folder: &Path,
+        tool: &'static str,
+        what: &str,
+        arguments: &[String],
+    ) -> Result<(), Error> {
+        const LIMITS: Limits = Limits { time: Duration::from_secs(120), memory_mib: 8192 };
+        let ran = self.run(folder, LIMITS, tool, arguments)?;
+        if ran.code == Some(0) {
+            return Ok(());
+        }
+        let said = if ran.timed_out { "it took too long".to_owned() } else { ran.complained };
+        Err(Error::Tool { tool, what: what.to_owned(), said })
+    }
+}
+
+/// The memory that the processes of a group have now.
+fn resident_mib(group: Pid) -> u64 {
+    let Ok(processes) = fs::read_dir("/proc") else { return 0 };
+    let own = |stat: String| {
+        // The name, in parentheses, may hold anything; group and resident pages are the 5th and the 24th field.
+        let (_, fields) = stat.rsplit_once(')')?;
+        let fields: Vec<&str> = fields.split_whitespace().collect();
+        let of_group: i32 = fields.get(2)?.parse().ok()?;
+        let pages: u64 = fields.get(21)?.parse().ok()?;
+        (of_group == group.as_raw_nonzero().get()).then_some(pages)
+    };
+    let stats = processes.flatten().filter(|entry| {
+        entry.file_name().to_string_lossy().bytes().all(|byte| byte.is_ascii_digit())
+    });
+    let pages = stats.filter_map(|entry| own(fs::read_to_string(entry.path().join("stat")).ok()?));
+    pages.sum::<u64>() * rustix::param::page_size() as u64 / (1024 * 1024)
+}

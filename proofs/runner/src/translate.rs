@@ -1,0 +1,285 @@
+//! From a harness to C: rustc to wasm32, wasm2c to C, and the memory of the checker in place of wasm2c's.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use regex::Regex;
+
+use crate::error::Error;
+use crate::source::Harness;
+use crate::tools::Tools;
+
+/// How much stack a harness has; the fewer words, the cheaper each access at an address that is no constant.
+const STACK_BYTES: u32 = 4096;
+
+/// What goes into the root.
+const SOURCES: [&str; 5] =
+    ["core/src", "proofs/src", "proofs/kani/src", "proofs/kani-macros/src", "proofs/engine"];
+
+/// What LLVM makes of all that is proved: one function of constants, as far as can be, with every overflow checked.
+const FLAGS: &[&str] = &[
+    "--edition=2024",
+    "--target=wasm32-unknown-unknown",
+    "-Cpanic=abort",
+    "-Copt-level=3",
+    "-Cdebug-assertions=on",
+    "-Coverflow-checks=on",
+    "-Ctarget-feature=+bulk-memory",
+    "-Awarnings",
+];
+
+/// A copy of the sources inside the root, with the stand-in built.
+pub(crate) struct Copy<'a> {
+    tools: &'a Tools,
+    folder: PathBuf,
+}
+
+/// A harness as C.
+pub(crate) struct Generated {
+    folder: PathBuf,
+    /// The data segment, in which texts lie.
+    data: Vec<u8>,
+}
+
+impl<'a> Copy<'a> {
+    /// Copies the sources of `tree` and builds the stand-in.
+    ///
+    /// # Errors
+    /// A file cannot be copied, or the stand-in does not build.
+    pub(crate) fn new(tools: &'a Tools, tree: &Path) -> Result<Self, Error> {
+        let folder = tools.work().join("sound");
+        for source in SOURCES {
+            copy(&tree.join(source), &folder.join(source))?;
+        }
+        let own = Self { tools, folder };
+        let macros = [
+            "--edition=2024",
+            "--crate-type=proc-macro",
+            "--crate-name=fuseline_kani_macros",
+            "--extern=proc_macro",
+            "-olibfuseline_kani_macros.so",
+            "proofs/kani-macros/src/lib.rs",
+        ];
+        own.tools.must(
+            &own.folder,
+            "rustc",
+            "the stand-in's macros",
+            &macros.map(str::to_owned),
+        )?;
+        let stand_in = [
+            "--crate-type=rlib",
+            "--crate-name=fuseline_kani",
+            "-Cembed-bitcode=yes",
+            "--extern=fuseline_kani_macros=libfuseline_kani_macros.so",
+            "-olibfuseline_kani.rlib",
+            "proofs/kani/src/lib.rs",
+        ];
+        let arguments = FLAGS.iter().chain(&stand_in).map(|word| (*word).to_owned());
+        own.tools.must(&own.folder, "rustc", "the stand-in", &arguments.collect::<Vec<_>>())?;
+        Ok(own)
+    }
+
+    /// The same with one file replaced.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub(crate) fn with(&self, name: &str, file: &str, text: &str) -> Result<Self, Error> {
+        let folder = self.tools.work().join(name);
+        copy(&self.folder, &folder)?;
+        let path = folder.join(file);
+        fs::write(&path, text).map_err(Error::file(&path))?;
+        Ok(Self { tools: self.tools, folder })
+    }
+
+    /// Removes it.
+    pub(crate) fn remove(self) {
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+
+    /// The C of one harness, or why it cannot be given to the checker.
+    ///
+    /// # Errors
+    /// It does not build.
+    pub(crate) fn generate(&self, harness: &Harness) -> Result<Result<Generated, String>, Error> {
+        let folder = self.folder.join("jobs").join(&harness.name);
+        fs::create_dir_all(&folder).map_err(Error::file(&folder))?;
+        let own = |name: &str| format!("jobs/{}/{name}", harness.name);
+        let mut arguments: Vec<String> = FLAGS.iter().map(|word| (*word).to_owned()).collect();
+        arguments.extend([
+            format!("--cfg=harness=\"{}\"", harness.name),
+            "--crate-type=cdylib".to_owned(),
+            "--crate-name=fuseline_proofs".to_owned(),
+            "-Clto=fat".to_owned(),
+            "-Ccodegen-units=1".to_owned(),
+            "-Clinker=wasm-ld".to_owned(),
+            format!("-Clink-arg=-zstack-size={STACK_BYTES}"),
+            "-Clink-arg=--stack-first".to_owned(),
+            // Calls and loops would hide which addresses are constants.
+            "-Cllvm-args=-inline-threshold=10000".to_owned(),
+            "-Cllvm-args=-unroll-threshold=100".to_owned(),
+            "--extern=kani=libfuseline_kani.rlib".to_owned(),
+            "-L.".to_owned(),
+            format!("-o{}", own("proofs.wasm")),
+            "proofs/src/lib.rs".to_owned(),
+        ]);
+        let what = harness.name.as_str();
+        self.tools.must(&self.folder, "rustc", what, &arguments)?;
+        let words =
+            |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
+        self.tools.must(&folder, "wasm-strip", what, &words(&["proofs.wasm"]))?;
+        let names = ["proofs.wasm", "-n", "proofs", "-o", "proofs.c"];
+        self.tools.must(&folder, "wasm2c", what, &words(&names))?;
+        let path = folder.join("proofs.c");
+        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        let (text, data) = match with_memory(&text) {
+            Ok(generated) => generated,
+            Err(why) => return Ok(Err(why)),
+        };
+        let path = folder.join("generated.c");
+        fs::write(&path, text).map_err(Error::file(&path))?;
+        Ok(Ok(Generated { folder, data }))
+    }
+
+    /// Compiles the C of a harness for the checker, with these covers as properties or with its assertions.
+    ///
+    /// # Errors
+    /// It does not compile.
+    pub(crate) fn compile(&self, harness: &Harness, covers: bool) -> Result<(), Error> {
+        let folder = self.folder.join("jobs").join(&harness.name);
+        let mut arguments: Vec<String> =
+            ["-I.", "-I../../proofs/engine", "-DGENERATED=\"generated.c\""]
+                .map(str::to_owned)
+                .to_vec();
+        if covers {
+            let mut list = String::from("-DCOVERS=");
+            for line in &harness.covers {
+                let _ = write!(list, "COVER({line}) ");
+            }
+            arguments.push(list);
+        }
+        arguments.extend(["../../proofs/engine/checker.c".to_owned(), "-omain.gb".to_owned()]);
+        self.tools.must(&folder, "goto-cc", &harness.name, &arguments)
+    }
+}
+
+impl Generated {
+    pub(crate) fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The text at an address.
+    pub(crate) fn text(&self, at: u64, len: u64) -> Option<String> {
+        let from = usize::try_from(at.checked_sub(u64::from(STACK_BYTES))?).ok()?;
+        let bytes = self.data.get(from..from.checked_add(usize::try_from(len).ok()?)?)?;
+        String::from_utf8(bytes.to_vec()).ok()
+    }
+}
+
+/// wasm2c's C with the checker's memory, and the data segment.
+fn with_memory(text: &str) -> Result<(String, Vec<u8>), String> {
+    if calls_indirectly(text)? {
+        return Err("there is an indirect call in what is proved".to_owned());
+    }
+    let cut = |text: &str, from: &str, to: &str, by: &str| {
+        let start = text.find(from).ok_or_else(|| format!("no {from}"))?;
+        let end = text[start..].find(to).ok_or_else(|| format!("no {to}"))? + start;
+        Ok::<_, String>(format!("{}{by}{}", &text[..start], &text[end..]))
+    };
+    let segment = Regex::new(
+        r"LOAD_DATA\(instance->w2c_memory, (\d+)u, data_segment_data_w2c_proofs_d0, (\d+)\)",
+    );
+    let bytes = Regex::new(r"(?s)data_segment_data_w2c_proofs_d0\[\] = \{(.*?)\};");
+    let (segment, bytes) = (segment.map_err(|e| e.to_string())?, bytes.map_err(|e| e.to_string())?);
+    if text.matches("LOAD_DATA(instance").count() > 1 {
+        return Err("there is more than one data segment".to_owned());
+    }
+    let mut data = Vec::new();
+    if let Some(found) = segment.captures(text) {
+        if found[1] != STACK_BYTES.to_string() {
+            return Err(format!("the data segment is at {}", &found[1]));
+        }
+        let bytes = bytes.captures(text).ok_or("no bytes of the data segment")?;
+        for byte in bytes[1].split(',').map(str::trim).filter(|byte| !byte.is_empty()) {
+            let digits = byte.trim_start_matches("0x");
+            data.push(u8::from_str_radix(digits, 16).map_err(|error| error.to_string())?);
+        }
+    }
+    let mut memory =
+        format!("#define STACK_BYTES {STACK_BYTES}\n#define DATA_BYTES {}\n", data.len());
+    memory.push_str("#define DATA_INIT { ");
+    for byte in &data {
+        let _ = write!(memory, "{byte}, ");
+    }
+    memory.push_str("0 }\n#include \"memory.h\"\n");
+    let text = cut(text, "static inline void memory_fill(", "static inline void memory_init(", "")?;
+    let start = text.find("DEFINE_LOAD(i32_load,").ok_or("no accessors")?;
+    let end = text.find("DEFINE_STORE(i64_store32").ok_or("no accessors")?;
+    let end = text[end..].find('\n').ok_or("no end of the accessors")? + end + 1;
+    Ok((format!("{}{memory}{}", &text[..start], &text[end..]), data))
+}
+
+/// Whether the harness, or what it calls, calls through a pointer. The texts of panics are written by such calls, but
+/// nothing writes them here.
+fn calls_indirectly(text: &str) -> Result<bool, String> {
+    let head = Regex::new(r"(?m)^\w+ (w2c_proofs_\w+)\(w2c_proofs\* instance[^;{]*\) \{$");
+    let call = Regex::new(r"\b(w2c_proofs_\w+)\(instance");
+    let (head, call) = (head.map_err(|e| e.to_string())?, call.map_err(|e| e.to_string())?);
+    let mut bodies = BTreeMap::new();
+    for found in head.captures_iter(text) {
+        let body = &text[found.get(0).map_or(0, |head| head.end())..];
+        bodies.insert(found[1].to_owned(), &body[..body.find("\n}").unwrap_or(body.len())]);
+    }
+    let mut reached = BTreeSet::new();
+    let mut next = vec!["w2c_proofs_harness_0".to_owned()];
+    while let Some(name) = next.pop() {
+        if reached.contains(&name) {
+            continue;
+        }
+        let body = bodies.get(&name).ok_or_else(|| format!("no function {name}"))?;
+        if body.contains("CALL_INDIRECT(") {
+            return Ok(true);
+        }
+        next.extend(call.captures_iter(body).map(|found| found[1].to_owned()));
+        reached.insert(name);
+    }
+    Ok(false)
+}
+
+/// Copies files and folders, but nothing that was built.
+fn copy(from: &Path, to: &Path) -> Result<(), Error> {
+    fs::create_dir_all(to).map_err(Error::file(to))?;
+    for entry in fs::read_dir(from).map_err(Error::file(from))? {
+        let entry = entry.map_err(Error::file(from))?;
+        let (path, name) = (entry.path(), entry.file_name());
+        if path.is_dir() {
+            if name != "jobs" {
+                copy(&path, &to.join(name))?;
+            }
+        } else {
+            fs::copy(&path, to.join(name)).map_err(Error::file(&path))?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const C: &str = "static void w2c_proofs_harness_0(w2c_proofs*);\n\
+        void w2c_proofs_harness_0(w2c_proofs* instance) {\n  w2c_proofs_f3(instance, var_i0);\n}\n\n\
+        u32 w2c_proofs_f3(w2c_proofs* instance, u32 var_p0) {\n  var_i0 = 1u;\n}\n\n\
+        void w2c_proofs_f4(w2c_proofs* instance) {\n  CALL_INDIRECT(instance->w2c_T0);\n}\n";
+
+    #[test]
+    fn indirect_call_counts_where_the_harness_gets() {
+        assert_eq!(calls_indirectly(C), Ok(false));
+        assert_eq!(
+            calls_indirectly(&C.replace("var_i0 = 1u", "w2c_proofs_f4(instance)")),
+            Ok(true)
+        );
+        assert!(calls_indirectly("").is_err());
+    }
+}

@@ -1,0 +1,461 @@
+//! One timestamp: from any valid state, under either commit rule, any one event or offer of any of 15 clouds.
+
+use crate::any::{any_commit, any_slot, any_source, slot_of};
+use crate::slot::{Commit, Decision, Event, Slot};
+use crate::source::{Source, Sources};
+use crate::valid::{is_limited, is_valid};
+use crate::{DropReason, OfferRefusal};
+
+/// All that a set of sources has room for.
+const CLOUDS: u8 = Source::COUNT - 1;
+
+/// Four sets as bits: requested, pending, armed, cached.
+type Bits = [u16; 4];
+
+fn bits(slot: Slot) -> Bits {
+    [slot.requested(), slot.pending(), slot.armed(), slot.cached()].map(Sources::bits)
+}
+
+fn bit(source: Source) -> u16 {
+    1 << source.index()
+}
+
+/// Whether a member of the set outranks the source.
+fn outranks(set: u16, source: Source) -> bool {
+    set >> source.index() >> 1 != 0
+}
+
+fn any_event() -> Event {
+    match kani::any_where(|kind: &u8| *kind < 3) {
+        0 => Event::Result(any_source(CLOUDS)),
+        1 => Event::Failure(any_source(CLOUDS)),
+        _ => Event::Timers(Sources::from_bits(kani::any())),
+    }
+}
+
+/// F3 and F4: why a result or a failure is dropped.
+fn reason_to_drop([requested, pending, _, cached]: Bits, source: Source) -> Option<DropReason> {
+    let of = bit(source);
+    if requested & of == 0 {
+        Some(DropReason::Unsolicited)
+    } else if cached & of != 0 {
+        Some(DropReason::Duplicate)
+    } else if pending & of == 0 {
+        Some(DropReason::Late)
+    } else {
+        None
+    }
+}
+
+/// F7: what a forwarded timestamp leaves behind.
+fn forwarded(by: Source, pending: u16) -> (Bits, Decision) {
+    ([0; 4], Decision::Forwarded { by, cancelled: Sources::from_bits(pending & !1) })
+}
+
+/// F6, line by line.
+fn settled(commit: Commit, sets: Bits, timer: bool) -> (Bits, Decision) {
+    let [_, pending, _, cached] = sets;
+    let Some(best) = Sources::from_bits(cached).greatest() else {
+        return if pending == 0 { ([0; 4], Decision::Missed) } else { (sets, Decision::Waiting) };
+    };
+    if !outranks(pending, best) || commit == Commit::Eager && timer {
+        forwarded(best, pending)
+    } else {
+        (sets, Decision::Waiting)
+    }
+}
+
+/// The states that harnesses start from are the valid ones, all and no others, and they are those of the core.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn every_valid_state_is_generated_and_accepted() {
+    let commit = any_commit();
+    let [requested, pending, armed, cached]: Bits = kani::any();
+    let made = slot_of(commit, CLOUDS, requested, pending, cached, armed & 1 != 0);
+    kani::assert(is_valid(commit, made), "what is generated is valid");
+    let is_made = bits(made) == [requested, pending, armed, cached];
+    let sets = [requested, pending, armed, cached].map(Sources::from_bits);
+    let taken = Slot::from_sets(commit, sets[0], sets[1], sets[2], sets[3]);
+    let is_retired = requested | pending | armed | cached == 0;
+    kani::assert(
+        taken.is_ok() == (is_made || is_retired),
+        "the core takes for a state what is generated, and nothing else",
+    );
+    if let Ok(slot) = taken {
+        kani::assert(bits(slot) == [requested, pending, armed, cached], "the core keeps the sets");
+        kani::assert(is_retired || is_valid(commit, slot), "what the core takes is valid");
+    }
+    kani::cover!(is_made && cached != 0 && commit == Commit::Eager, "a held result under eager");
+    kani::cover!(
+        is_made && cached != 0 && commit == Commit::Patient,
+        "a held result under patient"
+    );
+    kani::cover!(taken.is_err(), "sets that are no state");
+}
+
+/// P1, F7: what is forwarded or missed is retired with it, and a retired timestamp is never forwarded or missed.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p1_once() {
+    let commit = any_commit();
+    let event = any_event();
+    let (after, decision) = any_slot(commit, CLOUDS).step(commit, event);
+    let ends = matches!(decision, Decision::Forwarded { .. } | Decision::Missed);
+    kani::assert(ends != after.is_open(), "P1 once: it is retired when it is forwarded or missed");
+    kani::assert(after.is_open() || bits(after) == [0; 4], "P1 once: nothing of it remains");
+    let (still, again) = Slot::RETIRED.step(commit, event);
+    let ends_again = matches!(again, Decision::Forwarded { .. } | Decision::Missed);
+    kani::assert(!ends_again && still == Slot::RETIRED, "P1 once: a retired timestamp stays so");
+    let (still, refusal) = Slot::RETIRED.offer(any_source(CLOUDS));
+    let is_closed = refusal == Some(OfferRefusal::Closed) && still == Slot::RETIRED;
+    kani::assert(is_closed, "P1 once: no offer opens it again");
+    kani::cover!(decision == Decision::Missed, "it is missed");
+    kani::cover!(ends && decision != Decision::Missed, "it is forwarded");
+}
+
+/// P2, F5, A1: what its timer closed is forwarded by nothing: a forwarded result was in hand, or comes while pending.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p2_never_late() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let event = any_event();
+    let (after, decision) = before.step(commit, event);
+    let arriving = match event {
+        Event::Result(source) => bit(source) & bits(before)[1],
+        Event::Failure(_) | Event::Timers(_) => 0,
+    };
+    let in_time = bits(before)[3] | arriving;
+    if let Decision::Forwarded { by, .. } = decision {
+        kani::assert(in_time & bit(by) != 0, "P2 never late: forwarded means in time");
+    }
+    kani::assert(bits(after)[3] & !in_time == 0, "P2 never late: held means in time");
+    let fired = match event {
+        Event::Timers(fired) => fired.bits() & bits(before)[2],
+        Event::Result(_) | Event::Failure(_) => 0,
+    };
+    kani::assert(bits(after)[1] & fired == 0, "P2 never late: what fired is pending no more");
+    let late = any_source(CLOUDS);
+    let is_closed = before.requested().contains(late) && bits(before)[1] & bit(late) == 0;
+    let (still, dropped) = before.step(commit, Event::Result(late));
+    let is_dropped = matches!(dropped, Decision::Dropped(_)) && still == before;
+    kani::assert(!is_closed || is_dropped, "P2 never late: what is closed is dropped");
+    kani::cover!(fired != 0 && after.is_open(), "a timer fires");
+    kani::cover!(dropped == Decision::Dropped(DropReason::Late), "a result is late");
+}
+
+/// P3, F6: a forwarded result outranks every other one in hand, and the arriving one too unless it is that.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p3_best_in_hand() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let event = any_event();
+    let (_, decision) = before.step(commit, event);
+    let mut in_hand = bits(before)[3];
+    if let Event::Result(source) = event {
+        in_hand |= bit(source) & bits(before)[1];
+    }
+    let mut held_is_forwarded = false;
+    if let Decision::Forwarded { by, .. } = decision {
+        kani::assert(in_hand & bit(by) != 0, "P3 best in hand: it is in hand");
+        kani::assert(!outranks(in_hand, by), "P3 best in hand: nothing in hand outranks it");
+        held_is_forwarded = before.cached().contains(by) && in_hand != bit(by);
+    }
+    kani::cover!(held_is_forwarded, "the best of several held ones is forwarded");
+}
+
+/// P4: while anything is held, something pending outranks it. With the rest of the invariant it holds of a timestamp just
+/// opened, and after any event or offer.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p4_prompt() {
+    let commit = any_commit();
+    kani::assert(is_valid(commit, Slot::open(kani::any())), "P4 prompt: just opened it is valid");
+    let before = any_slot(commit, CLOUDS);
+    let (after, _) = before.step(commit, any_event());
+    kani::assert(
+        !after.is_open() || is_valid(commit, after),
+        "P4 prompt: an event leaves it valid",
+    );
+    let (offered, refusal) = before.offer(any_source(CLOUDS));
+    kani::assert(is_valid(commit, offered), "P4 prompt: an offer leaves it valid");
+    kani::cover!(after.is_open() && after.cached() != before.cached(), "a result is held");
+    kani::cover!(refusal.is_none() && !before.cached().is_empty(), "a request joins a held result");
+}
+
+/// P5: with local's result in hand, a cloud's timer is armed, no event takes the result away or misses the timestamp, each
+/// firing leaves fewer timers, and the firing of all of them forwards.
+///
+/// So the number of armed timers ranks what remains: it falls at each firing and is never 0 while local's result waits.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p5_local_floor() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let event = any_event();
+    let (after, decision) = before.step(commit, event);
+    let is_forwarded = matches!(decision, Decision::Forwarded { .. });
+    let had = before.cached().contains(Source::LOCAL);
+    let has = after.cached().contains(Source::LOCAL);
+    kani::assert(!had || is_forwarded || has, "P5 local floor: what is in hand stays or goes");
+    let comes = event == Event::Result(Source::LOCAL) && before.pending().contains(Source::LOCAL);
+    kani::assert(!comes || is_forwarded || has, "P5 local floor: what comes is in hand or goes");
+    let is_awaited = !after.armed().clouds().is_empty();
+    kani::assert(!has || is_awaited, "P5 local floor: while it waits, a timer is armed");
+    if let Event::Timers(fired) = event {
+        let left = before.armed().difference(fired);
+        let fewer = !after.is_open() || after.armed() == left;
+        kani::assert(fewer, "P5 local floor: each firing leaves fewer timers");
+        let last = had && left.clouds().is_empty();
+        kani::assert(!last || is_forwarded, "P5 local floor: the last firing forwards");
+    }
+    kani::cover!(had && after.is_open() && after.armed() != before.armed(), "it waits on");
+    kani::cover!(had && is_forwarded && commit == Commit::Patient, "patient forwards it");
+}
+
+/// P6, A17: with no request admitted, local's accepted result is forwarded the moment it arrives.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p6_free_without_cloud() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let (after, decision) = before.step(commit, Event::Result(Source::LOCAL));
+    let alone = before.requested() == Sources::LOCAL;
+    let forwarded = Decision::Forwarded { by: Source::LOCAL, cancelled: Sources::EMPTY };
+    let goes = decision == forwarded && !after.is_open();
+    kani::assert(!alone || goes, "P6 free without cloud: local's result goes at once");
+    let waits = decision == Decision::Held;
+    let awaited = !before.pending().clouds().is_empty();
+    kani::assert(!waits || awaited, "P6 free without cloud: it waits for a cloud alone");
+    kani::cover!(alone && before.armed().contains(Source::LOCAL), "it had a limit");
+    kani::cover!(waits, "it waits for a cloud");
+}
+
+/// P7: an open timestamp waits for local or has an armed timer; opened with a limit it always has one, and the firing of
+/// all of them retires it. Nothing but an admitted offer arms another.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p7_no_stall() {
+    let commit = any_commit();
+    kani::assert(is_limited(Slot::open(true)), "P7 no stall: a limit is armed");
+    let before = any_slot(commit, CLOUDS);
+    let waits = before.pending().contains(Source::LOCAL) || !before.armed().is_empty();
+    kani::assert(waits, "P7 no stall: it waits for local or a timer");
+    // Whether it was opened with a limit is known of some states only: the invariant of those is `is_limited`.
+    let limited = is_limited(before);
+    kani::assert(
+        !limited || !before.armed().is_empty(),
+        "P7 no stall: with a limit a timer is armed",
+    );
+    let event = any_event();
+    let (after, decision) = before.step(commit, event);
+    let kept = !limited || !after.is_open() || is_limited(after);
+    kani::assert(kept, "P7 no stall: an event keeps a limited timestamp limited");
+    kani::assert(before.armed().contains_all(after.armed()), "P7 no stall: no event arms a timer");
+    let (offered, _) = before.offer(any_source(CLOUDS));
+    kani::assert(!limited || is_limited(offered), "P7 no stall: so does an offer");
+    let (end, _) = before.step(commit, Event::Timers(before.armed()));
+    kani::assert(!limited || !end.is_open(), "P7 no stall: once all timers fired it is retired");
+    kani::cover!(limited && decision == Decision::Missed, "a limited timestamp is missed");
+    kani::cover!(!limited && end.is_open(), "one without a limit waits for local");
+}
+
+/// P8, A3, F3: a timer is live from its admission until it fires, its failure is accepted, its result is held under
+/// patient or the timestamp is retired; the limit's until local's result or failure is accepted.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p8_timers() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let event = any_event();
+    let (after, decision) = before.step(commit, event);
+    let accepted = !matches!(decision, Decision::Dropped(_));
+    let ended = match event {
+        Event::Timers(fired) => fired.bits(),
+        Event::Failure(source) if accepted => bit(source),
+        Event::Result(source) if accepted && (commit == Commit::Patient || bit(source) == 1) => {
+            bit(source)
+        }
+        Event::Failure(_) | Event::Result(_) => 0,
+    };
+    let is_exact = !after.is_open() || bits(after)[2] == bits(before)[2] & !ended;
+    kani::assert(is_exact, "P8 timers: those end that must, and no others");
+    let source = any_source(CLOUDS);
+    let (offered, refusal) = before.offer(source);
+    let armed = if refusal.is_none() { bit(source) } else { 0 };
+    let is_one_more = bits(offered)[2] == bits(before)[2] | armed;
+    kani::assert(is_one_more, "P8 timers: an admitted request arms its own");
+    let open = [Slot::open(false), Slot::open(true)].map(|slot| slot.armed().bits());
+    kani::assert(open == [0, 1], "P8 timers: just opened there is the limit's or none");
+    kani::cover!(
+        decision == Decision::Held && after.armed() != before.armed(),
+        "a timer ends as a result is held"
+    );
+    kani::cover!(
+        decision == Decision::Held && commit == Commit::Eager && ended == 0,
+        "a timer runs on"
+    );
+}
+
+/// P11, F8: each result is forwarded, held or dropped, each failure accepted or dropped, a firing is never dropped; what is
+/// dropped changes nothing, and what is cancelled is exactly the clouds still pending.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p11_accounted() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let event = any_event();
+    let (after, decision) = before.step(commit, event);
+    match (event, decision) {
+        (Event::Result(_) | Event::Failure(_), Decision::Dropped(_)) => {
+            kani::assert(after == before, "P11 accounted: what is dropped changes nothing");
+        }
+        (Event::Result(source), Decision::Held) => {
+            kani::assert(after.cached().contains(source), "P11 accounted: what is held is in hand");
+        }
+        (Event::Result(source), Decision::Forwarded { by, .. }) => {
+            kani::assert(by == source, "P11 accounted: a result forwards itself");
+        }
+        (
+            Event::Failure(_) | Event::Timers(_),
+            Decision::Forwarded { .. } | Decision::Missed | Decision::Waiting,
+        ) => {}
+        (Event::Result(_), Decision::Waiting | Decision::Missed)
+        | (Event::Failure(_), Decision::Held)
+        | (Event::Timers(_), Decision::Held | Decision::Dropped(_)) => {
+            kani::assert(false, "P11 accounted: each input has an answer of its kind");
+        }
+    }
+    if let Decision::Forwarded { cancelled, .. } = decision {
+        let ended = match event {
+            Event::Result(source) | Event::Failure(source) => bit(source),
+            Event::Timers(fired) => fired.bits() & bits(before)[2],
+        };
+        let left = bits(before)[1] & !ended & !1;
+        kani::assert(cancelled.bits() == left, "P11 accounted: the pending clouds are cancelled");
+    }
+    kani::cover!(matches!(decision, Decision::Dropped(_)), "an input is dropped");
+    kani::cover!(
+        matches!(event, Event::Failure(_)) && decision == Decision::Waiting,
+        "a failure is accepted"
+    );
+}
+
+/// F2, A17, A26: an offer is refused for the first reason that holds and then changes nothing; else it joins.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn f2_offer_by_the_rule() {
+    let before = any_slot(any_commit(), CLOUDS);
+    let source = any_source(CLOUDS);
+    let [requested, pending, armed, cached] = bits(before);
+    let (after, refusal) = before.offer(source);
+    let expected = if requested & bit(source) != 0 {
+        Some(OfferRefusal::Duplicate)
+    } else if outranks(cached, source) {
+        Some(OfferRefusal::Outranked)
+    } else {
+        None
+    };
+    kani::assert(refusal == expected, "F2: the first reason that holds, or none");
+    let of = if expected.is_none() { bit(source) } else { 0 };
+    let joined = [requested | of, pending | of, armed | of, cached];
+    kani::assert(
+        bits(after) == joined,
+        "F2: it is requested, pending and armed, or nothing changes",
+    );
+    kani::cover!(refusal == Some(OfferRefusal::Outranked), "it is outranked");
+    kani::cover!(refusal.is_none(), "it is admitted");
+}
+
+/// F3, P4: a result is dropped for the first reason that holds; in time it is held while something pending outranks it,
+/// and forwarded if nothing does. A machine that drops everything fails here.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn f3_result_by_the_rule() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let source = any_source(CLOUDS);
+    let (after, decision) = before.step(commit, Event::Result(source));
+    let [requested, pending, armed, cached] = bits(before);
+    let rest = pending & !bit(source);
+    let (sets, expected) = if let Some(reason) = reason_to_drop(bits(before), source) {
+        (bits(before), Decision::Dropped(reason))
+    } else if outranks(rest, source) {
+        let disarmed = if commit == Commit::Patient || bit(source) == 1 { bit(source) } else { 0 };
+        ([requested, rest, armed & !disarmed, cached | bit(source)], Decision::Held)
+    } else {
+        forwarded(source, rest)
+    };
+    kani::assert(decision == expected, "F3: dropped, held or forwarded by the rule");
+    kani::assert(bits(after) == sets, "F3: the sets are those of the rule");
+    kani::cover!(decision == Decision::Held, "it is held");
+    kani::cover!(matches!(decision, Decision::Forwarded { .. }), "it is forwarded");
+    kani::cover!(decision == Decision::Dropped(DropReason::Unsolicited), "it is unsolicited");
+    kani::cover!(decision == Decision::Dropped(DropReason::Duplicate), "it is a duplicate");
+}
+
+/// F4, A7, A8, A27, A36: a failure is dropped for the reasons of a result; accepted it closes its request and settles as by
+/// no timer.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn f4_fail_by_the_rule() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let source = any_source(CLOUDS);
+    let (after, decision) = before.step(commit, Event::Failure(source));
+    let [requested, pending, armed, cached] = bits(before);
+    let (sets, expected) = if let Some(reason) = reason_to_drop(bits(before), source) {
+        (bits(before), Decision::Dropped(reason))
+    } else {
+        let closed = [requested, pending & !bit(source), armed & !bit(source), cached];
+        settled(commit, closed, false)
+    };
+    kani::assert(decision == expected, "F4: dropped or settled by the rule");
+    kani::assert(bits(after) == sets, "F4: the sets are those of the rule");
+    kani::cover!(decision == Decision::Missed, "nothing is left to wait for");
+    kani::cover!(matches!(decision, Decision::Forwarded { .. }), "the best in hand goes");
+    kani::cover!(decision == Decision::Waiting && cached != 0, "a held result waits on");
+}
+
+/// F5, F6, A4, A5, A9, A22: timers that fire together leave armed and pending and settle once, as by a timer if a cloud's
+/// is among them; those that are not armed count for nothing.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn f6_settle_by_the_rule() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let fired: u16 = kani::any();
+    let (after, decision) = before.step(commit, Event::Timers(Sources::from_bits(fired)));
+    let [requested, pending, armed, cached] = bits(before);
+    let fired = fired & armed;
+    let (sets, expected) = if fired == 0 {
+        (bits(before), Decision::Waiting)
+    } else {
+        settled(commit, [requested, pending & !fired, armed & !fired, cached], fired & !1 != 0)
+    };
+    kani::assert(decision == expected, "F6: settled by the rule");
+    kani::assert(bits(after) == sets, "F6: the sets are those of the rule");
+    let forwards = matches!(decision, Decision::Forwarded { .. });
+    kani::cover!(forwards && commit == Commit::Eager && pending & !fired > cached, "eager commits");
+    kani::cover!(forwards && commit == Commit::Patient, "patient has nothing better to wait for");
+    kani::cover!(
+        fired == 1 && decision == Decision::Waiting && cached != 0,
+        "the limit commits nothing"
+    );
+    kani::cover!(decision == Decision::Missed, "nothing came");
+}

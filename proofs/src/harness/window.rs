@@ -1,0 +1,312 @@
+//! The tree of open timestamps: from any tree of up to four, each way to change it and each question to it.
+//!
+//! Every shape that balance allows is taken, nine in all, with any timestamps, sets and due instants. Where a node lies in
+//! the arrays is fixed: the tree compares places with each other and with none, and never orders them.
+
+use crate::any::{any_commit, any_entry, any_instant, any_slot, any_timestamp, earliest, least};
+use crate::source::Source;
+use crate::time::Instant;
+use crate::valid::{in_order, is_tree};
+use crate::window::{Entry, Place, Window};
+
+/// The tree knows one due instant of each timestamp, the earliest. The limit's is enough for it to be any, or none; that
+/// it is the earliest of several, `fusion` shows.
+type Tree = Window<0, 4>;
+
+/// Calls a function for each shape, of which one is any.
+macro_rules! any_shape {
+    ($harness:ident) => {
+        match kani::any_where(|shape: &u8| *shape < 9) {
+            0 => $harness::<0>(),
+            1 => $harness::<1>(),
+            2 => $harness::<2>(),
+            3 => $harness::<3>(),
+            4 => $harness::<4>(),
+            5 => $harness::<5>(),
+            6 => $harness::<6>(),
+            7 => $harness::<7>(),
+            _ => $harness::<8>(),
+        }
+    };
+}
+
+/// Calls a function for each node of each shape with up to three nodes, of which one is any.
+macro_rules! any_node_of_three {
+    ($harness:ident) => {
+        match kani::any_where(|node: &u8| *node < 8) {
+            0 => $harness::<1, 0>(),
+            1 => $harness::<2, 0>(),
+            2 => $harness::<2, 1>(),
+            3 => $harness::<3, 0>(),
+            4 => $harness::<3, 1>(),
+            5 => $harness::<4, 0>(),
+            6 => $harness::<4, 1>(),
+            _ => $harness::<4, 2>(),
+        }
+    };
+}
+
+/// The same for each shape with four nodes.
+macro_rules! any_node_of_four {
+    ($harness:ident) => {
+        match kani::any_where(|node: &u8| *node < 16) {
+            0 => $harness::<5, 0>(),
+            1 => $harness::<5, 1>(),
+            2 => $harness::<5, 2>(),
+            3 => $harness::<5, 3>(),
+            4 => $harness::<6, 0>(),
+            5 => $harness::<6, 1>(),
+            6 => $harness::<6, 2>(),
+            7 => $harness::<6, 3>(),
+            8 => $harness::<7, 0>(),
+            9 => $harness::<7, 1>(),
+            10 => $harness::<7, 2>(),
+            11 => $harness::<7, 3>(),
+            12 => $harness::<8, 0>(),
+            13 => $harness::<8, 1>(),
+            14 => $harness::<8, 2>(),
+            _ => $harness::<8, 3>(),
+        }
+    };
+}
+
+fn same_entry<const CLOUDS: usize>(a: &Entry<CLOUDS>, b: &Entry<CLOUDS>) -> bool {
+    a.slot == b.slot && a.limit_due == b.limit_due && (0..CLOUDS).all(|i| a.dues[i] == b.dues[i])
+}
+
+/// Whether every timestamp but that of `place` is in both trees, at the same place, with the same entry.
+fn others_stay<const CLOUDS: usize>(
+    before: &Window<CLOUDS, 4>,
+    after: &Window<CLOUDS, 4>,
+    len: usize,
+    place: usize,
+) -> bool {
+    (0..len).filter(|i| *i != place).all(|i| {
+        before.nodes[i].timestamp == after.nodes[i].timestamp
+            && same_entry(&before.entries[i], &after.entries[i])
+    })
+}
+
+/// The least due instant of all armed timers, by looking at each.
+fn least_due(tree: &Tree) -> Option<Instant> {
+    let (order, len) = in_order(tree)?;
+    order[..len].iter().fold(None, |due, place| least(due, earliest(&tree.entries[*place])))
+}
+
+fn generated<const SHAPE: usize>() -> usize {
+    let tree = any_window::<SHAPE>();
+    kani::assert(is_tree(&tree), "what is generated is a tree");
+    kani::assert(is_tree(&Tree::new()), "an empty window is a tree");
+    tree.len
+}
+
+fn any_window<const SHAPE: usize>() -> Tree {
+    crate::any::any_window::<0, SHAPE>(any_commit())
+}
+
+/// The trees that harnesses start from are valid.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn every_generated_tree_is_valid() {
+    let len = any_shape!(generated);
+    kani::cover!(len == 0, "an empty one");
+    kani::cover!(len == 4, "a full one");
+}
+
+fn found<const SHAPE: usize>() -> (bool, bool) {
+    let tree = any_window::<SHAPE>();
+    let timestamp = any_timestamp();
+    let place = (0..tree.len).find(|i| tree.nodes[*i].timestamp == timestamp);
+    let found = tree.find(timestamp).map(|place| usize::from(place.0));
+    kani::assert(found == place, "P9: it finds what is open and nothing else");
+    let next = (0..tree.len).find(|i| tree.nodes[*i].timestamp >= timestamp);
+    let at_least = tree.at_least(timestamp);
+    let expected = next.map(|i| tree.nodes[i].timestamp);
+    kani::assert(at_least.map(|(t, _)| t) == expected, "P9: it finds the least that is no less");
+    (found == Some(0), tree.len > 0 && found.is_none() && next.is_some())
+}
+
+/// P9, F8: lookup finds what is open and nothing else.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_lookup() {
+    let (is_first, is_between) = any_shape!(found);
+    kani::cover!(is_first, "it finds the first");
+    kani::cover!(is_between, "there is none but a later one");
+}
+
+fn next<const SHAPE: usize>() -> (bool, bool) {
+    let tree = any_window::<SHAPE>();
+    let due = tree.next_due();
+    kani::assert(due == least_due(&tree), "P9: the next due instant is the least armed one");
+    let Some(due) = due else { return (true, false) };
+    let first = (0..tree.len).find(|i| tree.nodes[*i].due == Some(due));
+    let found = usize::from(tree.first_due_at(due).0);
+    kani::assert(Some(found) == first, "F5: of those due then the least timestamp fires");
+    let last = (0..tree.len).rfind(|i| tree.nodes[*i].due == Some(due));
+    (false, first != last)
+}
+
+/// P9, F5, A23: the next due instant is the least armed one, and the least timestamp that is due then fires.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_next_due() {
+    let (is_none, is_tie) = any_shape!(next);
+    kani::cover!(is_none, "nothing is armed");
+    kani::cover!(is_tie, "two are due at one instant");
+}
+
+fn pushed<const SHAPE: usize>() -> (usize, bool) {
+    let before = any_window::<SHAPE>();
+    let len = before.len;
+    let (timestamp, entry) = (any_timestamp(), any_entry::<0>(any_commit()));
+    kani::assume(len == 0 || before.nodes[len - 1].timestamp < timestamp);
+    let mut after = before.clone();
+    let added = after.push(timestamp, entry);
+    kani::assert(added == (len < 4), "P9: there is room for as many as the window");
+    kani::assert(is_tree(&after), "P9: it is a tree");
+    kani::assert(others_stay(&before, &after, len, len), "P9: only its own timestamp changes");
+    kani::assert(after.len == len + usize::from(added), "P9: it is one more");
+    if added {
+        let last = usize::from(after.last.0);
+        let is_there =
+            after.nodes[last].timestamp == timestamp && same_entry(&after.entries[last], &entry);
+        kani::assert(is_there, "P9: it is there with its entry");
+    }
+    (len, added)
+}
+
+/// P9, F1, F8: opening adds the timestamp and changes no other; what is full takes no more.
+///
+/// The timestamp is assumed to be greater than all open ones: F1 refuses it otherwise, which `f1_open_by_the_rule` shows.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_open() {
+    let (len, added) = any_shape!(pushed);
+    kani::cover!(len == 3 && added, "it takes the last place");
+    kani::cover!(!added, "it is full");
+}
+
+fn armed<const SHAPE: usize, const AT: usize>() -> bool {
+    let commit = any_commit();
+    let before = crate::any::any_window::<1, SHAPE>(commit);
+    let due = any_instant();
+    let source = Source::new(1).unwrap_or(Source::LOCAL);
+    let (slot, refusal) = before.entries[AT].slot.offer(source);
+    kani::assume(refusal.is_none());
+    let mut after = before.clone();
+    after.arm(Place(AT as u16), slot, source, due);
+    kani::assert(is_tree(&after), "P9: it is a tree");
+    kani::assert(
+        others_stay(&before, &after, before.len, AT),
+        "P9: only its own timestamp changes",
+    );
+    let mut entry = before.entries[AT];
+    entry.slot = slot;
+    entry.dues[0] = due;
+    kani::assert(same_entry(&after.entries[AT], &entry), "P9: its timer is armed");
+    after.next_due() != before.next_due()
+}
+
+/// P9, F2: arming a timer changes no other timestamp, and the next due instant is still the least.
+///
+/// That the request is admitted is assumed: the tree is told of no other.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_offer_in_three() {
+    let is_next = any_node_of_three!(armed);
+    kani::cover!(is_next, "it is the next due");
+}
+
+/// As `p9_offer_in_three`, for P9 in trees of four.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_offer_in_four() {
+    let is_next = any_node_of_four!(armed);
+    kani::cover!(is_next, "it is the next due");
+}
+
+fn set<const SHAPE: usize, const AT: usize>() -> bool {
+    let commit = any_commit();
+    let before = crate::any::any_window::<1, SHAPE>(commit);
+    let slot = any_slot(commit, 1);
+    kani::assume(before.entries[AT].slot.armed().contains_all(slot.armed()));
+    let mut after = before.clone();
+    after.set(Place(AT as u16), slot);
+    kani::assert(is_tree(&after), "P9: it is a tree");
+    kani::assert(
+        others_stay(&before, &after, before.len, AT),
+        "P9: only its own timestamp changes",
+    );
+    let entry = Entry { slot, ..before.entries[AT] };
+    kani::assert(same_entry(&after.entries[AT], &entry), "P9: it has the new state");
+    after.next_due() != before.next_due()
+}
+
+/// P9, F3, F4, F5: what closes requests changes no other timestamp, and the next due instant is still the least.
+///
+/// That no timer is armed anew is assumed: `p7_no_stall` shows it of every event.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_close_in_three() {
+    let is_other = any_node_of_three!(set);
+    kani::cover!(is_other, "the next due is another");
+}
+
+/// As `p9_close_in_three`, for P9 in trees of four.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_close_in_four() {
+    let is_other = any_node_of_four!(set);
+    kani::cover!(is_other, "the next due is another");
+}
+
+fn removed<const SHAPE: usize, const AT: usize>() -> bool {
+    let before = any_window::<SHAPE>();
+    let mut after = before.clone();
+    after.remove(Place(AT as u16));
+    kani::assert(is_tree(&after), "P9: it is a tree");
+    kani::assert(
+        others_stay(&before, &after, before.len, AT),
+        "P9: only its own timestamp changes",
+    );
+    let is_gone = in_order(&after).is_some_and(|(order, len)| !order[..len].contains(&AT));
+    kani::assert(is_gone && after.len == before.len - 1, "P9: it is open no more");
+    after.next_due() != before.next_due()
+}
+
+/// P9, F7: retiring a timestamp changes no other, leaves a tree, and its place is free again.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_retire_in_three() {
+    let is_other = any_node_of_three!(removed);
+    kani::cover!(is_other, "the next due is another");
+}
+
+/// As `p9_retire_in_three`, for P9 in trees of four.
+///
+/// Bounds: window of 4.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_retire_in_four() {
+    let is_other = any_node_of_four!(removed);
+    kani::cover!(is_other, "the next due is another");
+}

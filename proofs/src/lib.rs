@@ -1,0 +1,49 @@
+//! Proofs about the shipped machine: its own sources, and harnesses that look at them from inside.
+// Built for its own tests there would be nothing here: the core's files would look for their test modules in vain.
+#![cfg(not(test))]
+#![no_std]
+
+#[cfg(not(target_arch = "wasm32"))]
+extern crate std;
+
+// The core's modules, as its `lib.rs` lists them.
+#[rustfmt::skip]
+#[path = "../../core/src/answer.rs"]
+mod answer;
+#[rustfmt::skip]
+#[path = "../../core/src/clouds.rs"]
+mod clouds;
+#[rustfmt::skip]
+#[path = "../../core/src/fusion.rs"]
+mod fusion;
+#[rustfmt::skip]
+#[path = "../../core/src/gate.rs"]
+mod gate;
+#[rustfmt::skip]
+#[path = "../../core/src/priority.rs"]
+mod priority;
+#[rustfmt::skip]
+#[path = "../../core/src/slot.rs"]
+mod slot;
+#[rustfmt::skip]
+#[path = "../../core/src/source.rs"]
+mod source;
+#[rustfmt::skip]
+#[path = "../../core/src/time.rs"]
+mod time;
+#[rustfmt::skip]
+#[path = "../../core/src/window.rs"]
+mod window;
+
+pub use answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
+pub use clouds::{Cloud, ConfigError};
+pub use fusion::{At, Fusion, Ready};
+pub use gate::Gate;
+pub use priority::{Priorities, Priority};
+pub use slot::{Commit, Decision, Event, InvalidSlot, Slot};
+pub use source::{Source, Sources};
+pub use time::{Deadline, Instant, Timestamp};
+
+mod any;
+pub mod harness;
+mod valid;
