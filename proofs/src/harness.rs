@@ -16,7 +16,7 @@ macro_rules! named {
 /// All of them, to be called as functions. A test compares this with the sources.
 #[cfg(not(target_arch = "wasm32"))]
 pub const ALL: &[Named] = named! {
-    fusion: f5_expire_by_the_rule f1_open_by_the_rule f2_offer_and_its_due
+    fusion: f5_expire_by_the_rule f5_firing_is_settled f1_open_by_the_rule f2_offer_and_its_due
         p2_never_late_by_the_clock f4_fail_has_its_outcome p7_retired_by_the_latest_due
         p10_two_firings_are_two_calls;
     gate: f2g_gate p10_order_of_clouds;
@@ -24,6 +24,7 @@ pub const ALL: &[Named] = named! {
         p4_prompt p5_local_floor p6_free_without_cloud p7_no_stall p8_timers p11_accounted
         f2_offer_by_the_rule f3_result_by_the_rule f4_fail_by_the_rule f6_settle_by_the_rule;
     time: a14_due_saturates a14_deadline_saturates;
-    window: every_generated_tree_is_valid p9_lookup p9_next_due p9_open p9_offer_in_three
-        p9_offer_in_four p9_close_in_three p9_close_in_four p9_retire_in_three p9_retire_in_four;
+    window: every_generated_tree_is_valid p9_lookup_in_three p9_lookup_in_four
+        p9_next_due_in_three p9_next_due_in_four p9_open p9_offer_in_three p9_offer_in_four
+        p9_close_in_three p9_close_in_four p9_retire_in_three p9_retire_in_four;
 };

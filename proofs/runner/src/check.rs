@@ -8,7 +8,7 @@ use crate::tools::{Limits, Ran, Tools};
 use crate::translate::{Copy, Generated};
 
 /// Loops of the memory run as often as there are bytes to move; all others as often as the harness says.
-const MEMORY_LOOPS: [(&str, u32); 2] = [("memory_copy", 5), ("memory_fill", 2)];
+const MEMORY_LOOPS: [(&str, u32); 2] = [("memory_copy", 6), ("memory_fill", 2)];
 
 /// The verdict about a harness.
 #[derive(Clone, PartialEq, Eq, Debug)]

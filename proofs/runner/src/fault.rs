@@ -25,10 +25,21 @@ struct Faults {
     fault: Vec<Fault>,
 }
 
+/// What no harness can catch, each with the reason.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Beyond {
-    beyond: BTreeMap<String, String>,
+pub(crate) struct Beyond {
+    /// By the beginnings of their files' names.
+    files: BTreeMap<String, String>,
+    /// By their own names.
+    faults: BTreeMap<String, String>,
+}
+
+impl Beyond {
+    pub(crate) fn holds(&self, fault: &Fault) -> bool {
+        self.faults.contains_key(&fault.name)
+            || self.files.keys().any(|start| fault.file.starts_with(start))
+    }
 }
 
 /// All faults of the project, in their order.
@@ -40,15 +51,18 @@ pub(crate) fn load(root: &Path) -> Result<Vec<Fault>, Error> {
     Ok(faults.fault)
 }
 
-/// The faults that no harness can catch, each with the reason.
+/// The faults that no harness can catch.
 ///
 /// # Errors
-/// The file cannot be read, or names a fault that there is not.
-pub(crate) fn beyond(root: &Path, faults: &[Fault]) -> Result<BTreeMap<String, String>, Error> {
+/// The file cannot be read, or names a fault or files that there are not.
+pub(crate) fn beyond(root: &Path, faults: &[Fault]) -> Result<Beyond, Error> {
     let path = root.join("proofs/beyond.toml");
-    let Beyond { beyond } = toml_at(&path)?;
-    match beyond.keys().find(|name| !faults.iter().any(|fault| fault.name == **name)) {
-        Some(name) => Err(Error::content(&path, &format!("there is no fault {name}"))),
+    let beyond: Beyond = toml_at(&path)?;
+    let lone = |name: &&String| !faults.iter().any(|fault| fault.name == **name);
+    let empty = |start: &&String| !faults.iter().any(|fault| fault.file.starts_with(*start));
+    let stale = beyond.faults.keys().find(lone).or_else(|| beyond.files.keys().find(empty));
+    match stale {
+        Some(name) => Err(Error::content(&path, &format!("there is no fault of {name}"))),
         None => Ok(beyond),
     }
 }

@@ -138,13 +138,16 @@ fn act(cli: &Cli) -> Result<bool, Error> {
         return kani_engine::run(tree, &names, &cli.harness, seconds);
     }
     let whole = cli.harness.is_empty();
-    let mut good = true;
     if whole {
-        for wrong in record.shrunk(&sources) {
+        let wrong = record.shrunk(&sources);
+        for wrong in &wrong {
             eprintln!("{wrong}");
-            good = false;
+        }
+        if !wrong.is_empty() {
+            return Ok(false);
         }
     }
+    let mut good = true;
     if !(whole && cli.faults) {
         good &= run.harnesses(&cli.harness, slow)?;
     }

@@ -11,8 +11,8 @@ use crate::error::Error;
 /// The folder of the harness files, from the root.
 pub(crate) const FOLDER: &str = "proofs/src/harness";
 
-/// The group whose harnesses are proved on request only.
-const SLOW: &str = "slow";
+/// The groups whose harnesses are proved on request only.
+const SLOW: [&str; 1] = ["window"];
 
 /// One harness.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -34,7 +34,7 @@ pub(crate) struct Harness {
 
 impl Harness {
     pub(crate) fn is_slow(&self) -> bool {
-        self.group == SLOW
+        SLOW.contains(&self.group.as_str())
     }
 }
 
@@ -75,7 +75,9 @@ impl Sources {
         for (at, line) in lines.iter().enumerate() {
             let Some(found) = name.captures(line) else { continue };
             let name = &found[1];
-            let length = lines[at..].iter().position(|line| *line == "}").unwrap_or(0);
+            let ends =
+                |line: &&str| *line == "}" || line.starts_with("pub fn") && line.ends_with("{}");
+            let length = lines[at..].iter().position(|line| ends(line)).unwrap_or(0);
             let body = &lines[at..=at + length];
             let above = lines[..at].iter().rev().take_while(|line| line.starts_with(['/', '#']));
             let mut above: Vec<&str> = above.copied().collect();

@@ -118,7 +118,7 @@ impl<'a> Copy<'a> {
             "-Clink-arg=--stack-first".to_owned(),
             // Calls and loops would hide which addresses are constants.
             "-Cllvm-args=-inline-threshold=10000".to_owned(),
-            "-Cllvm-args=-unroll-threshold=100".to_owned(),
+            "-Cllvm-args=-unroll-threshold=2000".to_owned(),
             "--extern=kani=libfuseline_kani.rlib".to_owned(),
             "-L.".to_owned(),
             format!("-o{}", own("proofs.wasm")),

@@ -86,8 +86,8 @@ fn tells<const CLOUDS: usize>(
     }
 }
 
-/// F0, F5, A1, A21, A22: the clock never goes back. If a timer is due by then, the due instant itself included, all of the
-/// earliest instant fire together and settle once; else the machine takes inputs and nothing else changed.
+/// F0, F5, A1, A2, A21, A22: the clock never goes back. If a timer is due by then, the due instant itself included, all of
+/// the earliest instant fire together; else the machine takes inputs and nothing changed.
 ///
 /// Bounds: window of 1, 8 clouds.
 #[kani::proof]
@@ -100,30 +100,44 @@ pub fn f5_expire_by_the_rule() {
     let due = earliest(&entry);
     let is_due = due.is_some_and(|due| due <= later(clock, now));
     let fired = match fusion.at(now) {
-        At::Fired(firing) => Some(firing),
+        At::Fired(firing) => Some((firing.timestamp, firing.due, firing.timers.sources().bits())),
         At::Ready(_) => None,
     };
     kani::assert(fusion.now == later(clock, now), "F0: the clock never goes back");
     kani::assert(fired.is_some() == is_due, "F5: timers fire exactly if one is due");
-    kani::assert(holds(&fusion), "F5: the machine stays valid");
-    let mut is_retired = false;
-    if let Some(Firing { timestamp: of, due: then, timers, outcome }) = fired {
+    if let Some((of, then, timers)) = fired {
         kani::assert(of == timestamp && Some(then) == due, "F5: the earliest due instant");
-        let together = due_at(&entry, then);
-        kani::assert(timers.sources().bits() == together, "A22: all of that instant, no others");
+        kani::assert(timers == due_at(&entry, then), "A22: all of that instant, no others");
+    } else {
+        let same = fusion.open.entries[0].slot == entry.slot;
+        kani::assert(same && !fusion.is_empty(), "F0: nothing else changes");
+    }
+    kani::cover!(fired.is_some() && due == Some(later(clock, now)), "it is due just now");
+    kani::cover!(fired.is_none() && due.is_some() && now < clock, "the clock was further already");
+}
+
+/// F5, F6, F7: what a firing decides is what the step of its timestamp decides, and the machine stays valid.
+///
+/// Bounds: window of 1, 4 clouds.
+#[kani::proof]
+#[kani::unwind(7)]
+pub fn f5_firing_is_settled() {
+    let mut fusion = any_single::<4>();
+    let entry = fusion.open.entries[0];
+    let mut is_retired = false;
+    let mut waits = false;
+    if let At::Fired(Firing { timers, outcome, .. }) = fusion.at(any_instant()) {
         let (slot, decision) = entry.slot.step(fusion.commit, Event::Timers(timers.sources()));
         kani::assert(tells(&fusion, outcome, decision), "F6: what follows is told");
         is_retired = !slot.is_open();
         kani::assert(fusion.is_empty() == is_retired, "F7: what is retired is open no more");
         let same = is_retired || fusion.open.entries[0].slot == slot;
         kani::assert(same, "F5: the timestamp is as the step leaves it");
-    } else {
-        let same = fusion.open.entries[0].slot == entry.slot;
-        kani::assert(same && !fusion.is_empty(), "F0: nothing else changes");
+        waits = !is_retired;
     }
+    kani::assert(holds(&fusion), "F5: the machine stays valid");
     kani::cover!(is_retired, "a firing retires the timestamp");
-    kani::cover!(fired.is_some_and(|firing| firing.due == later(clock, now)), "it is due just now");
-    kani::cover!(fired.is_none() && due.is_some() && now < clock, "the clock was further already");
+    kani::cover!(waits, "it waits on");
 }
 
 /// F1, A11, A14, A25, A31: an open is refused for the first reason that holds and then changes nothing; else the timestamp is

