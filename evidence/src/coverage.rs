@@ -11,8 +11,8 @@ use crate::tree::Tree;
 
 type Taken = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
 
-/// Runs the tests and reads what they took of the files in `folder`.
-pub(crate) fn take(tree: &Tree, out: &Path, folder: &str, tests: &Tests) -> Result<Taken, Error> {
+/// Runs the tests and reads what they took of `files`.
+pub(crate) fn take(tree: &Tree, out: &Path, files: &[&str], tests: &Tests) -> Result<Taken, Error> {
     let compiler = version(
         Command::new("cargo").args(["+nightly", "--version"]).env("RUSTUP_AUTO_INSTALL", "0"),
         "branches are told apart by the nightly compiler alone",
@@ -42,7 +42,7 @@ pub(crate) fn take(tree: &Tree, out: &Path, folder: &str, tests: &Tests) -> Resu
         return Err(Error::content(out, format!("cargo llvm-cov ended with {ended}")));
     }
     let text = std::fs::read_to_string(&report).map_err(Error::file(&report))?;
-    let (counts, gaps) = read(tree, folder, &text)?;
+    let (counts, gaps) = read(tree, files, &text)?;
     if counts["lines"] == 0 || counts["branches"] == 0 {
         return Err(Error::content(&report, "nothing was measured"));
     }
@@ -66,7 +66,7 @@ fn llvm() -> Result<String, Error> {
 /// Reads a report in the format of lcov: `SF` a file, `DA` a line, `BRDA` one way of a branch, each with its count.
 fn read(
     tree: &Tree,
-    folder: &str,
+    files: &[&str],
     report: &str,
 ) -> Result<(BTreeMap<String, u64>, BTreeSet<Gap>), Error> {
     let mut taken = BTreeMap::new();
@@ -75,7 +75,7 @@ fn read(
         let (kind, rest) = line.split_once(':').unwrap_or((line, ""));
         let cells: Vec<&str> = rest.split(',').collect();
         match (kind, &*cells) {
-            ("SF", _) => file = name(tree, folder, rest),
+            ("SF", _) => file = name(tree, files, rest),
             ("DA", [line, count, ..]) => {
                 note(&mut taken, file.as_deref(), [line, "", NEVER], count);
             }
@@ -127,10 +127,14 @@ fn note<'a>(
     *sum = sum.saturating_add(count);
 }
 
-/// A file of the folder by its name from the root.
-fn name(tree: &Tree, folder: &str, path: &str) -> Option<String> {
+/// A file by its name from the root, if it is wanted.
+fn name(tree: &Tree, files: &[&str], path: &str) -> Option<String> {
     let root = tree.root().canonicalize().ok()?;
     let name = Path::new(path).canonicalize().ok()?.strip_prefix(root).ok()?.to_str()?.to_owned();
-    let is_wanted = name.starts_with(folder) && !name.ends_with("tests.rs");
+    let is_in = |start: &&str| match start.strip_prefix('!') {
+        Some(without) => !name.starts_with(without),
+        None => name.starts_with(start),
+    };
+    let is_wanted = files.iter().all(is_in) && !name.ends_with("tests.rs");
     is_wanted.then_some(name)
 }

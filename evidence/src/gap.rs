@@ -57,10 +57,12 @@ pub(crate) fn explanations(tree: &Tree) -> Result<Vec<Explained>, Error> {
 }
 
 impl Gap {
-    /// The gap at a line, counted from 1, of a text.
+    /// The gap at a line, counted from 1, of a text. One of brackets alone is told with what stands before it.
     pub(crate) fn at(file: &str, text: &str, line: usize, what: impl Into<String>) -> Self {
-        let line = line.checked_sub(1).and_then(|above| text.lines().nth(above));
-        let line = line.unwrap_or_default().trim().to_owned();
+        let lines: Vec<&str> = text.lines().take(line).map(str::trim).collect();
+        let is_told = |line: &&&str| line.contains(char::is_alphanumeric);
+        let told = lines.iter().rev().position(|line| is_told(&line)).unwrap_or_default();
+        let line = lines[lines.len().saturating_sub(told + 1)..].join(" ");
         Self { file: file.to_owned(), line, what: what.into() }
     }
 }
@@ -68,5 +70,19 @@ impl Gap {
 impl std::fmt::Display for Gap {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}: `{}`: {}", self.file, self.line, self.what)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_of_brackets_alone_is_told_with_what_stands_before_it() {
+        let text = "fn f() {\n    loop {\n        g();\n    }\n}\n";
+        let told = |line| Gap::at("f.rs", text, line, "never runs").line;
+        assert_eq!(told(3), "g();");
+        assert_eq!(told(5), "g(); } }");
+        assert_eq!(Gap::at("f.rs", "", 1, "never runs").line, "");
     }
 }

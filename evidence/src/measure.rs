@@ -35,8 +35,8 @@ pub(crate) struct Tests {
 enum Tool {
     /// cargo-mutants, on these files; what follows a `!` is left out.
     Mutants(&'static [&'static str]),
-    /// cargo-llvm-cov, of the files in this folder.
-    Coverage(&'static str),
+    /// cargo-llvm-cov, of the files in a folder; what follows a `!` is left out.
+    Coverage(&'static [&'static str]),
 }
 
 /// The result, as it is committed.
@@ -116,7 +116,7 @@ pub const MEASURES: &[Measure] = &[
         name: "coverage-core",
         title: "coverage of the core",
         sources: SOURCES_OF_CORE,
-        tool: Tool::Coverage("core/src"),
+        tool: Tool::Coverage(&[CORE, NO_SHARED]),
         tests: TESTS_OF_CORE,
     },
 ];
@@ -140,7 +140,7 @@ impl Measure {
         std::fs::create_dir_all(&out).map_err(Error::file(&out))?;
         let (by, counts, gaps) = match self.tool {
             Tool::Mutants(files) => mutants::take(tree, &out, files, &self.tests, jobs)?,
-            Tool::Coverage(folder) => coverage::take(tree, &out, folder, &self.tests)?,
+            Tool::Coverage(files) => coverage::take(tree, &out, files, &self.tests)?,
         };
         let measured = Measured { sources, by, counts, gaps };
         let path = self.path(tree);
