@@ -33,10 +33,10 @@
 //!   have one such order that explains all their answers.
 //! - In that order P1–P4, P8 and P11 hold. P2 is meant by the clock of the caller who gives the result: it is forwarded
 //!   only if the `now` given along with it lies before its due instant.
-//! - A call does not wait for another one, and looks at its timestamp's state at most `2 · CLOUDS + 2` times. It looks
-//!   again only when that state changed meanwhile. Each cloud is asked once, and each source stops being pending once:
-//!   `2 · CLOUDS + 1` changes at most, the last of which retires the timestamp.
-//!   [`Intake::open`] looks at each place at most once.
+//! - A call does not wait for another one, and looks at its timestamp's state at most `2 · CLOUDS + 1` times. It looks
+//!   again only when that state changed meanwhile, and it changes no more often: each cloud is asked once, each source
+//!   stops being pending once, and the last of these changes retires the timestamp. [`Intake::open`] looks at each place
+//!   at most once.
 //! - What a thread did before a call that changed a timestamp happens before the return of each later call that changes
 //!   it, and of a later open that uses its place again. So values may be kept beside the machine: store one before
 //!   the call, take it out after being told to forward. `fuseline-threads` does so.

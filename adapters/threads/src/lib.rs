@@ -36,6 +36,13 @@
 //! gone and its place is used again, and is dropped by the owner then. If some of them are still there at that time, the
 //! owner allocates new cells, and the last of them drops the old ones. Nothing else allocates.
 //!
+//! # When the plain machine does better
+//!
+//! Where one thread or task drives everything anyway. The tokio adapter stays with
+//! [`Fusion`](fuseline_core::Fusion) for that: each value has to reach its task through a queue in any case, nothing
+//! contends for the machine behind it, and its strict trace needs what only one caller can give, one clock and one
+//! order over all timestamps (F0, F5). It would gain neither in simplicity nor in speed.
+//!
 //! # What is not provided
 //!
 //! Threads, timers and a clock: see `examples/executor.rs` for a way. What the machine does not guarantee is not

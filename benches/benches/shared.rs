@@ -1,0 +1,271 @@
+//! The machine for many threads beside the plain one behind a lock of the standard library or of `parking_lot`: results
+//! from 1, 2 and 4 threads for the same messages, all measured in turns in one run.
+//!
+//! The threads walk through the messages side by side, so that their calls meet at the same ones. The owner's part,
+//! opens and offers, is measured on one thread before.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::{Duration, Instant as Clock};
+
+use fuseline_core::shared::Shared;
+use fuseline_core::{
+    Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Timestamp,
+};
+
+const WINDOW: usize = 1024;
+/// Local's and the clouds'.
+const PRIORITIES: [Priority; 4] =
+    [Priority::LOCAL, Priority::new(1), Priority::new(2), Priority::new(3)];
+const SOURCES: usize = PRIORITIES.len();
+/// So many that threads have begun long before the first ends.
+const MACHINES: usize = 32;
+const MESSAGES: usize = MACHINES * WINDOW;
+const CALLS: usize = MESSAGES * SOURCES;
+/// Odd, so that there is a median.
+const TURNS: usize = 21;
+/// No timer fires.
+const LONG: Deadline = Deadline::from_millis(1_000_000);
+const NOW: Instant = Instant::from_nanos(1);
+
+/// Gives a source's result for one of the messages; says whether to forward.
+type Give<'a> = dyn Fn(usize, Priority) -> bool + Sync + 'a;
+
+/// A machine with as many open messages as its window holds.
+trait Machine {
+    const NAME: &str;
+
+    fn new(clouds: &[Cloud]) -> Self;
+
+    /// Opens messages from `t` on, each offered to all clouds; answers how to give their results and how long this took.
+    fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration);
+}
+
+struct LockFree(Box<Shared<3, WINDOW>>);
+
+impl Machine for LockFree {
+    const NAME: &str = "shared";
+
+    fn new(clouds: &[Cloud]) -> Self {
+        let shared = Shared::new(WINDOW, Commit::Eager, clouds).expect("a valid configuration");
+        Self(Box::new(shared))
+    }
+
+    fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration) {
+        let (mut intake, desk) = self.0.split();
+        let mut tickets = Vec::with_capacity(WINDOW);
+        let start = Clock::now();
+        for t in (t..).take(WINDOW) {
+            let ticket = intake.open(NOW, Timestamp::new(t), None).expect("there is room");
+            for p in 1..=3 {
+                let (_, admission) = intake.offer(NOW, ticket, Priority::new(p), LONG, 0);
+                assert!(matches!(admission, Admission::Admitted { .. }));
+            }
+            tickets.push(ticket);
+        }
+        let took = start.elapsed();
+        let give = move |message: usize, source| {
+            is_forwarded(&desk.result(NOW, tickets[message], source).1)
+        };
+        (Box::new(give), took)
+    }
+}
+
+/// Opens and offers at a plain machine, one call at a time as an owner would.
+fn fill(t: u64, mut at: impl FnMut(&mut dyn FnMut(&mut Fusion<3, WINDOW>))) -> Duration {
+    let start = Clock::now();
+    for t in (t..).take(WINDOW).map(Timestamp::new) {
+        at(&mut |fusion| {
+            let At::Ready(mut ready) = fusion.at(NOW) else { unreachable!("nothing is due") };
+            assert_eq!(ready.open(t, None), Opening::Accepted);
+        });
+        for p in 1..=3 {
+            at(&mut |fusion| {
+                let At::Ready(mut ready) = fusion.at(NOW) else { unreachable!("nothing is due") };
+                let admission = ready.offer(t, Priority::new(p), LONG, 0);
+                assert!(matches!(admission, Admission::Admitted { .. }));
+            });
+        }
+    }
+    start.elapsed()
+}
+
+fn give(fusion: &mut Fusion<3, WINDOW>, t: u64, source: Priority) -> bool {
+    let At::Ready(mut ready) = fusion.at(NOW) else { unreachable!("nothing is due") };
+    is_forwarded(&ready.result(Timestamp::new(t), source))
+}
+
+fn plain(clouds: &[Cloud]) -> Fusion<3, WINDOW> {
+    Fusion::new(WINDOW, Commit::Eager, clouds).expect("a valid configuration")
+}
+
+struct Locked(Box<Mutex<Fusion<3, WINDOW>>>);
+
+impl Machine for Locked {
+    const NAME: &str = "std Mutex";
+
+    fn new(clouds: &[Cloud]) -> Self {
+        Self(Box::new(Mutex::new(plain(clouds))))
+    }
+
+    fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration) {
+        let machine = &*self.0;
+        let took = fill(t, |then| then(&mut machine.lock().expect("nobody panicked")));
+        let give = move |message, source| {
+            give(&mut machine.lock().expect("nobody panicked"), t + message as u64, source)
+        };
+        (Box::new(give), took)
+    }
+}
+
+struct ParkingLot(Box<parking_lot::Mutex<Fusion<3, WINDOW>>>);
+
+impl Machine for ParkingLot {
+    const NAME: &str = "parking_lot";
+
+    fn new(clouds: &[Cloud]) -> Self {
+        Self(Box::new(parking_lot::Mutex::new(plain(clouds))))
+    }
+
+    fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration) {
+        let machine = &*self.0;
+        let took = fill(t, |then| then(&mut machine.lock()));
+        let give = move |message, source| give(&mut machine.lock(), t + message as u64, source);
+        (Box::new(give), took)
+    }
+}
+
+const fn is_forwarded(outcome: &Outcome<3>) -> bool {
+    matches!(outcome, Outcome::Forwarded { .. })
+}
+
+/// What was measured of one machine with so many threads.
+#[derive(Default)]
+struct Figures {
+    /// Calls in a second, a turn each.
+    rates: Vec<f64>,
+    /// Opens and offers of a message, a turn each, in ns.
+    fills: Vec<f64>,
+    /// Each call alone, in ns, its two readings of the clock included.
+    times: Vec<u64>,
+}
+
+struct Bench<M> {
+    machines: Vec<M>,
+    t: u64,
+}
+
+impl<M: Machine> Bench<M> {
+    fn new() -> Self {
+        let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
+        Self { machines: (0..MACHINES).map(|_| M::new(&clouds)).collect(), t: 0 }
+    }
+
+    /// One turn: all results by so many threads, either timed together or each alone.
+    fn turn(&mut self, threads: usize, each_alone: bool, figures: &mut Figures) {
+        let filled = self.machines.iter_mut().map(|machine| machine.fill(self.t));
+        let (gives, fills): (Vec<_>, Vec<_>) = filled.unzip();
+        self.t += WINDOW as u64;
+        let gives = &gives;
+        let waiting = &AtomicUsize::new(threads);
+        let ends: Vec<_> = thread::scope(|scope| {
+            let workers: Vec<_> = (0..threads)
+                .map(|number| {
+                    scope.spawn(move || {
+                        let mut times = Vec::with_capacity(if each_alone { CALLS } else { 0 });
+                        waiting.fetch_sub(1, Ordering::AcqRel);
+                        while waiting.load(Ordering::Acquire) > 0 {
+                            thread::yield_now();
+                        }
+                        let began = Clock::now();
+                        let forwarded = work(gives, number, threads, each_alone, &mut times);
+                        (began, Clock::now(), forwarded, times)
+                    })
+                })
+                .collect();
+            workers.into_iter().map(|worker| worker.join().expect("no panic")).collect()
+        });
+        let forwarded: usize = ends.iter().map(|(_, _, forwarded, _)| forwarded).sum();
+        assert_eq!(forwarded, MESSAGES, "each message is forwarded once");
+        let began = ends.iter().map(|end| end.0).min().expect("a thread");
+        let ended = ends.iter().map(|end| end.1).max().expect("a thread");
+        if each_alone {
+            figures.times.extend(ends.iter().flat_map(|end| &end.3));
+        } else {
+            figures.rates.push(float(CALLS) / (ended - began).as_secs_f64());
+        }
+        let fill: Duration = fills.iter().sum();
+        figures.fills.push(fill.as_secs_f64() * 1e9 / float(MESSAGES));
+    }
+}
+
+/// One thread's share: each of the threads in turn takes a call, local's and the clouds', message by message.
+fn work(
+    gives: &[Box<Give>],
+    number: usize,
+    threads: usize,
+    alone: bool,
+    times: &mut Vec<u64>,
+) -> usize {
+    let mut forwarded = 0;
+    for call in (number..CALLS).step_by(threads) {
+        let (message, source) = (call / SOURCES, PRIORITIES[call % SOURCES]);
+        let begin = alone.then(Clock::now);
+        forwarded += usize::from(gives[message / WINDOW](message % WINDOW, source));
+        times.extend(begin.map(|begin| nanos(begin.elapsed())));
+    }
+    forwarded
+}
+
+fn float(count: usize) -> f64 {
+    u32::try_from(count).map_or(f64::MAX, f64::from)
+}
+
+fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn report(name: &str, threads: usize, mut figures: Figures) {
+    figures.times.sort_unstable();
+    let times = &figures.times;
+    let at = |per_mille: usize| times[(times.len() - 1) * per_mille / 1000];
+    println!(
+        "{threads:>7} | {name:<11} | {:>10.2} | {:>6} | {:>8} | {:>10} | {:>12.0}",
+        median(figures.rates) / 1e6,
+        at(500),
+        at(999),
+        at(1000),
+        median(figures.fills),
+    );
+}
+
+fn main() {
+    println!(
+        "{TURNS} turns of {CALLS} results, 4 for each message, in {MACHINES} windows of {WINDOW}; medians of the"
+    );
+    println!("turns, percentiles of all calls; a call's time includes two readings of the clock\n");
+    println!(
+        "threads | machine     | M calls/s  | p50 ns | p99.9 ns | worst ns   | ns to open and offer"
+    );
+    for threads in [1, 2, 4] {
+        let mut benches =
+            (Bench::<LockFree>::new(), Bench::<Locked>::new(), Bench::<ParkingLot>::new());
+        let mut figures: [Figures; 3] = Default::default();
+        for turn in 0..2 * TURNS {
+            let each_alone = turn % 2 == 1;
+            benches.0.turn(threads, each_alone, &mut figures[0]);
+            benches.1.turn(threads, each_alone, &mut figures[1]);
+            benches.2.turn(threads, each_alone, &mut figures[2]);
+        }
+        let [shared, locked, parking_lot] = figures;
+        report(LockFree::NAME, threads, shared);
+        report(Locked::NAME, threads, locked);
+        report(ParkingLot::NAME, threads, parking_lot);
+    }
+}
