@@ -39,7 +39,7 @@ struct Cli {
     /// Only the seeded faults, or with --harness these too.
     #[arg(long)]
     faults: bool,
-    /// Look anew which harnesses catch each fault, and record it.
+    /// Look anew which harnesses, or those named, catch each fault, and record it.
     #[arg(long)]
     search: bool,
     /// With --search, only these faults.
@@ -131,7 +131,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     };
     let slow = cli.tier == Tier::Slow;
     if cli.search {
-        return run.search(&mut record, &cli.fault);
+        return run.search(&mut record, &cli.fault, &cli.harness);
     }
     if cli.kani {
         let names: Vec<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();

@@ -111,7 +111,12 @@ impl Run<'_> {
     ///
     /// # Errors
     /// As for [`harnesses`](Self::harnesses), or the record cannot be written.
-    pub(crate) fn search(&self, record: &mut Record, names: &[String]) -> Result<bool, Error> {
+    pub(crate) fn search(
+        &self,
+        record: &mut Record,
+        names: &[String],
+        by: &[String],
+    ) -> Result<bool, Error> {
         let faults = fault::load(self.tree)?;
         let beyond = fault::beyond(self.tree, &faults)?;
         record.take(self.sources);
@@ -154,6 +159,7 @@ impl Run<'_> {
                 let (citing, others): (Vec<&Harness>, Vec<&Harness>) =
                     fast.partition(|h| is_cited(h, fault));
                 let mut order: Vec<&Harness> = citing.into_iter().chain(others).collect();
+                order.retain(|harness| by.is_empty() || by.contains(&harness.name));
                 order.sort_by_key(|harness| DEAR.contains(&harness.group.as_str()));
                 for harness in order {
                     if catches(fault, harness)? {
@@ -163,6 +169,9 @@ impl Run<'_> {
                 Ok((fault.name.clone(), false))
             },
         )?;
+        if !by.is_empty() {
+            return Ok(found.values().all(|good| *good));
+        }
         let idle: Vec<&Harness> = {
             let record = kept.lock().unwrap_or_else(PoisonError::into_inner);
             let fast = self.sources.harnesses.iter().filter(|harness| !harness.is_slow());

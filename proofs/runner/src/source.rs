@@ -77,7 +77,7 @@ impl Sources {
             let name = &found[1];
             let ends =
                 |line: &&str| *line == "}" || line.starts_with("pub fn") && line.ends_with("{}");
-            let length = lines[at..].iter().position(|line| ends(line)).unwrap_or(0);
+            let length = lines[at..].iter().position(ends).unwrap_or(0);
             let body = &lines[at..=at + length];
             let above = lines[..at].iter().rev().take_while(|line| line.starts_with(['/', '#']));
             let mut above: Vec<&str> = above.copied().collect();

@@ -307,7 +307,7 @@ pub fn p8_timers() {
     );
 }
 
-/// P11, F8: each result is forwarded, held or dropped, each failure accepted or dropped, a firing is never dropped; what is
+/// P11, F7, F8, A24: each result is forwarded, held or dropped, each failure accepted or dropped, a firing is never dropped; what is
 /// dropped changes nothing, and what is cancelled is exactly the clouds still pending.
 ///
 /// Bounds: 15 clouds.
