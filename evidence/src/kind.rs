@@ -303,7 +303,9 @@ fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> 
 fn function(text: &str, name: &str) -> Option<String> {
     let lines: Vec<&str> = text.lines().collect();
     let head = format!("fn {name}(");
-    let at = lines.iter().position(|line| line.trim_start().starts_with(&head))?;
+    let at = lines
+        .iter()
+        .position(|line| line.trim_start().trim_start_matches("pub ").starts_with(&head))?;
     let is_above = |line: &&&str| matches!(line.trim_start().as_bytes(), [b'/' | b'#', ..]);
     let above = lines.iter().take(at).rev().take_while(is_above).count();
     let indent = lines[at].len() - lines[at].trim_start().len();

@@ -151,8 +151,8 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     if !(whole && cli.faults) {
         good &= run.harnesses(&cli.harness, slow)?;
     }
-    if cli.faults || whole && !slow {
-        good &= run.faults(&record, &cli.harness)?;
+    if cli.faults || whole {
+        good &= run.faults(&record, &cli.harness, slow)?;
     }
     Ok(good)
 }

@@ -16,6 +16,8 @@ use crate::source::Sources;
 pub(crate) struct Record {
     /// By harness, how many covers it has.
     pub(crate) harnesses: BTreeMap<String, usize>,
+    /// Those of them that every run proves.
+    pub(crate) fast: BTreeSet<String>,
     /// By file and function, how many assertions it makes.
     pub(crate) assertions: BTreeMap<String, usize>,
     /// By fault, who caught it.
@@ -60,6 +62,8 @@ impl Record {
     pub(crate) fn take(&mut self, sources: &Sources) {
         let harnesses = sources.harnesses.iter();
         self.harnesses = harnesses.map(|h| (h.name.clone(), h.covers.len())).collect();
+        let fast = sources.harnesses.iter().filter(|harness| !harness.is_slow());
+        self.fast = fast.map(|harness| harness.name.clone()).collect();
         self.assertions.clone_from(&sources.assertions);
         for caught in self.faults.values_mut() {
             caught.by.retain(|name| self.harnesses.contains_key(name));
@@ -72,6 +76,9 @@ impl Record {
         for (name, covers) in &self.harnesses {
             match sources.harnesses.iter().find(|harness| harness.name == *name) {
                 None => wrong.push(format!("the harness {name} is gone")),
+                Some(harness) if harness.is_slow() == self.fast.contains(name) => {
+                    wrong.push(format!("{name} is of another tier than recorded"));
+                }
                 Some(harness) if harness.covers.len() < *covers => {
                     wrong.push(format!("{name} has fewer covers than {covers}"));
                 }
@@ -91,23 +98,34 @@ impl Record {
         wrong
     }
 
-    /// Pairs to run so that each fault is caught, and each harness catches one.
-    pub(crate) fn pairs(&self, faults: &[Fault]) -> BTreeSet<(String, String)> {
+    /// Pairs to run so that each fault is caught that some of `harnesses` can catch, and each of these catches one.
+    pub(crate) fn pairs(
+        &self,
+        faults: &[Fault],
+        harnesses: &BTreeSet<&str>,
+    ) -> BTreeSet<(String, String)> {
         let names: BTreeSet<&str> = faults.iter().map(|fault| fault.name.as_str()).collect();
-        let caught: Vec<_> =
-            self.faults.iter().filter(|(fault, _)| names.contains(fault.as_str())).collect();
+        let caught: Vec<(&String, BTreeSet<&String>)> = self
+            .faults
+            .iter()
+            .filter(|(fault, _)| names.contains(fault.as_str()))
+            .map(|(fault, caught)| {
+                let able = caught.by.iter().filter(|name| harnesses.contains(name.as_str()));
+                (fault, able.collect())
+            })
+            .collect();
         let mut pairs = BTreeSet::new();
         let mut used = BTreeSet::new();
         for (fault, caught) in &caught {
             // One that has none yet, so that few pairs do.
-            let fresh = caught.by.iter().find(|name| !used.contains(*name));
-            if let Some(name) = fresh.or_else(|| caught.by.first()) {
-                used.insert(name.clone());
-                pairs.insert(((*fault).clone(), name.clone()));
+            let fresh = caught.iter().find(|name| !used.contains(**name));
+            if let Some(name) = fresh.or_else(|| caught.first()) {
+                used.insert((*name).clone());
+                pairs.insert(((*fault).clone(), (*name).clone()));
             }
         }
         for name in self.harnesses.keys().filter(|name| !used.contains(*name)) {
-            if let Some((fault, _)) = caught.iter().find(|(_, caught)| caught.by.contains(name)) {
+            if let Some((fault, _)) = caught.iter().find(|(_, caught)| caught.contains(name)) {
                 pairs.insert(((*fault).clone(), name.clone()));
             }
         }

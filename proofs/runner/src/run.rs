@@ -55,11 +55,16 @@ impl Run<'_> {
         Ok(self.sum_up(&lines, "proved") && !harnesses.is_empty())
     }
 
-    /// Shows that the recorded harnesses catch the faults.
+    /// Shows that the harnesses of a tier catch the faults that they are recorded to catch.
     ///
     /// # Errors
     /// As for [`harnesses`](Self::harnesses).
-    pub(crate) fn faults(&self, record: &Record, names: &[String]) -> Result<bool, Error> {
+    pub(crate) fn faults(
+        &self,
+        record: &Record,
+        names: &[String],
+        slow: bool,
+    ) -> Result<bool, Error> {
         let faults = fault::load(self.tree)?;
         let beyond = fault::beyond(self.tree, &faults)?;
         let mut good = true;
@@ -76,14 +81,16 @@ impl Run<'_> {
                 _ => wrong(format!("no harness is recorded to catch {}", fault.name)),
             }
         }
-        let pairs: Vec<(String, String)> = record
-            .pairs(&faults)
-            .into_iter()
-            .filter(|(_, name)| names.is_empty() || names.contains(name))
-            .collect();
+        let of_tier = self.sources.harnesses.iter().filter(|harness| harness.is_slow() == slow);
+        let able: BTreeSet<&str> = if names.is_empty() {
+            of_tier.clone().map(|harness| harness.name.as_str()).collect()
+        } else {
+            names.iter().map(String::as_str).collect()
+        };
+        let pairs: Vec<(String, String)> = record.pairs(&faults, &able).into_iter().collect();
         let caught: BTreeSet<&String> = pairs.iter().map(|(_, name)| name).collect();
-        if names.is_empty() {
-            for harness in self.sources.harnesses.iter().filter(|harness| !harness.is_slow()) {
+        if names.is_empty() && !slow {
+            for harness in of_tier {
                 if !caught.contains(&harness.name) {
                     wrong(format!("no fault is recorded that {} catches", harness.name));
                 }
@@ -155,9 +162,9 @@ impl Run<'_> {
             &wanted,
             |_| {},
             |fault| {
-                let fast = self.sources.harnesses.iter().filter(|harness| !harness.is_slow());
+                let all = self.sources.harnesses.iter();
                 let (citing, others): (Vec<&Harness>, Vec<&Harness>) =
-                    fast.partition(|h| is_cited(h, fault));
+                    all.partition(|h| is_cited(h, fault));
                 let mut order: Vec<&Harness> = citing.into_iter().chain(others).collect();
                 order.retain(|harness| by.is_empty() || by.contains(&harness.name));
                 order.sort_by_key(|harness| DEAR.contains(&harness.group.as_str()));

@@ -12,7 +12,7 @@ use crate::error::Error;
 pub(crate) const FOLDER: &str = "proofs/src/harness";
 
 /// The groups and the harnesses that are proved on request only.
-const SLOW: [&str; 3] = ["window", "p10_order_of_clouds", "p10_two_firings_are_two_calls"];
+const SLOW: [&str; 3] = ["fusion", "window", "p10_order_of_clouds"];
 
 /// One harness.
 #[derive(Clone, PartialEq, Eq, Debug)]
