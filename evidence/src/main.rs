@@ -122,7 +122,8 @@ fn faults(tree: &Tree, args: &Faults) -> Result<bool, Error> {
 /// Prints who caught what; whether someone caught each.
 fn report(summary: &Summary) -> bool {
     let mut all = true;
-    for (fault, kinds) in summary {
+    // A fault that no chosen kind could see says nothing about them.
+    for (fault, kinds) in summary.iter().filter(|(_, kinds)| !kinds.is_empty()) {
         let counts: Vec<String> =
             kinds.iter().map(|(kind, by)| format!("{kind} {}", by.len())).collect();
         let caught = kinds.values().any(|by| !by.is_empty());
