@@ -107,6 +107,7 @@ pub const MEASURES: &[Measure] = &[
                 "--lib",
                 "--test=corpus",
                 "--test=judge",
+                "--test=reference",
                 "--test=seeds",
                 "--test=differential",
             ],
