@@ -24,7 +24,7 @@ macro_rules! arbitrary {
     ($($type:ty)*) => { $(
         impl Arbitrary for $type {
             #[inline]
-            #[allow(clippy::cast_possible_truncation, reason = "the bits beyond the type mean nothing")]
+            #[expect(clippy::cast_possible_truncation, reason = "the bits beyond the type mean nothing")]
             fn any() -> Self {
                 engine::any(Self::BITS) as Self
             }
@@ -32,7 +32,14 @@ macro_rules! arbitrary {
     )* };
 }
 
-arbitrary!(u8 u16 u32 u64);
+arbitrary!(u8 u16 u32);
+
+impl Arbitrary for u64 {
+    #[inline]
+    fn any() -> Self {
+        engine::any(Self::BITS)
+    }
+}
 
 impl Arbitrary for bool {
     #[inline]
