@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::gap::Gap;
 use crate::sources::{
-    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, TESTS, TRACES,
+    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, SHARED, TESTS,
+    TRACES,
 };
 use crate::tree::Tree;
 use crate::{coverage, mutants};
@@ -71,6 +72,18 @@ const SOURCES_OF_CORE: &[&str] = &[
     "tests/tests/window.rs",
 ];
 
+const TESTS_OF_SHARED: Tests =
+    Tests { packages: &["fuseline-loom"], targets: &["--test=history", "--test=stress"] };
+const SOURCES_OF_SHARED: &[&str] = &[
+    SHARED,
+    "core/src/clouds.rs",
+    "core/src/gate.rs",
+    "core/src/slot.rs",
+    "core/src/window.rs",
+    "adapters/threads/src",
+    "tests/loom",
+];
+
 /// All of them.
 pub const MEASURES: &[Measure] = &[
     Measure {
@@ -119,6 +132,20 @@ pub const MEASURES: &[Measure] = &[
         sources: SOURCES_OF_CORE,
         tool: Tool::Coverage(&[CORE, NO_SHARED]),
         tests: TESTS_OF_CORE,
+    },
+    Measure {
+        name: "mutants-shared",
+        title: "mutants of the machine for many threads",
+        sources: SOURCES_OF_SHARED,
+        tool: Tool::Mutants(&["core/src/shared.rs", "core/src/shared/*.rs"]),
+        tests: TESTS_OF_SHARED,
+    },
+    Measure {
+        name: "coverage-shared",
+        title: "coverage of the machine for many threads",
+        sources: SOURCES_OF_SHARED,
+        tool: Tool::Coverage(&[SHARED]),
+        tests: TESTS_OF_SHARED,
     },
 ];
 

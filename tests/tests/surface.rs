@@ -87,8 +87,9 @@ fn machines_that_differ_in_anything_are_not_equal() {
         Machine::new(window, commit, clouds).expect("a sound configuration")
     };
     let slower = Cloud { limit: 32, ..NEAR };
+    // Where `retired` is, but that it never opened a timestamp.
     let mut later = machine();
-    let _ = ready(&mut later, 1);
+    let _ = ready(&mut later, 10);
     let mut retired = opened(machine(), None);
     assert!(forwarded(&mut retired, Priority::LOCAL).is_empty());
     let mut shut = opened(machine(), None);

@@ -94,6 +94,7 @@ pub const CASES: &[Case] = cases![
     "f5-same-due-fires-together",
     "f5-timer-fires-at-an-open",
     "f5-timer-not-before-due",
+    "f5-two-clouds-due-at-once",
     "f6-best-in-hand-goes-eager",
     "f6-best-in-hand-goes-patient",
     "f6-firing-with-nothing-in-hand-hurries-nothing",

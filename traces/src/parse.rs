@@ -18,6 +18,14 @@ const WINDOW: u64 = 1024;
 const USUAL: [(&[u8], Key); 4] =
     [(b"\"at\":", Key::At), (b"\"t\":", Key::T), (b"\"p\":", Key::P), (b"\"ev\":", Key::Ev)];
 
+/// What a trace was recorded for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Form {
+    Strict,
+    /// A request has exactly one of `due` and `deadline`, the latter relative to its own `at`.
+    Observed,
+}
+
 /// What is wrong with a line, and where.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error("column {column}: {message}")]
@@ -36,6 +44,11 @@ pub struct ParseError {
 /// # Errors
 /// Whatever the format does not allow, with its column.
 pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
+    parse_as(line, Form::Strict)
+}
+
+/// Reads one line in a form of the trace.
+pub(crate) fn parse_as(line: &[u8], form: Form) -> Result<Line, ParseError> {
     let text = str::from_utf8(line).map_err(|error| {
         ParseError::at(error.valid_up_to(), "invalid UTF-8; a trace is UTF-8 text")
     })?;
@@ -53,6 +66,9 @@ pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
     fields.read(&mut scan)?;
     let end = scan.offset().saturating_sub(1);
     scan.end()?;
+    if form == Form::Observed {
+        fields.date_request();
+    }
     let kind = fields.kind(end)?;
     fields.line(kind)
 }
@@ -131,6 +147,18 @@ impl<'a> Fields<'a> {
             Key::X => scan.skip()?,
         }
         Ok(())
+    }
+
+    /// Gives a request that has its deadline the due instant instead.
+    fn date_request(&mut self) {
+        let has = |key| self.seen.contains(key);
+        if self.kind == Some(Kind::Request) && has(Key::Deadline) && !has(Key::Due) {
+            let [at, deadline] = [Key::At, Key::Deadline].map(|key| self.numbers[key as usize]);
+            // F2: the sum saturates.
+            self.numbers[Key::Due as usize] = at.saturating_add(deadline);
+            self.seen = self.seen.without(Keys::of(&[Key::Deadline]));
+            self.seen.insert(Key::Due);
+        }
     }
 
     /// What the line is, if its keys are those of such a line; `end` is where its object ends.

@@ -5,7 +5,7 @@ use std::io::{self, BufRead};
 use flate2::bufread::MultiGzDecoder;
 
 use crate::event::{Commit, Event, Header, Line};
-use crate::parse::{ParseError, parse};
+use crate::parse::{Form, ParseError, parse_as};
 
 /// The longest line, in bytes without its `\n`.
 pub const LINE: usize = 64 * 1024;
@@ -57,6 +57,7 @@ pub enum Fault {
 pub struct Reader<R> {
     inner: R,
     file: String,
+    form: Form,
     header: Header,
     raw: Vec<u8>,
     line: u64,
@@ -68,9 +69,22 @@ impl<R: BufRead> Reader<R> {
     /// # Errors
     /// If the first line is not there or is no header.
     pub fn new(file: impl Into<String>, inner: R) -> Result<Self, ReadError> {
+        Self::of_form(Form::Strict, file.into(), inner)
+    }
+
+    /// Reads the header of a trace to be judged as observed: a request in it may have its `deadline`
+    /// instead of `due`, and comes as one with `due`.
+    ///
+    /// # Errors
+    /// If the first line is not there or is no header.
+    pub fn observed(file: impl Into<String>, inner: R) -> Result<Self, ReadError> {
+        Self::of_form(Form::Observed, file.into(), inner)
+    }
+
+    fn of_form(form: Form, file: String, inner: R) -> Result<Self, ReadError> {
         let header =
             Header { operator: None, window: 0, commit: Commit::default(), clouds: vec![] };
-        let mut reader = Self { inner, file: file.into(), header, raw: Vec::new(), line: 0 };
+        let mut reader = Self { inner, file, form, header, raw: Vec::new(), line: 0 };
         match reader.next_line()? {
             Some(Line::Header(header)) => reader.header = header,
             Some(Line::Event(_)) => return Err(reader.error(1, Fault::NoHeader)),
@@ -129,7 +143,7 @@ impl<R: BufRead> Reader<R> {
         let column = self.raw.len() as u64 + 1;
         match whole {
             Ok(_) if self.raw.len() > LINE => Err(self.error(LINE as u64 + 1, Fault::TooLong)),
-            Ok(true) => match parse(&self.raw) {
+            Ok(true) => match parse_as(&self.raw, self.form) {
                 Ok(line) => Ok(Some(line)),
                 Err(error) => Err(self.error(error.column, Fault::Line(error))),
             },

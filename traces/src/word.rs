@@ -207,7 +207,7 @@ impl Key {
 
 impl Keys {
     /// The set of these.
-    const fn of(keys: &[Key]) -> Self {
+    pub(crate) const fn of(keys: &[Key]) -> Self {
         let mut bits = 0;
         let mut at = 0;
         while at < keys.len() {

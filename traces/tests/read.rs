@@ -4,7 +4,7 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use fuseline_traces::{Event, Fault, Input, LINE, ReadError, Reader, unpack};
+use fuseline_traces::{Decision, Event, Fault, Input, LINE, ReadError, Reader, unpack};
 
 const HEADER: &str = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}";
 const TICK: &str = "{\"ev\":\"tick\",\"at\":1}";
@@ -126,6 +126,31 @@ fn an_error_of_the_source_is_told_and_an_interruption_is_not() {
     assert!(reader.next_event().unwrap().is_some());
     let error = reader.next_event().expect_err("the source broke");
     assert_eq!(error.to_string(), "a.jsonl:3:1: timed out");
+}
+
+#[test]
+fn an_observed_request_has_its_due_instant_or_its_deadline() {
+    const HEAD: &str = r#"{"ev":"request","t":1,"p":2"#;
+    let read = |rest: &str, observed: bool| {
+        let trace = format!("{HEADER}\n{HEAD}{rest}}}\n");
+        let make = if observed { Reader::observed } else { Reader::new };
+        let mut reader = make("a.jsonl", trace.as_bytes()).unwrap();
+        reader.next_event().map_err(|error| error.to_string())
+    };
+    let due = |at, due| Event::Decision(Decision::Request { at, t: 1, p: 2, due });
+    assert_eq!(read(r#","deadline":5,"at":7"#, true), Ok(Some(due(7, 12))));
+    assert_eq!(read(r#","at":7,"due":9"#, true), Ok(Some(due(7, 9))));
+    let never = format!(r#","at":7,"deadline":{}"#, u64::MAX);
+    assert_eq!(read(&never, true), Ok(Some(due(7, u64::MAX))));
+    for (rest, observed, error) in [
+        (r#","at":7,"deadline":5,"due":12"#, true, "key \"deadline\" has no place"),
+        (r#","at":7"#, true, "key \"due\" is missing"),
+        (r#","deadline":5"#, true, "key \"at\" is missing"),
+        (r#","at":7,"deadline":5"#, false, "key \"deadline\" has no place"),
+    ] {
+        let told = read(rest, observed).expect_err(rest);
+        assert!(told.contains(error), "{told}");
+    }
 }
 
 #[test]
