@@ -6,6 +6,7 @@ mod emulation;
 mod fault;
 mod files;
 mod interrupt;
+mod judging;
 mod models;
 mod policies;
 mod replay;
@@ -13,6 +14,7 @@ mod run;
 mod serve;
 mod sink;
 mod tail;
+mod verdict;
 
 use std::ffi::OsString;
 use std::io;

@@ -16,7 +16,6 @@ use tempfile::{Builder, NamedTempFile};
 use tokio::runtime::Runtime;
 
 use crate::Exit;
-use crate::check::tell_people;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
 use crate::run::live::Live;
@@ -56,10 +55,10 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
             .map_err(io::Error::from)
             .and_then(|()| writeln!(out))
     } else {
-        writeln!(out, "{report}").and_then(|()| tell_people(&mut out, &report.trace, 0))
+        writeln!(out, "{report}").and_then(|()| report.trace.tell(&mut out, 0, false))
     }
     .map_err(Fault::Output)?;
-    Ok(if report.trace.conforms { Exit::Conforms } else { Exit::Differs })
+    Ok(report.trace.exit())
 }
 
 /// A file with a temporary name beside `path`, to be renamed to it once it is whole.
