@@ -6,9 +6,9 @@
 mod blame;
 mod explain;
 mod judge;
-mod live;
 mod story;
 mod verdict;
+mod watch;
 
 pub use judge::{Disorder, Judge, JudgeError, judge};
 pub use story::{Allowed, Slack, Story};

@@ -1,8 +1,8 @@
 //! What is wrong with a timestamp that has no explanation.
 
-use super::live::Life;
 use super::story::{Allowed, Slack, Story};
 use super::verdict::Broken;
+use super::watch::Account;
 use crate::event::{Commit, Decision};
 use crate::rule::Rule;
 
@@ -18,43 +18,43 @@ pub(super) struct Blame {
 }
 
 /// What comes for a timestamp that was retired before: it must be dropped or refused.
-pub(super) fn of_again(t: u64, life: &Life) -> Option<Blame> {
-    if let Some(line) = life.lines.first() {
-        let found = outputs(t, &life.story);
+pub(super) fn of_again(t: u64, account: &Account) -> Option<Blame> {
+    if let Some(line) = account.lines.first() {
+        let found = outputs(t, &account.story);
         let expected = "nothing more: it was forwarded or missed before".to_owned();
         return Some(Blame::new(Rule::P1, *line, found, expected));
     }
-    of_open_or_request(t, life, "it was opened before, and retired")
+    of_open_or_request(t, account, "it was opened before, and retired")
 }
 
 /// What comes for a timestamp of which each open was refused (A42).
-pub(super) fn of_refused(t: u64, life: &Life) -> Option<Blame> {
-    if let Some(line) = life.lines.first() {
-        let found = outputs(t, &life.story);
+pub(super) fn of_refused(t: u64, account: &Account) -> Option<Blame> {
+    if let Some(line) = account.lines.first() {
+        let found = outputs(t, &account.story);
         let expected = "nothing: its open was refused".to_owned();
         return Some(Blame::new(Rule::F1, *line, found, expected));
     }
-    of_open_or_request(t, life, "its open was refused")
+    of_open_or_request(t, account, "its open was refused")
 }
 
 /// What no explanation fits.
-pub(super) fn of_life(
+pub(super) fn of_account(
     t: u64,
-    life: &Life,
+    account: &Account,
     commit: Commit,
     slack: Slack,
     end: u64,
 ) -> Option<Blame> {
-    if let Some(line) = life.second_open {
+    if let Some(line) = account.second_open {
         let found = format!("a second open of timestamp {t}");
         return Some(Blame::new(Rule::F1, line, found, "a refusal: order".to_owned()));
     }
-    if let Some((line, p)) = life.stranger {
+    if let Some((line, p)) = account.stranger {
         let found = format!("a request to p {p}");
         return Some(Blame::new(Rule::F2, line, found, "a refusal: no such cloud".to_owned()));
     }
-    let line = life.lines.last().copied();
-    let story = &life.story;
+    let line = account.lines.last().copied();
+    let story = &account.story;
     if story.is_explained(commit, slack, end) {
         return None;
     }
@@ -72,13 +72,13 @@ pub(super) fn of_life(
     Some(Blame { line, rule, found, expected: told(t, &allowed), late })
 }
 
-fn of_open_or_request(t: u64, life: &Life, why: &str) -> Option<Blame> {
+fn of_open_or_request(t: u64, account: &Account, why: &str) -> Option<Blame> {
     let expected = format!("a refusal: {why}");
-    let (rule, found) = if life.is_opened() {
+    let (rule, found) = if account.is_opened() {
         (Rule::F1, format!("a second open of timestamp {t}"))
     } else {
-        let asked = life.story.requests.first().map(|(p, ..)| *p);
-        let p = asked.or(life.stranger.map(|(_, p)| p))?;
+        let asked = account.story.requests.first().map(|(p, ..)| *p);
+        let p = asked.or(account.stranger.map(|(_, p)| p))?;
         (Rule::F2, format!("a request to p {p}"))
     };
     Some(Blame { line: None, rule: Broken::Rule(rule), found, expected, late: None })

@@ -6,10 +6,10 @@ use std::io::BufRead;
 
 use rangemap::RangeInclusiveSet;
 
-use super::blame::{Blame, of_again, of_life, of_refused};
-use super::live::{Life, Live};
+use super::blame::{Blame, of_account, of_again, of_refused};
 use super::story::Slack;
 use super::verdict::{Verdict, Violation};
+use super::watch::{Account, Watch};
 use crate::event::{Decision, DropReason, Event, Header, Input};
 use crate::read::{ReadError, Reader};
 
@@ -35,10 +35,10 @@ pub struct Judge {
     records_opens: bool,
     /// The greatest instant so far.
     greatest: u64,
-    live: BTreeMap<u64, Live>,
+    watched: BTreeMap<u64, Watch>,
     /// When each can be judged, or could before it got another line.
     ripening: BinaryHeap<Reverse<(u64, u64)>>,
-    /// Of those that are live, the ones that broke the rules.
+    /// Of those watched, the ones that broke the rules.
     overdue: VecDeque<u64>,
     /// The timestamps done with.
     ended: RangeInclusiveSet<u64>,
@@ -102,7 +102,7 @@ impl Judge {
             slack,
             records_opens: false,
             greatest: 0,
-            live: BTreeMap::new(),
+            watched: BTreeMap::new(),
             ripening: BinaryHeap::new(),
             overdue: VecDeque::new(),
             ended: RangeInclusiveSet::new(),
@@ -155,8 +155,8 @@ impl Judge {
     /// Ends the trace.
     #[must_use]
     pub fn finish(mut self) -> Verdict {
-        while let Some((t, live)) = self.live.pop_first() {
-            self.close(t, &live, &self.life(t, &live), self.greatest);
+        while let Some((t, watch)) = self.watched.pop_first() {
+            self.close(t, &watch, &self.account(t, &watch), self.greatest);
         }
         self.verdict.conforms &= self.verdict.judged > 0;
         self.verdict
@@ -164,23 +164,23 @@ impl Judge {
 
     /// Notes a line of a timestamp.
     fn take(&mut self, t: u64, line: u64, event: &Event, since: u64) {
-        if !self.live.contains_key(&t) && !self.begins(t, event) {
+        if !self.watched.contains_key(&t) && !self.begins(t, event) {
             return;
         }
         let clouds = &self.header.clouds;
         let is_cloud = |p| clouds.iter().any(|cloud| u64::from(cloud.p) == p);
-        let live = self.live.entry(t).or_default();
-        live.take(line, event, is_cloud, self.records_opens);
+        let watch = self.watched.entry(t).or_default();
+        watch.take(line, event, is_cloud, self.records_opens);
         self.records_opens |= matches!(event, Event::Input(Input::Open { .. }));
-        live.compact(since);
-        live.ripe = live.ripens(self.slack);
-        if !live.is_queued {
-            live.is_queued = true;
-            self.ripening.push(Reverse((live.ripe, t)));
+        watch.compact(since);
+        watch.ripe = watch.ripens(self.slack);
+        if !watch.is_queued {
+            watch.is_queued = true;
+            self.ripening.push(Reverse((watch.ripe, t)));
         }
     }
 
-    /// Whether a line of a timestamp that is not live makes it so.
+    /// Whether a line of a timestamp that is not watched makes it so.
     fn begins(&self, t: u64, event: &Event) -> bool {
         match event {
             Event::Input(Input::Open { .. })
@@ -214,80 +214,81 @@ impl Judge {
                 break;
             }
             self.ripening.pop();
-            let Some(mut live) = self.live.remove(&t) else { continue };
-            if live.ripe >= self.greatest {
+            let Some(mut watch) = self.watched.remove(&t) else { continue };
+            if watch.ripe >= self.greatest {
                 // It got a line since.
-                self.ripening.push(Reverse((live.ripe, t)));
-                self.live.insert(t, live);
+                self.ripening.push(Reverse((watch.ripe, t)));
+                self.watched.insert(t, watch);
                 continue;
             }
-            live.is_queued = false;
-            let life = self.life(t, &live);
-            if live.has_come_out() || self.is_not_open(t, &life) {
-                self.close(t, &live, &life, self.greatest);
+            watch.is_queued = false;
+            let account = self.account(t, &watch);
+            if watch.has_come_out() || self.is_not_open(t, &account) {
+                self.close(t, &watch, &account, self.greatest);
                 continue;
             }
             // What may come yet has its true instant after this.
             let since = self.slack.tolerance.saturating_mul(3).saturating_add(1);
             let end = self.greatest.saturating_sub(since);
-            if !live.is_overdue && !life.story.is_explained(self.header.commit, self.slack, end) {
-                live.is_overdue = true;
+            if !watch.is_overdue && !account.story.is_explained(self.header.commit, self.slack, end)
+            {
+                watch.is_overdue = true;
                 self.overdue.push_back(t);
             }
-            self.live.insert(t, live);
+            self.watched.insert(t, watch);
             if self.overdue.len() > OVERDUE
                 && let Some(t) = self.overdue.pop_front()
-                && let Some(live) = self.live.remove(&t)
+                && let Some(watch) = self.watched.remove(&t)
             {
-                self.close(t, &live, &self.life(t, &live), self.greatest);
+                self.close(t, &watch, &self.account(t, &watch), self.greatest);
             }
         }
     }
 
     /// Whether a timestamp is not open, nothing having come out: it was refused, never opened, or retired before.
-    fn is_not_open(&self, t: u64, life: &Life) -> bool {
-        Self::is_refused(life) || life.is_none() || self.ended.contains(&t)
+    fn is_not_open(&self, t: u64, account: &Account) -> bool {
+        Self::is_refused(account) || account.is_none() || self.ended.contains(&t)
     }
 
-    fn is_refused(life: &Life) -> bool {
-        !life.is_opened() && life.was_refused
+    fn is_refused(account: &Account) -> bool {
+        !account.is_opened() && account.was_refused
     }
 
-    fn life(&self, t: u64, live: &Live) -> Life {
-        live.life(self.slack, self.refused.contains(&t))
+    fn account(&self, t: u64, watch: &Watch) -> Account {
+        watch.account(self.slack, self.refused.contains(&t))
     }
 
     /// Judges a timestamp; `end` is the greatest instant that its trace is known to have.
-    fn close(&mut self, t: u64, live: &Live, life: &Life, end: u64) {
-        if live.is_overdue {
+    fn close(&mut self, t: u64, watch: &Watch, account: &Account, end: u64) {
+        if watch.is_overdue {
             self.overdue.retain(|overdue| *overdue != t);
         }
         let blame = if self.ended.contains(&t) {
-            of_again(t, life)
-        } else if Self::is_refused(life) {
+            of_again(t, account)
+        } else if Self::is_refused(account) {
             self.refused.insert(t..=t);
-            of_refused(t, life)
-        } else if life.is_none() {
+            of_refused(t, account)
+        } else if account.is_none() {
             None
         } else {
-            self.verdict.judged += u64::from(life.is_told_of());
+            self.verdict.judged += u64::from(account.is_told_of());
             self.ended.insert(t..=t);
             self.refused.remove(t..=t);
-            of_life(t, life, self.header.commit, self.slack, end)
+            of_account(t, account, self.header.commit, self.slack, end)
         };
         if let Some(blame) = blame {
-            self.tell(t, live, blame);
+            self.tell(t, watch, blame);
         }
     }
 
-    fn tell(&mut self, t: u64, live: &Live, blame: Blame) {
+    fn tell(&mut self, t: u64, watch: &Watch, blame: Blame) {
         self.verdict.conforms = false;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
             return;
         }
         let Blame { line, rule, found, expected, late } = blame;
-        let line = line.unwrap_or(live.line);
+        let line = line.unwrap_or(watch.line);
         let story = self.story(t);
         self.verdict.violations.push(Violation { line, t, rule, found, expected, late, story });
     }

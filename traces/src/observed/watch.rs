@@ -10,7 +10,7 @@ const STRANGER: u64 = u64::MAX;
 
 /// What was observed of a timestamp so far.
 #[derive(Debug, Default)]
-pub(super) struct Live {
+pub(super) struct Watch {
     opens: Vec<Open>,
     /// When an open was refused.
     refusals: Vec<u64>,
@@ -57,7 +57,7 @@ struct Dropped {
 
 /// All that was observed of a timestamp, put together.
 #[derive(Debug)]
-pub(super) struct Life {
+pub(super) struct Account {
     pub(super) story: Story,
     /// The lines of what came out.
     pub(super) lines: Vec<u64>,
@@ -68,7 +68,7 @@ pub(super) struct Life {
     pub(super) was_refused: bool,
 }
 
-impl Live {
+impl Watch {
     /// Takes a line of the timestamp; `records_opens` tells whether an open stands before it in the trace.
     pub(super) fn take(
         &mut self,
@@ -168,7 +168,7 @@ impl Live {
 
     /// Puts together what was observed, without what was refused and what came of that; `was_refused` tells whether an open of it was
     /// refused long ago.
-    pub(super) fn life(&self, slack: Slack, was_refused: bool) -> Life {
+    pub(super) fn account(&self, slack: Slack, was_refused: bool) -> Account {
         let reach = slack.tolerance.saturating_mul(2).saturating_add(slack.lateness);
         let opens = self.accepted(reach);
         let outputs: Vec<(Option<u64>, u64)> =
@@ -185,7 +185,7 @@ impl Live {
             (if came.is_result { &mut results } else { &mut failures }).push((came.p, came.at));
         }
         let open = opens.first().map(|open| (open.at, open.limit));
-        Life {
+        Account {
             story: Story { open, requests: self.requests.clone(), results, failures, outputs },
             lines: self.outputs.iter().map(|(.., line)| *line).collect(),
             second_open: opens.get(1).map(|open| open.line),
@@ -242,7 +242,7 @@ impl Live {
     }
 }
 
-impl Life {
+impl Account {
     /// Whether an open of it was not refused.
     pub(super) const fn is_opened(&self) -> bool {
         self.story.open.is_some()
