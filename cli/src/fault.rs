@@ -11,6 +11,7 @@ use fuseline_traces::ReadError;
 use fuseline_traces::observed::{Disorder, JudgeError};
 use thiserror::Error;
 
+use crate::convert::ConvertError;
 use crate::emulation::EmulationError;
 use crate::files::FileError;
 use crate::run::PlanError;
@@ -22,6 +23,8 @@ pub(crate) enum Fault {
     Open { name: String, source: io::Error },
     #[error(transparent)]
     Read(#[from] ReadError),
+    #[error(transparent)]
+    Convert(#[from] ConvertError),
     #[error(transparent)]
     Judge(#[from] JudgeError),
     #[error(transparent)]

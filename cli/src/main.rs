@@ -1,6 +1,7 @@
 //! The `fuseline` command: runs, replays and judges cloud-assisted operators.
 
 mod check;
+mod convert;
 mod drives;
 mod emulation;
 mod fault;
@@ -15,6 +16,7 @@ mod serve;
 mod sink;
 mod tail;
 mod verdict;
+mod whole;
 
 use std::ffi::OsString;
 use std::io;
@@ -53,6 +55,8 @@ enum Command {
     Replay(replay::Args),
     /// Judge traces against the rules.
     Check(check::Args),
+    /// Make a trace of what others record, as CSV or MCAP.
+    Convert(convert::Args),
 }
 
 /// How a command ended.
@@ -102,6 +106,7 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         Command::Serve(args) => serve::serve(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Check(args) => check::check(&args),
+        Command::Convert(args) => convert::convert(&args),
     }
 }
 

@@ -10,6 +10,18 @@ mod story;
 mod verdict;
 mod watch;
 
+use crate::event::Line;
+use crate::parse::{Form, ParseError, parse_as};
+
 pub use judge::{Disorder, Judge, JudgeError, judge};
 pub use story::{Allowed, Slack, Story};
 pub use verdict::{Broken, Verdict, Violation};
+
+/// Reads one line of an observed trace, given without its `\n`: as [`parse`](crate::parse) does, but a request may have its
+/// `deadline` instead of `due`, and comes as one with `due`.
+///
+/// # Errors
+/// Whatever the format does not allow, with its column.
+pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
+    parse_as(line, Form::Observed)
+}
