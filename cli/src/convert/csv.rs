@@ -109,16 +109,17 @@ impl<'a, R: Read> Rows<'a, R> {
         for (key, is_time) in KEYS {
             let name = columns.named.get(key).copied();
             let place = names.iter().position(|column| column == name.unwrap_or(key));
-            match (place, name) {
-                (Some(place), _) => {
-                    keys.push((key, is_time, place, name.unwrap_or(key).to_owned()))
-                }
-                (None, Some(name)) => Err(fault(format!("no column {name:?} for {key}")))?,
-                (None, None) if matches!(key, "ev" | "at") => {
-                    Err(fault(format!("no column {key:?}; name one with --column {key}=NAME")))?
-                }
-                (None, None) => {}
-            }
+            let Some(place) = place else {
+                let message = match name {
+                    Some(name) => format!("no column {name:?} for {key}"),
+                    None if matches!(key, "ev" | "at") => {
+                        format!("no column {key:?}; name one with --column {key}=NAME")
+                    }
+                    None => continue,
+                };
+                return Err(fault(message).into());
+            };
+            keys.push((key, is_time, place, name.unwrap_or(key).to_owned()));
         }
         Ok(Self { file, inner, row: StringRecord::new(), keys, columns })
     }

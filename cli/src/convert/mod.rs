@@ -99,7 +99,7 @@ pub(crate) trait Recorded {
 pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let name = args.file.display().to_string();
     let format = args.from.or_else(|| format_of(&args.file));
-    let format = format.ok_or_else(|| ConvertError::Format { file: name })?;
+    let format = format.ok_or(ConvertError::Format { file: name })?;
     let (name, file) = open(&args.file)?;
     let mut recorded: Box<dyn Recorded> = match format {
         Format::Csv => {
