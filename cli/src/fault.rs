@@ -13,6 +13,7 @@ use thiserror::Error;
 
 use crate::convert::ConvertError;
 use crate::emulation::EmulationError;
+use crate::export::ExportError;
 use crate::files::FileError;
 use crate::run::PlanError;
 
@@ -25,6 +26,8 @@ pub(crate) enum Fault {
     Read(#[from] ReadError),
     #[error(transparent)]
     Convert(#[from] ConvertError),
+    #[error("{name}: {source}")]
+    Export { name: String, source: ExportError },
     #[error(transparent)]
     Judge(#[from] JudgeError),
     #[error(transparent)]

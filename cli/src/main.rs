@@ -4,6 +4,7 @@ mod check;
 mod convert;
 mod drives;
 mod emulation;
+mod export;
 mod fault;
 mod files;
 mod interrupt;
@@ -57,6 +58,8 @@ enum Command {
     Check(check::Args),
     /// Make a trace of what others record, as CSV or MCAP.
     Convert(convert::Args),
+    /// Write a trace for ui.perfetto.dev or for Foxglove.
+    Export(export::Args),
 }
 
 /// How a command ended.
@@ -107,6 +110,7 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         Command::Replay(args) => replay::replay(&args),
         Command::Check(args) => check::check(&args),
         Command::Convert(args) => convert::convert(&args),
+        Command::Export(args) => export::export(&args),
     }
 }
 

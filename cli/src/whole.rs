@@ -5,6 +5,9 @@ use std::path::Path;
 
 use tempfile::{Builder, NamedTempFile};
 
+/// The exit code of a command that Ctrl-C ended.
+pub(crate) const INTERRUPTED: i32 = 130;
+
 /// A file with a temporary name beside `path`, to be renamed to it once it is whole.
 pub(crate) fn beside(path: &Path) -> io::Result<NamedTempFile> {
     let name = path.file_name().ok_or(io::ErrorKind::IsADirectory)?;

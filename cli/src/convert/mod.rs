@@ -16,10 +16,7 @@ use crate::Exit;
 use crate::check::open;
 use crate::convert::csv::{Columns, Unit};
 use crate::fault::Fault;
-use crate::whole::beside;
-
-/// The exit code of a command that Ctrl-C ended.
-const INTERRUPTED: i32 = 130;
+use crate::whole::{INTERRUPTED, beside};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
