@@ -23,8 +23,8 @@ const CHUNK: usize = 64 * 1024;
 /// Rules are told within so many columns.
 const WIDTH: usize = 96;
 
-const GOOD: Style = AnsiColor::Green.on_default().bold();
-const BAD: Style = AnsiColor::Red.on_default().bold();
+pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
+pub(crate) const BAD: Style = AnsiColor::Red.on_default().bold();
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -175,7 +175,12 @@ fn count(count: u64, what: &str) -> String {
     if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }
 
-fn tell_violation(out: &mut impl Write, file: &str, violation: &Violation) -> io::Result<()> {
+/// Prints what does not conform in a trace, with the rule and the story.
+pub(crate) fn tell_violation(
+    out: &mut impl Write,
+    file: &str,
+    violation: &Violation,
+) -> io::Result<()> {
     let Violation { line, t, rule, found, expected, story } = violation;
     let t = t.map_or_else(String::new, |t| format!("timestamp {t} "));
     writeln!(out, "\n{file}:{line}: {t}{BAD}breaks {rule}{BAD:#}")?;

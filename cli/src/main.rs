@@ -1,10 +1,13 @@
 //! The `fuseline` command: runs, replays and judges cloud-assisted operators.
 
 mod check;
+#[cfg(unix)]
+mod drive;
 mod drives;
 mod emulation;
 mod fault;
 mod files;
+mod implementation;
 mod interrupt;
 mod models;
 mod policies;
@@ -26,13 +29,13 @@ use crate::fault::Fault;
 const EXITS: &str = "\
 Exit codes:
   0  done; every trace judged conforms
-  1  a trace does not conform
+  1  a trace or an implementation does not conform
   2  bad input, told in one line
 
 Set RUST_LOG (say, RUST_LOG=info) to see what happens inside, on standard error.";
 
 /// Each message leaves with the best result that is there by its deadline: runs such an operator,
-/// replays its inputs, and judges its trace. Without a command it is `fuseline run`.
+/// replays its inputs, and judges its trace or another implementation. Without a command it is `fuseline run`.
 #[derive(Parser)]
 #[command(version, after_help = EXITS, max_term_width = 100)]
 #[command(override_usage = "fuseline [COMMAND]")]
@@ -51,6 +54,11 @@ enum Command {
     Replay(replay::Args),
     /// Judge traces against the rules.
     Check(check::Args),
+    /// Drive another implementation through the corpus and generated runs, and judge it.
+    #[cfg(unix)]
+    Drive(drive::Args),
+    /// Answer the inputs that `fuseline drive` sends, as the core does.
+    Impl(implementation::Args),
 }
 
 /// How a command ended.
@@ -100,6 +108,9 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         Command::Serve(args) => serve::serve(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Check(args) => check::check(&args),
+        #[cfg(unix)]
+        Command::Drive(args) => drive::drive(&args),
+        Command::Impl(args) => implementation::answer(&args),
     }
 }
 
