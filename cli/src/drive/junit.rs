@@ -1,4 +1,4 @@
-//! The report as JUnit's XML, for continuous integration.
+//! The report as `JUnit` XML, for continuous integration.
 
 use quick_junit::{
     NonSuccessKind, Report as Xml, SerializeError, TestCase, TestCaseStatus, TestSuite,

@@ -38,6 +38,9 @@ use crate::fault::Fault;
 use crate::interrupt::Interrupt;
 use crate::sink::Sink;
 
+/// The most clouds of a generated run, if nothing else is asked for.
+const CLOUDS: u8 = 4;
+
 #[derive(clap::Args)]
 #[command(after_help = "\
 The command is started once. On its standard input it gets a trace's header, then one input a line;
@@ -65,7 +68,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "RULE", default_value = "both")]
     commit: Rules,
     /// The most clouds of a generated run, up to 15.
-    #[arg(long, value_name = "N", default_value = "4", value_parser = clap::value_parser!(u8).range(..=15))]
+    #[arg(long, value_name = "N", default_value_t = CLOUDS, value_parser = clap::value_parser!(u8).range(..=15))]
     clouds: u8,
     /// Drive these instead: trace files, cases of the corpus, generated cases such as g-1-17.
     #[arg(long, value_name = "CASE", num_args = 1.., conflicts_with_all = ["cases", "seed"])]
@@ -82,7 +85,7 @@ pub(crate) struct Args {
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
-    /// Write the results for continuous integration, as JUnit's XML.
+    /// Write the results for continuous integration, as `JUnit` XML.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
     /// Write a table of all cases, as .md or .html.
@@ -201,7 +204,7 @@ impl<'a> Driver<'a> {
     ///
     /// What does not answer at all is not waited for again and again.
     fn all(&mut self) -> Result<(), Stop> {
-        let mut first = None;
+        let (mut first, mut has_telling) = (None, false);
         for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
             let Some(finding) = self.run(&case)? else {
                 self.report.fixed[place].1 = Mark::Passes;
@@ -209,7 +212,12 @@ impl<'a> Driver<'a> {
             };
             self.report.fixed[place].1 = Mark::of(&finding);
             let is_silent = matches!(finding.what, What::Misbehaves(Misbehaviour::Silent(_)));
-            first.get_or_insert((case, finding));
+            // A case of the broken rule itself tells most.
+            let tells = is_telling(&case, &finding);
+            if first.is_none() || tells && !has_telling {
+                has_telling = tells;
+                first = Some((case, finding));
+            }
             if is_silent {
                 return first.map_or(Ok(()), |(case, finding)| self.find(case, finding));
             }
@@ -231,12 +239,14 @@ impl<'a> Driver<'a> {
     }
 
     fn run(&mut self, case: &Case) -> Result<Option<Finding>, Stop> {
-        let outcome = self.bench.try_run(&case.run)?;
-        self.report.coverage.watch(&case.run);
+        let finding = Finding::of(self.bench.try_run(&case.run)?);
+        if finding.is_none() {
+            self.report.coverage.watch(&case.run);
+        }
         self.bar.inc(1);
         self.report.inputs = self.bench.inputs;
         self.report.took = self.since.elapsed();
-        Ok(Finding::of(outcome))
+        Ok(finding)
     }
 
     /// Notes what is wrong, in a smallest run.
@@ -244,26 +254,26 @@ impl<'a> Driver<'a> {
         self.bar.set_message("shrinking");
         let finding = shrink(&mut self.bench, finding)?;
         let saved = self.args.save.as_ref().map(|dir| dir.join(format!("{}.jsonl", case.id)));
-        let replay = self.replay(&case.id, saved.as_deref());
+        let replay = self.replay(&case.name, saved.as_deref());
         let of = case.run.inputs.len();
         self.report.found.push(Found { case: case.id, of, finding, saved, replay });
         Ok(())
     }
 
     /// The command line that shows it again.
-    fn replay(&self, id: &str, saved: Option<&Path>) -> String {
+    fn replay(&self, name: &str, saved: Option<&Path>) -> String {
         let mut words: Vec<OsString> = ["fuseline", "drive"].map(Into::into).into();
-        let given = self.args.run.iter().find(|name| name.ends_with(".jsonl") && name.contains(id));
-        let case = saved.map(Into::into).or(given.map(Into::into));
-        if case.is_none() && self.args.commit != Rules::Both {
-            let rule = self.args.commit.to_possible_value();
-            let rule = rule.map(|rule| rule.get_name().to_owned()).unwrap_or_default();
-            words.extend(["--commit".into(), rule.into()]);
+        if let Some(rule) = self.args.commit.to_possible_value()
+            && saved.is_none()
+            && self.args.commit != Rules::Both
+        {
+            words.extend(["--commit".into(), rule.get_name().into()]);
         }
-        if case.is_none() && self.args.clouds != 4 {
+        if saved.is_none() && self.args.clouds != CLOUDS {
             words.extend(["--clouds".into(), self.args.clouds.to_string().into()]);
         }
-        words.extend(["--run".into(), case.unwrap_or_else(|| id.into()), "--".into()]);
+        let case = saved.map_or_else(|| name.into(), Into::into);
+        words.extend(["--run".into(), case, "--".into()]);
         words.extend(self.args.command.iter().cloned());
         quoted(&words)
     }
@@ -271,6 +281,16 @@ impl<'a> Driver<'a> {
     fn finish(self) -> Report {
         self.bar.finish_and_clear();
         self.report
+    }
+}
+
+/// Whether a case is one of the rule that it shows broken.
+fn is_telling(case: &Case, finding: &Finding) -> bool {
+    match finding.what {
+        What::Breaks(rule) => {
+            case.id.split('-').next().is_some_and(|id| id.eq_ignore_ascii_case(rule.id()))
+        }
+        What::Misbehaves(_) => false,
     }
 }
 

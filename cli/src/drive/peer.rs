@@ -52,7 +52,7 @@ pub(super) enum Trouble {
 /// What a command may not do.
 #[derive(Debug, Error)]
 pub(super) enum Misbehaviour {
-    #[error("it did not answer within {0:?}")]
+    #[error("it did not answer within {} s", .0.as_secs_f64())]
     Silent(Duration),
     #[error("it ended before it answered: {0}")]
     Ended(ExitStatus),
@@ -68,7 +68,7 @@ pub(super) enum Misbehaviour {
     TooLong,
     #[error("it wrote {0:?} after {{\"ev\":\"done\"}}, before it was asked again")]
     Unasked(String),
-    #[error("it ran on for {0:?} after its input ended")]
+    #[error("it ran on for {} s after its input ended", .0.as_secs_f64())]
     Lingers(Duration),
 }
 

@@ -5,9 +5,10 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use fuseline_traces::{Rule, Verdict};
+use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
 use serde_json::{Value, json};
+use textwrap::Options;
 
 use super::case::Suite;
 use super::coverage::Coverage;
@@ -18,9 +19,13 @@ use crate::Exit;
 use crate::check::{BAD, GOOD, tell_violation};
 
 /// So many failed cases are named.
-const NAMED: usize = 6;
+const NAMED: usize = 5;
 /// So many lines of a run are told in words.
 const LINES: usize = 16;
+/// Lines are told within so many columns.
+const WIDTH: usize = 96;
+/// Where what follows a lead begins.
+const INDENT: &str = "            ";
 
 /// What driving a command came to.
 pub(super) struct Report {
@@ -117,16 +122,13 @@ impl Found {
                 {
                     tell_violation(out, &verdict.file, violation)?;
                     self.tell_story(out, "in words")?;
-                    writeln!(out, "  it did    {}", words::told(&violation.found))?;
-                    writeln!(out, "  it should {}", words::told(&violation.expected))?;
+                    writeln!(out, "{INDENT}  found: {}", words::told(&violation.found))?;
+                    writeln!(out, "{INDENT}  expected: {}", words::told(&violation.expected))?;
                 }
             }
             What::Misbehaves(how) => {
                 writeln!(out, "\n{}: {BAD}{how}{BAD:#}", self.place())?;
-                let trace = told.trace();
-                let lines = String::from_utf8_lossy(&trace);
-                let last = lines.lines().rfind(|line| is_sent(line)).unwrap_or_default();
-                writeln!(out, "  sent last {last}")?;
+                writeln!(out, "  sent last {}", told.last())?;
                 self.tell_story(out, "in words")?;
             }
         }
@@ -136,16 +138,15 @@ impl Found {
     /// The smallest run in words, its last input's decisions left out.
     fn tell_story(&self, out: &mut impl Write, lead: &str) -> io::Result<()> {
         let events = &self.finding.told.events;
-        let last =
-            events.iter().rposition(|event| matches!(event, fuseline_traces::Event::Input(_)));
+        let last = events.iter().rposition(|event| matches!(event, Event::Input(_)));
         let told = events.get(..last.map_or(0, |last| last + 1)).unwrap_or_default();
         if told.len() > LINES {
             return Ok(());
         }
         for (i, event) in told.iter().enumerate() {
             let at = match event {
-                fuseline_traces::Event::Input(input) => format!("at {}: ", input.at()),
-                fuseline_traces::Event::Decision(_) => "  ".to_owned(),
+                Event::Input(input) => format!("at {}: ", input.at()),
+                Event::Decision(_) => "  ".to_owned(),
             };
             let lead = if i == 0 { lead } else { "" };
             writeln!(out, "  {lead:<9} {at}{}", words::event(event))?;
@@ -197,17 +198,18 @@ impl Report {
         };
         let stopped = if self.was_interrupted { ", interrupted" } else { "" };
         writeln!(out, "{}: {word}{stopped}\n", self.name)?;
-        writeln!(out, "  fixed     {}", self.fixed_line())?;
+        tell_fact(out, "  fixed     ", &self.fixed_line())?;
         if self.suite.generated > 0 {
-            writeln!(out, "  generated {}", self.generated_line())?;
+            tell_fact(out, "  generated ", &self.generated_line())?;
         }
-        let reached = self
-            .coverage
-            .shares()
-            .into_iter()
-            .map(|share| format!("{} of {} {}", share.reached, share.all, share.kind));
-        writeln!(out, "  reached   {}", reached.collect::<Vec<_>>().join(", "))?;
-        writeln!(out, "  driven    {}", self.pace())?;
+        if self.exit() == Exit::Conforms {
+            let shares = self.coverage.shares().into_iter();
+            let reached: Vec<_> = shares
+                .map(|share| format!("{} of {} {}", share.reached, share.all, share.kind))
+                .collect();
+            tell_fact(out, "  reached   ", &reached.join(", "))?;
+        }
+        tell_fact(out, "  driven    ", &self.pace())?;
         for found in self.told() {
             found.tell(out)?;
         }
@@ -240,6 +242,9 @@ impl Report {
         let (passed, all) = (HumanCount(self.passed), HumanCount(self.suite.generated));
         match &self.failed {
             Some((id, _)) => format!("{passed} of {all} runs pass, then {id} does not"),
+            None if self.passed < self.suite.generated => {
+                format!("{passed} of {all} runs pass; the others were not run")
+            }
             None => format!("{passed} of {all} runs pass (seed {})", self.suite.generator.seed),
         }
     }
@@ -254,7 +259,9 @@ impl Report {
         )]
         let rate = (self.inputs as f64 / seconds.max(1e-9)) as u64;
         let (runs, all) = (HumanCount(self.runs()), HumanCount(self.inputs));
-        format!("{runs} runs, {all} inputs in {seconds:.1} s, {} inputs a second", HumanCount(rate))
+        let word = if self.runs() == 1 { "run" } else { "runs" };
+        let rate = HumanCount(rate);
+        format!("{runs} {word}, {all} inputs in {seconds:.1} s, {rate} inputs a second")
     }
 
     /// The report as one JSON object.
@@ -306,10 +313,9 @@ impl Report {
     }
 }
 
-/// Whether a line of a trace is one that was sent.
-fn is_sent(line: &str) -> bool {
-    use fuseline_traces::{Event, Line, parse};
-    !matches!(parse(line.as_bytes()), Ok(Line::Event(Event::Decision(_))) | Err(_))
+fn tell_fact(out: &mut impl Write, lead: &str, fact: &str) -> io::Result<()> {
+    let options = Options::new(WIDTH).initial_indent(lead).subsequent_indent(INDENT);
+    writeln!(out, "{}", textwrap::fill(fact, options))
 }
 
 fn inputs(count: usize) -> String {

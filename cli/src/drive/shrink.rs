@@ -189,9 +189,15 @@ impl Search<'_> {
             for field in 0..4 {
                 let run = self.best.told.run();
                 let before = i.checked_sub(1).and_then(|i| run.inputs.get(i)).map_or(0, Input::at);
-                for small in
-                    [None, Some(0), Some(1), Some(10), Some(100), Some(before), Some(before + 10)]
-                {
+                for small in [
+                    None,
+                    Some(0),
+                    Some(1),
+                    Some(10),
+                    Some(100),
+                    Some(before),
+                    Some(before.saturating_add(10)),
+                ] {
                     let mut run = self.best.told.run();
                     let Some(input) = run.inputs.get_mut(i) else { return Ok(()) };
                     if replace(input, field, small) && self.attempt(&run)? {

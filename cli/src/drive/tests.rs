@@ -18,7 +18,7 @@ fn a_thousand_generated_runs_reach_every_rule_reason_pair_and_edge() {
 
 #[test]
 fn a_generated_case_is_the_same_for_ever() {
-    let Case { id, run } = suite(0).case(17);
+    let Case { id, run, .. } = suite(0).case(17);
     assert_eq!(id, "g-1-17");
     let again = Suite::of(&[id], Generator { seed: 9, commit: None, clouds: 4 }).unwrap();
     assert_eq!(again.fixed[0].run, run);

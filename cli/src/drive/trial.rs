@@ -140,6 +140,12 @@ impl Told {
         Run { header: self.header.clone(), inputs: self.inputs().collect() }
     }
 
+    /// The line that was sent last.
+    pub(super) fn last(&self) -> String {
+        let last = self.inputs().last();
+        last.map_or_else(|| self.header.to_string(), |input| input.to_string())
+    }
+
     /// The inputs that were sent.
     pub(super) fn inputs(&self) -> impl Iterator<Item = Input> {
         self.events.iter().filter_map(|event| match event {

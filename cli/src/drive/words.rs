@@ -15,7 +15,7 @@ pub(super) fn told(line: &str) -> String {
     match parse(line.as_bytes()) {
         Ok(Line::Event(Event::Decision(decision))) => self::decision(&decision),
         // It says that there is none.
-        Ok(_) | Err(_) => "do nothing more".to_owned(),
+        Ok(_) | Err(_) => "nothing more is decided".to_owned(),
     }
 }
 
@@ -26,7 +26,8 @@ fn input(input: &Input) -> String {
             format!("message {t} comes; local works on it for {limit} ns at most")
         }
         Input::Offer { t, p, deadline, backlog, .. } => format!(
-            "may cloud {p} be asked about message {t} for {deadline} ns, with {backlog} queued?"
+            "{} might be asked about message {t}, for {deadline} ns; {backlog} in its queue",
+            who(p)
         ),
         Input::Result { t, p, .. } => format!("the result of {} for message {t} comes", who(p)),
         Input::Fail { t, p, .. } => format!("{} fails on message {t}", who(p)),
@@ -37,35 +38,38 @@ fn input(input: &Input) -> String {
 fn decision(decision: &Decision) -> String {
     match *decision {
         Decision::Timer { t, p: 0, .. } => {
-            format!("give up waiting for local on message {t}: its limit is over")
+            format!("local is not waited for any more on message {t}: its limit is over")
         }
         Decision::Timer { t, p, .. } => {
-            format!("give up waiting for cloud {p} on message {t}: its deadline is over")
+            format!("cloud {p} is not waited for any more on message {t}: its deadline is over")
         }
         Decision::Refuse { t, p: None, why, .. } => {
-            format!("refuse message {t} ({why}): {}", refusal(why))
+            format!("message {t} is refused ({why}): {}", refusal(why))
         }
         Decision::Refuse { t, p: Some(p), why, .. } => {
-            format!("do not ask cloud {p} about message {t} ({why}): {}", refusal(why))
+            format!("cloud {p} is not asked about message {t} ({why}): {}", refusal(why))
         }
         Decision::Request { t, p, due, .. } => {
-            format!("ask cloud {p} about message {t}; from instant {due} on it is too late")
+            format!("cloud {p} is asked about message {t}; from instant {due} on it is too late")
         }
-        Decision::Hold { t, p, .. } => format!(
-            "hold the result of {} for message {t}: something better may still come",
-            who(p)
-        ),
+        Decision::Hold { t, p, .. } => {
+            let who = who(p);
+            format!("the result of {who} for message {t} is held: a better one may still come")
+        }
         Decision::Drop { t, p, why, .. } => {
-            format!("drop what came from {} for message {t} ({why}): {}", who(p), reason(why))
+            format!("what came from {} for message {t} is dropped ({why}): {}", who(p), reason(why))
         }
         Decision::Emit { t, p, .. } => {
-            format!("forward the result of {} as the one for message {t}", who(p))
+            format!("the result of {} is forwarded as the one for message {t}", who(p))
         }
         Decision::Miss { t, .. } => {
-            format!("give message {t} up: nothing came and nothing will")
+            format!("message {t} is given up: nothing came and nothing will")
         }
         Decision::Cancel { t, p, .. } => {
-            format!("cancel the call of cloud {p} for message {t}: it is not needed any more")
+            format!(
+                "the call of {} for message {t} is cancelled: it is not needed any more",
+                who(p)
+            )
         }
     }
 }
