@@ -204,7 +204,7 @@ impl<'a> Driver<'a> {
     ///
     /// What does not answer at all is not waited for again and again.
     fn all(&mut self) -> Result<(), Stop> {
-        let (mut first, mut has_telling) = (None, false);
+        let mut first = None;
         for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
             let Some(finding) = self.run(&case)? else {
                 self.report.fixed[place].1 = Mark::Passes;
@@ -212,17 +212,16 @@ impl<'a> Driver<'a> {
             };
             self.report.fixed[place].1 = Mark::of(&finding);
             let is_silent = matches!(finding.what, What::Misbehaves(Misbehaviour::Silent(_)));
-            // A case of the broken rule itself tells most.
-            let tells = is_telling(&case, &finding);
-            if first.is_none() || tells && !has_telling {
-                has_telling = tells;
-                first = Some((case, finding));
+            // The shortest case of the broken rule itself tells most.
+            let key = (!is_telling(&case, &finding), finding.told.events.len());
+            if first.as_ref().is_none_or(|(least, _, _)| key < *least) {
+                first = Some((key, case, finding));
             }
             if is_silent {
-                return first.map_or(Ok(()), |(case, finding)| self.find(case, finding));
+                return first.map_or(Ok(()), |(_, case, finding)| self.find(case, finding));
             }
         }
-        if let Some((case, finding)) = first {
+        if let Some((_, case, finding)) = first {
             self.find(case, finding)?;
         }
         for number in 0..self.report.suite.generated {

@@ -8,7 +8,7 @@ use std::time::Duration;
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
 use serde_json::{Value, json};
-use textwrap::Options;
+use textwrap::{Options, WordSplitter};
 
 use super::case::Suite;
 use super::coverage::Coverage;
@@ -315,6 +315,7 @@ impl Report {
 
 fn tell_fact(out: &mut impl Write, lead: &str, fact: &str) -> io::Result<()> {
     let options = Options::new(WIDTH).initial_indent(lead).subsequent_indent(INDENT);
+    let options = options.word_splitter(WordSplitter::NoHyphenation);
     writeln!(out, "{}", textwrap::fill(fact, options))
 }
 

@@ -162,24 +162,19 @@ impl Search<'_> {
 
     /// Numbers timestamps and clouds from 1, in their order.
     fn rename(&mut self) -> Result<(), Stop> {
-        let run = self.best.told.run();
-        let mut names: Vec<u64> = run.inputs.iter().filter_map(Input::t).collect();
-        names.sort_unstable();
-        names.dedup();
-        for (name, t) in (1..).zip(names) {
-            let mut run = self.best.told.run();
-            run.inputs.iter_mut().for_each(|input| rename_t(input, t, name));
-            self.attempt(&run)?;
+        let mut run = self.best.told.run();
+        let names: BTreeSet<u64> = run.inputs.iter().filter_map(Input::t).collect();
+        run.inputs.iter_mut().filter_map(timestamp).for_each(|t| *t = rank(&names, *t));
+        self.attempt(&run)?;
+        let mut run = self.best.told.run();
+        let names: BTreeSet<u64> =
+            run.header.clouds.iter().map(|cloud| u64::from(cloud.p)).collect();
+        for cloud in &mut run.header.clouds {
+            cloud.p = u16::try_from(rank(&names, cloud.p.into())).unwrap_or(cloud.p);
         }
-        let mut names: Vec<u16> = run.header.clouds.iter().map(|cloud| cloud.p).collect();
-        names.sort_unstable();
-        for (name, p) in (1..).zip(names) {
-            let mut run = self.best.told.run();
-            let clouds = run.header.clouds.iter_mut();
-            clouds.filter(|cloud| cloud.p == p).for_each(|cloud| cloud.p = name);
-            run.inputs.iter_mut().for_each(|input| rename_p(input, p.into(), name.into()));
-            self.attempt(&run)?;
-        }
+        let registered = run.inputs.iter_mut().filter_map(priority);
+        registered.filter(|p| names.contains(p)).for_each(|p| *p = rank(&names, *p));
+        self.attempt(&run)?;
         Ok(())
     }
 
@@ -266,27 +261,24 @@ fn replace(input: &mut Input, field: usize, small: Option<u64>) -> bool {
     small.map(|small| *place = small).is_some()
 }
 
-const fn rename_t(input: &mut Input, from: u64, to: u64) {
+const fn timestamp(input: &mut Input) -> Option<&mut u64> {
     match input {
         Input::Open { t, .. }
         | Input::Offer { t, .. }
         | Input::Result { t, .. }
-        | Input::Fail { t, .. } => {
-            if *t == from {
-                *t = to;
-            }
-        }
-        Input::Tick { .. } => {}
+        | Input::Fail { t, .. } => Some(t),
+        Input::Tick { .. } => None,
     }
 }
 
-const fn rename_p(input: &mut Input, from: u64, to: u64) {
+const fn priority(input: &mut Input) -> Option<&mut u64> {
     match input {
-        Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. } => {
-            if *p == from {
-                *p = to;
-            }
-        }
-        Input::Open { .. } | Input::Tick { .. } => {}
+        Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. } => Some(p),
+        Input::Open { .. } | Input::Tick { .. } => None,
     }
+}
+
+/// The place of a name among all, from 1.
+fn rank(names: &BTreeSet<u64>, name: u64) -> u64 {
+    names.range(..=name).count() as u64
 }
