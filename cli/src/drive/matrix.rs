@@ -86,12 +86,14 @@ fn rows(report: &Report) -> Vec<Row> {
 fn suite(report: &Report) -> String {
     let digest: String = report.suite.hash().chars().take(DIGEST).collect();
     let generator = &report.suite.generator;
+    let passed = report.fixed_count(|mark| mark == Mark::Passes);
     format!(
-        "Fuseline {}, suite sha256 {digest}…: {} fixed cases, {} generated runs of seed {}, \
-         commit rule {}, up to {} clouds",
-        env!("CARGO_PKG_VERSION"),
+        "{passed} of {0} fixed cases pass, and of {2} generated runs the first {1}. Fuseline {3}, suite \
+         sha256 {digest}…, seed {4}, commit rule {5}, up to {6} clouds",
         report.fixed.len(),
+        HumanCount(report.passed),
         HumanCount(report.suite.generated),
+        env!("CARGO_PKG_VERSION"),
         generator.seed,
         generator.commit.map_or("both", fuseline_traces::Commit::as_str),
         generator.clouds
@@ -133,7 +135,7 @@ fn markdown(report: &Report) -> String {
     for Row { case, word, .. } in rows(report) {
         let _ = writeln!(text, "| {case} | {word} |");
     }
-    text.push_str("\n| reached | |\n|---|---|\n");
+    text.push_str("\n| reached where it passes | |\n|---|---|\n");
     for (kind, count) in reached(report) {
         let _ = writeln!(text, "| {kind} | {count} |");
     }
@@ -148,9 +150,9 @@ const STYLE: &str = "\
 body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:60rem;\
 margin:2rem auto;padding:0 1rem}
 h1{font-size:1.4rem;line-height:1.3;overflow-wrap:anywhere}
-code,pre{font:13px/1.5 ui-monospace,monospace}
+pre{font:13px/1.5 ui-monospace,monospace}code{font:1em ui-monospace,monospace}
 pre{background:var(--tint);border:1px solid var(--line);border-radius:6px;padding:.8rem;\
-overflow-x:auto}
+white-space:pre-wrap;overflow-wrap:anywhere}
 .dim{color:var(--dim)}.good{color:var(--good)}.bad{color:var(--bad);font-weight:600}
 table{border-collapse:collapse;width:100%;margin:1rem 0}
 th,td{text-align:left;padding:.25rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}
@@ -187,7 +189,7 @@ fn html(report: &Report) -> String {
         };
         let _ = writeln!(text, "<tr><td>{}<td class=\"{colour}\">{word}", escaped(&case));
     }
-    text.push_str("</table>\n<table class=\"reached\">\n<tr><th>reached<th>\n");
+    text.push_str("</table>\n<table class=\"reached\">\n<tr><th>reached where it passes<th>\n");
     for (kind, count) in reached(report) {
         let _ = writeln!(text, "<tr><td>{kind}<td>{}", escaped(&count));
     }

@@ -88,9 +88,9 @@ pub(crate) struct Args {
     /// Write the results for continuous integration, as `JUnit` XML.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
-    /// Write a table of all cases, as .md or .html.
+    /// Write a table of all cases, as .md or .html; may be given for both.
     #[arg(long, value_name = "FILE", value_parser = matrix::Matrix::new)]
-    matrix: Option<matrix::Matrix>,
+    matrix: Vec<matrix::Matrix>,
     /// The command and its arguments.
     #[arg(last = true, required = true)]
     command: Vec<OsString>,
@@ -144,7 +144,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
         let text = junit::xml(&report).map_err(|error| create(path, io::Error::other(error)))?;
         fs::write(path, text).map_err(|source| create(path, source))?;
     }
-    if let Some(matrix) = &args.matrix {
+    for matrix in &args.matrix {
         fs::write(matrix.path(), matrix.text(&report))
             .map_err(|source| create(matrix.path(), source))?;
     }

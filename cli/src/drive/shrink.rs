@@ -205,8 +205,8 @@ impl Search<'_> {
     }
 }
 
-/// What makes a run hard to read: its inputs first, then its clouds, then its digits.
-fn cost(run: &Run) -> (usize, usize, usize) {
+/// What makes a run hard to read: its inputs first, then its clouds, its digits, its names.
+fn cost(run: &Run) -> (usize, usize, usize, u128) {
     let Run { header: Header { window, clouds, .. }, inputs } = run;
     let odd = |cloud: &Cloud| usize::from(cloud.resume != cloud.limit - 1);
     let of_clouds = clouds.iter().map(|cloud| {
@@ -221,7 +221,8 @@ fn cost(run: &Run) -> (usize, usize, usize) {
         Input::Tick { at } => digits(at),
     });
     let whole = of_clouds.chain(of_inputs).sum::<usize>() + digits((*window).into());
-    (inputs.len(), clouds.len(), whole)
+    let names = inputs.iter().flat_map(|input| [input.t(), source(input)]).flatten();
+    (inputs.len(), clouds.len(), whole, names.map(u128::from).sum())
 }
 
 /// How much a number takes to read: its digits, less for one that ends in noughts.
