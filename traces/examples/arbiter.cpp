@@ -24,7 +24,6 @@ using u64 = std::uint64_t;
 
 constexpr u64 LOCAL = 0;  // the priority of the computation on board, which every message gets
 constexpr u64 END = std::numeric_limits<u64>::max();  // instants do not wrap
-
 using Why = const char*;  // why something is refused or dropped; null if it is not
 
 // The little of JSON that the trace's lines need: numbers, words, lists and objects.
@@ -33,7 +32,6 @@ struct Json {
   std::string text;
   std::vector<Json> items;
   std::map<std::string, Json> members;
-
   bool has(const std::string& key) const { return members.count(key) > 0; }
   u64 at(const std::string& key) const { return members.at(key).number; }
 
@@ -83,7 +81,6 @@ struct Json {
 struct Gate {
   u64 limit, resume;
   bool is_open = true;
-
   bool admits(u64 backlog) { return is_open = is_open ? backlog < limit : backlog <= resume; }
 };
 

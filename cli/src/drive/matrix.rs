@@ -87,12 +87,14 @@ fn suite(report: &Report) -> String {
     let digest: String = report.suite.hash().chars().take(DIGEST).collect();
     let generator = &report.suite.generator;
     let passed = report.fixed_count(|mark| mark == Mark::Passes);
+    let generated = match (HumanCount(report.passed), report.suite.generated) {
+        (_, 0) => String::new(),
+        (passed, all) => format!(", {passed} of {} generated runs", HumanCount(all)),
+    };
     format!(
-        "{passed} of {0} fixed cases pass, and of {2} generated runs the first {1}. Fuseline {3}, suite \
-         sha256 {digest}…, seed {4}, commit rule {5}, up to {6} clouds",
+        "Passed: {passed} of {} fixed cases{generated}. Fuseline {}, suite sha256 {digest}…, \
+         seed {}, commit rule {}, up to {} clouds",
         report.fixed.len(),
-        HumanCount(report.passed),
-        HumanCount(report.suite.generated),
         env!("CARGO_PKG_VERSION"),
         generator.seed,
         generator.commit.map_or("both", fuseline_traces::Commit::as_str),

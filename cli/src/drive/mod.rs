@@ -29,7 +29,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use self::case::{Case, Suite};
 use self::coverage::Coverage;
 use self::generate::Generator;
-use self::peer::Misbehaviour;
 use self::report::{Found, Mark, Report};
 use self::shrink::{Finding, What, shrink};
 use self::trial::{Bench, Stop};
@@ -161,6 +160,16 @@ fn create(path: &Path, source: io::Error) -> Fault {
     Fault::Create { name: path.display().to_string(), source }
 }
 
+/// How much a difference tells, the least most: whether its case is of another rule, and how long
+/// the trace is.
+type Key = (bool, usize);
+
+/// Whether more is worth driving.
+enum Driven {
+    All,
+    Enough,
+}
+
 /// Goes through the cases.
 struct Driver<'a> {
     args: &'a Args,
@@ -201,40 +210,48 @@ impl<'a> Driver<'a> {
     }
 
     /// All fixed cases, and the generated ones up to the first difference.
-    ///
-    /// What does not answer at all is not waited for again and again.
     fn all(&mut self) -> Result<(), Stop> {
         let mut first = None;
-        for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
-            let Some(finding) = self.run(&case)? else {
-                self.report.fixed[place].1 = Mark::Passes;
-                continue;
-            };
-            self.report.fixed[place].1 = Mark::of(&finding);
-            let is_silent = matches!(finding.what, What::Misbehaves(Misbehaviour::Silent(_)));
-            // The shortest case of the broken rule itself tells most.
-            let key = (!is_telling(&case, &finding), finding.told.events.len());
-            if first.as_ref().is_none_or(|(least, _, _)| key < *least) {
-                first = Some((key, case, finding));
-            }
-            if is_silent {
-                return first.map_or(Ok(()), |(_, case, finding)| self.find(case, finding));
-            }
-        }
+        let driven = self.fixed(&mut first);
         if let Some((_, case, finding)) = first {
-            self.find(case, finding)?;
+            self.find(case, finding);
+        }
+        if let Driven::Enough = driven? {
+            return Ok(());
         }
         for number in 0..self.report.suite.generated {
             let case = self.report.suite.case(number);
             if let Some(finding) = self.run(&case)? {
                 self.report.failed = Some((case.id.clone(), Mark::of(&finding)));
-                self.find(case, finding)?;
+                self.find(case, finding);
                 break;
             }
             self.report.passed += 1;
         }
         self.report.at_end = self.bench.end()?;
         Ok(())
+    }
+
+    /// The fixed cases; `first` becomes the difference that tells most.
+    ///
+    /// What does not answer at all is not waited for again and again.
+    fn fixed(&mut self, first: &mut Option<(Key, Case, Finding)>) -> Result<Driven, Stop> {
+        for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
+            let Some(finding) = self.run(&case)? else {
+                self.report.fixed[place].1 = Mark::Passes;
+                continue;
+            };
+            self.report.fixed[place].1 = Mark::of(&finding);
+            let is_slow = matches!(&finding.what, What::Misbehaves(how) if how.is_slow());
+            let key = (!is_telling(&case, &finding), finding.told.events.len());
+            if first.as_ref().is_none_or(|(least, _, _)| key < *least) {
+                *first = Some((key, case, finding));
+            }
+            if is_slow {
+                return Ok(Driven::Enough);
+            }
+        }
+        Ok(Driven::All)
     }
 
     fn run(&mut self, case: &Case) -> Result<Option<Finding>, Stop> {
@@ -249,14 +266,13 @@ impl<'a> Driver<'a> {
     }
 
     /// Notes what is wrong, in a smallest run.
-    fn find(&mut self, case: Case, finding: Finding) -> Result<(), Stop> {
+    fn find(&mut self, case: Case, finding: Finding) {
         self.bar.set_message("shrinking");
-        let finding = shrink(&mut self.bench, finding)?;
+        let finding = shrink(&mut self.bench, finding);
         let saved = self.args.save.as_ref().map(|dir| dir.join(format!("{}.jsonl", case.id)));
         let replay = self.replay(&case.name, saved.as_deref());
         let of = case.run.inputs.len();
         self.report.found.push(Found { case: case.id, of, finding, saved, replay });
-        Ok(())
     }
 
     /// The command line that shows it again.

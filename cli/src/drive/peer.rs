@@ -72,6 +72,13 @@ pub(super) enum Misbehaviour {
     Lingers(Duration),
 }
 
+impl Misbehaviour {
+    /// Whether each further time would take as long as is waited.
+    pub(super) const fn is_slow(&self) -> bool {
+        matches!(self, Self::Silent(_) | Self::Closed)
+    }
+}
+
 /// `{"ev":"done"}`, however it is spaced.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -54,28 +54,16 @@ impl Finding {
             }
         }
     }
-
-    /// Whether each try would take as long as the command is waited for.
-    const fn is_slow(&self) -> bool {
-        matches!(self.what, What::Misbehaves(Misbehaviour::Silent(_)))
-    }
 }
 
-/// The smallest run found that shows what `first` shows.
-pub(super) fn shrink(bench: &mut Bench, first: Finding) -> Result<Finding, Stop> {
-    if first.is_slow() {
-        return Ok(first);
+/// The smallest run found that shows what `first` shows; what stops the command ends the search.
+pub(super) fn shrink(bench: &mut Bench, first: Finding) -> Finding {
+    if matches!(&first.what, What::Misbehaves(how) if how.is_slow()) {
+        return first;
     }
     let mut search = Search { bench, best: first, tries: 0, since: Instant::now() };
-    loop {
-        let before = cost(&search.best.told.run());
-        search.remove()?;
-        search.simplify_header()?;
-        search.simplify_inputs()?;
-        if cost(&search.best.told.run()) == before || search.is_over() {
-            return Ok(search.best);
-        }
-    }
+    while let Ok(true) = search.pass() {}
+    search.best
 }
 
 struct Search<'a> {
@@ -86,6 +74,15 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    /// Tries everything once; says whether that made it smaller.
+    fn pass(&mut self) -> Result<bool, Stop> {
+        let before = cost(&self.best.told.run());
+        self.remove()?;
+        self.simplify_header()?;
+        self.simplify_inputs()?;
+        Ok(cost(&self.best.told.run()) < before && !self.is_over())
+    }
+
     /// Takes a run for the best if it is smaller and shows the same.
     fn attempt(&mut self, run: &Run) -> Result<bool, Stop> {
         let mut taken = BTreeSet::new();
