@@ -28,7 +28,7 @@ const MISTAKES: [(&str, &str); 18] = [
     ("held-timer-disarmed", "F5"),
     ("late-revives", "F3"),
     ("no-hysteresis", "F2g"),
-    ("failure-is-a-result", "F6"),
+    ("failure-is-a-result", "F4"),
     ("local-not-kept", "F3"),
     ("reopens", "F1"),
     ("cancels-local", "F7"),

@@ -7,7 +7,7 @@
 
 import argparse
 
-from arbiter import LOCAL, Arbiter, Dropped, serve
+from arbiter import LOCAL, Arbiter, serve
 
 
 class FirstResponseWins(Arbiter):
@@ -100,13 +100,11 @@ class HeldTimerDisarmed(Arbiter):
 class LateRevives(Arbiter):
     """Takes a late result if its message is still open."""
 
-    def accepted(self, t, p):
-        try:
-            return super().accepted(t, p)
-        except Dropped as dropped:
-            if str(dropped) != "late":
-                raise
-            return self.open[t]
+    def result(self, t, p):
+        message = self.open.get(t)
+        if message and p in message.requested - message.cached:
+            message.pending.add(p)
+        super().result(t, p)
 
 
 class NoHysteresis(Arbiter):
