@@ -89,7 +89,11 @@ enum Act {
     Message,
     Open,
     Offer,
+    /// An offer that may well be refused, for several reasons at once.
+    Clash,
     Result,
+    /// A cloud's result that is held, for a better one is pending.
+    Hold,
     Fail,
     /// A result or a failure around its own due instant.
     Arrival,
@@ -134,11 +138,13 @@ impl Writer {
     }
 
     fn step(&mut self, header: &Header) {
-        const ACTS: [(u64, Act); 7] = [
+        const ACTS: [(u64, Act); 9] = [
             (20, Act::Message),
             (10, Act::Open),
-            (26, Act::Offer),
-            (28, Act::Result),
+            (22, Act::Offer),
+            (10, Act::Clash),
+            (24, Act::Result),
+            (12, Act::Hold),
             (14, Act::Fail),
             (16, Act::Arrival),
             (26, Act::Tick),
@@ -155,10 +161,12 @@ impl Writer {
                 let (deadline, backlog) = (self.span(), self.backlog(p));
                 self.push(Input::Offer { at, t, p, deadline, backlog });
             }
+            Act::Clash => self.clash(at, header),
             Act::Result => {
                 let (t, p) = self.call(header);
                 self.push(Input::Result { at, t, p });
             }
+            Act::Hold => self.hold(),
             Act::Fail => {
                 let (t, p) = self.call(header);
                 self.push(Input::Fail { at, t, p });
@@ -171,14 +179,38 @@ impl Writer {
     fn message(&mut self, at: u64, header: &Header) {
         let (t, limit) = (self.next_t, self.limit());
         self.open(at, t, limit);
+        let lowest = header.clouds.iter().map(|cloud| cloud.p).min();
+        let spared = lowest.filter(|_| self.draw.one_in(3));
         for cloud in &header.clouds {
-            if !self.draw.one_in(3) {
+            if Some(cloud.p) != spared && !self.draw.one_in(4) {
                 let p = cloud.p.into();
                 let deadline = self.span();
                 let backlog = if self.draw.one_in(6) { self.backlog(p) } else { 0 };
                 self.push(Input::Offer { at, t, p, deadline, backlog });
             }
         }
+    }
+
+    fn hold(&mut self) {
+        let asked = &self.scene.asked;
+        let waits = |(t, p): &&(u64, u64)| *p > 0 && asked.iter().any(|(u, q)| u == t && q > p);
+        let Some((t, p)) = asked.iter().rev().take(2 * RECENT).find(waits).copied() else { return };
+        let at = self.scene.now();
+        self.push(Input::Result { at, t, p });
+        match self.draw.between(0, 9) {
+            0 => self.push(Input::Result { at, t, p }),
+            1 => self.push(Input::Fail { at, t, p }),
+            _ => {}
+        }
+    }
+
+    fn clash(&mut self, at: u64, header: &Header) {
+        let any = (self.timestamp(), self.priority(header));
+        let (t, p) = self.scene.outranked().filter(|_| !self.draw.one_in(4)).unwrap_or(any);
+        let deadline = if self.draw.one_in(2) { 0 } else { self.span() };
+        let limit = self.scene.gate(p).map_or(u64::MAX, |gate| gate.limit);
+        let backlog = if self.draw.one_in(2) { limit } else { self.backlog(p) };
+        self.push(Input::Offer { at, t, p, deadline, backlog });
     }
 
     fn arrival(&mut self) {

@@ -6,6 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use fuseline_traces::{Cloud, Decision, Demands, DropReason, Header, Input, Reference, Refusal};
 
+/// How far back an open timestamp is looked for.
+const RECENT: usize = 16;
+
 /// The reference machine with all that it was told and decided.
 pub(super) struct Scene {
     reference: Reference,
@@ -107,6 +110,16 @@ impl Scene {
     /// The timestamps that are open, ascending.
     pub(super) const fn open(&self) -> &BTreeSet<u64> {
         &self.open
+    }
+
+    /// A request that is outranked by what is in hand, and was not made before.
+    pub(super) fn outranked(&self) -> Option<(u64, u64)> {
+        self.open.iter().rev().take(RECENT).find_map(|t| {
+            let tale = self.tales.get(t)?;
+            let best = tale.in_hand.last()?;
+            let below = self.gates.range(..best).map(|(p, _)| *p);
+            Some((*t, below.rev().find(|p| !tale.asked.contains_key(p))?))
+        })
     }
 
     /// A timestamp that was opened.
