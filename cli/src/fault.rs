@@ -1,6 +1,8 @@
 //! What can go wrong, told in one line: what and where, and a remedy.
 
 use std::error;
+#[cfg(unix)]
+use std::ffi::OsString;
 use std::io;
 use std::net::SocketAddr;
 
@@ -58,6 +60,11 @@ pub(crate) enum Fault {
     Serve(ServeError),
     #[error("the system gives no threads: {0}; end something else")]
     Runtime(io::Error),
+    #[error("stdin:{line}:{column}: {message}")]
+    Line { line: u64, column: u64, message: String },
+    #[cfg(unix)]
+    #[error("{command:?}: {source}; give a program that can be started")]
+    Start { command: OsString, source: io::Error },
     #[error("--follow watches one file; give it one that is not standard input")]
     Follow,
 }

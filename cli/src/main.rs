@@ -2,11 +2,14 @@
 
 mod check;
 mod convert;
+#[cfg(unix)]
+mod drive;
 mod drives;
 mod emulation;
 mod export;
 mod fault;
 mod files;
+mod implementation;
 mod interrupt;
 mod judging;
 mod models;
@@ -31,13 +34,13 @@ use crate::fault::Fault;
 const EXITS: &str = "\
 Exit codes:
   0  done; every trace judged conforms
-  1  a trace does not conform
+  1  a trace or an implementation does not conform
   2  bad input, told in one line
 
 Set RUST_LOG (say, RUST_LOG=info) to see what happens inside, on standard error.";
 
 /// Each message leaves with the best result that is there by its deadline: runs such an operator,
-/// replays its inputs, and judges its trace. Without a command it is `fuseline run`.
+/// replays its inputs, and judges its trace or another implementation. Without a command it is `fuseline run`.
 #[derive(Parser)]
 #[command(version, after_help = EXITS, max_term_width = 100)]
 #[command(override_usage = "fuseline [COMMAND]")]
@@ -60,6 +63,11 @@ enum Command {
     Convert(convert::Args),
     /// Write a trace for ui.perfetto.dev or for Foxglove.
     Export(export::Args),
+    /// Drive another implementation through the corpus and generated runs, and judge it.
+    #[cfg(unix)]
+    Drive(drive::Args),
+    /// Answer the inputs that `fuseline drive` sends, as the core does.
+    Impl(implementation::Args),
 }
 
 /// How a command ended.
@@ -111,6 +119,9 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         Command::Check(args) => check::check(&args),
         Command::Convert(args) => convert::convert(&args),
         Command::Export(args) => export::export(&args),
+        #[cfg(unix)]
+        Command::Drive(args) => drive::drive(&args),
+        Command::Impl(args) => implementation::answer(&args),
     }
 }
 

@@ -9,6 +9,7 @@ use fuseline_traces::{Event, Reader, unpack};
 use crate::Exit;
 use crate::check::open;
 use crate::fault::Fault;
+use crate::implementation::decide;
 
 /// How much of the input is read at once, in bytes.
 const CHUNK: usize = 64 * 1024;
@@ -57,10 +58,7 @@ fn answer<R: Read>(
             Some(Event::Input(input)) => {
                 answer.extend_from_slice(reader.raw());
                 answer.push(b'\n');
-                arbiter.apply(&input, |decision| {
-                    decision.write(&mut answer);
-                    answer.push(b'\n');
-                });
+                decide(&mut arbiter, &input, &mut answer);
             }
             Some(Event::Decision(_)) => {}
             None => return out.flush().map_err(Fault::Output),

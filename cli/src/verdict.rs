@@ -13,8 +13,8 @@ use crate::Exit;
 /// Rules are told within so many columns.
 const WIDTH: usize = 96;
 
-const GOOD: Style = AnsiColor::Green.on_default().bold();
-const BAD: Style = AnsiColor::Red.on_default().bold();
+pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
+pub(crate) const BAD: Style = AnsiColor::Red.on_default().bold();
 
 /// What one of the judges found.
 #[derive(Debug, Serialize)]

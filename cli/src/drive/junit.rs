@@ -1,0 +1,53 @@
+//! The report as `JUnit` XML, for continuous integration.
+
+use quick_junit::{
+    NonSuccessKind, Report as Xml, SerializeError, TestCase, TestCaseStatus, TestSuite,
+};
+
+use super::report::{Mark, Report};
+
+/// The report's cases; the generated ones are one, under the name of that which does not pass.
+pub(super) fn xml(report: &Report) -> Result<String, SerializeError> {
+    let mut suite = TestSuite::new(report.name.as_str());
+    suite.set_time(report.took);
+    for (id, mark) in &report.fixed {
+        suite.add_test_case(case(report, id, *mark));
+    }
+    match &report.failed {
+        Some((id, mark)) => {
+            suite.add_test_case(case(report, id, *mark));
+        }
+        None if report.suite.generated > 0 => {
+            let (seed, all) = (report.suite.generator.seed, report.suite.generated);
+            let mark = if report.passed == all { Mark::Passes } else { Mark::NotRun };
+            suite.add_test_case(case(report, &format!("g-{seed}-0 to g-{seed}-{}", all - 1), mark));
+        }
+        None => {}
+    }
+    if let Some(how) = &report.at_end {
+        let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
+        status.set_message(how.to_string());
+        suite.add_test_case(TestCase::new("end of input", status));
+    }
+    let mut xml = Xml::new("fuseline drive");
+    xml.add_test_suite(suite);
+    xml.to_string()
+}
+
+fn case(report: &Report, id: &str, mark: Mark) -> TestCase {
+    let status = match mark {
+        Mark::Passes => TestCaseStatus::success(),
+        Mark::NotRun => TestCaseStatus::skipped(),
+        Mark::Breaks(_) | Mark::Misbehaves => {
+            let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
+            status.set_message(mark.word());
+            if let Some(found) = report.found.iter().find(|found| found.case == id) {
+                status.set_description(found.text());
+            }
+            status
+        }
+    };
+    let mut case = TestCase::new(id, status);
+    case.set_classname("fuseline");
+    case
+}

@@ -1,0 +1,317 @@
+//! `fuseline drive`: another implementation, driven through cases and judged.
+
+mod case;
+mod coverage;
+mod draw;
+mod edge;
+mod generate;
+mod junit;
+mod matrix;
+mod peer;
+mod report;
+mod scene;
+mod shrink;
+#[cfg(test)]
+mod tests;
+mod trial;
+mod words;
+
+use std::ffi::OsString;
+use std::fs;
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::ValueEnum;
+use fuseline_traces::Commit;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use self::case::{Case, Suite};
+use self::coverage::Coverage;
+use self::generate::Generator;
+use self::report::{Found, Mark, Report};
+use self::shrink::{Finding, What, shrink};
+use self::trial::{Bench, Stop};
+use crate::Exit;
+use crate::fault::Fault;
+use crate::interrupt::Interrupt;
+use crate::sink::Sink;
+
+/// The most clouds of a generated run, if nothing else is asked for.
+const CLOUDS: u8 = 4;
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+The command is started once. On its standard input it gets a trace's header, then one input a line;
+after each line, the header too, it answers with its decisions, one a line, and then {\"ev\":\"done\"}.
+A further header begins the next run. It ends when its input ends. The corpus comes first, then
+generated runs up to the first difference, which is told in a smallest run. What each line means is
+in SPEC.md; traces/examples has templates in Python and C++.
+
+Exit code 0 if nothing differs, 1 on a difference or if the command misbehaves, 2 if it cannot be
+started or Ctrl-C came before a difference.
+
+Examples:
+  fuseline drive -- fuseline impl
+  fuseline drive --cases 10000 --save found -- python3 traces/examples/arbiter.py
+  fuseline drive --run found/g-1-17.jsonl -- ./my-arbiter
+  fuseline drive --junit drive.xml --matrix drive.html -- ./my-arbiter")]
+pub(crate) struct Args {
+    /// How many generated runs follow the corpus.
+    #[arg(long, value_name = "N", default_value = "1000")]
+    cases: u64,
+    /// Decides which runs are generated.
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    /// The commit rules of generated runs.
+    #[arg(long, value_name = "RULE", default_value = "both")]
+    commit: Rules,
+    /// The most clouds of a generated run, up to 15.
+    #[arg(long, value_name = "N", default_value_t = CLOUDS, value_parser = clap::value_parser!(u8).range(..=15))]
+    clouds: u8,
+    /// Drive these instead: trace files, cases of the corpus, generated cases such as g-1-17.
+    #[arg(long, value_name = "CASE", num_args = 1.., conflicts_with_all = ["cases", "seed"])]
+    run: Vec<String>,
+    /// How long an answer may take, in seconds.
+    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
+    wait: Duration,
+    /// What to call the implementation; the command if not given.
+    #[arg(long)]
+    name: Option<String>,
+    /// Save the smallest run of a difference as a trace in this directory.
+    #[arg(long, value_name = "DIR")]
+    save: Option<PathBuf>,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+    /// Write the results for continuous integration, as `JUnit` XML.
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Write a table of all cases, as .md or .html; may be given for both.
+    #[arg(long, value_name = "FILE", value_parser = matrix::Matrix::new)]
+    matrix: Vec<matrix::Matrix>,
+    /// The command and its arguments.
+    #[arg(last = true, required = true)]
+    command: Vec<OsString>,
+}
+
+/// The commit rules to drive.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+enum Rules {
+    Eager,
+    Patient,
+    Both,
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
+    let allowed = Duration::from_millis(1)..=Duration::from_secs(3600);
+    seconds.filter(|s| allowed.contains(s)).ok_or_else(|| "seconds, from 0.001 to 3600".to_owned())
+}
+
+/// Drives the command through all cases and tells what came of it.
+pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
+    let commit = match args.commit {
+        Rules::Eager => Some(Commit::Eager),
+        Rules::Patient => Some(Commit::Patient),
+        Rules::Both => None,
+    };
+    let generator = Generator { seed: args.seed, commit, clouds: args.clouds };
+    let suite = if args.run.is_empty() {
+        Suite::whole(generator, args.cases)?
+    } else {
+        Suite::of(&args.run, generator)?
+    };
+    let created = |path: &Path| fs::create_dir_all(path).map_err(|source| create(path, source));
+    args.save.as_deref().map_or(Ok(()), created)?;
+    let mut driver = Driver::new(args, suite);
+    match driver.all() {
+        Ok(()) => {}
+        Err(Stop::Interrupted) => driver.report.was_interrupted = true,
+        Err(Stop::Start(source)) => {
+            let command = args.command.first().cloned().unwrap_or_default();
+            return Err(Fault::Start { command, source });
+        }
+    }
+    let report = driver.finish();
+    for found in &report.found {
+        if let Some(path) = &found.saved {
+            fs::write(path, found.finding.told.trace()).map_err(|source| create(path, source))?;
+        }
+    }
+    if let Some(path) = &args.junit {
+        let text = junit::xml(&report).map_err(|error| create(path, io::Error::other(error)))?;
+        fs::write(path, text).map_err(|source| create(path, source))?;
+    }
+    for matrix in &args.matrix {
+        fs::write(matrix.path(), matrix.text(&report))
+            .map_err(|source| create(matrix.path(), source))?;
+    }
+    let mut out = Sink::new(anstream::stdout());
+    if args.json {
+        writeln!(out, "{}", report.json()).map_err(Fault::Output)?;
+    } else {
+        report.tell(&mut out).map_err(Fault::Output)?;
+    }
+    Ok(report.exit())
+}
+
+fn create(path: &Path, source: io::Error) -> Fault {
+    Fault::Create { name: path.display().to_string(), source }
+}
+
+/// How much a difference tells, the least most: whether its case is of another rule, and how long
+/// the trace is.
+type Key = (bool, usize);
+
+/// Whether more is worth driving.
+enum Driven {
+    All,
+    Enough,
+}
+
+/// Goes through the cases.
+struct Driver<'a> {
+    args: &'a Args,
+    bench: Bench,
+    bar: ProgressBar,
+    since: Instant,
+    report: Report,
+}
+
+impl<'a> Driver<'a> {
+    fn new(args: &'a Args, suite: Suite) -> Self {
+        let bench = Bench::new(args.command.clone(), args.wait, Interrupt::watch());
+        let bar = if io::stderr().is_terminal() {
+            let style = ProgressStyle::with_template(
+                "{wide_bar} {human_pos} of {human_len} runs, {per_sec}, {eta}",
+            );
+            ProgressBar::new(suite.len())
+                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        } else {
+            ProgressBar::hidden()
+        };
+        let command = quoted(&args.command);
+        let report = Report {
+            name: args.name.clone().unwrap_or_else(|| command.clone()),
+            command,
+            fixed: suite.fixed.iter().map(|case| (case.id.clone(), Mark::NotRun)).collect(),
+            suite,
+            passed: 0,
+            failed: None,
+            found: Vec::new(),
+            at_end: None,
+            was_interrupted: false,
+            inputs: 0,
+            took: Duration::ZERO,
+            coverage: Coverage::default(),
+        };
+        Self { args, bench, bar, since: Instant::now(), report }
+    }
+
+    /// All fixed cases, and the generated ones up to the first difference.
+    fn all(&mut self) -> Result<(), Stop> {
+        let mut first = None;
+        let driven = self.fixed(&mut first);
+        if let Some((_, case, finding)) = first {
+            self.find(case, finding);
+        }
+        if let Driven::Enough = driven? {
+            return Ok(());
+        }
+        for number in 0..self.report.suite.generated {
+            let case = self.report.suite.case(number);
+            if let Some(finding) = self.run(&case)? {
+                self.report.failed = Some((case.id.clone(), Mark::of(&finding)));
+                self.find(case, finding);
+                break;
+            }
+            self.report.passed += 1;
+        }
+        self.report.at_end = self.bench.end()?;
+        Ok(())
+    }
+
+    /// The fixed cases; `first` becomes the difference that tells most.
+    ///
+    /// What does not answer at all is not waited for again and again.
+    fn fixed(&mut self, first: &mut Option<(Key, Case, Finding)>) -> Result<Driven, Stop> {
+        for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
+            let Some(finding) = self.run(&case)? else {
+                self.report.fixed[place].1 = Mark::Passes;
+                continue;
+            };
+            self.report.fixed[place].1 = Mark::of(&finding);
+            let is_slow = matches!(&finding.what, What::Misbehaves(how) if how.is_slow());
+            let key = (!is_telling(&case, &finding), finding.told.events.len());
+            if first.as_ref().is_none_or(|(least, _, _)| key < *least) {
+                *first = Some((key, case, finding));
+            }
+            if is_slow {
+                return Ok(Driven::Enough);
+            }
+        }
+        Ok(Driven::All)
+    }
+
+    fn run(&mut self, case: &Case) -> Result<Option<Finding>, Stop> {
+        let finding = Finding::of(self.bench.try_run(&case.run)?);
+        if finding.is_none() {
+            self.report.coverage.watch(&case.run);
+        }
+        self.bar.inc(1);
+        self.report.inputs = self.bench.inputs;
+        self.report.took = self.since.elapsed();
+        Ok(finding)
+    }
+
+    /// Notes what is wrong, in a smallest run.
+    fn find(&mut self, case: Case, finding: Finding) {
+        self.bar.set_message("shrinking");
+        let finding = shrink(&mut self.bench, finding);
+        let saved = self.args.save.as_ref().map(|dir| dir.join(format!("{}.jsonl", case.id)));
+        let replay = self.replay(&case.name, saved.as_deref());
+        let of = case.run.inputs.len();
+        self.report.found.push(Found { case: case.id, of, finding, saved, replay });
+    }
+
+    /// The command line that shows it again.
+    fn replay(&self, name: &str, saved: Option<&Path>) -> String {
+        let mut words: Vec<OsString> = ["fuseline", "drive"].map(Into::into).into();
+        if let Some(rule) = self.args.commit.to_possible_value()
+            && saved.is_none()
+            && self.args.commit != Rules::Both
+        {
+            words.extend(["--commit".into(), rule.get_name().into()]);
+        }
+        if saved.is_none() && self.args.clouds != CLOUDS {
+            words.extend(["--clouds".into(), self.args.clouds.to_string().into()]);
+        }
+        let case = saved.map_or_else(|| name.into(), Into::into);
+        words.extend(["--run".into(), case, "--".into()]);
+        words.extend(self.args.command.iter().cloned());
+        quoted(&words)
+    }
+
+    fn finish(self) -> Report {
+        self.bar.finish_and_clear();
+        self.report
+    }
+}
+
+/// Whether a case is one of the rule that it shows broken.
+fn is_telling(case: &Case, finding: &Finding) -> bool {
+    match finding.what {
+        What::Breaks(rule) => {
+            case.id.split('-').next().is_some_and(|id| id.eq_ignore_ascii_case(rule.id()))
+        }
+        What::Misbehaves(_) => false,
+    }
+}
+
+/// Words as a shell takes them.
+fn quoted(words: &[OsString]) -> String {
+    let words: Vec<_> = words.iter().map(|word| word.to_string_lossy()).collect();
+    let quote = |word: &str| shlex::try_quote(word).map_or_else(|_| word.into(), Into::into);
+    words.iter().map(|word| quote(word)).collect::<Vec<String>>().join(" ")
+}

@@ -1,0 +1,338 @@
+//! The command under judgement: a process of its own group that is asked line by line.
+
+use std::ffi::OsString;
+use std::io::{self, Read, Write};
+use std::os::unix::process::CommandExt;
+use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use fuseline_traces::{Decision, Event, LINE, Line, parse};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::{Errno, ioctl_fionbio};
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+use thiserror::Error;
+
+use crate::interrupt::Interrupt;
+
+/// What ends an answer.
+const DONE: &[u8] = br#"{"ev":"done"}"#;
+/// How often a wait looks for Ctrl-C.
+const SLICE: Duration = Duration::from_millis(50);
+/// How much is read at once, in bytes.
+const CHUNK: usize = 64 * 1024;
+/// How long what closed its output may take to end.
+const ENDING: Duration = Duration::from_millis(500);
+/// How much of a line that cannot be read is shown, in characters.
+const SHOWN: usize = 160;
+
+/// The running command. It and all that it started in its group are gone when this is.
+pub(super) struct Peer {
+    child: Child,
+    reaped: bool,
+    input: Option<ChildStdin>,
+    output: Option<ChildStdout>,
+    chunk: Box<[u8]>,
+    /// What was read; the lines before `taken` were looked at.
+    read: Vec<u8>,
+    taken: usize,
+    wait: Duration,
+    interrupt: Interrupt,
+}
+
+/// Why there is no answer.
+#[derive(Debug)]
+pub(super) enum Trouble {
+    /// Ctrl-C.
+    Interrupted,
+    Misbehaved(Misbehaviour),
+}
+
+/// What a command may not do.
+#[derive(Debug, Error)]
+pub(super) enum Misbehaviour {
+    #[error("it did not answer within {} s", .0.as_secs_f64())]
+    Silent(Duration),
+    #[error("it ended before it answered: {0}")]
+    Ended(ExitStatus),
+    #[error("it closed its output before it answered")]
+    Closed,
+    #[error("it answered {line:?}, column {column}: {message}")]
+    Garbage { line: String, column: u64, message: String },
+    #[error("it answered with a line that is no decision: {0}")]
+    NoDecision(String),
+    #[error("it answered more than {0} lines without {{\"ev\":\"done\"}}")]
+    Endless(usize),
+    #[error("it answered a line over 64 KiB")]
+    TooLong,
+    #[error("it wrote {0:?} after {{\"ev\":\"done\"}}, before it was asked again")]
+    Unasked(String),
+    #[error("it ran on for {} s after its input ended", .0.as_secs_f64())]
+    Lingers(Duration),
+}
+
+impl Misbehaviour {
+    /// Whether each further time would take as long as is waited.
+    pub(super) const fn is_slow(&self) -> bool {
+        matches!(self, Self::Silent(_) | Self::Closed)
+    }
+}
+
+/// `{"ev":"done"}`, however it is spaced.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Done<'a> {
+    ev: &'a str,
+    #[serde(default, rename = "x")]
+    _x: Option<IgnoredAny>,
+}
+
+impl Peer {
+    /// Starts the command.
+    ///
+    /// # Errors
+    /// If the system cannot start it.
+    pub(super) fn start(
+        command: &[OsString],
+        wait: Duration,
+        interrupt: Interrupt,
+    ) -> io::Result<Self> {
+        let (program, args) = command.split_first().ok_or(io::ErrorKind::NotFound)?;
+        let mut child = Command::new(program)
+            .args(args)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .process_group(0)
+            .spawn()?;
+        let (input, output) = (child.stdin.take(), child.stdout.take());
+        let (read, taken, chunk) = (Vec::new(), 0, vec![0; CHUNK].into());
+        let peer =
+            Self { child, reaped: false, input, output, chunk, read, taken, wait, interrupt };
+        if let Some(input) = &peer.input {
+            ioctl_fionbio(input, true)?;
+        }
+        if let Some(output) = &peer.output {
+            ioctl_fionbio(output, true)?;
+        }
+        Ok(peer)
+    }
+
+    /// Sends a line and takes the decisions up to `done`, at most so many.
+    pub(super) fn ask(
+        &mut self,
+        line: &[u8],
+        most: usize,
+        answer: &mut Vec<Decision>,
+    ) -> Result<(), Trouble> {
+        self.quiet()?;
+        let until = Instant::now() + self.wait;
+        self.send(line, until)?;
+        for lines in 0.. {
+            let line = self.line(until)?;
+            if is_done(line) {
+                break;
+            }
+            if lines == most {
+                return Err(Misbehaviour::Endless(most).into());
+            }
+            answer.push(decision(line)?);
+        }
+        Ok(())
+    }
+
+    /// Sees that nothing came unasked.
+    pub(super) fn quiet(&mut self) -> Result<(), Trouble> {
+        if self.taken == self.read.len() {
+            self.read.clear();
+            self.taken = 0;
+            // What ended meanwhile is found out by asking it.
+            let _ = self.take();
+        }
+        match self.read.get(self.taken..) {
+            None | Some([]) => Ok(()),
+            Some(rest) => Err(Misbehaviour::Unasked(shown(first_line(rest))).into()),
+        }
+    }
+
+    /// Ends the input and waits until the command ends.
+    pub(super) fn end(mut self) -> Result<(), Trouble> {
+        self.quiet()?;
+        self.input = None;
+        let until = Instant::now() + self.wait;
+        while !self.has_ended() {
+            if Instant::now() >= until {
+                return Err(Misbehaviour::Lingers(self.wait).into());
+            }
+            self.pause(PollFlags::IN, Duration::from_millis(2))?;
+            // Nobody asked for what comes now, but it must not block on it.
+            self.read.clear();
+            if self.take().is_ok_and(|taken| taken == Some(0)) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, mut line: &[u8], until: Instant) -> Result<(), Trouble> {
+        while let (Some(input), [_, ..]) = (&mut self.input, line) {
+            match input.write(line) {
+                Ok(written) => line = line.get(written..).unwrap_or_default(),
+                Err(error) if is_passing(&error) => self.until(until, PollFlags::OUT)?,
+                // It has ended or does not listen: what it said, or its end, tells more.
+                Err(_) => return Ok(()),
+            }
+        }
+        Ok(())
+    }
+
+    /// The next line, without its end.
+    fn line(&mut self, until: Instant) -> Result<&[u8], Trouble> {
+        let mut looked = self.taken;
+        loop {
+            let fresh = self.read.get(looked..).unwrap_or_default();
+            let end = fresh.iter().position(|byte| *byte == b'\n').map(|end| looked + end);
+            looked = end.unwrap_or(self.read.len());
+            if looked - self.taken > LINE {
+                return Err(Misbehaviour::TooLong.into());
+            }
+            if let Some(end) = end {
+                let start = std::mem::replace(&mut self.taken, end + 1);
+                return Ok(self.read.get(start..end).unwrap_or_default());
+            }
+            self.until(until, PollFlags::IN)?;
+            match self.take() {
+                Ok(Some(0)) | Err(_) => return Err(self.gone().into()),
+                Ok(_) => {}
+            }
+        }
+    }
+
+    /// Waits until it can be read from or written to.
+    fn until(&mut self, until: Instant, flags: PollFlags) -> Result<(), Trouble> {
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            if self.pause(flags, left.min(SLICE))? {
+                return Ok(());
+            }
+            if left.is_zero() {
+                return Err(Misbehaviour::Silent(self.wait).into());
+            }
+        }
+    }
+
+    /// Waits so long at most; says whether it can be read from or written to.
+    fn pause(&self, flags: PollFlags, most: Duration) -> Result<bool, Trouble> {
+        if self.interrupt.came() {
+            return Err(Trouble::Interrupted);
+        }
+        let most = Timespec { tv_sec: 0, tv_nsec: most.subsec_nanos().into() };
+        let mut ends = [match (&self.input, &self.output) {
+            (Some(input), _) if flags == PollFlags::OUT => PollFd::new(input, flags),
+            (_, Some(output)) => PollFd::new(output, flags),
+            (_, None) => return Ok(true),
+        }];
+        Ok(poll(&mut ends, Some(&most)).is_ok_and(|ready| ready > 0))
+    }
+
+    /// Reads what is there; 0 is the end, none that there is nothing yet.
+    fn take(&mut self) -> io::Result<Option<usize>> {
+        let Some(output) = &mut self.output else { return Ok(Some(0)) };
+        match output.read(&mut self.chunk) {
+            Ok(len) => {
+                self.read.extend_from_slice(self.chunk.get(..len).unwrap_or_default());
+                Ok(Some(len))
+            }
+            Err(error) if is_passing(&error) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// How what closed its output ended.
+    fn gone(&mut self) -> Misbehaviour {
+        let until = Instant::now() + ENDING;
+        while !self.has_ended() {
+            if Instant::now() >= until {
+                return Misbehaviour::Closed;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.kill();
+        self.reaped = true;
+        self.child.wait().map_or(Misbehaviour::Closed, Misbehaviour::Ended)
+    }
+
+    /// Whether the command itself has ended. It stays to be reaped, so that its group keeps its
+    /// number.
+    fn has_ended(&self) -> bool {
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        self.id().is_none_or(|id| {
+            !matches!(waitid(WaitId::Pid(id), options), Ok(None) | Err(Errno::INTR))
+        })
+    }
+
+    /// Kills it with all that it started in its group.
+    fn kill(&self) {
+        if let Some(id) = self.id() {
+            // What is gone cannot be killed.
+            let _ = kill_process_group(id, Signal::KILL);
+        }
+    }
+
+    fn id(&self) -> Option<Pid> {
+        i32::try_from(self.child.id()).ok().and_then(Pid::from_raw)
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        // Once it is reaped, its number may be another's.
+        if !self.reaped {
+            self.kill();
+            let _ = self.child.wait();
+        }
+    }
+}
+
+impl From<Misbehaviour> for Trouble {
+    fn from(misbehaviour: Misbehaviour) -> Self {
+        Self::Misbehaved(misbehaviour)
+    }
+}
+
+/// Whether it is worth another try.
+fn is_passing(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
+}
+
+fn is_done(line: &[u8]) -> bool {
+    line == DONE || serde_json::from_slice::<Done>(line).is_ok_and(|done| done.ev == "done")
+}
+
+/// The decision in a line.
+fn decision(line: &[u8]) -> Result<Decision, Misbehaviour> {
+    match parse(line) {
+        Ok(Line::Event(Event::Decision(decision))) => Ok(decision),
+        Ok(Line::Event(Event::Input(_)) | Line::Header(_)) => {
+            Err(Misbehaviour::NoDecision(shown(line)))
+        }
+        Err(error) => {
+            let (column, message) = (error.column, error.message);
+            Err(Misbehaviour::Garbage { line: shown(line), column, message })
+        }
+    }
+}
+
+fn first_line(bytes: &[u8]) -> &[u8] {
+    bytes.split(|byte| *byte == b'\n').next().unwrap_or_default()
+}
+
+/// The beginning of a line, to show.
+fn shown(line: &[u8]) -> String {
+    let text = String::from_utf8_lossy(line);
+    let mut shown: String = text.chars().take(SHOWN).collect();
+    if shown.len() < text.len() {
+        shown.push('…');
+    }
+    shown
+}

@@ -1,0 +1,324 @@
+//! What driving a command came to, for people and as JSON.
+
+use std::fmt::Write as _;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use fuseline_traces::{Event, Rule, Verdict};
+use indicatif::HumanCount;
+use serde_json::{Value, json};
+use textwrap::{Options, WordSplitter};
+
+use super::case::Suite;
+use super::coverage::Coverage;
+use super::peer::Misbehaviour;
+use super::shrink::{Finding, What};
+use super::words;
+use crate::Exit;
+use crate::verdict::{BAD, Breach, GOOD};
+
+/// So many failed cases are named.
+const NAMED: usize = 5;
+/// So many lines of a run are told in words.
+const LINES: usize = 16;
+/// Lines are told within so many columns.
+const WIDTH: usize = 96;
+/// Where what follows a lead begins.
+const INDENT: &str = "            ";
+
+/// What driving a command came to.
+pub(super) struct Report {
+    /// What the implementation is called.
+    pub(super) name: String,
+    /// The command, as a shell takes it.
+    pub(super) command: String,
+    pub(super) suite: Suite,
+    /// The fixed cases in their order, with what became of each.
+    pub(super) fixed: Vec<(String, Mark)>,
+    /// How many generated runs passed, from the first on.
+    pub(super) passed: u64,
+    /// The generated run that did not pass.
+    pub(super) failed: Option<(String, Mark)>,
+    /// The first thing wrong in the fixed cases and in the generated ones.
+    pub(super) found: Vec<Found>,
+    /// What the command did when its input ended.
+    pub(super) at_end: Option<Misbehaviour>,
+    pub(super) was_interrupted: bool,
+    pub(super) inputs: u64,
+    pub(super) took: Duration,
+    pub(super) coverage: Coverage,
+}
+
+/// What became of a case.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Mark {
+    Passes,
+    Breaks(Rule),
+    Misbehaves,
+    NotRun,
+}
+
+/// A thing wrong, in its smallest run.
+pub(super) struct Found {
+    pub(super) case: String,
+    /// How many inputs its case has.
+    pub(super) of: usize,
+    pub(super) finding: Finding,
+    pub(super) saved: Option<PathBuf>,
+    /// The command line that shows it again.
+    pub(super) replay: String,
+}
+
+impl Mark {
+    pub(super) fn of(finding: &Finding) -> Self {
+        match &finding.what {
+            What::Breaks(rule) => Self::Breaks(*rule),
+            What::Misbehaves(_) => Self::Misbehaves,
+        }
+    }
+
+    /// The mark in a word or two.
+    pub(super) fn word(self) -> String {
+        match self {
+            Self::Passes => "pass".to_owned(),
+            Self::Breaks(rule) => format!("fail, {rule}"),
+            Self::Misbehaves => "fail, misbehaves".to_owned(),
+            Self::NotRun => "not run".to_owned(),
+        }
+    }
+}
+
+impl Found {
+    /// The file, or the case, in which it is told.
+    pub(super) fn place(&self) -> String {
+        self.saved.as_ref().map_or_else(|| self.case.clone(), |saved| saved.display().to_string())
+    }
+
+    pub(super) fn verdict(&self) -> Option<Verdict> {
+        match self.finding.what {
+            What::Breaks(_) => self.finding.told.verdict(&self.place()),
+            What::Misbehaves(_) => None,
+        }
+    }
+
+    /// What is wrong in its smallest run, in lines without colours.
+    pub(super) fn text(&self) -> String {
+        let mut out = anstream::StripStream::new(Vec::new());
+        // Writing to memory does not fail.
+        let _ = self.tell(&mut out);
+        String::from_utf8_lossy(&out.into_inner()).trim().to_owned()
+    }
+
+    fn tell(&self, out: &mut impl Write) -> io::Result<()> {
+        let told = &self.finding.told;
+        let small = told.inputs().count();
+        let of = if small < self.of { format!(" of {}", self.of) } else { String::new() };
+        writeln!(out, "\nThe smallest run found, {}{of}, from {}:", inputs(small), self.case)?;
+        match &self.finding.what {
+            What::Breaks(_) => {
+                if let Some(verdict) = self.verdict()
+                    && let Some(violation) = verdict.violations.first()
+                {
+                    Breach::from(violation).tell(out, &verdict.file)?;
+                    self.tell_story(out, "in words")?;
+                    writeln!(out, "{INDENT}  found: {}", words::told(&violation.found))?;
+                    writeln!(out, "{INDENT}  expected: {}", words::told(&violation.expected))?;
+                }
+            }
+            What::Misbehaves(how) => {
+                writeln!(out, "\n{}: {BAD}{how}{BAD:#}", self.place())?;
+                writeln!(out, "  sent last {}", told.last())?;
+                self.tell_story(out, "in words")?;
+            }
+        }
+        writeln!(out, "  replay    {}", self.replay)
+    }
+
+    /// The smallest run in words, its last input's decisions left out.
+    fn tell_story(&self, out: &mut impl Write, lead: &str) -> io::Result<()> {
+        let events = &self.finding.told.events;
+        let last = events.iter().rposition(|event| matches!(event, Event::Input(_)));
+        let told = events.get(..last.map_or(0, |last| last + 1)).unwrap_or_default();
+        if told.len() > LINES {
+            return Ok(());
+        }
+        for (i, event) in told.iter().enumerate() {
+            let at = match event {
+                Event::Input(input) => format!("at {}: ", input.at()),
+                Event::Decision(_) => "  ".to_owned(),
+            };
+            let lead = if i == 0 { lead } else { "" };
+            writeln!(out, "  {lead:<9} {at}{}", words::event(event))?;
+        }
+        Ok(())
+    }
+}
+
+impl Report {
+    pub(super) fn exit(&self) -> Exit {
+        if !self.found.is_empty() || self.at_end.is_some() {
+            Exit::Differs
+        } else if self.was_interrupted {
+            // What was not driven was not judged.
+            Exit::BadInput
+        } else {
+            Exit::Conforms
+        }
+    }
+
+    pub(super) fn runs(&self) -> u64 {
+        self.fixed_count(|mark| mark != Mark::NotRun) as u64
+            + self.passed
+            + u64::from(self.failed.is_some())
+    }
+
+    pub(super) fn fixed_count(&self, counts: impl Fn(Mark) -> bool) -> usize {
+        self.fixed.iter().filter(|(_, mark)| counts(*mark)).count()
+    }
+
+    /// The things wrong that are not of one kind.
+    pub(super) fn told(&self) -> impl Iterator<Item = &Found> {
+        let first = self.found.first();
+        self.found
+            .iter()
+            .enumerate()
+            .filter(move |(i, found)| {
+                *i == 0 || first.is_none_or(|first| !first.finding.is_as(&found.finding))
+            })
+            .map(|(_, found)| found)
+    }
+
+    /// Prints it for people.
+    pub(super) fn tell(&self, out: &mut impl Write) -> io::Result<()> {
+        let word = match self.exit() {
+            Exit::Conforms => format!("{GOOD}conforms{GOOD:#}"),
+            Exit::Differs => format!("{BAD}does not conform{BAD:#}"),
+            Exit::BadInput => "no difference so far".to_owned(),
+        };
+        let stopped = if self.was_interrupted { ", interrupted" } else { "" };
+        writeln!(out, "{}: {word}{stopped}\n", self.name)?;
+        tell_fact(out, "  fixed     ", &self.fixed_line())?;
+        if self.suite.generated > 0 {
+            tell_fact(out, "  generated ", &self.generated_line())?;
+        }
+        if self.exit() == Exit::Conforms {
+            let shares = self.coverage.shares().into_iter();
+            let reached: Vec<_> = shares
+                .map(|share| format!("{} of {} {}", share.reached, share.all, share.kind))
+                .collect();
+            tell_fact(out, "  reached   ", &reached.join(", "))?;
+        }
+        tell_fact(out, "  driven    ", &self.pace())?;
+        for found in self.told() {
+            found.tell(out)?;
+        }
+        if let Some(how) = &self.at_end {
+            writeln!(out, "\nAfter the last case: {BAD}{how}{BAD:#}")?;
+        }
+        Ok(())
+    }
+
+    fn fixed_line(&self) -> String {
+        let passed = self.fixed_count(|mark| mark == Mark::Passes);
+        let mut line = format!("{passed} of {} cases pass", self.fixed.len());
+        let failed = |mark: &Mark| matches!(mark, Mark::Breaks(_) | Mark::Misbehaves);
+        let names: Vec<_> = self.fixed.iter().filter(|(_, mark)| failed(mark)).collect();
+        for (i, (name, _)) in names.iter().take(NAMED).enumerate() {
+            // Writing to a string does not fail.
+            let _ = write!(line, "{}{name}", if i == 0 { "; not " } else { ", " });
+        }
+        if names.len() > NAMED {
+            let _ = write!(line, " and {} more", names.len() - NAMED);
+        }
+        let left = self.fixed_count(|mark| mark == Mark::NotRun);
+        if left > 0 {
+            let _ = write!(line, "; {left} not run");
+        }
+        line
+    }
+
+    fn generated_line(&self) -> String {
+        let (passed, all) = (HumanCount(self.passed), HumanCount(self.suite.generated));
+        match &self.failed {
+            Some((id, _)) => format!("{passed} of {all} runs pass, then {id} does not"),
+            None if self.passed < self.suite.generated => {
+                format!("{passed} of {all} runs pass; the others were not run")
+            }
+            None => format!("{passed} of {all} runs pass (seed {})", self.suite.generator.seed),
+        }
+    }
+
+    fn pace(&self) -> String {
+        let seconds = self.took.as_secs_f64();
+        #[expect(
+            clippy::cast_precision_loss,
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a rate for people"
+        )]
+        let rate = (self.inputs as f64 / seconds.max(1e-9)) as u64;
+        let (runs, all) = (HumanCount(self.runs()), HumanCount(self.inputs));
+        let word = if self.runs() == 1 { "run" } else { "runs" };
+        let rate = HumanCount(rate);
+        format!("{runs} {word}, {all} inputs in {seconds:.1} s, {rate} inputs a second")
+    }
+
+    /// The report as one JSON object.
+    pub(super) fn json(&self) -> Value {
+        let Suite { generator, generated, .. } = &self.suite;
+        let found = self.found.iter().map(|found| {
+            let verdict = found.verdict();
+            let violation = verdict.as_ref().and_then(|verdict| verdict.violations.first());
+            let how = match &found.finding.what {
+                What::Misbehaves(how) => Some(how.to_string()),
+                What::Breaks(_) => None,
+            };
+            json!({
+                "case": found.case,
+                "inputs": found.finding.told.inputs().count(),
+                "of": found.of,
+                "violation": violation,
+                "misbehaviour": how,
+                "trace": String::from_utf8_lossy(&found.finding.told.trace()),
+                "saved": found.saved,
+                "replay": found.replay,
+            })
+        });
+        json!({
+            "name": self.name,
+            "command": self.command,
+            "conforms": self.exit() == Exit::Conforms,
+            "interrupted": self.was_interrupted,
+            "suite": {
+                "version": env!("CARGO_PKG_VERSION"),
+                "hash": format!("sha256:{}", self.suite.hash()),
+                "seed": generator.seed,
+                "commit": generator.commit.map_or("both", fuseline_traces::Commit::as_str),
+                "clouds": generator.clouds,
+            },
+            "fixed": self.fixed.iter().map(|(id, mark)| json!({"case": id, "result": mark.word()}))
+                .collect::<Vec<_>>(),
+            "generated": {
+                "runs": generated,
+                "passed": self.passed,
+                "failed": self.failed.as_ref().map(|(id, _)| id),
+            },
+            "found": found.collect::<Vec<_>>(),
+            "at_end": self.at_end.as_ref().map(ToString::to_string),
+            "inputs": self.inputs,
+            "seconds": self.took.as_secs_f64(),
+            "reached": self.coverage.counts(),
+        })
+    }
+}
+
+fn tell_fact(out: &mut impl Write, lead: &str, fact: &str) -> io::Result<()> {
+    let options = Options::new(WIDTH).initial_indent(lead).subsequent_indent(INDENT);
+    let options = options.word_splitter(WordSplitter::NoHyphenation);
+    writeln!(out, "{}", textwrap::fill(fact, options))
+}
+
+fn inputs(count: usize) -> String {
+    if count == 1 { "1 input".to_owned() } else { format!("{count} inputs") }
+}

@@ -1,0 +1,282 @@
+//! From a run that shows a difference to a smallest one that still shows it.
+
+use std::collections::BTreeSet;
+use std::mem::discriminant;
+use std::time::{Duration, Instant};
+
+use fuseline_traces::{Cloud, Header, Input, Rule};
+
+use super::case::Run;
+use super::peer::Misbehaviour;
+use super::trial::{Bench, Outcome, Stop, Told};
+
+/// So many runs are tried at most.
+const TRIES: u32 = 4000;
+/// So long is tried at most.
+const LONGEST: Duration = Duration::from_secs(20);
+
+/// What a run shows, with what was sent and answered.
+pub(super) struct Finding {
+    pub(super) told: Told,
+    pub(super) what: What,
+}
+
+/// What is wrong with a command.
+pub(super) enum What {
+    /// It breaks a rule.
+    Breaks(Rule),
+    Misbehaves(Misbehaviour),
+}
+
+impl Finding {
+    /// What a run shows, if anything.
+    pub(super) fn of(outcome: Outcome) -> Option<Self> {
+        match outcome {
+            Outcome::Same => None,
+            Outcome::Differs(told) => {
+                let verdict = told.verdict("")?;
+                let rule = verdict.violations.first()?.rule;
+                Some(Self { told, what: What::Breaks(rule) })
+            }
+            Outcome::Misbehaves(told, how) => Some(Self { told, what: What::Misbehaves(how) }),
+        }
+    }
+
+    /// Whether another run shows the same.
+    pub(super) fn is_as(&self, other: &Self) -> bool {
+        match (&self.what, &other.what) {
+            (What::Breaks(one), What::Breaks(two)) => one == two,
+            (What::Misbehaves(one), What::Misbehaves(two)) => {
+                discriminant(one) == discriminant(two)
+            }
+            (What::Breaks(_), What::Misbehaves(_)) | (What::Misbehaves(_), What::Breaks(_)) => {
+                false
+            }
+        }
+    }
+}
+
+/// The smallest run found that shows what `first` shows; what stops the command ends the search.
+pub(super) fn shrink(bench: &mut Bench, first: Finding) -> Finding {
+    if matches!(&first.what, What::Misbehaves(how) if how.is_slow()) {
+        return first;
+    }
+    let mut search = Search { bench, best: first, tries: 0, since: Instant::now() };
+    while let Ok(true) = search.pass() {}
+    search.best
+}
+
+struct Search<'a> {
+    bench: &'a mut Bench,
+    best: Finding,
+    tries: u32,
+    since: Instant,
+}
+
+impl Search<'_> {
+    /// Tries everything once; says whether that made it smaller.
+    fn pass(&mut self) -> Result<bool, Stop> {
+        let before = cost(&self.best.told.run());
+        self.remove()?;
+        self.simplify_header()?;
+        self.simplify_inputs()?;
+        Ok(cost(&self.best.told.run()) < before && !self.is_over())
+    }
+
+    /// Takes a run for the best if it is smaller and shows the same.
+    fn attempt(&mut self, run: &Run) -> Result<bool, Stop> {
+        let mut taken = BTreeSet::new();
+        let is_header = run.header.clouds.iter().all(|cloud| taken.insert(cloud.p));
+        if self.is_over() || !is_header || cost(run) >= cost(&self.best.told.run()) {
+            return Ok(false);
+        }
+        self.tries += 1;
+        match Finding::of(self.bench.try_run(run)?) {
+            Some(finding) if finding.is_as(&self.best) => self.best = finding,
+            Some(_) | None => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn is_over(&self) -> bool {
+        self.tries >= TRIES || self.since.elapsed() >= LONGEST
+    }
+
+    /// Leaves out all of a timestamp, all of a source, and stretches, shorter and shorter ones.
+    fn remove(&mut self) -> Result<(), Stop> {
+        let timestamps: BTreeSet<_> = self.best.told.inputs().map(|input| input.t()).collect();
+        for t in timestamps {
+            let mut run = self.best.told.run();
+            run.inputs.retain(|input| input.t() != t);
+            self.attempt(&run)?;
+        }
+        let sources: BTreeSet<_> = self.best.told.inputs().map(|input| source(&input)).collect();
+        for p in sources.into_iter().flatten() {
+            let mut run = self.best.told.run();
+            run.inputs.retain(|input| source(input) != Some(p));
+            self.attempt(&run)?;
+        }
+        let mut stretch = (self.best.told.inputs().count() / 2).max(1);
+        loop {
+            let mut from = 0;
+            while from < self.best.told.inputs().count() {
+                let mut run = self.best.told.run();
+                let to = (from + stretch).min(run.inputs.len());
+                run.inputs.drain(from..to);
+                if !self.attempt(&run)? {
+                    from += stretch;
+                }
+            }
+            if stretch == 1 {
+                return Ok(());
+            }
+            stretch /= 2;
+        }
+    }
+
+    /// Leaves out clouds, and makes the others and the window plain.
+    fn simplify_header(&mut self) -> Result<(), Stop> {
+        for i in (0..self.best.told.header.clouds.len()).rev() {
+            let mut run = self.best.told.run();
+            run.header.clouds.remove(i);
+            self.attempt(&run)?;
+        }
+        for window in [1, 2, 4, 16] {
+            let mut run = self.best.told.run();
+            run.header.window = window;
+            self.attempt(&run)?;
+        }
+        for i in 0..self.best.told.header.clouds.len() {
+            for limit in [1, 2, 31] {
+                let mut run = self.best.told.run();
+                let p = run.header.clouds[i].p;
+                run.header.clouds[i] = Cloud { p, name: None, limit, resume: limit - 1 };
+                self.attempt(&run)?;
+            }
+        }
+        self.rename()
+    }
+
+    /// Numbers timestamps and clouds from 1, in their order.
+    fn rename(&mut self) -> Result<(), Stop> {
+        let mut run = self.best.told.run();
+        let names: BTreeSet<u64> = run.inputs.iter().filter_map(Input::t).collect();
+        run.inputs.iter_mut().filter_map(timestamp).for_each(|t| *t = rank(&names, *t));
+        self.attempt(&run)?;
+        let mut run = self.best.told.run();
+        let names: BTreeSet<u64> =
+            run.header.clouds.iter().map(|cloud| u64::from(cloud.p)).collect();
+        for cloud in &mut run.header.clouds {
+            cloud.p = u16::try_from(rank(&names, cloud.p.into())).unwrap_or(cloud.p);
+        }
+        let registered = run.inputs.iter_mut().filter_map(priority);
+        registered.filter(|p| names.contains(p)).for_each(|p| *p = rank(&names, *p));
+        self.attempt(&run)?;
+        Ok(())
+    }
+
+    /// Makes the numbers of each input small, and leaves out limits.
+    fn simplify_inputs(&mut self) -> Result<(), Stop> {
+        for i in 0..self.best.told.inputs().count() {
+            for field in 0..4 {
+                let run = self.best.told.run();
+                let before = i.checked_sub(1).and_then(|i| run.inputs.get(i)).map_or(0, Input::at);
+                for small in [
+                    None,
+                    Some(0),
+                    Some(1),
+                    Some(10),
+                    Some(100),
+                    Some(before),
+                    Some(before.saturating_add(10)),
+                ] {
+                    let mut run = self.best.told.run();
+                    let Some(input) = run.inputs.get_mut(i) else { return Ok(()) };
+                    if replace(input, field, small) && self.attempt(&run)? {
+                        break;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What makes a run hard to read: its inputs first, then its clouds, its digits, its names.
+fn cost(run: &Run) -> (usize, usize, usize, u128) {
+    let Run { header: Header { window, clouds, .. }, inputs } = run;
+    let odd = |cloud: &Cloud| usize::from(cloud.resume != cloud.limit - 1);
+    let of_clouds = clouds.iter().map(|cloud| {
+        digits(cloud.p.into()) + digits(cloud.limit) + digits(cloud.resume) * odd(cloud)
+    });
+    let of_inputs = inputs.iter().map(|input| match *input {
+        Input::Open { at, t, limit } => digits(at) + digits(t) + limit.map_or(0, |d| 1 + digits(d)),
+        Input::Offer { at, t, p, deadline, backlog } => {
+            [at, t, p, deadline, backlog].map(digits).iter().sum()
+        }
+        Input::Result { at, t, p } | Input::Fail { at, t, p } => digits(at) + digits(t) + digits(p),
+        Input::Tick { at } => digits(at),
+    });
+    let whole = of_clouds.chain(of_inputs).sum::<usize>() + digits((*window).into());
+    let names = inputs.iter().flat_map(|input| [input.t(), source(input)]).flatten();
+    (inputs.len(), clouds.len(), whole, names.map(u128::from).sum())
+}
+
+/// How much a number takes to read: its digits, less for one that ends in noughts.
+fn digits(number: u64) -> usize {
+    let text = number.to_string();
+    2 * text.len() - usize::from(text.len() > 1 && text.trim_end_matches('0').len() == 1)
+}
+
+/// Whose an input is.
+const fn source(input: &Input) -> Option<u64> {
+    match input {
+        Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. } => Some(*p),
+        Input::Open { .. } | Input::Tick { .. } => None,
+    }
+}
+
+/// Puts a small number in a field, or none where it may be left out; says whether there is one.
+fn replace(input: &mut Input, field: usize, small: Option<u64>) -> bool {
+    let place = match (input, field) {
+        (Input::Open { limit, .. }, 1) if limit.is_some() => {
+            *limit = small;
+            return true;
+        }
+        (
+            Input::Open { at, .. }
+            | Input::Offer { at, .. }
+            | Input::Result { at, .. }
+            | Input::Fail { at, .. }
+            | Input::Tick { at },
+            0,
+        ) => at,
+        (Input::Offer { deadline, .. }, 1) => deadline,
+        (Input::Offer { backlog, .. }, 2) => backlog,
+        (Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. }, 3) => p,
+        _ => return false,
+    };
+    small.map(|small| *place = small).is_some()
+}
+
+const fn timestamp(input: &mut Input) -> Option<&mut u64> {
+    match input {
+        Input::Open { t, .. }
+        | Input::Offer { t, .. }
+        | Input::Result { t, .. }
+        | Input::Fail { t, .. } => Some(t),
+        Input::Tick { .. } => None,
+    }
+}
+
+const fn priority(input: &mut Input) -> Option<&mut u64> {
+    match input {
+        Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. } => Some(p),
+        Input::Open { .. } | Input::Tick { .. } => None,
+    }
+}
+
+/// The place of a name among all, from 1.
+fn rank(names: &BTreeSet<u64>, name: u64) -> u64 {
+    names.range(..=name).count() as u64
+}

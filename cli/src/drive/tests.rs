@@ -1,0 +1,45 @@
+use super::coverage::Share;
+use super::*;
+
+fn suite(cases: u64) -> Suite {
+    Suite::whole(Generator { seed: 1, commit: None, clouds: CLOUDS }, cases).unwrap()
+}
+
+#[test]
+fn a_thousand_generated_runs_reach_every_rule_reason_pair_and_edge() {
+    for seed in 1..=3 {
+        let generator = Generator { seed, commit: None, clouds: CLOUDS };
+        let mut coverage = Coverage::default();
+        (0..1000).for_each(|number| coverage.watch(&generator.run(number)));
+        for share in coverage.shares() {
+            let Share { kind, missing, .. } = share;
+            assert!(missing.is_empty(), "seed {seed}, {kind}: no run reached {missing:?}");
+        }
+        let counts = coverage.counts();
+        println!("seed {seed}: {counts:?}");
+    }
+}
+
+#[test]
+fn a_generated_case_is_the_same_for_ever() {
+    let Case { id, run, .. } = suite(0).case(17);
+    assert_eq!(id, "g-1-17");
+    let again = Suite::of(&[id], Generator { seed: 9, commit: None, clouds: CLOUDS }).unwrap();
+    assert_eq!(again.fixed[0].run, run);
+}
+
+#[test]
+fn no_change_makes_another_run_of_a_number() {
+    let generator = Generator { seed: 1, commit: None, clouds: CLOUDS };
+    let names = [0, 1, 2, 17, 25, 125, 999].map(|number| format!("g-1-{number}"));
+    let hash = Suite::of(&names, generator).unwrap().hash();
+    assert_eq!(&hash[..16], "fd5e71f68dc918e3");
+}
+
+#[test]
+fn the_digest_changes_with_the_cases() {
+    let hash = suite(3).hash();
+    assert_eq!(hash, suite(3).hash());
+    assert_ne!(hash, suite(2).hash());
+    assert_eq!(hash.len(), 64);
+}

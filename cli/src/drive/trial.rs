@@ -1,0 +1,172 @@
+//! One run through the command, every decision compared.
+
+use std::ffi::OsString;
+use std::io;
+use std::time::Duration;
+
+use fuseline_traces::{Decision, Demands, Event, Header, Input, Reference, Verdict, judge};
+
+use super::case::Run;
+use super::peer::{Misbehaviour, Peer, Trouble};
+use crate::interrupt::Interrupt;
+
+/// So many lines more than the rules demand are listened to.
+const MORE: usize = 1000;
+
+/// The command, started when it is first asked and again after it misbehaved.
+pub(super) struct Bench {
+    command: Vec<OsString>,
+    wait: Duration,
+    interrupt: Interrupt,
+    peer: Option<Peer>,
+    /// How many inputs were answered.
+    pub(super) inputs: u64,
+}
+
+/// How a run went.
+pub(super) enum Outcome {
+    /// Every decision is what the rules demand.
+    Same,
+    /// The trace up to the input whose decisions are not.
+    Differs(Told),
+    /// The trace up to what was sent last.
+    Misbehaves(Told, Misbehaviour),
+}
+
+/// What was sent and answered.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Told {
+    pub(super) header: Header,
+    pub(super) events: Vec<Event>,
+}
+
+/// Why driving ends before its time.
+pub(super) enum Stop {
+    /// Ctrl-C.
+    Interrupted,
+    /// The system cannot start the command.
+    Start(io::Error),
+}
+
+impl Bench {
+    pub(super) const fn new(command: Vec<OsString>, wait: Duration, interrupt: Interrupt) -> Self {
+        Self { command, wait, interrupt, peer: None, inputs: 0 }
+    }
+
+    /// Drives the command through a run, up to the first input whose decisions differ.
+    pub(super) fn try_run(&mut self, run: &Run) -> Result<Outcome, Stop> {
+        let mut told = Told { header: run.header.clone(), events: Vec::new() };
+        match self.compare(run, &mut told) {
+            Ok(true) => Ok(Outcome::Same),
+            Ok(false) => Ok(Outcome::Differs(told)),
+            Err(Broken::Stop(stop)) => Err(stop),
+            Err(Broken::Trouble(trouble)) => {
+                // It is started afresh for the next run.
+                self.peer = None;
+                match trouble {
+                    Trouble::Interrupted => Err(Stop::Interrupted),
+                    Trouble::Misbehaved(how) => Ok(Outcome::Misbehaves(told, how)),
+                }
+            }
+        }
+    }
+
+    /// Ends the command's input and sees that it ends too.
+    pub(super) fn end(&mut self) -> Result<Option<Misbehaviour>, Stop> {
+        match self.peer.take().map_or(Ok(()), Peer::end) {
+            Ok(()) => Ok(None),
+            Err(Trouble::Misbehaved(how)) => Ok(Some(how)),
+            Err(Trouble::Interrupted) => Err(Stop::Interrupted),
+        }
+    }
+
+    fn compare(&mut self, run: &Run, told: &mut Told) -> Result<bool, Broken> {
+        let peer = match &mut self.peer {
+            Some(peer) => peer,
+            none => {
+                let started = Peer::start(&self.command, self.wait, self.interrupt.clone());
+                none.insert(started.map_err(|error| Broken::Stop(Stop::Start(error)))?)
+            }
+        };
+        let (mut line, mut answer, mut demands) = (Vec::new(), Vec::new(), Demands::new());
+        let mut reference = Reference::new(&run.header);
+        run.header.write(&mut line);
+        line.push(b'\n');
+        peer.ask(&line, MORE, &mut answer)?;
+        told.events.extend(answer.iter().copied().map(Event::Decision));
+        let mut same = answer.is_empty();
+        for input in &run.inputs {
+            if !same {
+                return Ok(false);
+            }
+            line.clear();
+            answer.clear();
+            demands.clear();
+            input.write(&mut line);
+            line.push(b'\n');
+            reference.apply(input, &mut demands);
+            told.events.push(Event::Input(*input));
+            let asked = peer.ask(&line, demands.len() + MORE, &mut answer);
+            told.events.extend(answer.iter().copied().map(Event::Decision));
+            asked?;
+            self.inputs += 1;
+            same = are_demanded(&answer, &demands);
+        }
+        peer.quiet()?;
+        Ok(same)
+    }
+}
+
+impl Told {
+    /// The trace as JSON Lines.
+    pub(super) fn trace(&self) -> Vec<u8> {
+        let mut out = Vec::new();
+        self.header.write(&mut out);
+        out.push(b'\n');
+        for event in &self.events {
+            event.write(&mut out);
+            out.push(b'\n');
+        }
+        out
+    }
+
+    /// What the judge says of it.
+    pub(super) fn verdict(&self, name: &str) -> Option<Verdict> {
+        judge(name, &self.trace()[..]).ok()
+    }
+
+    /// The run that was sent.
+    pub(super) fn run(&self) -> Run {
+        Run { header: self.header.clone(), inputs: self.inputs().collect() }
+    }
+
+    /// The line that was sent last.
+    pub(super) fn last(&self) -> String {
+        let last = self.inputs().last();
+        last.map_or_else(|| self.header.to_string(), |input| input.to_string())
+    }
+
+    /// The inputs that were sent.
+    pub(super) fn inputs(&self) -> impl Iterator<Item = Input> {
+        self.events.iter().filter_map(|event| match event {
+            Event::Input(input) => Some(*input),
+            Event::Decision(_) => None,
+        })
+    }
+}
+
+/// What ends a run before its end.
+enum Broken {
+    Trouble(Trouble),
+    Stop(Stop),
+}
+
+impl From<Trouble> for Broken {
+    fn from(trouble: Trouble) -> Self {
+        Self::Trouble(trouble)
+    }
+}
+
+fn are_demanded(answer: &[Decision], demands: &Demands) -> bool {
+    answer.iter().eq(demands.iter().map(|(decision, _)| decision))
+}

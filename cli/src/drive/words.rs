@@ -1,0 +1,102 @@
+//! Lines of a trace in words, for who does not know the rules yet.
+
+use fuseline_traces::{Decision, DropReason, Event, Input, Line, Refusal, parse};
+
+/// What happens, or is decided, in words.
+pub(super) fn event(event: &Event) -> String {
+    match event {
+        Event::Input(input) => self::input(input),
+        Event::Decision(decision) => format!("→ {}", self::decision(decision)),
+    }
+}
+
+/// A decision as a judge writes it, in words.
+pub(super) fn told(line: &str) -> String {
+    match parse(line.as_bytes()) {
+        Ok(Line::Event(Event::Decision(decision))) => self::decision(&decision),
+        // It says that there is none.
+        Ok(_) | Err(_) => "nothing more is decided".to_owned(),
+    }
+}
+
+fn input(input: &Input) -> String {
+    match *input {
+        Input::Open { t, limit: None, .. } => format!("message {t} comes; local works on it"),
+        Input::Open { t, limit: Some(limit), .. } => {
+            format!("message {t} comes; local works on it for {limit} ns at most")
+        }
+        Input::Offer { t, p, deadline, backlog, .. } => format!(
+            "{} might be asked about message {t}, for {deadline} ns; {backlog} in its queue",
+            who(p)
+        ),
+        Input::Result { t, p, .. } => format!("the result of {} for message {t} comes", who(p)),
+        Input::Fail { t, p, .. } => format!("{} fails on message {t}", who(p)),
+        Input::Tick { .. } => "time passes".to_owned(),
+    }
+}
+
+fn decision(decision: &Decision) -> String {
+    match *decision {
+        Decision::Timer { t, p: 0, .. } => {
+            format!("local is not waited for any more on message {t}: its limit is over")
+        }
+        Decision::Timer { t, p, .. } => {
+            format!("cloud {p} is not waited for any more on message {t}: its deadline is over")
+        }
+        Decision::Refuse { t, p: None, why, .. } => {
+            format!("message {t} is refused ({why}): {}", refusal(why))
+        }
+        Decision::Refuse { t, p: Some(p), why, .. } => {
+            format!("cloud {p} is not asked about message {t} ({why}): {}", refusal(why))
+        }
+        Decision::Request { t, p, due, .. } => {
+            format!("cloud {p} is asked about message {t}; from instant {due} on it is too late")
+        }
+        Decision::Hold { t, p, .. } => {
+            let who = who(p);
+            format!("the result of {who} for message {t} is held: a better one may still come")
+        }
+        Decision::Drop { t, p, why, .. } => {
+            format!("what came from {} for message {t} is dropped ({why}): {}", who(p), reason(why))
+        }
+        Decision::Emit { t, p, .. } => {
+            format!("the result of {} is forwarded as the one for message {t}", who(p))
+        }
+        Decision::Miss { t, .. } => {
+            format!("message {t} is given up: nothing came and nothing will")
+        }
+        Decision::Cancel { t, p, .. } => {
+            format!(
+                "the call of {} for message {t} is cancelled: it is not needed any more",
+                who(p)
+            )
+        }
+    }
+}
+
+fn who(p: u64) -> String {
+    if p == 0 { "local".to_owned() } else { format!("cloud {p}") }
+}
+
+const fn refusal(why: Refusal) -> &'static str {
+    match why {
+        Refusal::Order => "it or a later one was opened before",
+        Refusal::Full => "as many are open as the window holds",
+        Refusal::Deadline => "it would be due at once",
+        Refusal::Unknown => "no such cloud, or no message so far",
+        Refusal::Closed => "that message is over",
+        Refusal::Duplicate => "it was asked before",
+        Refusal::Outranked => "something better is in hand",
+        Refusal::Queue => "its queue is too long",
+    }
+}
+
+const fn reason(why: DropReason) -> &'static str {
+    match why {
+        DropReason::Unknown => "no such source, or no message so far",
+        DropReason::Superseded => "that message is over",
+        DropReason::Unsolicited => "it was never asked",
+        DropReason::Duplicate => "its result is in hand already",
+        DropReason::Late => "its timer fired, or it failed before",
+    }
+}

@@ -1,0 +1,76 @@
+//! `fuseline impl`: the core behind the protocol of `fuseline drive`.
+
+use std::io::{self, BufRead, BufReader, Read, Write};
+
+use fuseline_operator::Arbiter;
+use fuseline_traces::{Event, Input, LINE, Line, parse};
+
+use crate::Exit;
+use crate::fault::Fault;
+
+/// What ends an answer.
+const DONE: &[u8] = b"{\"ev\":\"done\"}\n";
+/// How much is read at once, in bytes.
+const CHUNK: usize = 64 * 1024;
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+Reads a header and inputs, one a line, and answers each line with its decisions and then
+{\"ev\":\"done\"}. A further header begins the next run.
+
+Examples:
+  fuseline drive -- fuseline impl
+  fuseline impl < traces/corpus/f3-forwarded-at-once.jsonl     decisions are refused: inputs only")]
+pub(crate) struct Args {}
+
+/// Answers standard input until it ends.
+pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
+    let mut input = BufReader::with_capacity(CHUNK, io::stdin().lock());
+    let mut out = io::stdout().lock();
+    let (mut arbiter, mut line, mut answer) = (None, Vec::new(), Vec::new());
+    for number in 1.. {
+        line.clear();
+        let most = LINE as u64 + 1;
+        let read = (&mut input).take(most).read_until(b'\n', &mut line);
+        if read.map_err(|source| Fault::Open { name: "stdin".to_owned(), source })? == 0 {
+            break;
+        }
+        let fault = |message: String, column| Fault::Line { line: number, column, message };
+        let Some(text) = line.strip_suffix(b"\n") else {
+            let message = "a line that does not end in LF, or is over 64 KiB".to_owned();
+            return Err(fault(message, line.len() as u64 + 1));
+        };
+        match (parse(text), &mut arbiter) {
+            (Ok(Line::Header(header)), arbiter) => {
+                let made = Arbiter::new(&header);
+                let name = "stdin".to_owned();
+                *arbiter = Some(made.map_err(|source| Fault::Config { name, source })?);
+            }
+            (Ok(Line::Event(Event::Input(input))), Some(arbiter)) => {
+                decide(arbiter, &input, &mut answer);
+            }
+            (Ok(Line::Event(Event::Input(_))), None) => {
+                return Err(fault("an input before any header".to_owned(), 1));
+            }
+            (Ok(Line::Event(Event::Decision(_))), _) => {
+                return Err(fault("a decision; give a header and inputs".to_owned(), 1));
+            }
+            (Err(error), _) => return Err(fault(error.message, error.column)),
+        }
+        answer.extend_from_slice(DONE);
+        // Who asks waits for the answer, unless more was asked already.
+        if input.buffer().is_empty() || answer.len() >= CHUNK {
+            out.write_all(&answer).and_then(|()| out.flush()).map_err(Fault::Output)?;
+            answer.clear();
+        }
+    }
+    Ok(Exit::Conforms)
+}
+
+/// Appends the core's decisions about an input, a line each.
+pub(crate) fn decide(arbiter: &mut Arbiter, input: &Input, answer: &mut Vec<u8>) {
+    arbiter.apply(input, |decision| {
+        decision.write(answer);
+        answer.push(b'\n');
+    });
+}

@@ -1,0 +1,314 @@
+//! `fuseline drive` and `fuseline impl`, run as a user runs them.
+#![cfg(unix)]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use common::{err, fuseline, interrupt, out, run};
+
+use serde_json::Value;
+
+const FUSELINE: &str = env!("CARGO_BIN_EXE_fuseline");
+
+/// The mistakes of `mistakes.py`, each with the rule that it breaks.
+const MISTAKES: [(&str, &str); 18] = [
+    ("first-response-wins", "F3"),
+    ("any-then-local", "F3"),
+    ("lowest-number-wins", "F3"),
+    ("one-deadline", "F5"),
+    ("deadline-is-the-end", "F6"),
+    ("in-time-at-due", "F5"),
+    ("forwards-twice", "P1"),
+    ("only-the-best-timer", "F6"),
+    ("held-timer-disarmed", "F5"),
+    ("late-revives", "F3"),
+    ("no-hysteresis", "F2g"),
+    ("failure-is-a-result", "F4"),
+    ("local-not-kept", "F3"),
+    ("reopens", "F1"),
+    ("cancels-local", "F7"),
+    ("clock-goes-back", "F0"),
+    ("gate-first", "F2g"),
+    ("unbounded-window", "F1"),
+];
+
+/// An example's path.
+fn example(name: &str) -> String {
+    format!("{}/../traces/examples/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Drives a command with these options.
+fn drive(options: &[&str], command: &[&str]) -> Output {
+    run(&[&["drive"], options, &["--"], command].concat(), "")
+}
+
+/// Drives a command and reads the report.
+fn report(options: &[&str], command: &[&str]) -> Value {
+    let driven = drive(&[&["--json"], options].concat(), command);
+    serde_json::from_slice(&driven.stdout).unwrap_or_else(|_| panic!("{}", err(&driven)))
+}
+
+/// Whether a program is there; says so if not.
+fn has(program: &str) -> bool {
+    let found = Command::new(program).arg("--version").stdout(Stdio::null()).status().is_ok();
+    if !found {
+        println!("skipped: {program} is not installed");
+    }
+    found
+}
+
+/// Everything passes in ten thousand runs and the corpus.
+fn assert_conforms(command: &[&str]) {
+    let driven = drive(&["--cases", "10000"], command);
+    assert_eq!(driven.status.code(), Some(0), "{}{}", out(&driven), err(&driven));
+    let told = out(&driven);
+    for part in [": conforms\n", "10,000 of 10,000 runs pass", "10 of 10 rules", "34 of 34 pairs"] {
+        assert!(told.contains(part), "{part} is not in\n{told}");
+    }
+}
+
+#[test]
+fn the_core_conforms() {
+    assert_conforms(&[FUSELINE, "impl"]);
+}
+
+#[test]
+fn the_example_in_python_conforms() {
+    if has("python3") {
+        assert_conforms(&["python3", &example("arbiter.py")]);
+    }
+}
+
+#[test]
+fn the_example_in_cpp_conforms() {
+    if !has("g++") {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let binary = dir.path().join("arbiter");
+    let built = Command::new("g++")
+        .args(["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", "-o"])
+        .arg(&binary)
+        .arg(example("arbiter.cpp"))
+        .status();
+    assert!(built.unwrap().success());
+    assert_conforms(&[binary.to_str().unwrap()]);
+}
+
+#[test]
+fn each_mistake_is_found_and_told_in_a_few_inputs() {
+    if !has("python3") {
+        return;
+    }
+    let script = example("mistakes.py");
+    let listed = Command::new("python3").args([&script, "--list"]).output().unwrap();
+    let listed = out(&listed).lines().filter_map(|line| line.split_whitespace().next());
+    assert!(listed.eq(MISTAKES.iter().map(|(name, _)| *name)), "the list has changed");
+    for (mistake, rule) in MISTAKES {
+        let report = report(&[], &["python3", &script, "--mistake", mistake]);
+        assert_eq!(report["conforms"], false, "{mistake}");
+        let failed =
+            report["fixed"].as_array().unwrap().iter().any(|case| case["result"] != "pass");
+        assert!(failed, "{mistake}: the corpus passes");
+        assert!(report["generated"]["failed"].is_string(), "{mistake}: a thousand runs pass");
+        let found = report["found"].as_array().unwrap();
+        assert_eq!(found.len(), 2, "{mistake}");
+        assert_eq!(found[0]["violation"]["rule"], rule, "{mistake}: {}", found[0]);
+        for found in found {
+            assert!(found["violation"]["rule"].is_string(), "{mistake}: {found}");
+            assert!(found["inputs"].as_u64().unwrap() <= 8, "{mistake}: {found}");
+        }
+    }
+}
+
+#[test]
+fn a_difference_is_told_saved_judged_and_shown_again() {
+    if !has("python3") {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let save = dir.path().join("found");
+    let [junit, page, table] =
+        ["drive.xml", "drive.html", "drive.md"].map(|name| dir.path().join(name));
+    let script = example("mistakes.py");
+    let command = ["python3", &script, "--mistake", "in-time-at-due"];
+    let [save_to, junit_to, page_to, table_to] =
+        [&save, &junit, &page, &table].map(|path| path.to_str().unwrap());
+    let options = ["--save", save_to, "--junit", junit_to, "--matrix", page_to];
+    let driven = drive(&options, &command);
+    assert_eq!(driven.status.code(), Some(1));
+    let told = out(&driven);
+    for part in [
+        "does not conform",
+        "breaks F5",
+        "rule      Before an input everything due fires",
+        "found     no decision",
+        "expected  {\"ev\":\"timer\"",
+        "in words  at 0: message 1 comes",
+        "replay    fuseline drive --run",
+    ] {
+        assert!(told.contains(part), "{part} is not in\n{told}");
+    }
+    let saved = fs::read_dir(&save).unwrap().next().unwrap().unwrap().path();
+    let checked = run(&["check", saved.to_str().unwrap()], "");
+    assert!(out(&checked).contains("breaks F5"), "{}", out(&checked));
+    let again = drive(&["--run", saved.to_str().unwrap(), "--matrix", table_to], &command);
+    assert!(out(&again).contains("breaks F5"), "{}", out(&again));
+    let of_case = saved.file_stem().unwrap().to_str().unwrap();
+    assert!(fs::read_to_string(&junit).unwrap().contains("message=\"fail, F5\""));
+    let page = fs::read_to_string(&page).unwrap();
+    assert!(
+        page.contains(&format!("<td>{of_case}<td class=\"bad\">fail, F5"))
+            && page.contains("sha256")
+    );
+    assert!(fs::read_to_string(&table).unwrap().contains(&format!("| {of_case} | fail, F5 |")));
+}
+
+/// The answers of a command that does nothing but answer `done`.
+const DONE: &str = r#"while read -r line; do echo '{"ev":"done"}'; done"#;
+
+#[test]
+fn each_way_to_misbehave_has_its_words() {
+    let garbage = r#"read -r line; echo '{"ev":"dne"}'; sleep 60"#;
+    let echo = r#"read -r line; echo "$line""#;
+    let endless = r#"read -r line; yes '{"ev":"miss","at":0,"t":0}'"#;
+    let long = "read -r line; head -c 100000 /dev/zero | tr '\\0' x; sleep 60";
+    let twice = r#"while read -r line; do echo '{"ev":"done"}'; echo '{"ev":"done"}'; done"#;
+    let closes = "read -r line; exec >&-; sleep 60";
+    let lingers = &format!("{DONE}; sleep 60");
+    let dies = r#"read -r line; echo '{"ev":"done"}'; kill -9 $$"#;
+    for (script, words) in [
+        ("sleep 60", "it did not answer within 0.3 s"),
+        ("exit 3", "it ended before it answered: exit status: 3"),
+        (dies, "it ended before it answered: signal: 9"),
+        (closes, "it closed its output before it answered"),
+        (garbage, "it answered \"{\\\"ev\\\":\\\"dne\\\"}\", column 7:"),
+        (echo, "it answered with a line that is no decision: {\"fuseline\":1"),
+        (endless, "it answered more than 1000 lines without {\"ev\":\"done\"}"),
+        (long, "it answered a line over 64 KiB"),
+        (twice, "it wrote \"{\\\"ev\\\":\\\"done\\\"}\" after {\"ev\":\"done\"}"),
+        (lingers, "it ran on for 0.3 s after its input ended"),
+    ] {
+        // Nothing is demanded of an open that is accepted, so `done` alone can conform.
+        let options = ["--wait", "0.3", "--run", "-"];
+        let inputs =
+            "{\"fuseline\":1,\"window\":4,\"clouds\":[]}\n{\"ev\":\"open\",\"at\":0,\"t\":0}\n";
+        let args = [&["drive"], &options[..], &["--", "sh", "-c", script]].concat();
+        let since = Instant::now();
+        let driven = run(&args, inputs);
+        assert_eq!(driven.status.code(), Some(1), "{script}: {}", err(&driven));
+        assert!(out(&driven).contains(words), "{script}: {words} is not in\n{}", out(&driven));
+        let waits_less = since.elapsed() < Duration::from_secs(50);
+        assert!(waits_less, "{script}: it was waited for");
+    }
+}
+
+#[test]
+fn a_command_that_answers_nothing_is_given_five_seconds() {
+    let since = Instant::now();
+    let driven = drive(&[], &["sh", "-c", "sleep 60"]);
+    assert_eq!(driven.status.code(), Some(1));
+    assert!(out(&driven).contains("it did not answer within 5 s"), "{}", out(&driven));
+    assert!(out(&driven).contains("sent last {\"fuseline\":1"), "{}", out(&driven));
+    assert!((5..30).contains(&since.elapsed().as_secs()));
+}
+
+#[test]
+fn what_cannot_be_started_or_read_is_one_line_and_exit_2() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path().to_str().unwrap();
+    for args in [
+        &["drive", "--", "./no-such-command"][..],
+        &["drive", "--", here],
+        &["drive", "--run", "no-such-case", "--", "true"],
+        &["drive", "--matrix", "drive.pdf", "--", "true"],
+        &["drive", "--wait", "0", "--", "true"],
+        &["drive"],
+    ] {
+        let refused = run(args, "");
+        assert_eq!(refused.status.code(), Some(2), "{args:?}");
+        assert!(err(&refused).starts_with("error: "), "{}", err(&refused));
+        assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""), "{}", err(&refused));
+    }
+}
+
+#[test]
+fn ctrl_c_kills_the_command_with_its_children_and_tells_the_verdict_so_far() {
+    let dir = tempfile::tempdir().unwrap();
+    let pids = dir.path().join("pids");
+    let script = format!("sleep 600 & echo $$ $! > {0}.new; mv {0}.new {0}; wait", pids.display());
+    let mut command = fuseline(&["drive", "--wait", "600", "--", "sh", "-c", &script]);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let pids = wait_for(|| fs::read_to_string(&pids).ok());
+    interrupt(&child);
+    let driven = child.wait_with_output().unwrap();
+    assert_eq!(driven.status.code(), Some(2), "{}", out(&driven));
+    assert!(out(&driven).contains("no difference so far, interrupted"), "{}", out(&driven));
+    for pid in pids.split_whitespace() {
+        wait_for(|| has_gone(pid).then_some(()));
+    }
+}
+
+/// Waits for something that comes soon.
+fn wait_for<T>(ready: impl Fn() -> Option<T>) -> T {
+    for _ in 0..3000 {
+        if let Some(value) = ready() {
+            return value;
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
+    panic!("it did not come in 30 s");
+}
+
+/// Whether a process is no more, or waits to be reaped by whoever adopted it.
+fn has_gone(pid: &str) -> bool {
+    let stat = fs::read_to_string(Path::new("/proc").join(pid).join("stat"));
+    stat.map_or(true, |stat| stat.contains(") Z "))
+}
+
+#[test]
+fn nothing_of_a_command_is_left_when_it_ends_by_itself() {
+    let dir = tempfile::tempdir().unwrap();
+    let pid = dir.path().join("pid");
+    let script = format!("sleep 600 >/dev/null & echo $! > {}; {DONE}", pid.display());
+    let driven = drive(&["--run", "f8-every-input-has-an-outcome"], &["sh", "-c", &script]);
+    assert_eq!(driven.status.code(), Some(1));
+    let pid = fs::read_to_string(&pid).unwrap();
+    wait_for(|| has_gone(pid.trim()).then_some(()));
+}
+
+#[test]
+fn impl_answers_line_by_line_and_begins_afresh_with_a_header() {
+    let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
+    let open = "{\"ev\":\"open\",\"at\":5,\"t\":7}\n";
+    let answered = run(&["impl"], &format!("{header}{open}{open}{header}{open}"));
+    let done = "{\"ev\":\"done\"}\n";
+    let refused = "{\"ev\":\"refuse\",\"at\":5,\"t\":7,\"why\":\"order\"}\n";
+    assert_eq!(out(&answered), [done, done, refused, done, done, done].concat());
+    assert_eq!((err(&answered), answered.status.code()), ("", Some(0)));
+}
+
+#[test]
+fn impl_says_line_and_column_of_what_it_cannot_read() {
+    let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
+    let long = "x".repeat(70_000);
+    for (text, place) in [
+        ("{\"ev\":\"tick\",\"at\":1}\n", "stdin:1:1:"),
+        ("{\"fuseline\":2}\n", "stdin:1:"),
+        (&format!("{header}{{\"ev\":\"tick\"}}\n"), "stdin:2:"),
+        (&format!("{header}{{\"ev\":\"miss\",\"at\":1,\"t\":1}}\n"), "stdin:2:1:"),
+        (&format!("{header}{{\"ev\":\"tick\",\"at\":1}}"), "stdin:2:21:"),
+        (&format!("{header}{long}\n"), "stdin:2:65538:"),
+    ] {
+        let answered = run(&["impl"], text);
+        assert_eq!(answered.status.code(), Some(2), "{place}");
+        let told = err(&answered);
+        assert!(told.starts_with(&format!("error: {place}")), "{told} for {place}");
+        assert_eq!(told.lines().count(), 1, "{told}");
+    }
+}
