@@ -5,7 +5,7 @@ mod common;
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{ChildStdout, Stdio};
+use std::process::{ChildStdout, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
@@ -278,6 +278,30 @@ fn check_observed_needs_its_tolerances_and_something_to_judge() {
     let refused = run(&args, &disorder);
     assert_eq!(refused.status.code(), Some(2));
     assert!(err(&refused).starts_with("error: stdin:5:1: at 65000000 after a line at"));
+}
+
+/// The example of several threads, which needs a Python; none without one.
+fn recorded(args: &[&str]) -> Option<String> {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../traces/examples/threaded.py");
+    let Ok(recorded) = Command::new("python3").arg(script).args(args).output() else {
+        println!("skipped: python3 is not installed");
+        return None;
+    };
+    assert!(recorded.status.success(), "{}", err(&recorded));
+    Some(out(&recorded).to_owned())
+}
+
+#[test]
+fn threads_that_take_turns_conform_as_observed_and_those_that_race_do_not() {
+    let check = ["check", "--observed", "--tolerance", "50ms", "--lateness", "50ms"];
+    let Some(trace) = recorded(&[]) else { return };
+    let sound = run(&check, &trace);
+    assert_eq!(sound.status.code(), Some(0), "{}{trace}", out(&sound));
+    assert!(out(&sound).contains("conforms, 30 timestamps judged"));
+    let Some(trace) = recorded(&["--racy"]) else { return };
+    let racy = run(&check, &trace);
+    assert_eq!(racy.status.code(), Some(1), "{trace}");
+    assert!(out(&racy).contains("breaks P1\n"), "{}", out(&racy));
 }
 
 #[test]
