@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Cloud, Commit, Demands, Header, Input, Reader, Reference, judge};
 
 /// How many lines the trace has at least.
@@ -23,6 +24,13 @@ fn check(c: &mut Criterion) {
     group.bench_function("judge", |b| {
         b.iter(|| {
             let verdict = judge("trace", black_box(&trace[..])).expect("it can be read");
+            assert!(verdict.conforms && verdict.lines == lines);
+        });
+    });
+    group.bench_function("observed", |b| {
+        let slack = Slack { tolerance: 2_000_000, lateness: 5_000_000 };
+        b.iter(|| {
+            let verdict = observed::judge("trace", slack, black_box(&trace[..])).expect("in order");
             assert!(verdict.conforms && verdict.lines == lines);
         });
     });

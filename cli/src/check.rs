@@ -3,48 +3,71 @@
 use std::fs::File;
 use std::io::{self, BufReader, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-use anstyle::{AnsiColor, Style};
-use fuseline_traces::{Judge, Reader, Verdict, Violation, unpack};
-use indicatif::{ProgressBar, ProgressStyle};
-use textwrap::Options;
+use fuseline_traces::observed::Slack;
+use fuseline_traces::unpack;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use rayon::prelude::*;
 
 use crate::Exit;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
+use crate::judging::{Judging, Manner, judge, reader};
 use crate::sink::Sink;
 use crate::tail::Tail;
+use crate::verdict::Found;
 
 /// Shorter files are judged before a bar could be seen, in bytes.
 const LONG: u64 = 16 << 20;
 /// How much of a file is read at once, in bytes.
 const CHUNK: usize = 64 * 1024;
-
-/// Rules are told within so many columns.
-const WIDTH: usize = 96;
-
-pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
-pub(crate) const BAD: Style = AnsiColor::Red.on_default().bold();
+/// How many files a thread gets before their verdicts are told.
+const FILES: usize = 4;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-Every decision is compared with the one that the rules demand, keys and order included. Exit code 0
-if all traces conform, 1 if some do not, 2 if one cannot be read. Gzipped traces are unpacked.
+Strictly, every decision is compared with the one that the rules demand, keys and order included.
+With --observed the trace is one that several threads or machines recorded: each timestamp is judged
+by itself, and conforms if the rules can explain what came out of it, given that each instant may be
+off by the tolerance and that timers and outputs may be late by the lateness. A trace of which
+nothing could be judged does not conform then.
+
+Exit code 0 if all traces conform, 1 if some do not, 2 if one cannot be read. Gzipped traces are
+unpacked; several files are judged at once.
 
 Examples:
   fuseline check trace.jsonl
+  fuseline check --observed --tolerance 2ms --lateness 5ms node.jsonl
   fuseline check --json traces/*.jsonl
   fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict")]
 pub(crate) struct Args {
     /// The traces; - or none is standard input.
     #[arg(value_name = "FILE")]
     files: Vec<PathBuf>,
+    /// Judge what a concurrent implementation recorded, each timestamp by itself.
+    #[arg(long, requires = "tolerance", requires = "lateness")]
+    observed: bool,
+    /// How far a recorded instant may be off either way, such as 2ms or 500us.
+    #[arg(long, value_name = "TIME", requires = "observed", value_parser = humantime::parse_duration)]
+    tolerance: Option<Duration>,
+    /// How late a timer may be served, and an output be put out, such as 5ms.
+    #[arg(long, value_name = "TIME", requires = "observed", value_parser = humantime::parse_duration)]
+    lateness: Option<Duration>,
     /// Print one JSON object a file: file, conforms, judged, lines, violations.
     #[arg(long)]
     json: bool,
     /// Keep judging one file as it grows, until Ctrl-C.
     #[arg(long)]
     follow: bool,
+}
+
+impl Args {
+    fn manner(&self) -> Manner {
+        let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        let (tolerance, lateness) = (nanos(self.tolerance?), nanos(self.lateness?));
+        Some(Slack { tolerance, lateness })
+    }
 }
 
 /// Judges each file; what cannot be read outweighs what does not conform.
@@ -55,37 +78,44 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     }
     let input = [PathBuf::from("-")];
     let files = if args.files.is_empty() { &input[..] } else { &args.files };
+    let (manner, bars) = (args.manner(), MultiProgress::new());
     let mut exit = Exit::Conforms;
-    for file in files {
-        let judged = judge_file(file).and_then(|verdict| {
-            tell(&mut out, &verdict, 0, args.json)?;
-            Ok(exit_of(&verdict))
-        });
-        exit = exit.max(judged.unwrap_or_else(|fault| {
-            eprintln!("error: {fault}");
-            Exit::BadInput
-        }));
+    for some in files.chunks(FILES * rayon::current_num_threads()) {
+        let judged: Vec<Result<Found, Fault>> =
+            some.par_iter().with_max_len(1).map(|file| judge_file(manner, file, &bars)).collect();
+        for found in judged {
+            exit = exit.max(match found {
+                Ok(found) => {
+                    found.tell(&mut out, 0, args.json).map_err(Fault::Output)?;
+                    found.exit()
+                }
+                Err(fault) => {
+                    eprintln!("error: {fault}");
+                    Exit::BadInput
+                }
+            });
+        }
     }
     Ok(exit)
 }
 
 /// Judges a file that is read to its end.
-pub(crate) fn judge_file(path: &Path) -> Result<Verdict, Fault> {
+fn judge_file(manner: Manner, path: &Path, bars: &MultiProgress) -> Result<Found, Fault> {
     let (name, file) = open(path)?;
     let len = path.metadata().map_or(0, |metadata| metadata.len());
     let bar = if len >= LONG && io::stderr().is_terminal() {
         let style =
             ProgressStyle::with_template("{prefix:.dim} {wide_bar} {percent:>3} % {eta:>4}");
         let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        ProgressBar::new(len).with_style(style).with_prefix(name.clone())
+        bars.add(ProgressBar::new(len).with_style(style).with_prefix(name.clone()))
     } else {
         ProgressBar::hidden()
     };
     let trace = BufReader::with_capacity(CHUNK, bar.wrap_read(file));
     let trace = unpack(trace).map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let judged = fuseline_traces::judge(&name, trace);
+    let judged = judge(manner, &name, trace);
     bar.finish_and_clear();
-    Ok(judged?)
+    judged
 }
 
 /// Opens a file, or standard input for `-`, with the name to call it.
@@ -114,83 +144,23 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
             .unwrap_or_else(|_| ProgressStyle::default_spinner()),
     );
     bar.set_prefix(name.clone());
-    let mut reader = Reader::new(name.as_str(), Tail::new(file, Interrupt::watch()))?;
-    let mut judge = Judge::new(name.as_str(), reader.header());
+    let manner = args.manner();
+    let mut reader = reader(manner, &name, Tail::new(file, Interrupt::watch()))?;
+    let mut judging = Judging::new(manner, &name, reader.header());
     let mut told = 0;
     while let Some(event) = reader.next_event()? {
-        judge.line(reader.line(), &event);
+        judging.line(reader.line(), &event)?;
         bar.set_position(reader.line());
-        for violation in judge.so_far().violations.iter().skip(told).filter(|_| !args.json) {
-            bar.suspend(|| tell_violation(out, &name, violation)).map_err(Fault::Output)?;
+        if args.json {
+            continue;
+        }
+        for breach in judging.since(told) {
+            bar.suspend(|| breach.tell(out, &name)).map_err(Fault::Output)?;
             told += 1;
         }
     }
     bar.finish_and_clear();
-    let verdict = judge.finish();
-    tell(out, &verdict, told, args.json)?;
-    Ok(exit_of(&verdict))
-}
-
-const fn exit_of(verdict: &Verdict) -> Exit {
-    if verdict.conforms { Exit::Conforms } else { Exit::Differs }
-}
-
-/// Prints a verdict, without the violations told already.
-fn tell(out: &mut impl Write, verdict: &Verdict, told: usize, json: bool) -> Result<(), Fault> {
-    if json {
-        serde_json::to_writer(&mut *out, verdict)
-            .map_err(io::Error::from)
-            .and_then(|()| writeln!(out))
-            .map_err(Fault::Output)
-    } else {
-        tell_people(out, verdict, told).map_err(Fault::Output)
-    }
-}
-
-/// Prints a verdict for people.
-pub(crate) fn tell_people(out: &mut impl Write, verdict: &Verdict, told: usize) -> io::Result<()> {
-    writeln!(out, "{}", summary(verdict))?;
-    for violation in verdict.violations.iter().skip(told) {
-        tell_violation(out, &verdict.file, violation)?;
-    }
-    if verdict.more > 0 {
-        writeln!(out, "\n{} violations more are not shown", verdict.more)?;
-    }
-    Ok(())
-}
-
-/// A verdict in one line.
-fn summary(verdict: &Verdict) -> String {
-    let Verdict { file, judged, lines, more, violations, .. } = verdict;
-    let word = if verdict.conforms {
-        format!("{GOOD}conforms{GOOD:#}")
-    } else {
-        let violations = violations.len() as u64 + more;
-        format!("{BAD}does not conform{BAD:#} ({})", count(violations, "violation"))
-    };
-    format!("{file}: {word}, {} judged in {}", count(*judged, "timestamp"), count(*lines, "line"))
-}
-
-fn count(count: u64, what: &str) -> String {
-    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
-}
-
-/// Prints what does not conform in a trace, with the rule and the story.
-pub(crate) fn tell_violation(
-    out: &mut impl Write,
-    file: &str,
-    violation: &Violation,
-) -> io::Result<()> {
-    let Violation { line, t, rule, found, expected, story } = violation;
-    let t = t.map_or_else(String::new, |t| format!("timestamp {t} "));
-    writeln!(out, "\n{file}:{line}: {t}{BAD}breaks {rule}{BAD:#}")?;
-    let sentence =
-        Options::new(WIDTH).initial_indent("  rule      ").subsequent_indent("            ");
-    writeln!(out, "{}", textwrap::fill(rule.sentence(), sentence))?;
-    writeln!(out, "  found     {found}")?;
-    writeln!(out, "  expected  {expected}")?;
-    for (i, line) in story.iter().enumerate() {
-        writeln!(out, "  {:<9} {line}", if i == 0 { "so far" } else { "" })?;
-    }
-    Ok(())
+    let found = judging.finish();
+    found.tell(out, told, args.json).map_err(Fault::Output)?;
+    Ok(found.exit())
 }

@@ -10,9 +10,12 @@ use fuseline_operator::ConfigError;
 use fuseline_tokio::SpawnError;
 use fuseline_tokio::grpc::{RemoteError, ServeError};
 use fuseline_traces::ReadError;
+use fuseline_traces::observed::{Disorder, JudgeError};
 use thiserror::Error;
 
+use crate::convert::ConvertError;
 use crate::emulation::EmulationError;
+use crate::export::ExportError;
 use crate::files::FileError;
 use crate::run::PlanError;
 
@@ -23,6 +26,14 @@ pub(crate) enum Fault {
     Open { name: String, source: io::Error },
     #[error(transparent)]
     Read(#[from] ReadError),
+    #[error(transparent)]
+    Convert(#[from] ConvertError),
+    #[error("{name}: {source}")]
+    Export { name: String, source: ExportError },
+    #[error(transparent)]
+    Judge(#[from] JudgeError),
+    #[error(transparent)]
+    Disorder(#[from] Disorder),
     #[error("{name}: {source}; give a file in a directory that can be written to")]
     Create { name: String, source: io::Error },
     #[error("{name}:1: {source}; mend the header")]

@@ -1,14 +1,17 @@
 //! The `fuseline` command: runs, replays and judges cloud-assisted operators.
 
 mod check;
+mod convert;
 #[cfg(unix)]
 mod drive;
 mod drives;
 mod emulation;
+mod export;
 mod fault;
 mod files;
 mod implementation;
 mod interrupt;
+mod judging;
 mod models;
 mod policies;
 mod replay;
@@ -16,6 +19,8 @@ mod run;
 mod serve;
 mod sink;
 mod tail;
+mod verdict;
+mod whole;
 
 use std::ffi::OsString;
 use std::io;
@@ -54,6 +59,10 @@ enum Command {
     Replay(replay::Args),
     /// Judge traces against the rules.
     Check(check::Args),
+    /// Make a trace of what others record, as CSV or MCAP.
+    Convert(convert::Args),
+    /// Write a trace for ui.perfetto.dev or for Foxglove.
+    Export(export::Args),
     /// Drive another implementation through the corpus and generated runs, and judge it.
     #[cfg(unix)]
     Drive(drive::Args),
@@ -108,6 +117,8 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         Command::Serve(args) => serve::serve(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Check(args) => check::check(&args),
+        Command::Convert(args) => convert::convert(&args),
+        Command::Export(args) => export::export(&args),
         #[cfg(unix)]
         Command::Drive(args) => drive::drive(&args),
         Command::Impl(args) => implementation::answer(&args),

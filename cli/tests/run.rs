@@ -62,6 +62,14 @@ fn a_run_adds_up_and_leaves_a_trace_that_conforms() {
     let trace = trace.to_str().unwrap();
     assert_eq!(run(&["check", trace], "").status.code(), Some(0));
     assert_eq!(out(&run(&["replay", trace], "")), fs::read_to_string(trace).unwrap());
+
+    // Within what this machine took at most to serve a timer, the trace conforms as an observed one too.
+    let lag_ms = report["timer_lag_ms"].as_f64().unwrap_or(0.0);
+    let lateness = format!("{}us", (lag_ms * 1000.0).ceil() + 1.0);
+    let observed = ["check", "--observed", "--tolerance", "1us", "--lateness", &lateness, trace];
+    let checked = run(&observed, "");
+    assert_eq!(checked.status.code(), Some(0), "{}", out(&checked));
+    assert!(out(&checked).contains("conforms, 20 timestamps judged"), "{}", out(&checked));
 }
 
 #[test]

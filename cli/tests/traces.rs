@@ -224,6 +224,82 @@ fn check_says_line_and_column_of_what_it_cannot_read() {
     }
 }
 
+const OBSERVED: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":31}]}
+{"ev":"open","at":1000000,"t":0}
+{"ev":"request","at":1100000,"t":0,"p":1,"deadline":50000000}
+{"ev":"result","at":40000000,"t":0,"p":0}
+{"ev":"emit","at":65000000,"t":0,"p":0}
+"#;
+
+#[test]
+fn check_observed_judges_within_the_tolerance_and_tells_how_late_it_was() {
+    let check = |tolerance: &str, lateness: &str, json: &[&str]| {
+        let args = ["check", "--observed", "--tolerance", tolerance, "--lateness", lateness];
+        run(&[&args[..], json].concat(), OBSERVED)
+    };
+    let within = check("2ms", "12ms", &[]);
+    assert_eq!(within.status.code(), Some(0), "{}", out(&within));
+    assert_eq!(out(&within), "stdin: conforms, 1 timestamp judged in 5 lines\n");
+
+    let late = check("0ms", "5ms", &[]);
+    assert_eq!(late.status.code(), Some(1));
+    for part in [
+        "stdin: does not conform (1 violation), 1 timestamp judged in 5 lines\n",
+        "stdin:5: timestamp 0 breaks P4\n",
+        "  rule      While anything is held, something pending outranks all of it.\n",
+        "  expected  emit p 0, at 51100000 to 61100000\n",
+        "  late by   3ms 900us\n",
+    ] {
+        assert!(out(&late).contains(part), "{part} is not in\n{}", out(&late));
+    }
+    let told: Value = serde_json::from_str(out(&check("0ms", "5ms", &["--json"]))).unwrap();
+    assert_eq!((&told["judged"], &told["violations"][0]["late"]), (&1.into(), &3_900_000.into()));
+    // Strictly a request has its due instant.
+    assert_eq!(run(&["check"], OBSERVED).status.code(), Some(2));
+}
+
+#[test]
+fn check_observed_needs_its_tolerances_and_something_to_judge() {
+    for args in [
+        &["check", "--observed"][..],
+        &["check", "--tolerance", "2ms"],
+        &["check", "--observed", "--tolerance", "2", "--lateness", "5ms"],
+    ] {
+        let refused = run(args, OBSERVED);
+        assert_eq!(refused.status.code(), Some(2), "{args:?}");
+        assert_eq!(err(&refused).lines().count(), 1, "{}", err(&refused));
+    }
+    let start: String = OBSERVED.split_inclusive('\n').take(3).collect();
+    let args = ["check", "--observed", "--tolerance", "2ms", "--lateness", "5ms"];
+    let nothing = run(&args, &start);
+    assert_eq!(nothing.status.code(), Some(1));
+    assert!(out(&nothing).contains("does not conform (nothing to judge), 0 timestamps judged"));
+    let disorder = OBSERVED.replace("40000000", "60000000000");
+    let refused = run(&args, &disorder);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(err(&refused).starts_with("error: stdin:5:1: at 65000000 after a line at"));
+}
+
+#[test]
+fn many_files_are_judged_at_once_and_told_in_their_order() {
+    let bad = TRACE.replace("\"emit\"", "\"hold\"");
+    let names: Vec<String> = (0..40).map(|i| format!("{i:02}.jsonl")).collect();
+    let files: Vec<(&str, &str)> = (names.iter().enumerate())
+        .map(|(i, name)| (name.as_str(), if i % 7 == 0 { bad.as_str() } else { TRACE }))
+        .collect();
+    let (_dir, paths) = self::files(&files);
+    let all: Vec<&str> = ["check"].into_iter().chain(paths.iter().map(|path| text(path))).collect();
+    let checked = run(&all, "");
+    assert_eq!(checked.status.code(), Some(1));
+    let told: Vec<&str> =
+        out(&checked).lines().filter(|line| line.contains(" judged in ")).collect();
+    assert_eq!(told.len(), 40);
+    for (i, (name, line)) in names.iter().zip(told).enumerate() {
+        let word = if i % 7 == 0 { ": does not conform" } else { ": conforms" };
+        assert!(line.contains(&format!("{name}{word}")), "{line}");
+    }
+}
+
 #[test]
 fn check_reads_a_gzipped_trace() {
     let (_dir, paths) = files(&[("trace.jsonl.gz", "")]);

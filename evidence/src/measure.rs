@@ -72,8 +72,10 @@ const SOURCES_OF_CORE: &[&str] = &[
     "tests/tests/window.rs",
 ];
 
-const TESTS_OF_SHARED: Tests =
-    Tests { packages: &["fuseline-loom"], targets: &["--test=history", "--test=stress"] };
+const TESTS_OF_SHARED: Tests = Tests {
+    packages: &["fuseline-core", "fuseline-loom"],
+    targets: &["--lib", "--test=history", "--test=stress"],
+};
 const SOURCES_OF_SHARED: &[&str] = &[
     SHARED,
     "core/src/clouds.rs",

@@ -10,13 +10,10 @@ mod report;
 mod table;
 
 use std::io::{self, Write};
-use std::path::Path;
 
-use tempfile::{Builder, NamedTempFile};
 use tokio::runtime::Runtime;
 
 use crate::Exit;
-use crate::check::tell_people;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
 use crate::run::live::Live;
@@ -24,6 +21,7 @@ use crate::run::plan::Plan;
 use crate::run::report::Reading;
 use crate::run::table::Introduction;
 use crate::sink::Sink;
+use crate::whole::beside;
 
 pub(crate) use crate::run::cloud::{CloudError, seconds};
 pub(crate) use crate::run::plan::{Args, PlanError};
@@ -56,29 +54,8 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
             .map_err(io::Error::from)
             .and_then(|()| writeln!(out))
     } else {
-        writeln!(out, "{report}").and_then(|()| tell_people(&mut out, &report.trace, 0))
+        writeln!(out, "{report}").and_then(|()| report.trace.tell(&mut out, 0, false))
     }
     .map_err(Fault::Output)?;
-    Ok(if report.trace.conforms { Exit::Conforms } else { Exit::Differs })
-}
-
-/// A file with a temporary name beside `path`, to be renamed to it once it is whole.
-fn beside(path: &Path) -> io::Result<NamedTempFile> {
-    let name = path.file_name().ok_or(io::ErrorKind::IsADirectory)?;
-    // What a rename would replace must be a trace, neither a directory nor a device.
-    match path.metadata() {
-        Ok(metadata) if metadata.is_dir() => return Err(io::ErrorKind::IsADirectory.into()),
-        Ok(metadata) if !metadata.is_file() => return Err(io::ErrorKind::AlreadyExists.into()),
-        Ok(_) | Err(_) => {}
-    }
-    let directory = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        Some(_) | None => Path::new("."),
-    };
-    let mut builder = Builder::new();
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut prefix = std::ffi::OsString::from(".");
-    prefix.push(name);
-    builder.prefix(&prefix).suffix(".tmp").tempfile_in(directory)
+    Ok(report.trace.exit())
 }

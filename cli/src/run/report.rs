@@ -14,6 +14,7 @@ use crate::policies::{Arrival, Policy, Quantile, Score};
 use crate::run::camera::Driven;
 use crate::run::ledger::{Fates, Ledger};
 use crate::run::plan::{Cloud, Plan};
+use crate::verdict::Found;
 
 /// What a run came to.
 #[derive(Debug, Serialize)]
@@ -38,7 +39,7 @@ pub(crate) struct Report {
     pub(crate) timer_lag_ms: Option<f64>,
     /// Fusion first.
     pub(crate) policies: Vec<PolicyReport>,
-    pub(crate) trace: Verdict,
+    pub(crate) trace: Found,
 }
 
 /// One source's part in a run.
@@ -143,7 +144,7 @@ impl Reading {
             refused: ends.refused,
             timer_lag_ms: self.ledger.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
             policies: self.policies(plan, sent.iter().sum()),
-            trace: self.verdict,
+            trace: Found::Strict(self.verdict),
         }
     }
 

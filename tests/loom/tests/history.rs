@@ -5,7 +5,7 @@ use std::sync::Barrier;
 use std::thread;
 
 use fuseline_core::shared::Shared;
-use fuseline_core::{Cloud, Commit, Gate, Priority};
+use fuseline_core::{Cloud, Commit, ConfigError, Gate, Priority};
 use fuseline_loom::{Answer, Call, History, Input, Member, Sequential, Timed, open, result, tick};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -114,4 +114,18 @@ fn a_history_that_no_order_explains_is_found() {
     assert!(!History::of(before_its_open).is_explained_by(&sequential(Commit::Eager)));
     let other_answer = Call { answer: Answer::Ticked(None), ..calls[0] };
     assert!(!History::of(vec![other_answer]).is_explained_by(&sequential(Commit::Eager)));
+}
+
+#[test]
+fn a_window_of_nothing_or_beyond_its_capacity_is_refused() {
+    let of = |window| Shared::<CLOUDS, WINDOW>::new(window, Commit::Eager, &[]).err();
+    let refused = |window| Some(ConfigError::Window { window, capacity: WINDOW });
+    assert_eq!([0, 1, 2, 3].map(of), [refused(0), None, None, refused(3)]);
+}
+
+#[test]
+fn a_desk_shows_its_rule_and_its_window() {
+    let shared = Shared::<CLOUDS, WINDOW>::new(2, Commit::Patient, &[]).unwrap();
+    let shown = format!("{shared:?}");
+    assert!(shown.contains("Desk { commit: Patient, window: 2, .. }"), "{shown}");
 }

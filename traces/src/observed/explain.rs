@@ -20,6 +20,9 @@ pub(super) type Time = u128;
 /// After all instants.
 pub(super) const NEVER: Time = Time::MAX;
 
+/// No instant of a trace, with all that may be added to it, comes after this.
+pub(super) const LAST: Time = 1 << 67;
+
 /// From the first instant to the last.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Span {
@@ -99,13 +102,31 @@ struct Course {
 impl Facts {
     /// Whether some explanation has this output, by a step at an instant of `when`.
     pub(super) fn yields(&self, output: Output, when: Span) -> bool {
-        self.causes(output).into_iter().any(|cause| {
+        self.steps(output, when).next().is_some()
+    }
+
+    /// The first and the last instant of a step that has this output in some explanation.
+    pub(super) fn span(&self, output: Output) -> Option<Span> {
+        // Where there is one, the first is among those that are tried.
+        let from = self.steps(output, Span { from: 0, to: LAST }).min()?;
+        let (mut to, mut beyond) = (from, LAST + 1);
+        while to + 1 < beyond {
+            let middle = to + (beyond - to) / 2;
+            let is_later = self.yields(output, Span { from: middle, to: LAST });
+            (to, beyond) = if is_later { (middle, beyond) } else { (to, middle) };
+        }
+        Some(Span { from, to })
+    }
+
+    /// Of the instants that are tried, those of steps that have this output in some explanation.
+    fn steps(&self, output: Output, when: Span) -> impl Iterator<Item = Time> {
+        self.causes(output).into_iter().flat_map(move |cause| {
             let step = self.step(cause, output);
             let from = step.from.max(when.from).max(self.ready());
             let when = Span { from, to: step.to.min(when.to) };
-            self.instants(when).any(|at| {
+            self.instants(when).filter(move |at| {
                 let roles = |q| self.role(cause, output, q);
-                self.turns(at).any(|turn| self.is_course(at, turn, roles))
+                self.turns(*at).any(|turn| self.is_course(*at, turn, roles))
             })
         })
     }

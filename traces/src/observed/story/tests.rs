@@ -4,6 +4,7 @@ use proptest::collection::{btree_map, vec};
 use proptest::option;
 use proptest::prelude::*;
 
+use super::super::explain::{Output, Span, Time};
 use super::*;
 
 /// Every explanation there is, one after the other: the definition of `SPEC.md`, word for word.
@@ -298,7 +299,18 @@ proptest! {
                 }
             }
         }
-        prop_assert_eq!(found, ends);
+        prop_assert_eq!(&found, &ends);
+        let Some((facts, priorities)) = story.facts(commit, slack, end) else { return Ok(()) };
+        let outputs = (0..priorities.len()).map(Output::Emit).chain([Output::Miss]);
+        for output in outputs {
+            let what = if let Output::Emit(i) = output { Some(priorities[i]) } else { None };
+            let of = ends.iter().flatten().filter(|(p, _)| *p == what).map(|(_, y)| *y);
+            let (first, last) = (of.clone().min(), of.max());
+            let span = facts.span(output);
+            prop_assert_eq!(span.map(|span| i64::try_from(span.from).unwrap()), first);
+            let to = span.map(|span| i64::try_from(span.to).unwrap_or(i64::MAX).min(HORIZON));
+            prop_assert_eq!(to, last);
+        }
     }
 
     #[test]

@@ -1,0 +1,182 @@
+//! `fuseline convert`: what others record, as a trace.
+
+mod csv;
+mod mcap;
+
+use std::fs::{self, File};
+use std::io::{self, BufReader, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process;
+use std::sync::{Arc, OnceLock};
+
+use fuseline_traces::{Decision, Event, Header, Input, Reader};
+use thiserror::Error;
+
+use crate::Exit;
+use crate::check::open;
+use crate::convert::csv::{Columns, Unit};
+use crate::fault::Fault;
+use crate::whole::{INTERRUPTED, beside};
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+A CSV file has a row an event and names its columns in its first row. The columns at, ev, t, p, due,
+deadline, limit, backlog and why are read, those that a row's event has; --column gives one another
+name. An MCAP file has a JSON channel, /fuseline/trace, each message a line of a trace; a message
+without at has its log time. Its first message may be the header.
+
+The header is the trace's first line: it tells the clouds and the commit rule.
+
+Examples:
+  fuseline convert --header header.jsonl --column at=stamp_ms --unit ms events.csv -o trace.jsonl
+  fuseline convert --header header.jsonl --event response=result,send=request events.csv
+  fuseline convert drive.mcap | fuseline check --observed --tolerance 2ms --lateness 5ms")]
+pub(crate) struct Args {
+    /// What was recorded; - is standard input.
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// The format; without it the file's name tells it.
+    #[arg(long, value_name = "FORMAT")]
+    from: Option<Format>,
+    /// A file whose first line is the trace's header.
+    #[arg(long, value_name = "FILE")]
+    header: Option<PathBuf>,
+    /// Where a key of the trace stands in a CSV file, such as at=stamp.
+    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = csv::column)]
+    column: Vec<(&'static str, String)>,
+    /// What the file calls an event, such as response=result.
+    #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = csv::event)]
+    event: Vec<(String, &'static str)>,
+    /// The unit of a CSV file's instants and durations; decimals are read exactly.
+    #[arg(long, default_value = "ns")]
+    unit: Unit,
+    /// The MCAP file's topic.
+    #[arg(long, default_value = "/fuseline/trace")]
+    topic: String,
+    /// Put the events in the order of their instants, holding all of them.
+    #[arg(long)]
+    sort: bool,
+    /// The trace; without it standard output.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Format {
+    Csv,
+    Mcap,
+}
+
+/// Why something recorded cannot be converted.
+#[derive(Debug, Error)]
+pub(crate) enum ConvertError {
+    #[error("{file}: is it CSV or MCAP? Name it so, or say --from")]
+    Format { file: String },
+    #[error(
+        "{file}: no header; give one with --header FILE, a file that begins with {{\"fuseline\":1,…}}"
+    )]
+    NoHeader { file: String },
+    #[error("{file}:{line}: {message}")]
+    Row { file: String, line: u64, message: String },
+    #[error("{file}: message {number}: {message}")]
+    Message { file: String, number: u64, message: String },
+    #[error("{file}: {message}")]
+    File { file: String, message: String },
+}
+
+/// What is read: perhaps a header, then events.
+pub(crate) trait Recorded {
+    /// The header that it has itself.
+    fn header(&mut self) -> Result<Option<Header>, Fault>;
+    /// The next event; none at the end.
+    fn next_event(&mut self) -> Result<Option<Event>, Fault>;
+}
+
+/// Converts a file; nothing is written to a named output before all is read.
+pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
+    let name = args.file.display().to_string();
+    let format = args.from.or_else(|| format_of(&args.file));
+    let format = format.ok_or(ConvertError::Format { file: name })?;
+    let (name, file) = open(&args.file)?;
+    let mut recorded: Box<dyn Recorded> = match format {
+        Format::Csv => {
+            let columns = Columns::new(&args.column, &args.event, args.unit);
+            Box::new(csv::Rows::new(&name, file, columns)?)
+        }
+        Format::Mcap => Box::new(mcap::Messages::new(&name, file, &args.topic)),
+    };
+    let own = recorded.header()?;
+    let header = match &args.header {
+        Some(path) => {
+            let (name, file) = open(path)?;
+            Some(Reader::observed(name, BufReader::new(file))?.header().clone())
+        }
+        None => own,
+    };
+    let header = header.ok_or_else(|| ConvertError::NoHeader { file: name.clone() })?;
+    let Some(output) = &args.output else {
+        let mut out = BufWriter::new(io::stdout().lock());
+        write(&mut out, &header, &mut *recorded, args.sort)?;
+        return Ok(Exit::Conforms);
+    };
+    let name = output.display().to_string();
+    let fault = |source: io::Error| Fault::Create { name: name.clone(), source };
+    let unfinished: Arc<OnceLock<PathBuf>> = Arc::default();
+    let left = Arc::clone(&unfinished);
+    // Where the system refuses a handler, Ctrl-C leaves the unfinished file.
+    let _ = ctrlc::set_handler(move || {
+        let _ = left.get().map(fs::remove_file);
+        process::exit(INTERRUPTED);
+    });
+    let whole = beside(output).map_err(fault)?;
+    let _ = unfinished.set(whole.path().to_owned());
+    let mut out = BufWriter::new(File::create(whole.path()).map_err(fault)?);
+    write(&mut out, &header, &mut *recorded, args.sort)?;
+    out.flush().map_err(fault)?;
+    whole.persist(output).map_err(|error| fault(error.error))?;
+    Ok(Exit::Conforms)
+}
+
+fn format_of(path: &Path) -> Option<Format> {
+    match path.extension()?.to_str()? {
+        "csv" => Some(Format::Csv),
+        "mcap" => Some(Format::Mcap),
+        _ => None,
+    }
+}
+
+fn write(
+    out: &mut impl Write,
+    header: &Header,
+    recorded: &mut dyn Recorded,
+    sort: bool,
+) -> Result<(), Fault> {
+    let mut line = Vec::new();
+    let mut put = |write: &dyn Fn(&mut Vec<u8>)| {
+        line.clear();
+        write(&mut line);
+        line.push(b'\n');
+        out.write_all(&line).map_err(Fault::Output)
+    };
+    put(&|line| header.write(line))?;
+    let mut events = Vec::new();
+    while let Some(event) = recorded.next_event()? {
+        if sort {
+            events.push(event);
+        } else {
+            put(&|line| event.write(line))?;
+        }
+    }
+    events.sort_by_key(at);
+    for event in events {
+        put(&|line| event.write(line))?;
+    }
+    out.flush().map_err(Fault::Output)
+}
+
+const fn at(event: &Event) -> u64 {
+    match event {
+        Event::Input(input) => Input::at(input),
+        Event::Decision(decision) => Decision::at(decision),
+    }
+}

@@ -1,0 +1,315 @@
+//! The observed judge, line by line.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap, VecDeque};
+use std::io::BufRead;
+
+use rangemap::RangeInclusiveSet;
+
+use super::blame::{Blame, of_account, of_again, of_refused};
+use super::story::Slack;
+use super::verdict::{Verdict, Violation};
+use super::watch::{Account, Watch};
+use crate::event::{Decision, DropReason, Event, Header, Input};
+use crate::read::{ReadError, Reader};
+
+/// How many violations a verdict tells; it counts the rest.
+const VIOLATIONS: usize = 100;
+/// How many timestamps that broke the rules wait for what may come out of them too late.
+const OVERDUE: usize = 1024;
+/// How many lines back a story is looked for.
+const RECENT: usize = 16 * 1024;
+/// How many lines a story has.
+const STORY: usize = 12;
+
+/// Judges one trace, line after line.
+///
+/// A timestamp is judged when no line can change any more what is decided about it, or when the trace ends. Memory is
+/// bounded by the timestamps that are open, by the lines within a few tolerances of each other, and by the gaps in the numbers of those
+/// that are done with; not by the trace's length.
+#[derive(Debug)]
+pub struct Judge {
+    header: Header,
+    slack: Slack,
+    /// Whether an open was read.
+    records_opens: bool,
+    /// The greatest instant so far.
+    greatest: u64,
+    watched: BTreeMap<u64, Watch>,
+    /// When each can be judged, or could before it got another line.
+    ripening: BinaryHeap<Reverse<(u64, u64)>>,
+    /// Of those watched, the ones that broke the rules.
+    overdue: VecDeque<u64>,
+    /// The timestamps done with.
+    ended: RangeInclusiveSet<u64>,
+    /// Those that were refused whenever they were opened.
+    refused: RangeInclusiveSet<u64>,
+    recent: VecDeque<(u64, Event)>,
+    verdict: Verdict,
+}
+
+/// Why a trace cannot be judged.
+#[derive(Debug, thiserror::Error)]
+pub enum JudgeError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// Its lines are out of order.
+    #[error(transparent)]
+    Disorder(#[from] Disorder),
+}
+
+/// A line that stands further out of order than the tolerance explains.
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[error(
+    "{file}:{line}:1: at {at} after a line at {greatest}, more than twice the tolerance of {tolerance} ns; sort the \
+     lines, or give a greater tolerance"
+)]
+pub struct Disorder {
+    /// The name that the trace was given.
+    pub file: String,
+    /// The line, counted from 1.
+    pub line: u64,
+    /// Its instant.
+    pub at: u64,
+    /// The greatest instant before it.
+    pub greatest: u64,
+    /// The error that instants may have, either way.
+    pub tolerance: u64,
+}
+
+/// Judges a whole trace; `file` is its name in the verdict and in errors.
+///
+/// # Errors
+/// If the trace cannot be read to its end, or is out of order.
+pub fn judge(file: &str, slack: Slack, trace: impl BufRead) -> Result<Verdict, JudgeError> {
+    let mut reader = Reader::observed(file, trace)?;
+    let mut judge = Judge::new(file, reader.header(), slack);
+    while let Some(event) = reader.next_event()? {
+        judge.line(reader.line(), &event)?;
+    }
+    let mut verdict = judge.finish();
+    verdict.violations.sort_by_key(|violation| violation.line);
+    Ok(verdict)
+}
+
+impl Judge {
+    /// A judge of a trace with this header, its first line; `file` is the trace's name in the verdict.
+    #[must_use]
+    pub fn new(file: impl Into<String>, header: &Header, slack: Slack) -> Self {
+        Self {
+            header: header.clone(),
+            slack,
+            records_opens: false,
+            greatest: 0,
+            watched: BTreeMap::new(),
+            ripening: BinaryHeap::new(),
+            overdue: VecDeque::new(),
+            ended: RangeInclusiveSet::new(),
+            refused: RangeInclusiveSet::new(),
+            recent: VecDeque::new(),
+            verdict: Verdict {
+                file: file.into(),
+                conforms: true,
+                judged: 0,
+                lines: 1,
+                violations: Vec::new(),
+                more: 0,
+            },
+        }
+    }
+
+    /// Judges the next line, which has this number.
+    ///
+    /// # Errors
+    /// If its instant is more than twice the tolerance before one that was read.
+    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), Disorder> {
+        let at = at(event);
+        let before = self.slack.tolerance.saturating_mul(2);
+        let since = self.greatest.saturating_sub(before);
+        if at < since {
+            let (file, tolerance) = (self.verdict.file.clone(), self.slack.tolerance);
+            return Err(Disorder { file, line, at, greatest: self.greatest, tolerance });
+        }
+        if self.recent.len() == RECENT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((line, *event));
+        self.verdict.lines = line;
+        if let Some(t) = event.t() {
+            self.take(t, line, event, since);
+        }
+        if at > self.greatest {
+            self.greatest = at;
+            self.ripen();
+        }
+        Ok(())
+    }
+
+    /// The verdict so far; timestamps that may still get a line do not count yet.
+    #[must_use]
+    pub const fn so_far(&self) -> &Verdict {
+        &self.verdict
+    }
+
+    /// Ends the trace.
+    #[must_use]
+    pub fn finish(mut self) -> Verdict {
+        while let Some((t, watch)) = self.watched.pop_first() {
+            self.close(t, &watch, &self.account(t, &watch), self.greatest);
+        }
+        self.verdict.conforms &= self.verdict.judged > 0;
+        self.verdict
+    }
+
+    /// Notes a line of a timestamp.
+    fn take(&mut self, t: u64, line: u64, event: &Event, since: u64) {
+        if !self.watched.contains_key(&t) && !self.begins(t, event) {
+            return;
+        }
+        let clouds = &self.header.clouds;
+        let is_cloud = |p| clouds.iter().any(|cloud| u64::from(cloud.p) == p);
+        let watch = self.watched.entry(t).or_default();
+        watch.take(line, event, is_cloud, self.records_opens);
+        self.records_opens |= matches!(event, Event::Input(Input::Open { .. }));
+        watch.compact(since);
+        watch.ripe = watch.ripens(self.slack);
+        if !watch.is_queued {
+            watch.is_queued = true;
+            self.ripening.push(Reverse((watch.ripe, t)));
+        }
+    }
+
+    /// Whether a line of a timestamp that is not watched makes it so.
+    fn begins(&self, t: u64, event: &Event) -> bool {
+        match event {
+            Event::Input(Input::Open { .. })
+            | Event::Decision(
+                Decision::Request { .. }
+                | Decision::Refuse { p: None, .. }
+                | Decision::Emit { .. }
+                | Decision::Miss { .. },
+            ) => true,
+            // What is done with drops them.
+            Event::Input(Input::Result { .. } | Input::Fail { .. })
+            | Event::Decision(Decision::Drop {
+                why: DropReason::Unknown | DropReason::Superseded,
+                ..
+            }) => !self.ended.contains(&t),
+            Event::Input(Input::Offer { .. } | Input::Tick { .. })
+            | Event::Decision(
+                Decision::Timer { .. }
+                | Decision::Refuse { .. }
+                | Decision::Hold { .. }
+                | Decision::Drop { .. }
+                | Decision::Cancel { .. },
+            ) => false,
+        }
+    }
+
+    /// Judges what no line can change any more.
+    fn ripen(&mut self) {
+        while let Some(Reverse((ripe, t))) = self.ripening.peek().copied() {
+            if ripe >= self.greatest {
+                break;
+            }
+            self.ripening.pop();
+            let Some(mut watch) = self.watched.remove(&t) else { continue };
+            if watch.ripe >= self.greatest {
+                // It got a line since.
+                self.ripening.push(Reverse((watch.ripe, t)));
+                self.watched.insert(t, watch);
+                continue;
+            }
+            watch.is_queued = false;
+            let account = self.account(t, &watch);
+            if watch.has_come_out() || self.is_not_open(t, &account) {
+                self.close(t, &watch, &account, self.greatest);
+                continue;
+            }
+            // What may come yet has its true instant after this.
+            let since = self.slack.tolerance.saturating_mul(3).saturating_add(1);
+            let end = self.greatest.saturating_sub(since);
+            if !watch.is_overdue && !account.story.is_explained(self.header.commit, self.slack, end)
+            {
+                watch.is_overdue = true;
+                self.overdue.push_back(t);
+            }
+            self.watched.insert(t, watch);
+            if self.overdue.len() > OVERDUE
+                && let Some(t) = self.overdue.pop_front()
+                && let Some(watch) = self.watched.remove(&t)
+            {
+                self.close(t, &watch, &self.account(t, &watch), self.greatest);
+            }
+        }
+    }
+
+    /// Whether a timestamp is not open, nothing having come out: it was refused, never opened, or retired before.
+    fn is_not_open(&self, t: u64, account: &Account) -> bool {
+        Self::is_refused(account) || account.is_none() || self.ended.contains(&t)
+    }
+
+    fn is_refused(account: &Account) -> bool {
+        !account.is_opened() && account.was_refused
+    }
+
+    fn account(&self, t: u64, watch: &Watch) -> Account {
+        watch.account(self.slack, self.refused.contains(&t))
+    }
+
+    /// Judges a timestamp; `end` is the greatest instant that its trace is known to have.
+    fn close(&mut self, t: u64, watch: &Watch, account: &Account, end: u64) {
+        if watch.is_overdue {
+            self.overdue.retain(|overdue| *overdue != t);
+        }
+        let blame = if self.ended.contains(&t) {
+            of_again(t, account)
+        } else if Self::is_refused(account) {
+            self.refused.insert(t..=t);
+            of_refused(t, account)
+        } else if account.is_none() {
+            None
+        } else {
+            self.verdict.judged += u64::from(account.is_told_of());
+            self.ended.insert(t..=t);
+            self.refused.remove(t..=t);
+            of_account(t, account, self.header.commit, self.slack, end)
+        };
+        if let Some(blame) = blame {
+            self.tell(t, watch, blame);
+        }
+    }
+
+    fn tell(&mut self, t: u64, watch: &Watch, blame: Blame) {
+        self.verdict.conforms = false;
+        if self.verdict.violations.len() == VIOLATIONS {
+            self.verdict.more += 1;
+            return;
+        }
+        let Blame { line, rule, found, expected, late } = blame;
+        let line = line.unwrap_or(watch.line);
+        let story = self.story(t);
+        self.verdict.violations.push(Violation { line, t, rule, found, expected, late, story });
+    }
+
+    /// The last lines of a timestamp.
+    fn story(&self, t: u64) -> Vec<String> {
+        let told: Vec<_> = self.recent.iter().filter(|(_, event)| event.t() == Some(t)).collect();
+        let left_out = told.len().saturating_sub(STORY);
+        let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
+        let lines = told.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
+        lead.into_iter().chain(lines).collect()
+    }
+}
+
+/// When the line was written, or what it tells of decided.
+const fn at(event: &Event) -> u64 {
+    match event {
+        Event::Input(input) => input.at(),
+        Event::Decision(decision) => decision.at(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

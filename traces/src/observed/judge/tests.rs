@@ -1,0 +1,59 @@
+use super::*;
+use crate::event::Commit;
+
+const SLACK: Slack = Slack { tolerance: 2, lateness: 5 };
+
+fn judge() -> Judge {
+    let header = Header { operator: None, window: 4, commit: Commit::Eager, clouds: vec![] };
+    Judge::new("a.jsonl", &header, SLACK)
+}
+
+fn opened(at: u64, t: u64) -> Event {
+    Event::Input(Input::Open { at, t, limit: None })
+}
+
+fn came(at: u64, t: u64) -> Event {
+    Event::Input(Input::Result { at, t, p: 0 })
+}
+
+/// What a judge holds is bounded by what is open, whatever the trace's length.
+#[test]
+fn of_timestamps_done_with_only_their_range_is_held() {
+    let mut judge = judge();
+    for t in 0..20_000 {
+        let at = 10 * t;
+        let emit = Event::Decision(Decision::Emit { at, t, p: 0 });
+        for event in [opened(at, t), came(at, t), emit] {
+            judge.line(t, &event).expect("it is in order");
+        }
+        assert!(judge.watched.len() <= 4 && judge.ripening.len() <= 4, "{}", judge.watched.len());
+    }
+    assert_eq!(judge.ended.len(), 1);
+    assert_eq!(judge.finish().judged, 20_000);
+}
+
+#[test]
+fn of_timestamps_that_never_end_so_many_are_waited_for() {
+    let mut judge = judge();
+    for t in 0..5_000 {
+        for event in [opened(10 * t, t), came(10 * t, t)] {
+            judge.line(t, &event).expect("it is in order");
+        }
+    }
+    assert!(judge.watched.len() < OVERDUE + 8, "{}", judge.watched.len());
+    let verdict = judge.finish();
+    assert_eq!(verdict.violations.len() as u64 + verdict.more, 4_999, "the last may still end");
+}
+
+#[test]
+fn what_comes_again_and_again_for_one_timestamp_is_held_once() {
+    let mut judge = judge();
+    judge.line(1, &opened(0, 0)).expect("it is in order");
+    for at in 0..50_000 {
+        judge.line(1, &came(at, 1)).expect("it is in order");
+        let drop = Decision::Drop { at, t: 1, p: 7, why: DropReason::Superseded };
+        judge.line(1, &Event::Decision(drop)).expect("it is in order");
+    }
+    let held = judge.watched.get(&1).map_or(0, Watch::len);
+    assert!(held < 300, "{held} facts are held");
+}

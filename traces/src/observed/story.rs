@@ -1,0 +1,147 @@
+//! What was observed of one timestamp, and whether the rules can explain it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::explain::{Facts, LAST, NEVER, Output, Source, Span, Time, Timer};
+use crate::event::Commit;
+
+/// How far a recorded instant may be off, and how late an implementation may act, in nanoseconds.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Slack {
+    /// The error of every recorded instant, either way.
+    pub tolerance: u64,
+    /// How long after its due instant a timer is served, and after its decision an output leaves.
+    pub lateness: u64,
+}
+
+/// What was observed of one timestamp.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Story {
+    /// When it was opened, and with which limit.
+    pub open: Option<(u64, Option<u64>)>,
+    /// The clouds' priorities, when each was asked, and its due instant.
+    pub requests: Vec<(u64, u64, u64)>,
+    /// Whose results came, and when.
+    pub results: Vec<(u64, u64)>,
+    /// Whose failures came, and when.
+    pub failures: Vec<(u64, u64)>,
+    /// Whose result went, or none for a miss, and when.
+    pub outputs: Vec<(Option<u64>, u64)>,
+}
+
+/// An output that the rules allow, and between which instants.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Allowed {
+    /// Whose result goes; none for a miss.
+    pub p: Option<u64>,
+    /// The first instant at which it may be recorded.
+    pub from: u64,
+    /// The last one.
+    pub to: u64,
+}
+
+impl Story {
+    /// Whether some explanation of it fits, in a trace whose greatest instant is `end`.
+    ///
+    /// Nothing is forwarded that has no explanation, and nothing that has one is refused: see `explain` for the way, and the tests
+    /// for a search through all orders.
+    #[must_use]
+    pub fn is_explained(&self, commit: Commit, slack: Slack, end: u64) -> bool {
+        let Some((facts, priorities)) = self.facts(commit, slack, end) else { return false };
+        let slack = [slack.tolerance, slack.lateness].map(Time::from);
+        match *self.outputs {
+            [] => {
+                let from = (Time::from(end) + 1).saturating_sub(slack[0] + slack[1]);
+                let after = Span { from, to: LAST };
+                let emits = (0..priorities.len()).map(Output::Emit);
+                facts.stays_open()
+                    || emits.chain([Output::Miss]).any(|output| facts.yields(output, after))
+            }
+            [(p, at)] => {
+                let at = Time::from(at);
+                let when = Span { from: at.saturating_sub(slack[0] + slack[1]), to: at + slack[0] };
+                let output = match p {
+                    None => Some(Output::Miss),
+                    Some(p) => priorities.iter().position(|q| *q == p).map(Output::Emit),
+                };
+                output.is_some_and(|output| facts.yields(output, when))
+            }
+            _ => false,
+        }
+    }
+
+    /// What the rules can bring out of the rest of it, and between which instants it may be recorded; none at all if the rest
+    /// contradicts itself.
+    #[must_use]
+    pub fn allowed(&self, commit: Commit, slack: Slack, end: u64) -> Vec<Allowed> {
+        let Some((facts, priorities)) = self.facts(commit, slack, end) else { return Vec::new() };
+        let [tolerance, lateness] = [slack.tolerance, slack.lateness].map(Time::from);
+        let within = |at: Time| u64::try_from(at).unwrap_or(u64::MAX);
+        let emits = (0..priorities.len()).rev().map(Output::Emit);
+        let outputs = emits.chain([Output::Miss]).filter_map(|output| {
+            let Span { from, to } = facts.span(output)?;
+            let p = match output {
+                Output::Emit(q) => priorities.get(q).copied(),
+                Output::Miss => None,
+            };
+            let from = within(from.saturating_sub(tolerance));
+            Some(Allowed { p, from, to: within(to + lateness + tolerance) })
+        });
+        outputs.collect()
+    }
+
+    /// As intervals, with the priorities of the sources; none if two requests or an order contradict each other.
+    fn facts(&self, commit: Commit, slack: Slack, end: u64) -> Option<(Facts, Vec<u64>)> {
+        let (tolerance, lateness, end) =
+            (Time::from(slack.tolerance), Time::from(slack.lateness), Time::from(end));
+        let span = |at: u64| {
+            let at = Time::from(at);
+            Span { from: at.saturating_sub(tolerance), to: at + tolerance }
+        };
+        let timer = |due: Time| {
+            let to = due + lateness + tolerance;
+            let served = Span { from: due.saturating_sub(tolerance), to };
+            Timer { served, by: if to > end { NEVER } else { to } }
+        };
+        let open = self.open.map_or(0, |(at, _)| span(at).from);
+        let limit = self.open.and_then(|(at, limit)| Some(Time::from(at) + Time::from(limit?)));
+        let local = Source {
+            asked: open,
+            timer: limit.map(timer),
+            result: None,
+            failure: None,
+            last: NEVER,
+        };
+        let mut sources = BTreeMap::from([(0, local)]);
+        for (p, at, due) in &self.requests {
+            let asked = span(*at);
+            if asked.to < open {
+                return None;
+            }
+            let timer = Some(timer(Time::from(*due)));
+            let source = Source { asked: asked.from.max(open), timer, ..local };
+            if sources.insert(*p, source).is_some() {
+                return None;
+            }
+        }
+        let events = self.results.iter().map(|event| (event, true));
+        for ((p, at), is_result) in events.chain(self.failures.iter().map(|event| (event, false))) {
+            let came = span(*at);
+            if came.to < sources.get(p).map_or(open, |source| source.asked) {
+                return None;
+            }
+            // Of a cloud without a request: a drop.
+            let Some(source) = sources.get_mut(p) else { continue };
+            source.last = source.last.min(came.to);
+            let kind = if is_result { &mut source.result } else { &mut source.failure };
+            *kind = Some(kind.map_or(came.from, |from| from.min(came.from)));
+        }
+        let priorities: BTreeSet<u64> = sources.keys().copied().collect();
+        let is_eager = commit == Commit::Eager;
+        let facts = Facts { is_eager, open, sources: sources.into_values().collect() };
+        Some((facts, priorities.into_iter().collect()))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,121 @@
+//! What the judge found in one trace.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+
+use crate::rule::Rule;
+
+/// The verdict on one trace.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Verdict {
+    /// The name that the trace was given.
+    pub file: String,
+    /// Whether each timestamp has an explanation and at least one was judged.
+    pub conforms: bool,
+    /// How many timestamps were judged: those that have a result, a failure, an emit or a miss, and were not refused.
+    pub judged: u64,
+    /// How many lines the trace has, the header's too.
+    pub lines: u64,
+    /// What does not conform, up to 100.
+    pub violations: Vec<Violation>,
+    /// How many violations more there are.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub more: u64,
+}
+
+/// A timestamp of which no explanation fits.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Violation {
+    /// The line of what came out; if nothing did, the timestamp's last line.
+    pub line: u64,
+    /// The timestamp.
+    pub t: u64,
+    /// The rule or promise that is broken.
+    pub rule: Broken,
+    /// What came out.
+    pub found: String,
+    /// What the rules allow, and when it may be recorded.
+    pub expected: String,
+    /// By how much it came too late, in nanoseconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub late: Option<u64>,
+    /// What happened to the timestamp: its last lines with their numbers.
+    #[serde(skip)]
+    pub story: Vec<String>,
+}
+
+/// A rule or promise of SPEC.md that an observed timestamp can break.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Broken {
+    /// A rule, or P1.
+    Rule(Rule),
+    /// Never late.
+    P2,
+    /// Best in hand.
+    P3,
+    /// Prompt.
+    P4,
+    /// Local floor.
+    P5,
+    /// Free without cloud.
+    P6,
+    /// No stall.
+    P7,
+}
+
+impl Broken {
+    /// The identifier in SPEC.md.
+    #[must_use]
+    pub const fn id(self) -> &'static str {
+        match self {
+            Self::Rule(rule) => rule.id(),
+            Self::P2 => "P2",
+            Self::P3 => "P3",
+            Self::P4 => "P4",
+            Self::P5 => "P5",
+            Self::P6 => "P6",
+            Self::P7 => "P7",
+        }
+    }
+
+    /// It in a sentence.
+    #[must_use]
+    pub const fn sentence(self) -> &'static str {
+        match self {
+            Self::Rule(rule) => rule.sentence(),
+            Self::P2 => "A forwarded result arrived before its due instant, if it had one.",
+            Self::P3 => "A forwarded result outranks every other result in hand for its timestamp.",
+            Self::P4 => "While anything is held, something pending outranks all of it.",
+            Self::P5 => {
+                "Once local's result was accepted, its timestamp is forwarded, at once or by the \
+                 latest due instant ever armed for it."
+            }
+            Self::P6 => {
+                "With no request admitted for its timestamp, local's accepted result is forwarded \
+                 the moment it arrives."
+            }
+            Self::P7 => {
+                "An open timestamp waits for local or has an armed timer. One opened with a limit \
+                 is retired by the latest due instant ever armed for it."
+            }
+        }
+    }
+}
+
+impl fmt::Display for Broken {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.id())
+    }
+}
+
+impl Serialize for Broken {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.id())
+    }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde wants a reference")]
+const fn is_zero(number: &u64) -> bool {
+    *number == 0
+}

@@ -1,0 +1,191 @@
+//! The observed judge goes through a trace line by line, and finds what a look at all lines of a timestamp at once finds.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use fuseline_traces::observed::{Disorder, Judge, Slack, Story, Verdict};
+use fuseline_traces::{Cloud, Commit, Decision, DropReason, Event, Header, Input, Reference};
+use proptest::collection::vec;
+use proptest::option;
+use proptest::prelude::*;
+
+fn header(commit: Commit) -> Header {
+    let clouds = [1, 2].map(|p| Cloud { p, name: None, limit: 9, resume: 8 }).to_vec();
+    Header { operator: None, window: 3, commit, clouds }
+}
+
+/// Judges events; their lines begin with the second.
+fn judged(commit: Commit, slack: Slack, events: &[Event]) -> Result<Verdict, Disorder> {
+    let mut judge = Judge::new("a.jsonl", &header(commit), slack);
+    for (line, event) in (2..).zip(events) {
+        judge.line(line, event)?;
+    }
+    Ok(judge.finish())
+}
+
+fn at(event: &Event) -> u64 {
+    match event {
+        Event::Input(input) => input.at(),
+        Event::Decision(decision) => decision.at(),
+    }
+}
+
+/// The timestamps that do not conform: all lines of each at once, by the words of `SPEC.md`.
+fn naive(commit: Commit, slack: Slack, events: &[Event]) -> BTreeSet<u64> {
+    let end = events.iter().map(at).max().unwrap_or(0);
+    let mut by_t: BTreeMap<u64, Vec<(Event, bool)>> = BTreeMap::new();
+    let mut records_opens = false;
+    for event in events {
+        if let Some(t) = event.t() {
+            by_t.entry(t).or_default().push((*event, records_opens));
+        }
+        records_opens |= matches!(event, Event::Input(Input::Open { .. }));
+    }
+    let breaks = |events: &[(Event, bool)]| breaks(commit, slack, end, events);
+    by_t.into_iter().filter(|(_, events)| breaks(events)).map(|(t, _)| t).collect()
+}
+
+fn breaks(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> bool {
+    let reach = 2 * slack.tolerance + slack.lateness;
+    let mut story = Story::default();
+    let (mut opens, mut refusals, mut is_stranger) = (vec![], BTreeSet::new(), false);
+    let (mut unknown, mut superseded) = (BTreeSet::new(), BTreeSet::new());
+    for (i, (event, records_opens)) in events.iter().enumerate() {
+        match *event {
+            Event::Input(Input::Open { at, limit, .. }) => opens.push((at, limit)),
+            Event::Input(Input::Result { at, p, .. }) => story.results.push((p, at)),
+            Event::Input(Input::Fail { at, p, .. }) => story.failures.push((p, at)),
+            Event::Decision(Decision::Request { at, p, due, .. }) => {
+                is_stranger |= p == 0 || p > 2;
+                story.requests.push((p, at, due));
+            }
+            Event::Decision(Decision::Refuse { at, p: None, .. }) => drop(refusals.insert((at, i))),
+            Event::Decision(Decision::Drop { at, p, why: DropReason::Unknown, .. }) => {
+                unknown.insert((p, at));
+            }
+            Event::Decision(Decision::Drop { at, p, why: DropReason::Superseded, .. })
+                if *records_opens =>
+            {
+                superseded.insert((p, at));
+            }
+            Event::Decision(Decision::Emit { at, p, .. }) => story.outputs.push((Some(p), at)),
+            Event::Decision(Decision::Miss { at, .. }) => story.outputs.push((None, at)),
+            _ => {}
+        }
+    }
+    let refused_from = refusals.iter().map(|(at, _)| *at).min();
+    for (at, _) in refusals {
+        let nearest = (0..opens.len()).min_by_key(|place| opens[*place].0.abs_diff(at));
+        if let Some(place) = nearest.filter(|place| opens[*place].0.abs_diff(at) <= reach) {
+            opens.remove(place);
+        }
+    }
+    let asked = story.requests.iter().map(|(_, at, _)| *at);
+    let out = story.outputs.iter().map(|(_, at)| *at);
+    let known = opens.iter().map(|(at, _)| *at).chain(asked).chain(out).min();
+    let counts = |fact: &(u64, u64)| {
+        let is_before = |at: u64| known.is_none_or(|known| at + reach < known);
+        let is_refused = refused_from.is_some_and(is_before);
+        let is_before = is_before(fact.1);
+        !unknown.contains(fact) && !((superseded.contains(fact) || is_refused) && is_before)
+    };
+    story.results.retain(counts);
+    story.failures.retain(counts);
+    let was_refused =
+        refused_from.is_some_and(|refused| known.is_none_or(|known| known + reach >= refused));
+    if opens.is_empty() && was_refused {
+        return !(story.requests.is_empty() && story.outputs.is_empty());
+    }
+    if known.is_none() && story.results.is_empty() && story.failures.is_empty() {
+        return false;
+    }
+    story.open = opens.first().copied();
+    opens.len() > 1 || is_stranger || !story.is_explained(commit, slack, end)
+}
+
+/// What the reference machine does, with instants that are off and lines out of order.
+fn traces() -> impl Strategy<Value = (Commit, Slack, Vec<Event>)> {
+    let input = prop_oneof![
+        4 => (0..6_u64, option::of(1..30_u64))
+            .prop_map(|(t, limit)| Input::Open { at: 0, t, limit }),
+        5 => (0..6_u64, 1..4_u64, 1..30_u64).prop_map(|(t, p, deadline)| Input::Offer {
+            at: 0, t, p, deadline, backlog: 0
+        }),
+        6 => (0..6_u64, 0..4_u64).prop_map(|(t, p)| Input::Result { at: 0, t, p }),
+        2 => (0..6_u64, 0..4_u64).prop_map(|(t, p)| Input::Fail { at: 0, t, p }),
+        3 => Just(Input::Tick { at: 0 }),
+    ];
+    let slack = (0..4_u64, 0..6_u64);
+    let steps = vec((0..12_u64, input), 1..40);
+    let noise = vec((0..9_u64, 0..9_u64, 0..40_u8), 160);
+    (any::<bool>(), slack, steps, noise).prop_map(|(eager, (tolerance, lateness), steps, noise)| {
+        let commit = if eager { Commit::Eager } else { Commit::Patient };
+        let slack = Slack { tolerance, lateness };
+        (commit, slack, recorded(commit, slack, &steps, &noise))
+    })
+}
+
+fn recorded(
+    commit: Commit,
+    slack: Slack,
+    steps: &[(u64, Input)],
+    noise: &[(u64, u64, u8)],
+) -> Vec<Event> {
+    let mut machine = Reference::new(&header(commit));
+    let mut now = 20;
+    let mut events = Vec::new();
+    let mut noise = noise.iter().cycle();
+    for (wait, input) in steps {
+        now += wait;
+        let input = redated(*input, now);
+        let mut demands = Vec::new();
+        machine.apply(&input, &mut demands);
+        let decided = demands.into_iter().map(|(decision, _)| Event::Decision(decision));
+        for event in std::iter::once(Event::Input(input)).chain(decided) {
+            let (off, late, odd) = noise.next().copied().unwrap_or_default();
+            let off = off % (2 * slack.tolerance + 1);
+            // Now and then a line is lost, or later than it may be.
+            if odd == 0 {
+                continue;
+            }
+            let is_output =
+                matches!(event, Event::Decision(Decision::Emit { .. } | Decision::Miss { .. }));
+            let late = if is_output { late % (slack.lateness + 1) } else { 0 };
+            let far = if odd == 1 { 25 } else { 0 };
+            events.push(moved(event, now + off - slack.tolerance + late + far));
+        }
+    }
+    // Out of order by less than twice the tolerance.
+    events.sort_by_key(|event| at(event) + at(event) * 7 % (2 * slack.tolerance + 1));
+    events
+}
+
+fn redated(mut input: Input, now: u64) -> Input {
+    match &mut input {
+        Input::Open { at, .. }
+        | Input::Offer { at, .. }
+        | Input::Result { at, .. }
+        | Input::Fail { at, .. }
+        | Input::Tick { at } => *at = now,
+    }
+    input
+}
+
+fn moved(event: Event, now: u64) -> Event {
+    match event {
+        Event::Input(input) => Event::Input(redated(input, now)),
+        Event::Decision(decision) => Event::Decision(decision.redated(now)),
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 1024, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn what_is_judged_along_the_way_is_what_a_look_at_the_whole_trace_finds(
+        (commit, slack, events) in traces()
+    ) {
+        let verdict = judged(commit, slack, &events).expect("it is in order");
+        let found: BTreeSet<u64> = verdict.violations.iter().map(|found| found.t).collect();
+        prop_assert_eq!(found, naive(commit, slack, &events), "{:#?}", events);
+    }
+}
