@@ -209,6 +209,15 @@ fn each_way_to_misbehave_has_its_words() {
 }
 
 #[test]
+fn a_command_that_dies_complains_once_and_every_case_of_the_corpus_is_tried() {
+    let driven = drive(&["--json"], &["sh", "-c", "read -r line; echo oops >&2; exit 4"]);
+    assert_eq!((err(&driven), driven.status.code()), ("oops\n", Some(1)));
+    let report: Value = serde_json::from_slice(&driven.stdout).unwrap();
+    let cases = report["fixed"].as_array().unwrap();
+    assert!(cases.iter().all(|case| case["result"] == "fail, misbehaves"), "{cases:?}");
+}
+
+#[test]
 fn a_command_that_answers_nothing_is_given_five_seconds() {
     let since = Instant::now();
     let driven = drive(&[], &["sh", "-c", "sleep 60"]);

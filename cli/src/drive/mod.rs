@@ -183,9 +183,8 @@ impl<'a> Driver<'a> {
     fn new(args: &'a Args, suite: Suite) -> Self {
         let bench = Bench::new(args.command.clone(), args.wait, Interrupt::watch());
         let bar = if io::stderr().is_terminal() {
-            let style = ProgressStyle::with_template(
-                "{wide_bar} {human_pos} of {human_len} runs, {per_sec}, {eta}",
-            );
+            let style =
+                ProgressStyle::with_template("{wide_bar} {human_pos} of {human_len} runs, {eta}");
             ProgressBar::new(suite.len())
                 .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         } else {
@@ -267,7 +266,6 @@ impl<'a> Driver<'a> {
 
     /// Notes what is wrong, in a smallest run.
     fn find(&mut self, case: Case, finding: Finding) {
-        self.bar.set_message("shrinking");
         let finding = shrink(&mut self.bench, finding);
         let saved = self.args.save.as_ref().map(|dir| dir.join(format!("{}.jsonl", case.id)));
         let replay = self.replay(&case.name, saved.as_deref());

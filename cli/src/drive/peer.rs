@@ -89,12 +89,13 @@ struct Done<'a> {
 }
 
 impl Peer {
-    /// Starts the command.
+    /// Starts the command; it complains where `complaints` go.
     ///
     /// # Errors
     /// If the system cannot start it.
     pub(super) fn start(
         command: &[OsString],
+        complaints: Stdio,
         wait: Duration,
         interrupt: Interrupt,
     ) -> io::Result<Self> {
@@ -103,6 +104,7 @@ impl Peer {
             .args(args)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
+            .stderr(complaints)
             .process_group(0)
             .spawn()?;
         let (input, output) = (child.stdin.take(), child.stdout.take());

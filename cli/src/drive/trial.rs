@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::io;
+use std::process::Stdio;
 use std::time::Duration;
 
 use fuseline_traces::{Decision, Demands, Event, Header, Input, Reference, Verdict, judge};
@@ -19,6 +20,8 @@ pub(super) struct Bench {
     wait: Duration,
     interrupt: Interrupt,
     peer: Option<Peer>,
+    /// Whether it misbehaved before: what it complains of is known then.
+    misbehaved: bool,
     /// How many inputs were answered.
     pub(super) inputs: u64,
 }
@@ -50,7 +53,7 @@ pub(super) enum Stop {
 
 impl Bench {
     pub(super) const fn new(command: Vec<OsString>, wait: Duration, interrupt: Interrupt) -> Self {
-        Self { command, wait, interrupt, peer: None, inputs: 0 }
+        Self { command, wait, interrupt, peer: None, misbehaved: false, inputs: 0 }
     }
 
     /// Drives the command through a run, up to the first input whose decisions differ.
@@ -65,7 +68,10 @@ impl Bench {
                 self.peer = None;
                 match trouble {
                     Trouble::Interrupted => Err(Stop::Interrupted),
-                    Trouble::Misbehaved(how) => Ok(Outcome::Misbehaves(told, how)),
+                    Trouble::Misbehaved(how) => {
+                        self.misbehaved = true;
+                        Ok(Outcome::Misbehaves(told, how))
+                    }
                 }
             }
         }
@@ -84,7 +90,9 @@ impl Bench {
         let peer = match &mut self.peer {
             Some(peer) => peer,
             none => {
-                let started = Peer::start(&self.command, self.wait, self.interrupt.clone());
+                let complaints = if self.misbehaved { Stdio::null() } else { Stdio::inherit() };
+                let interrupt = self.interrupt.clone();
+                let started = Peer::start(&self.command, complaints, self.wait, interrupt);
                 none.insert(started.map_err(|error| Broken::Stop(Stop::Start(error)))?)
             }
         };
