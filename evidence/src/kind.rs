@@ -175,6 +175,46 @@ pub const KINDS: &[Kind] = &[
         cites: cited_by_harness,
     },
     Kind {
+        name: "drive",
+        title: "cases that `fuseline drive` sends",
+        applies: |_| false,
+        concerns: is_of_machine,
+        run: Run::Cargo {
+            arguments: &[
+                "run",
+                "-p",
+                "fuseline",
+                "--",
+                "drive",
+                "--json",
+                "--cases",
+                "200",
+                "--",
+                "sh",
+                "-c",
+                "exec \"$CARGO_TARGET_DIR/debug/fuseline\" impl",
+            ],
+            variables: &[],
+        },
+        sources: &[
+            CORE,
+            NO_LIST,
+            NO_SHARED,
+            ARBITER,
+            TRACES,
+            NO_LIST_OF_TRACES,
+            NO_OBSERVED,
+            CORPUS,
+            "cli/src/drive",
+            "cli/src/implementation.rs",
+        ],
+        read: read_drive,
+        cites: |tree, witness| match witness {
+            GENERATED => Ok(BTreeSet::new()),
+            case => cited_by_trace(tree, case),
+        },
+    },
+    Kind {
         name: "loom",
         title: "races under loom",
         applies: |_| false,
@@ -206,6 +246,9 @@ pub const KINDS: &[Kind] = &[
         cites: cited_by_test,
     },
 ];
+
+/// The witness that all generated runs of a drive are.
+const GENERATED: &str = "generated runs";
 
 /// Whether a fault is in the machine with one caller.
 fn is_of_machine(fault: &Fault) -> bool {
@@ -269,6 +312,35 @@ fn read_models(printed: &str) -> Outcomes {
         if verdict.holds {
             outcomes.insert(verdict.config, true);
         }
+    }
+    outcomes
+}
+
+/// A JSON object: how the cases of the corpus ended, and whether a generated run differed.
+fn read_drive(printed: &str) -> Outcomes {
+    #[derive(serde::Deserialize)]
+    struct Driven {
+        fixed: Vec<Case>,
+        generated: Generated,
+    }
+    #[derive(serde::Deserialize)]
+    struct Case {
+        case: String,
+        result: String,
+    }
+    #[derive(serde::Deserialize)]
+    struct Generated {
+        failed: Option<String>,
+        passed: u64,
+    }
+    let mut driven = printed.lines().filter_map(|line| serde_json::from_str::<Driven>(line).ok());
+    let Some(Driven { fixed, generated }) = driven.next() else { return Outcomes::new() };
+    // What a silent command leaves unsaid did not run.
+    let ran =
+        fixed.into_iter().filter(|case| case.result == "pass" || case.result.starts_with("fail"));
+    let mut outcomes: Outcomes = ran.map(|case| (case.case, case.result == "pass")).collect();
+    if generated.failed.is_some() || generated.passed > 0 {
+        outcomes.insert(GENERATED.to_owned(), generated.failed.is_none());
     }
     outcomes
 }
@@ -367,6 +439,14 @@ mod tests {
         let expected = [("P1 once", false), ("a", true)];
         let expected = expected.map(|(name, held)| (name.to_owned(), held));
         assert_eq!(read_models(printed), expected.into());
+    }
+
+    #[test]
+    fn a_case_that_was_not_driven_says_nothing() {
+        let printed = r#"{"fixed":[{"case":"a","result":"pass"},{"case":"b","result":"fail, F1"},
+            {"case":"c","result":"not run"}],"generated":{"failed":null,"passed":0,"runs":20}}"#;
+        let expected = [("a", true), ("b", false)].map(|(name, held)| (name.to_owned(), held));
+        assert_eq!(read_drive(&printed.replace('\n', "")), expected.into());
     }
 
     #[test]
