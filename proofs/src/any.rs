@@ -9,6 +9,20 @@ use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
 use crate::window::{Entry, NIL, Node, Place, Window};
 
+/// Any number below `cases`. A checker that is asked about one case at a time is told which when this is compiled, so that
+/// all that hangs on it is a constant; a line `Cases:` tells the runner how many there are.
+pub(crate) fn any_case(cases: u8) -> u8 {
+    let case = kani::any_where(|case| *case < cases);
+    match option_env!("FUSELINE_CASE") {
+        None => case,
+        Some(only) => {
+            let only = only.bytes().fold(0, |number, digit| number * 10 + (digit - b'0'));
+            kani::assume(case == only);
+            only
+        }
+    }
+}
+
 pub(crate) fn any_commit() -> Commit {
     if kani::any() { Commit::Eager } else { Commit::Patient }
 }

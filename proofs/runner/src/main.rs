@@ -164,7 +164,11 @@ fn replay(name: &str, values: &[String]) -> Result<bool, Error> {
     let (_, harness) = found.ok_or_else(|| none("harness", name))?;
     let parse = |value: &String| value.parse::<u64>().map_err(|_| none("value", value));
     let values = values.iter().map(parse).collect::<Result<Vec<_>, _>>()?;
-    match kani::native::replay(*harness, &values) {
+    let ended = kani::native::replay(*harness, &values);
+    for line in fuseline_proofs::take_told() {
+        println!("{line}");
+    }
+    match ended {
         Ok(report) => {
             println!("it holds for these values: {} assertions", report.assertions.len());
             Ok(true)

@@ -36,7 +36,7 @@ pub(crate) struct Copy<'a> {
     folder: PathBuf,
 }
 
-/// A harness as C.
+/// A harness as the checker takes it, in a file `main.gb`.
 pub(crate) struct Generated {
     folder: PathBuf,
     /// The data segment, in which texts lie.
@@ -98,15 +98,24 @@ impl<'a> Copy<'a> {
         let _ = fs::remove_dir_all(&self.folder);
     }
 
-    /// The C of one harness, or why it cannot be given to the checker.
+    /// One harness for the checker, or why it cannot be given to it; of a harness of cases one case, as a constant.
     ///
     /// # Errors
     /// It does not build.
-    pub(crate) fn generate(&self, harness: &Harness) -> Result<Result<Generated, String>, Error> {
-        let folder = self.folder.join("jobs").join(&harness.name);
+    pub(crate) fn generate(
+        &self,
+        harness: &Harness,
+        case: Option<u32>,
+    ) -> Result<Result<Generated, String>, Error> {
+        let job = case.map_or(harness.name.clone(), |case| format!("{}.{case}", harness.name));
+        let folder = self.folder.join("jobs").join(&job);
         fs::create_dir_all(&folder).map_err(Error::file(&folder))?;
-        let own = |name: &str| format!("jobs/{}/{name}", harness.name);
-        let mut arguments: Vec<String> = FLAGS.iter().map(|word| (*word).to_owned()).collect();
+        let own = |name: &str| format!("jobs/{job}/{name}");
+        let mut arguments: Vec<String> = match case {
+            Some(case) => vec![format!("FUSELINE_CASE={case}"), "rustc".to_owned()],
+            None => vec!["rustc".to_owned()],
+        };
+        arguments.extend(FLAGS.iter().map(|word| (*word).to_owned()));
         arguments.extend([
             format!("--cfg=harness=\"{}\"", harness.name),
             "--crate-type=cdylib".to_owned(),
@@ -125,7 +134,7 @@ impl<'a> Copy<'a> {
             "proofs/src/lib.rs".to_owned(),
         ]);
         let what = harness.name.as_str();
-        self.tools.must(&self.folder, "rustc", what, &arguments)?;
+        self.tools.must(&self.folder, "env", what, &arguments)?;
         let words =
             |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
         self.tools.must(&folder, "wasm-strip", what, &words(&["proofs.wasm"]))?;
@@ -139,28 +148,18 @@ impl<'a> Copy<'a> {
         };
         let path = folder.join("generated.c");
         fs::write(&path, text).map_err(Error::file(&path))?;
+        let covers =
+            harness.covers.iter().fold(String::new(), |list, line| format!("{list}COVER({line}) "));
+        let arguments = words(&[
+            "-I.",
+            "-I../../proofs/engine",
+            "-DGENERATED=\"generated.c\"",
+            &format!("-DCOVERS={covers}"),
+            "../../proofs/engine/checker.c",
+            "-omain.gb",
+        ]);
+        self.tools.must(&folder, "goto-cc", what, &arguments)?;
         Ok(Ok(Generated { folder, data }))
-    }
-
-    /// Compiles the C of a harness for the checker, with these covers as properties or with its assertions.
-    ///
-    /// # Errors
-    /// It does not compile.
-    pub(crate) fn compile(&self, harness: &Harness, covers: bool) -> Result<(), Error> {
-        let folder = self.folder.join("jobs").join(&harness.name);
-        let mut arguments: Vec<String> =
-            ["-I.", "-I../../proofs/engine", "-DGENERATED=\"generated.c\""]
-                .map(str::to_owned)
-                .to_vec();
-        if covers {
-            let mut list = String::from("-DCOVERS=");
-            for line in &harness.covers {
-                let _ = write!(list, "COVER({line}) ");
-            }
-            arguments.push(list);
-        }
-        arguments.extend(["../../proofs/engine/checker.c".to_owned(), "-omain.gb".to_owned()]);
-        self.tools.must(&folder, "goto-cc", &harness.name, &arguments)
     }
 }
 

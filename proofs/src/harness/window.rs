@@ -3,7 +3,9 @@
 //! Every shape that balance allows is taken, nine in all, with any timestamps, sets and due instants. Where a node lies in
 //! the arrays is fixed: the tree compares places with each other and with none, and never orders them.
 
-use crate::any::{any_commit, any_entry, any_instant, any_slot, any_timestamp, earliest, least};
+use crate::any::{
+    any_case, any_commit, any_entry, any_instant, any_slot, any_timestamp, earliest, least,
+};
 use crate::source::Source;
 use crate::valid::{in_order, is_tree};
 use crate::window::{Entry, Place, Window};
@@ -15,7 +17,7 @@ type Tree = Window<0, 4>;
 /// Calls a function for each shape, of which one is any.
 macro_rules! any_shape {
     ($harness:ident) => {
-        match kani::any_where(|shape: &u8| *shape < 9) {
+        match any_case(9) {
             0 => $harness::<0>(),
             1 => $harness::<1>(),
             2 => $harness::<2>(),
@@ -32,7 +34,7 @@ macro_rules! any_shape {
 /// The same for each shape of up to three nodes, or of four.
 macro_rules! any_shape_of {
     (three, $harness:ident) => {
-        match kani::any_where(|shape: &u8| *shape < 5) {
+        match any_case(5) {
             0 => $harness::<0>(),
             1 => $harness::<1>(),
             2 => $harness::<2>(),
@@ -41,7 +43,7 @@ macro_rules! any_shape_of {
         }
     };
     (four, $harness:ident) => {
-        match kani::any_where(|shape: &u8| *shape < 4) {
+        match any_case(4) {
             0 => $harness::<5>(),
             1 => $harness::<6>(),
             2 => $harness::<7>(),
@@ -53,7 +55,7 @@ macro_rules! any_shape_of {
 /// Calls a function for each node of each shape with up to three nodes, of which one is any.
 macro_rules! any_node_of_three {
     ($harness:ident) => {
-        match kani::any_where(|node: &u8| *node < 8) {
+        match any_case(8) {
             0 => $harness::<1, 0>(),
             1 => $harness::<2, 0>(),
             2 => $harness::<2, 1>(),
@@ -69,7 +71,7 @@ macro_rules! any_node_of_three {
 /// The same for each shape with four nodes.
 macro_rules! any_node_of_four {
     ($harness:ident) => {
-        match kani::any_where(|node: &u8| *node < 16) {
+        match any_case(16) {
             0 => $harness::<5, 0>(),
             1 => $harness::<5, 1>(),
             2 => $harness::<5, 2>(),
@@ -186,6 +188,7 @@ pub fn p9_next_due_in_three() {
 
 /// As `p9_next_due_in_three`, for P9, F5 and A23 in larger trees.
 ///
+/// Cases: 4.
 /// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(6)]
@@ -263,6 +266,7 @@ pub fn p9_offer_in_three() {
 
 /// As `p9_offer_in_three`, for P9 in trees of four.
 ///
+/// Cases: 16.
 /// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(10)]
@@ -302,6 +306,7 @@ pub fn p9_close_in_three() {
 
 /// As `p9_close_in_three`, for P9 in trees of four.
 ///
+/// Cases: 16.
 /// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(10)]
@@ -336,6 +341,7 @@ pub fn p9_retire_in_three() {
 
 /// As `p9_retire_in_three`, for P9 in trees of four.
 ///
+/// Cases: 16.
 /// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(10)]
