@@ -146,6 +146,16 @@ pub(crate) fn any_entry<const CLOUDS: usize>(commit: Commit) -> Entry<CLOUDS> {
 pub(crate) fn any_window<const CLOUDS: usize, const SHAPE: usize>(
     commit: Commit,
 ) -> Window<CLOUDS, 4> {
+    let len = const { SHAPES[SHAPE].len };
+    let timestamps = kani::any_where(|of: &[u64; 4]| (1..len).all(|i| of[i - 1] < of[i]));
+    any_window_at::<CLOUDS, SHAPE>(commit, timestamps)
+}
+
+/// Any tree of this shape with these timestamps: any entries.
+pub(crate) fn any_window_at<const CLOUDS: usize, const SHAPE: usize>(
+    commit: Commit,
+    timestamps: [u64; 4],
+) -> Window<CLOUDS, 4> {
     let shape = const { &SHAPES[SHAPE] };
     let mut window = Window {
         nodes: [Node::NIL; 4],
@@ -155,7 +165,6 @@ pub(crate) fn any_window<const CLOUDS: usize, const SHAPE: usize>(
         free: NIL,
         len: shape.len,
     };
-    let timestamps = kani::any_where(|of: &[u64; 4]| (1..shape.len).all(|i| of[i - 1] < of[i]));
     for i in 0..4 {
         let (left, right) = shape.children[i];
         let node = &mut window.nodes[i];

@@ -28,5 +28,5 @@ pub const ALL: &[Named] = named! {
     time: a14_due_saturates a14_deadline_saturates;
     window: every_generated_tree_is_valid p9_lookup_in_three p9_lookup_in_four
         p9_next_due_in_three p9_next_due_in_four p9_open p9_offer_in_three p9_offer_in_four
-        p9_close_in_three p9_close_in_four p9_retire_in_three p9_retire_in_four;
+        p9_close_in_three p9_close_in_four p9_retire_in_three p9_retire_in_four p9_one_of_four;
 };

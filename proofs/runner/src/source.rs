@@ -11,13 +11,19 @@ use crate::error::Error;
 /// The folder of the harness files, from the root.
 pub(crate) const FOLDER: &str = "proofs/src/harness";
 
-/// The groups and the harnesses that are proved on request only.
-const SLOW: [&str; 5] = [
+/// The groups and the harnesses that are proved on request only: for their time, or because no seeded fault is theirs alone.
+const SLOW: [&str; 11] = [
     "sequence",
+    "p10_two_firings_are_two_calls",
+    "every_generated_tree_is_valid",
+    "p9_lookup_in_three",
+    "p9_lookup_in_four",
+    "p9_close_in_three",
     "p9_next_due_in_four",
     "p9_offer_in_four",
     "p9_close_in_four",
     "p9_retire_in_four",
+    "p9_one_of_four",
 ];
 
 /// One harness.

@@ -3,10 +3,18 @@
 //! Every shape that balance allows is taken, nine in all, with any timestamps, sets and due instants. Where a node lies in
 //! the arrays is fixed: the tree compares places with each other and with none, and never orders them.
 
+use crate::Admission;
 use crate::any::{
-    any_case, any_commit, any_entry, any_instant, any_slot, any_timestamp, earliest, least,
+    any_case, any_commit, any_deadline, any_entry, any_gate, any_instant, any_slot, any_source,
+    any_timestamp, earliest, least,
 };
+use crate::clouds::Clouds;
+use crate::fusion::Fusion;
+use crate::priority::Priority;
+use crate::slot::Event;
 use crate::source::Source;
+use crate::time::Timestamp;
+use crate::told;
 use crate::valid::{in_order, is_tree};
 use crate::window::{Entry, Place, Window};
 
@@ -348,4 +356,60 @@ pub fn p9_retire_in_three() {
 pub fn p9_retire_in_four() {
     let is_other = any_node_of_four!(removed);
     kani::cover!(is_other, "the next due is another");
+}
+
+/// The timestamps of `p9_one_of_four`: fixed, so that where one lies is known. That lookup finds any is `p9_lookup_in_four`.
+const TIMESTAMPS: [u64; 4] = [0, 1, u64::MAX - 1, u64::MAX];
+
+fn one_of<const SHAPE: usize, const AT: usize>() -> (bool, bool) {
+    let commit = any_commit();
+    let open = crate::any::any_window_at::<1, SHAPE>(commit, TIMESTAMPS);
+    let clouds = Clouds { priorities: [Priority::new(1)], gates: [any_gate()], len: 1 };
+    let newest = Some(Timestamp::new(TIMESTAMPS[3]));
+    let mut fusion = Fusion { commit, window: 4, clouds, now: any_instant(), newest, open };
+    kani::assume(fusion.next_due().is_none_or(|due| due > fusion.now));
+    let before = fusion.open.clone();
+    let slot = before.entries[AT].slot;
+    let (timestamp, source) = (Timestamp::new(TIMESTAMPS[AT]), any_source(1));
+    let priority = Priority::new(source.index().into());
+    let (expected, is_offer) = match kani::any_where(|kind: &u8| *kind < 3) {
+        0 => {
+            let _ = told::result(&mut fusion, timestamp, priority);
+            (slot.step(commit, Event::Result(source)).0, false)
+        }
+        1 => {
+            let _ = told::fail(&mut fusion, timestamp, priority);
+            (slot.step(commit, Event::Failure(source)).0, false)
+        }
+        _ => {
+            let asked = told::offer(&mut fusion, timestamp, priority, any_deadline(), kani::any());
+            let is_admitted = matches!(asked, Admission::Admitted { .. });
+            (if is_admitted { slot.offer(source).0 } else { slot }, is_admitted)
+        }
+    };
+    let is_retired = !expected.is_open();
+    kani::assert(is_tree(&fusion.open), "P9: it is a tree");
+    let same = others_stay(&before, &fusion.open, before.len, AT);
+    kani::assert(same, "P9: only its own timestamp changes");
+    kani::assert(fusion.len() == 4 - usize::from(is_retired), "P9: as many are open as were left");
+    let own = is_retired || fusion.open.entries[AT].slot == expected;
+    kani::assert(own, "F3: its own is as the step leaves it");
+    (is_retired, is_offer)
+}
+
+/// P9, F2, F3, F4, F7: an input to the whole machine for one timestamp of four changes no other.
+///
+/// Cases: 4.
+/// Bounds: window of 4, 1 cloud, one shape of tree, fixed timestamps.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_one_of_four() {
+    let (is_retired, is_offer) = match any_case(4) {
+        0 => one_of::<5, 0>(),
+        1 => one_of::<5, 1>(),
+        2 => one_of::<5, 2>(),
+        _ => one_of::<5, 3>(),
+    };
+    kani::cover!(is_retired, "it is retired");
+    kani::cover!(is_offer, "a request is admitted");
 }
