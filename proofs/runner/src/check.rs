@@ -101,10 +101,15 @@ pub(crate) fn prove(
         checked.verdict = match held(&ran, &generated) {
             Verdict::Proved if is_beyond => left_out(&ran),
             Verdict::Proved => reached(&ran, &mut unreached),
-            Verdict::Refuted(_) => {
-                // Traces of all properties would be long: that of this one is asked for.
-                let ran = checked.add(ask(tools, &generated, harness, limits, &ASSERTION)?);
-                held(&ran, &generated)
+            // Traces of all properties would be long: that of the one that fails is asked for.
+            verdict @ (Verdict::Refuted(_) | Verdict::Broken(_)) => {
+                let property = failing(&ran).unwrap_or_default();
+                let only = ["--unwinding-assertions", "--trace", "--property", &property];
+                let ran = checked.add(ask(tools, &generated, harness, limits, &only)?);
+                match held(&ran, &generated) {
+                    told @ (Verdict::Refuted(_) | Verdict::Broken(_)) => told,
+                    _ => verdict,
+                }
             }
             verdict => verdict,
         };
@@ -210,22 +215,42 @@ fn results(ran: &Ran) -> Result<Vec<Value>, Verdict> {
         .ok_or_else(|| why(ran.code))
 }
 
-/// Whether every property holds that must; covers and the end are not of these.
-fn held(ran: &Ran, generated: &Generated) -> Verdict {
-    let mut results = match results(ran) {
-        Ok(results) => results,
-        Err(verdict) => return verdict,
-    };
+/// The properties that must hold: covers and the end are not of these.
+fn required(ran: &Ran) -> Result<Vec<Value>, Verdict> {
+    let mut results = results(ran)?;
     results.retain(|result| {
         let description = result["description"].as_str().unwrap_or_default();
         description != "end" && !description.starts_with("cover ")
     });
-    let failed = |result: &&Value| result["status"] == "FAILURE";
-    let is_assertion = |result: &&Value| result["description"] == "assertion";
-    if let Some(result) = results.iter().filter(failed).find(is_assertion) {
+    Ok(results)
+}
+
+fn failed(result: &Value) -> bool {
+    result["status"] == "FAILURE"
+}
+
+fn is_assertion(result: &Value) -> bool {
+    result["description"] == "assertion"
+}
+
+/// The name of a property that fails, an assertion if one does.
+fn failing(ran: &Ran) -> Option<String> {
+    let required = required(ran).ok()?;
+    let assertion = required.iter().find(|result| failed(result) && is_assertion(result));
+    let found = assertion.or_else(|| required.iter().find(|result| failed(result)))?;
+    found["property"].as_str().map(str::to_owned)
+}
+
+/// Whether every property holds that must.
+fn held(ran: &Ran, generated: &Generated) -> Verdict {
+    let results = match required(ran) {
+        Ok(results) => results,
+        Err(verdict) => return verdict,
+    };
+    if let Some(result) = results.iter().find(|result| failed(result) && is_assertion(result)) {
         return Verdict::Refuted(counterexample(result, generated));
     }
-    if let Some(result) = results.iter().find(failed) {
+    if let Some(result) = results.iter().find(|result| failed(result)) {
         let found = counterexample(result, generated);
         let what = result["description"].as_str().unwrap_or("a property");
         return Verdict::Broken(format!("{what} {}", found.place).trim().to_owned());
@@ -233,7 +258,7 @@ fn held(ran: &Ran, generated: &Generated) -> Verdict {
     if let Some(result) = results.iter().find(|result| result["status"] != "SUCCESS") {
         return Verdict::Unknown(format!("{} is {}", result["property"], result["status"]));
     }
-    if results.iter().any(|result| is_assertion(&result)) {
+    if results.iter().any(is_assertion) {
         Verdict::Proved
     } else {
         Verdict::Unknown("no assertion was looked at".to_owned())
