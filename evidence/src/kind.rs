@@ -166,8 +166,7 @@ pub const KINDS: &[Kind] = &[
     Kind {
         name: "proof",
         title: "proofs",
-        // P9 and P10 are about several timestamps, which no run of every commit proves yet.
-        applies: |id| id.starts_with('P') && !matches!(id, "P9" | "P10"),
+        applies: |id| id.starts_with('P'),
         concerns: is_of_machine,
         run: Run::Prove,
         sources: &[CORE, NO_LIST, NO_SHARED, "proofs/src"],

@@ -1,24 +1,26 @@
 // Linear memory for the checker, in place of wasm2c's byte array: the stack as one small array of 64-bit words, the data
 // segment, which is never written, as constant bytes. Addresses are constants almost everywhere, so that the shifts and
-// the second words fold away. Anything beyond both is a trap.
+// the second words fold away. Where one is not, each word counts: so there are no more than the frames take. Anything
+// beyond both is a trap.
 //
-// STACK_BYTES, DATA_BYTES and the bytes DATA_INIT are defined by the runner.
+// STACK_LOW, below which no frame lies, STACK_BYTES, DATA_BYTES and the bytes DATA_INIT are defined by the runner.
 
-
-u64 STACK[STACK_BYTES / 8 + 1];
+u64 STACK[(STACK_BYTES - STACK_LOW) / 8 + 1];
 static const unsigned char DATA[DATA_BYTES + 8] = DATA_INIT;
 
+#define WORD(at) (((at) - STACK_LOW) >> 3)
+
 static inline void check_store(u64 at, u32 len) {
-  if (at + len > STACK_BYTES) wasm_rt_trap(WASM_RT_TRAP_OOB);
+  if (at < STACK_LOW || at + len > STACK_BYTES) wasm_rt_trap(WASM_RT_TRAP_OOB);
 }
 
 static inline void check_load(u64 at, u32 len) {
-  if (!(at + len <= STACK_BYTES || (at >= STACK_BYTES && at + len <= STACK_BYTES + DATA_BYTES)))
+  if (!((at >= STACK_LOW && at + len <= STACK_BYTES) || (at >= STACK_BYTES && at + len <= STACK_BYTES + DATA_BYTES)))
     wasm_rt_trap(WASM_RT_TRAP_OOB);
 }
 
 static inline u64 stack_bytes(u64 at, u32 len) {
-  u64 word = at >> 3, shift = (at & 7) * 8, value;
+  u64 word = WORD(at), shift = (at & 7) * 8, value;
   if (shift == 0) value = STACK[word];
   else value = STACK[word] >> shift;
   if (shift + 8 * len > 64) value |= STACK[word + 1] << (64 - shift);
@@ -26,7 +28,7 @@ static inline u64 stack_bytes(u64 at, u32 len) {
 }
 
 static inline void put_stack(u64 at, u32 len, u64 value) {
-  u64 word = at >> 3, shift = (at & 7) * 8;
+  u64 word = WORD(at), shift = (at & 7) * 8;
   u64 mask = len == 8 ? ~0ull : (1ull << (8 * len)) - 1;
   value &= mask;
   if (shift == 0 && len == 8) STACK[word] = value;
@@ -86,7 +88,7 @@ static inline void memory_fill(wasm_rt_memory_t* memory, u32 at, u32 byte, u32 l
   check_store(at, len);
   byte &= 255;
   if ((at & 7) == 0)
-    for (; i + 8 <= len; i += 8) STACK[(at + i) >> 3] = byte * 0x0101010101010101ull;
+    for (; i + 8 <= len; i += 8) STACK[WORD(at + i)] = byte * 0x0101010101010101ull;
   for (; i < len; i++) put_stack(at + i, 1, byte);
 }
 
@@ -101,13 +103,13 @@ static inline void memory_copy(wasm_rt_memory_t* memory, const wasm_rt_memory_t*
     for (; i < len; i++) put_stack(to + i, 1, DATA[from - STACK_BYTES + i]);
   } else if (to < from) {
     if (aligned)
-      for (; i + 8 <= len; i += 8) STACK[(to + i) >> 3] = STACK[(from + i) >> 3];
+      for (; i + 8 <= len; i += 8) STACK[WORD(to + i)] = STACK[WORD(from + i)];
     for (; i < len; i++) put_stack(to + i, 1, stack_bytes(from + i, 1));
   } else {
     i = len;
     if (aligned) {
       for (; i & 7; i--) put_stack(to + i - 1, 1, stack_bytes(from + i - 1, 1));
-      for (; i > 0; i -= 8) STACK[(to + i - 8) >> 3] = STACK[(from + i - 8) >> 3];
+      for (; i > 0; i -= 8) STACK[WORD(to + i - 8)] = STACK[WORD(from + i - 8)];
     }
     for (; i > 0; i--) put_stack(to + i - 1, 1, stack_bytes(from + i - 1, 1));
   }

@@ -9,6 +9,20 @@ use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
 use crate::window::{Entry, NIL, Node, Place, Window};
 
+/// Any number below `cases`. A checker that is asked about one case at a time is told which when this is compiled, so that
+/// all that hangs on it is a constant; a line `Cases:` tells the runner how many there are.
+pub(crate) fn any_case(cases: u8) -> u8 {
+    let case = kani::any_where(|case| *case < cases);
+    match option_env!("FUSELINE_CASE") {
+        None => case,
+        Some(only) => {
+            let only = only.bytes().fold(0, |number, digit| number * 10 + (digit - b'0'));
+            kani::assume(case == only);
+            only
+        }
+    }
+}
+
 pub(crate) fn any_commit() -> Commit {
     if kani::any() { Commit::Eager } else { Commit::Patient }
 }
@@ -132,6 +146,16 @@ pub(crate) fn any_entry<const CLOUDS: usize>(commit: Commit) -> Entry<CLOUDS> {
 pub(crate) fn any_window<const CLOUDS: usize, const SHAPE: usize>(
     commit: Commit,
 ) -> Window<CLOUDS, 4> {
+    let len = const { SHAPES[SHAPE].len };
+    let timestamps = kani::any_where(|of: &[u64; 4]| (1..len).all(|i| of[i - 1] < of[i]));
+    any_window_at::<CLOUDS, SHAPE>(commit, timestamps)
+}
+
+/// Any tree of this shape with these timestamps: any entries.
+pub(crate) fn any_window_at<const CLOUDS: usize, const SHAPE: usize>(
+    commit: Commit,
+    timestamps: [u64; 4],
+) -> Window<CLOUDS, 4> {
     let shape = const { &SHAPES[SHAPE] };
     let mut window = Window {
         nodes: [Node::NIL; 4],
@@ -141,7 +165,6 @@ pub(crate) fn any_window<const CLOUDS: usize, const SHAPE: usize>(
         free: NIL,
         len: shape.len,
     };
-    let timestamps = kani::any_where(|of: &[u64; 4]| (1..shape.len).all(|i| of[i - 1] < of[i]));
     for i in 0..4 {
         let (left, right) = shape.children[i];
         let node = &mut window.nodes[i];

@@ -46,4 +46,7 @@ pub use time::{Deadline, Instant, Timestamp};
 
 mod any;
 pub mod harness;
+mod told;
 mod valid;
+#[cfg(not(any(kani, target_arch = "wasm32")))]
+pub use told::take as take_told;

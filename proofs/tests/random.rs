@@ -5,6 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use fuseline_proofs::harness::ALL;
+use fuseline_traces::{Decision, Event, Input, Line};
 
 /// How many runs of each harness come to their end.
 const ACCEPTED: u64 = 10_000;
@@ -23,6 +24,24 @@ fn every_harness_holds_on_random_values_and_reaches_its_covers() {
             assert!(*times > 0, "{name} never reaches the cover at line {line}: {cover}");
         }
     }
+}
+
+/// A counterexample is told as a header, states behind a `#`, inputs and decisions, all as the trace has them.
+#[test]
+fn a_replay_is_told_in_lines_that_a_reader_of_traces_takes() {
+    // `p3_best_in_hand` when the least result in hand is forwarded.
+    let values = [1, 12033, 55424, 65534, 1, 2, 65535];
+    let harness = ALL.iter().find(|(name, _)| *name == "p3_best_in_hand").expect("it is there").1;
+    kani::native::replay(harness, &values).expect("the machine as it ships holds");
+    let told = fuseline_proofs::take_told();
+    let (states, lines): (Vec<&String>, Vec<&String>) =
+        told.iter().partition(|line| line.starts_with('#'));
+    assert_eq!(states.len(), 1);
+    let read = lines.iter().map(|line| fuseline_traces::parse(line.as_bytes()).expect("a line"));
+    let read: Vec<Line> = read.collect();
+    assert!(matches!(read[0], Line::Header(_)));
+    assert!(matches!(read[1], Line::Event(Event::Input(Input::Tick { .. }))));
+    assert!(matches!(read[2..], [.., Line::Event(Event::Decision(Decision::Emit { p: 10, .. }))]));
 }
 
 fn sources() -> Vec<String> {
@@ -64,7 +83,16 @@ fn the_modules_are_those_of_the_core() {
     let missing: Vec<&String> = core.difference(&own).collect();
     let others: Vec<&String> = own.difference(&core).collect();
     assert_eq!(missing, ["pub mod shared;"]);
-    assert_eq!(others, ["mod any;", "mod valid;", "pub mod harness;"]);
+    assert_eq!(
+        others,
+        [
+            "mod any;",
+            "mod told;",
+            "mod valid;",
+            "pub mod harness;",
+            "pub use told::take as take_told;"
+        ]
+    );
     for module in core.iter().filter_map(|line| line.strip_prefix("mod ")) {
         let path = format!("#[path = \"../../core/src/{}.rs\"]", module.trim_end_matches(';'));
         assert!(text.contains(&path), "{module} is not the core's");

@@ -1,5 +1,7 @@
 //! What the checker says of one harness.
 
+use std::collections::BTreeSet;
+
 use serde_json::Value;
 
 use crate::error::Error;
@@ -9,6 +11,9 @@ use crate::translate::{Copy, Generated};
 
 /// Loops of the memory run as often as there are bytes to move; all others as often as the harness says.
 const MEMORY_LOOPS: [(&str, u32); 2] = [("memory_copy", 6), ("memory_fill", 2)];
+
+/// Asks for the values that refute an assertion of the harness, and for nothing else.
+const ASSERTION: [&str; 3] = ["--property", "w2c_kani_check.assertion.1", "--trace"];
 
 /// The verdict about a harness.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -47,6 +52,13 @@ pub(crate) struct Checked {
 }
 
 impl Checked {
+    /// Counts what a run cost.
+    fn add(&mut self, ran: Ran) -> Ran {
+        self.seconds += ran.seconds;
+        self.peak_mib = self.peak_mib.max(ran.peak_mib);
+        ran
+    }
+
     /// What cannot be given to the checker.
     fn broken(why: String) -> Self {
         Self { verdict: Verdict::Broken(why), seconds: 0.0, peak_mib: 0 }
@@ -76,20 +88,37 @@ pub(crate) fn prove(
     harness: &Harness,
     limits: Limits,
 ) -> Result<Checked, Error> {
-    let generated = match copy.generate(harness)? {
-        Ok(generated) => generated,
-        Err(why) => return Ok(Checked::broken(why)),
-    };
-    copy.compile(harness, false)?;
-    let ran = ask(tools, &generated, harness, limits, &["--unwinding-assertions", "--trace"])?;
-    let mut checked =
-        Checked { verdict: held(&ran, &generated), seconds: ran.seconds, peak_mib: ran.peak_mib };
-    if checked.verdict == Verdict::Proved {
-        copy.compile(harness, true)?;
-        let ran = ask(tools, &generated, harness, limits, &["--no-unwinding-assertions"])?;
-        checked.verdict = reached(&ran, harness);
-        checked.seconds += ran.seconds;
-        checked.peak_mib = checked.peak_mib.max(ran.peak_mib);
+    let mut checked = Checked { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
+    let mut unreached: BTreeSet<u32> = harness.covers.iter().copied().collect();
+    for case in cases(harness) {
+        let generated = match copy.generate(harness, case)? {
+            Ok(generated) => generated,
+            Err(why) => return Ok(Checked::broken(why)),
+        };
+        let ran =
+            checked.add(ask(tools, &generated, harness, limits, &["--unwinding-assertions"])?);
+        let is_beyond = case.is_some() && case == harness.cases;
+        checked.verdict = match held(&ran, &generated) {
+            Verdict::Proved if is_beyond => left_out(&ran),
+            Verdict::Proved => reached(&ran, &mut unreached),
+            // Traces of all properties would be long: that of the one that fails is asked for.
+            verdict @ (Verdict::Refuted(_) | Verdict::Broken(_)) => {
+                let property = failing(&ran).unwrap_or_default();
+                let only = ["--unwinding-assertions", "--trace", "--property", &property];
+                let ran = checked.add(ask(tools, &generated, harness, limits, &only)?);
+                match held(&ran, &generated) {
+                    told @ (Verdict::Refuted(_) | Verdict::Broken(_)) => told,
+                    _ => verdict,
+                }
+            }
+            verdict => verdict,
+        };
+        if checked.verdict != Verdict::Proved {
+            return Ok(checked);
+        }
+    }
+    if let Some(line) = unreached.first() {
+        checked.verdict = Verdict::Unreached(format!("the cover at line {line}"));
     }
     Ok(checked)
 }
@@ -104,15 +133,27 @@ pub(crate) fn refute(
     harness: &Harness,
     limits: Limits,
 ) -> Result<Checked, Error> {
-    let generated = match copy.generate(harness)? {
-        Ok(generated) => generated,
-        Err(why) => return Ok(Checked::broken(why)),
-    };
-    copy.compile(harness, false)?;
-    let only = ["--property", "w2c_kani_check.assertion.1", "--trace"];
-    let ran = ask(tools, &generated, harness, limits, &only)?;
-    let verdict = held(&ran, &generated);
-    Ok(Checked { verdict, seconds: ran.seconds, peak_mib: ran.peak_mib })
+    let mut checked = Checked { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
+    for case in cases(harness).into_iter().filter(|case| case.is_none() || *case != harness.cases) {
+        let generated = match copy.generate(harness, case)? {
+            Ok(generated) => generated,
+            Err(why) => return Ok(Checked::broken(why)),
+        };
+        let ran = checked.add(ask(tools, &generated, harness, limits, &ASSERTION)?);
+        checked.verdict = held(&ran, &generated);
+        if checked.verdict != Verdict::Proved {
+            break;
+        }
+    }
+    Ok(checked)
+}
+
+/// What the checker is asked about, one after another: each case, and that there is none beyond the last; or the whole.
+fn cases(harness: &Harness) -> Vec<Option<u32>> {
+    match harness.cases {
+        Some(cases) => (0..=cases).map(Some).collect(),
+        None => vec![None],
+    }
 }
 
 fn ask(
@@ -174,18 +215,42 @@ fn results(ran: &Ran) -> Result<Vec<Value>, Verdict> {
         .ok_or_else(|| why(ran.code))
 }
 
-/// Whether every property holds.
+/// The properties that must hold: covers and the end are not of these.
+fn required(ran: &Ran) -> Result<Vec<Value>, Verdict> {
+    let mut results = results(ran)?;
+    results.retain(|result| {
+        let description = result["description"].as_str().unwrap_or_default();
+        description != "end" && !description.starts_with("cover ")
+    });
+    Ok(results)
+}
+
+fn failed(result: &Value) -> bool {
+    result["status"] == "FAILURE"
+}
+
+fn is_assertion(result: &Value) -> bool {
+    result["description"] == "assertion"
+}
+
+/// The name of a property that fails, an assertion if one does.
+fn failing(ran: &Ran) -> Option<String> {
+    let required = required(ran).ok()?;
+    let assertion = required.iter().find(|result| failed(result) && is_assertion(result));
+    let found = assertion.or_else(|| required.iter().find(|result| failed(result)))?;
+    found["property"].as_str().map(str::to_owned)
+}
+
+/// Whether every property holds that must.
 fn held(ran: &Ran, generated: &Generated) -> Verdict {
-    let results = match results(ran) {
+    let results = match required(ran) {
         Ok(results) => results,
         Err(verdict) => return verdict,
     };
-    let failed = |result: &&Value| result["status"] == "FAILURE";
-    let is_assertion = |result: &&Value| result["description"] == "assertion";
-    if let Some(result) = results.iter().filter(failed).find(is_assertion) {
+    if let Some(result) = results.iter().find(|result| failed(result) && is_assertion(result)) {
         return Verdict::Refuted(counterexample(result, generated));
     }
-    if let Some(result) = results.iter().find(failed) {
+    if let Some(result) = results.iter().find(|result| failed(result)) {
         let found = counterexample(result, generated);
         let what = result["description"].as_str().unwrap_or("a property");
         return Verdict::Broken(format!("{what} {}", found.place).trim().to_owned());
@@ -193,15 +258,24 @@ fn held(ran: &Ran, generated: &Generated) -> Verdict {
     if let Some(result) = results.iter().find(|result| result["status"] != "SUCCESS") {
         return Verdict::Unknown(format!("{} is {}", result["property"], result["status"]));
     }
-    if results.iter().any(|result| is_assertion(&result)) {
+    if results.iter().any(is_assertion) {
         Verdict::Proved
     } else {
         Verdict::Unknown("no assertion was looked at".to_owned())
     }
 }
 
-/// Whether each cover and the end are reached: whether their properties fail.
-fn reached(ran: &Ran, harness: &Harness) -> Verdict {
+/// Whether the end is not reached: the harness leaves this case out.
+fn left_out(ran: &Ran) -> Verdict {
+    match reached(ran, &mut BTreeSet::new()) {
+        Verdict::Unreached(_) => Verdict::Proved,
+        Verdict::Proved => Verdict::Broken("there are more cases than are asked about".to_owned()),
+        verdict => verdict,
+    }
+}
+
+/// Whether the end is reached: whether its property fails. Takes the covers that are reached out of the set.
+fn reached(ran: &Ran, unreached: &mut BTreeSet<u32>) -> Verdict {
     let results = match results(ran) {
         Ok(results) => results,
         Err(verdict) => return verdict,
@@ -209,14 +283,8 @@ fn reached(ran: &Ran, harness: &Harness) -> Verdict {
     let is_reached = |what: &str| {
         results.iter().any(|result| result["description"] == what && result["status"] == "FAILURE")
     };
-    if !is_reached("end") {
-        return Verdict::Unreached("its end".to_owned());
-    }
-    let covers = harness.covers.iter();
-    match covers.copied().find(|line| !is_reached(&format!("cover {line}"))) {
-        Some(line) => Verdict::Unreached(format!("the cover at line {line}")),
-        None => Verdict::Proved,
-    }
+    unreached.retain(|line| !is_reached(&format!("cover {line}")));
+    if is_reached("end") { Verdict::Proved } else { Verdict::Unreached("its end".to_owned()) }
 }
 
 /// The inputs of a trace, in their order.

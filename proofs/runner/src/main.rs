@@ -4,6 +4,7 @@ mod check;
 mod error;
 mod fault;
 mod kani_engine;
+mod kept;
 mod ledger;
 mod record;
 mod run;
@@ -48,6 +49,9 @@ struct Cli {
     /// Record the harnesses, assertions and covers that there are now.
     #[arg(long)]
     record: bool,
+    /// Keep what is proved of the slow tier in its committed ledger.
+    #[arg(long)]
+    keep: bool,
     /// Say what there is to prove, and stop.
     #[arg(long)]
     list: bool,
@@ -117,6 +121,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     if cli.record {
         record.take(&sources);
         record.save(tree)?;
+        kept::Kept::load(tree)?.take(tree, &sources)?;
         return Ok(true);
     }
     let seconds = cli.time.unwrap_or(if cli.tier == Tier::Slow { 3600 } else { 600 });
@@ -128,6 +133,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
         jobs: usize::from(cli.jobs),
         limits,
         json: cli.json,
+        keep: cli.keep,
     };
     let slow = cli.tier == Tier::Slow;
     if cli.search {
@@ -139,7 +145,12 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     }
     let whole = cli.harness.is_empty();
     if whole {
-        let wrong = record.shrunk(&sources);
+        let mut wrong = record.shrunk(&sources);
+        let kept = kept::Kept::load(tree)?;
+        if !slow {
+            wrong.extend(kept.differs(&sources));
+            eprintln!("{}", kept.told(&kept::digest(tree)?));
+        }
         for wrong in &wrong {
             eprintln!("{wrong}");
         }
@@ -164,7 +175,11 @@ fn replay(name: &str, values: &[String]) -> Result<bool, Error> {
     let (_, harness) = found.ok_or_else(|| none("harness", name))?;
     let parse = |value: &String| value.parse::<u64>().map_err(|_| none("value", value));
     let values = values.iter().map(parse).collect::<Result<Vec<_>, _>>()?;
-    match kani::native::replay(*harness, &values) {
+    let ended = kani::native::replay(*harness, &values);
+    for line in fuseline_proofs::take_told() {
+        println!("{line}");
+    }
+    match ended {
         Ok(report) => {
             println!("it holds for these values: {} assertions", report.assertions.len());
             Ok(true)

@@ -11,6 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::check::{self, Checked, Verdict};
 use crate::error::Error;
 use crate::fault::{self, Fault};
+use crate::kept::{self, Kept};
 use crate::ledger::Line;
 use crate::record::{Caught, Record};
 use crate::source::{Harness, Sources};
@@ -28,6 +29,8 @@ pub(crate) struct Run<'a> {
     pub(crate) jobs: usize,
     pub(crate) limits: Limits,
     pub(crate) json: bool,
+    /// Whether the slow tier's ledger is written anew.
+    pub(crate) keep: bool,
 }
 
 impl Run<'_> {
@@ -43,13 +46,20 @@ impl Run<'_> {
         };
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
+        let kept = Mutex::new(Kept::load(self.tree)?);
+        let digest = kept::digest(self.tree)?;
         let lines = self.all(
             "harnesses",
             &harnesses,
             |line| self.tell(line),
             |harness| {
                 let checked = check::prove(&tools, &copy, harness, self.limits)?;
-                Ok((harness.name.clone(), line(harness, None, checked)))
+                let line = line(harness, None, checked);
+                if self.keep && line.good {
+                    let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+                    kept.add(self.tree, &line, &digest)?;
+                }
+                Ok((harness.name.clone(), line))
             },
         )?;
         Ok(self.sum_up(&lines, "proved") && !harnesses.is_empty())

@@ -11,8 +11,20 @@ use crate::error::Error;
 /// The folder of the harness files, from the root.
 pub(crate) const FOLDER: &str = "proofs/src/harness";
 
-/// The groups and the harnesses that are proved on request only.
-const SLOW: [&str; 3] = ["fusion", "window", "p10_order_of_clouds"];
+/// The groups and the harnesses that are proved on request only: for their time, or because no seeded fault is theirs alone.
+const SLOW: [&str; 11] = [
+    "sequence",
+    "p10_two_firings_are_two_calls",
+    "every_generated_tree_is_valid",
+    "p9_lookup_in_three",
+    "p9_lookup_in_four",
+    "p9_close_in_three",
+    "p9_next_due_in_four",
+    "p9_offer_in_four",
+    "p9_close_in_four",
+    "p9_retire_in_four",
+    "p9_one_of_four",
+];
 
 /// One harness.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -24,6 +36,8 @@ pub(crate) struct Harness {
     pub(crate) says: String,
     /// What it is bounded to.
     pub(crate) bounds: String,
+    /// How many values its first choice has, if the checker is asked about one at a time.
+    pub(crate) cases: Option<u32>,
     pub(crate) unwind: u32,
     pub(crate) solver: String,
     /// The lines of its covers.
@@ -117,17 +131,22 @@ impl Harness {
         let said = above.iter().filter_map(|line| line.strip_prefix("///")).map(str::trim);
         let (bounds, says): (Vec<&str>, Vec<&str>) =
             said.partition(|line| line.starts_with("Bounds: "));
+        let (cases, says): (Vec<&str>, Vec<&str>) =
+            says.into_iter().partition(|line| line.starts_with("Cases: "));
         let lacks = |what: &str| format!("{name} has no {what}");
         let [bounds] = bounds[..] else { return Err(lacks("line of bounds")) };
         if covers.is_empty() {
             return Err(lacks("cover"));
         }
+        let number = |line: &&str| line.trim_start_matches("Cases: ").trim_end_matches('.').parse();
+        let cases = cases.first().map(number).transpose().map_err(|_| lacks("number of cases"))?;
         let unwind = attribute("unwind").unwrap_or("20");
         Ok(Self {
             name: name.to_owned(),
             group: group.to_owned(),
             says: says.join(" ").trim().to_owned(),
             bounds: bounds.trim_start_matches("Bounds: ").trim_end_matches('.').to_owned(),
+            cases,
             unwind: unwind.parse().map_err(|_| lacks("number to unwind to"))?,
             solver: attribute("solver").unwrap_or("cadical").to_owned(),
             covers,
@@ -152,6 +171,15 @@ mod tests {
         assert_eq!((harness.says.as_str(), harness.bounds.as_str()), ("P1: once.", "none"));
         assert_eq!(harness.covers, [7]);
         assert_eq!(sources.assertions["slot::p1_once"], 1);
+    }
+
+    #[test]
+    fn cases_are_read_and_are_no_part_of_what_is_said() {
+        let mut sources = Sources::default();
+        let text = TEXT.replace("/// Bounds", "/// Cases: 9.\n/// Bounds");
+        sources.add("slot", &text).expect("it is complete");
+        assert_eq!(sources.harnesses[0].cases, Some(9));
+        assert_eq!(sources.harnesses[0].says, "P1: once.");
     }
 
     #[test]

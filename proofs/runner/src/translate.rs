@@ -36,7 +36,7 @@ pub(crate) struct Copy<'a> {
     folder: PathBuf,
 }
 
-/// A harness as C.
+/// A harness as the checker takes it, in a file `main.gb`.
 pub(crate) struct Generated {
     folder: PathBuf,
     /// The data segment, in which texts lie.
@@ -98,15 +98,24 @@ impl<'a> Copy<'a> {
         let _ = fs::remove_dir_all(&self.folder);
     }
 
-    /// The C of one harness, or why it cannot be given to the checker.
+    /// One harness for the checker, or why it cannot be given to it; of a harness of cases one case, as a constant.
     ///
     /// # Errors
     /// It does not build.
-    pub(crate) fn generate(&self, harness: &Harness) -> Result<Result<Generated, String>, Error> {
-        let folder = self.folder.join("jobs").join(&harness.name);
+    pub(crate) fn generate(
+        &self,
+        harness: &Harness,
+        case: Option<u32>,
+    ) -> Result<Result<Generated, String>, Error> {
+        let job = case.map_or(harness.name.clone(), |case| format!("{}.{case}", harness.name));
+        let folder = self.folder.join("jobs").join(&job);
         fs::create_dir_all(&folder).map_err(Error::file(&folder))?;
-        let own = |name: &str| format!("jobs/{}/{name}", harness.name);
-        let mut arguments: Vec<String> = FLAGS.iter().map(|word| (*word).to_owned()).collect();
+        let own = |name: &str| format!("jobs/{job}/{name}");
+        let mut arguments: Vec<String> = match case {
+            Some(case) => vec![format!("FUSELINE_CASE={case}"), "rustc".to_owned()],
+            None => vec!["rustc".to_owned()],
+        };
+        arguments.extend(FLAGS.iter().map(|word| (*word).to_owned()));
         arguments.extend([
             format!("--cfg=harness=\"{}\"", harness.name),
             "--crate-type=cdylib".to_owned(),
@@ -125,7 +134,7 @@ impl<'a> Copy<'a> {
             "proofs/src/lib.rs".to_owned(),
         ]);
         let what = harness.name.as_str();
-        self.tools.must(&self.folder, "rustc", what, &arguments)?;
+        self.tools.must(&self.folder, "env", what, &arguments)?;
         let words =
             |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
         self.tools.must(&folder, "wasm-strip", what, &words(&["proofs.wasm"]))?;
@@ -139,28 +148,18 @@ impl<'a> Copy<'a> {
         };
         let path = folder.join("generated.c");
         fs::write(&path, text).map_err(Error::file(&path))?;
+        let covers =
+            harness.covers.iter().fold(String::new(), |list, line| format!("{list}COVER({line}) "));
+        let arguments = words(&[
+            "-I.",
+            "-I../../proofs/engine",
+            "-DGENERATED=\"generated.c\"",
+            &format!("-DCOVERS={covers}"),
+            "../../proofs/engine/checker.c",
+            "-omain.gb",
+        ]);
+        self.tools.must(&folder, "goto-cc", what, &arguments)?;
         Ok(Ok(Generated { folder, data }))
-    }
-
-    /// Compiles the C of a harness for the checker, with these covers as properties or with its assertions.
-    ///
-    /// # Errors
-    /// It does not compile.
-    pub(crate) fn compile(&self, harness: &Harness, covers: bool) -> Result<(), Error> {
-        let folder = self.folder.join("jobs").join(&harness.name);
-        let mut arguments: Vec<String> =
-            ["-I.", "-I../../proofs/engine", "-DGENERATED=\"generated.c\""]
-                .map(str::to_owned)
-                .to_vec();
-        if covers {
-            let mut list = String::from("-DCOVERS=");
-            for line in &harness.covers {
-                let _ = write!(list, "COVER({line}) ");
-            }
-            arguments.push(list);
-        }
-        arguments.extend(["../../proofs/engine/checker.c".to_owned(), "-omain.gb".to_owned()]);
-        self.tools.must(&folder, "goto-cc", &harness.name, &arguments)
     }
 }
 
@@ -179,9 +178,7 @@ impl Generated {
 
 /// wasm2c's C with the checker's memory, and the data segment.
 fn with_memory(text: &str) -> Result<(String, Vec<u8>), String> {
-    if calls_indirectly(text)? {
-        return Err("there is an indirect call in what is proved".to_owned());
-    }
+    let stack_low = STACK_BYTES.checked_sub(frames(text)?).ok_or("the frames need more stack")?;
     let cut = |text: &str, from: &str, to: &str, by: &str| {
         let start = text.find(from).ok_or_else(|| format!("no {from}"))?;
         let end = text[start..].find(to).ok_or_else(|| format!("no {to}"))? + start;
@@ -206,8 +203,8 @@ fn with_memory(text: &str) -> Result<(String, Vec<u8>), String> {
             data.push(u8::from_str_radix(digits, 16).map_err(|error| error.to_string())?);
         }
     }
-    let mut memory =
-        format!("#define STACK_BYTES {STACK_BYTES}\n#define DATA_BYTES {}\n", data.len());
+    let mut memory = format!("#define STACK_BYTES {STACK_BYTES}\n#define STACK_LOW {stack_low}\n");
+    let _ = writeln!(memory, "#define DATA_BYTES {}", data.len());
     memory.push_str("#define DATA_INIT { ");
     for byte in &data {
         let _ = write!(memory, "{byte}, ");
@@ -220,12 +217,15 @@ fn with_memory(text: &str) -> Result<(String, Vec<u8>), String> {
     Ok((format!("{}{memory}{}", &text[..start], &text[end..]), data))
 }
 
-/// Whether the harness, or what it calls, calls through a pointer. The texts of panics are written by such calls, but
-/// nothing writes them here.
-fn calls_indirectly(text: &str) -> Result<bool, String> {
+/// How many bytes of stack the harness and what it calls can take, each function at most once; whoever takes more is
+/// trapped. An error if one of them calls through a pointer. The texts of panics are written by such calls, but nothing
+/// writes them here.
+fn frames(text: &str) -> Result<u32, String> {
     let head = Regex::new(r"(?m)^\w+ (w2c_proofs_\w+)\(w2c_proofs\* instance[^;{]*\) \{$");
     let call = Regex::new(r"\b(w2c_proofs_\w+)\(instance");
+    let frame = Regex::new(r"= instance->w2c_g0;\s+var_i1 = (\d+)u;\s+var_i0 -= var_i1;");
     let (head, call) = (head.map_err(|e| e.to_string())?, call.map_err(|e| e.to_string())?);
+    let frame = frame.map_err(|e| e.to_string())?;
     let mut bodies = BTreeMap::new();
     for found in head.captures_iter(text) {
         let body = &text[found.get(0).map_or(0, |head| head.end())..];
@@ -233,18 +233,23 @@ fn calls_indirectly(text: &str) -> Result<bool, String> {
     }
     let mut reached = BTreeSet::new();
     let mut next = vec!["w2c_proofs_harness_0".to_owned()];
+    let mut bytes: u32 = 0;
     while let Some(name) = next.pop() {
         if reached.contains(&name) {
             continue;
         }
         let body = bodies.get(&name).ok_or_else(|| format!("no function {name}"))?;
         if body.contains("CALL_INDIRECT(") {
-            return Ok(true);
+            return Err("there is an indirect call in what is proved".to_owned());
+        }
+        for found in frame.captures_iter(body) {
+            let own: u32 = found[1].parse().map_err(|_| "a frame that is no number")?;
+            bytes = bytes.saturating_add(own.next_multiple_of(16));
         }
         next.extend(call.captures_iter(body).map(|found| found[1].to_owned()));
         reached.insert(name);
     }
-    Ok(false)
+    Ok(bytes)
 }
 
 /// Copies files and folders, but nothing that was built.
@@ -270,16 +275,19 @@ mod tests {
 
     const C: &str = "static void w2c_proofs_harness_0(w2c_proofs*);\n\
         void w2c_proofs_harness_0(w2c_proofs* instance) {\n  w2c_proofs_f3(instance, var_i0);\n}\n\n\
-        u32 w2c_proofs_f3(w2c_proofs* instance, u32 var_p0) {\n  var_i0 = 1u;\n}\n\n\
+        u32 w2c_proofs_f3(w2c_proofs* instance, u32 var_p0) {\n  var_i0 = instance->w2c_g0;\n  \
+        var_i1 = 24u;\n  var_i0 -= var_i1;\n  var_i0 = 1u;\n}\n\n\
         void w2c_proofs_f4(w2c_proofs* instance) {\n  CALL_INDIRECT(instance->w2c_T0);\n}\n";
 
     #[test]
     fn indirect_call_counts_where_the_harness_gets() {
-        assert_eq!(calls_indirectly(C), Ok(false));
-        assert_eq!(
-            calls_indirectly(&C.replace("var_i0 = 1u", "w2c_proofs_f4(instance)")),
-            Ok(true)
-        );
-        assert!(calls_indirectly("").is_err());
+        assert!(frames(C).is_ok());
+        assert!(frames(&C.replace("var_i0 = 1u", "w2c_proofs_f4(instance)")).is_err());
+        assert!(frames("").is_err());
+    }
+
+    #[test]
+    fn frames_of_what_is_called_are_counted_in_whole_slots() {
+        assert_eq!(frames(C), Ok(32));
     }
 }

@@ -3,6 +3,7 @@
 use crate::any::{any_commit, any_slot, any_source, slot_of};
 use crate::slot::{Commit, Decision, Event, Slot};
 use crate::source::{Source, Sources};
+use crate::told::{offer_to, step};
 use crate::valid::{is_limited, is_valid};
 use crate::{DropReason, OfferRefusal};
 
@@ -101,14 +102,14 @@ pub fn every_valid_state_is_generated_and_accepted() {
 pub fn p1_once() {
     let commit = any_commit();
     let event = any_event();
-    let (after, decision) = any_slot(commit, CLOUDS).step(commit, event);
+    let (after, decision) = step(any_slot(commit, CLOUDS), commit, event);
     let ends = matches!(decision, Decision::Forwarded { .. } | Decision::Missed);
     kani::assert(ends != after.is_open(), "P1 once: it is retired when it is forwarded or missed");
     kani::assert(after.is_open() || bits(after) == [0; 4], "P1 once: nothing of it remains");
-    let (still, again) = Slot::RETIRED.step(commit, event);
+    let (still, again) = step(Slot::RETIRED, commit, event);
     let ends_again = matches!(again, Decision::Forwarded { .. } | Decision::Missed);
     kani::assert(!ends_again && still == Slot::RETIRED, "P1 once: a retired timestamp stays so");
-    let (still, refusal) = Slot::RETIRED.offer(any_source(CLOUDS));
+    let (still, refusal) = offer_to(Slot::RETIRED, commit, any_source(CLOUDS));
     let is_closed = refusal == Some(OfferRefusal::Closed) && still == Slot::RETIRED;
     kani::assert(is_closed, "P1 once: no offer opens it again");
     kani::cover!(decision == Decision::Missed, "it is missed");
@@ -123,7 +124,7 @@ pub fn p2_never_late() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let event = any_event();
-    let (after, decision) = before.step(commit, event);
+    let (after, decision) = step(before, commit, event);
     let arriving = match event {
         Event::Result(source) => bit(source) & bits(before)[1],
         Event::Failure(_) | Event::Timers(_) => 0,
@@ -140,7 +141,7 @@ pub fn p2_never_late() {
     kani::assert(bits(after)[1] & fired == 0, "P2 never late: what fired is pending no more");
     let late = any_source(CLOUDS);
     let is_closed = before.requested().contains(late) && bits(before)[1] & bit(late) == 0;
-    let (still, dropped) = before.step(commit, Event::Result(late));
+    let (still, dropped) = step(before, commit, Event::Result(late));
     let is_dropped = matches!(dropped, Decision::Dropped(_)) && still == before;
     kani::assert(!is_closed || is_dropped, "P2 never late: what is closed is dropped");
     kani::cover!(fired != 0 && after.is_open(), "a timer fires");
@@ -155,7 +156,7 @@ pub fn p3_best_in_hand() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let event = any_event();
-    let (_, decision) = before.step(commit, event);
+    let (_, decision) = step(before, commit, event);
     let mut in_hand = bits(before)[3];
     if let Event::Result(source) = event {
         in_hand |= bit(source) & bits(before)[1];
@@ -178,12 +179,12 @@ pub fn p4_prompt() {
     let commit = any_commit();
     kani::assert(is_valid(commit, Slot::open(kani::any())), "P4 prompt: just opened it is valid");
     let before = any_slot(commit, CLOUDS);
-    let (after, _) = before.step(commit, any_event());
+    let (after, _) = step(before, commit, any_event());
     kani::assert(
         !after.is_open() || is_valid(commit, after),
         "P4 prompt: an event leaves it valid",
     );
-    let (offered, refusal) = before.offer(any_source(CLOUDS));
+    let (offered, refusal) = offer_to(before, commit, any_source(CLOUDS));
     kani::assert(is_valid(commit, offered), "P4 prompt: an offer leaves it valid");
     kani::cover!(after.is_open() && after.cached() != before.cached(), "a result is held");
     kani::cover!(refusal.is_none() && !before.cached().is_empty(), "a request joins a held result");
@@ -200,7 +201,7 @@ pub fn p5_local_floor() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let event = any_event();
-    let (after, decision) = before.step(commit, event);
+    let (after, decision) = step(before, commit, event);
     let is_forwarded = matches!(decision, Decision::Forwarded { .. });
     let had = before.cached().contains(Source::LOCAL);
     let has = after.cached().contains(Source::LOCAL);
@@ -227,7 +228,7 @@ pub fn p5_local_floor() {
 pub fn p6_free_without_cloud() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
-    let (after, decision) = before.step(commit, Event::Result(Source::LOCAL));
+    let (after, decision) = step(before, commit, Event::Result(Source::LOCAL));
     let alone = before.requested() == Sources::LOCAL;
     let forwarded = Decision::Forwarded { by: Source::LOCAL, cancelled: Sources::EMPTY };
     let goes = decision == forwarded && !after.is_open();
@@ -257,13 +258,13 @@ pub fn p7_no_stall() {
         "P7 no stall: with a limit a timer is armed",
     );
     let event = any_event();
-    let (after, decision) = before.step(commit, event);
+    let (after, decision) = step(before, commit, event);
     let kept = !limited || !after.is_open() || is_limited(after);
     kani::assert(kept, "P7 no stall: an event keeps a limited timestamp limited");
     kani::assert(before.armed().contains_all(after.armed()), "P7 no stall: no event arms a timer");
-    let (offered, _) = before.offer(any_source(CLOUDS));
+    let (offered, _) = offer_to(before, commit, any_source(CLOUDS));
     kani::assert(!limited || is_limited(offered), "P7 no stall: so does an offer");
-    let (end, _) = before.step(commit, Event::Timers(before.armed()));
+    let (end, _) = step(before, commit, Event::Timers(before.armed()));
     kani::assert(!limited || !end.is_open(), "P7 no stall: once all timers fired it is retired");
     kani::cover!(limited && decision == Decision::Missed, "a limited timestamp is missed");
     kani::cover!(!limited && end.is_open(), "one without a limit waits for local");
@@ -278,7 +279,7 @@ pub fn p8_timers() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let event = any_event();
-    let (after, decision) = before.step(commit, event);
+    let (after, decision) = step(before, commit, event);
     let accepted = !matches!(decision, Decision::Dropped(_));
     let ended = match event {
         Event::Timers(fired) => fired.bits(),
@@ -291,7 +292,7 @@ pub fn p8_timers() {
     let is_exact = !after.is_open() || bits(after)[2] == bits(before)[2] & !ended;
     kani::assert(is_exact, "P8 timers: those end that must, and no others");
     let source = any_source(CLOUDS);
-    let (offered, refusal) = before.offer(source);
+    let (offered, refusal) = offer_to(before, commit, source);
     let armed = if refusal.is_none() { bit(source) } else { 0 };
     let is_one_more = bits(offered)[2] == bits(before)[2] | armed;
     kani::assert(is_one_more, "P8 timers: an admitted request arms its own");
@@ -316,7 +317,7 @@ pub fn p11_accounted() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let event = any_event();
-    let (after, decision) = before.step(commit, event);
+    let (after, decision) = step(before, commit, event);
     match (event, decision) {
         (Event::Result(_) | Event::Failure(_), Decision::Dropped(_)) => {
             kani::assert(after == before, "P11 accounted: what is dropped changes nothing");
@@ -357,10 +358,11 @@ pub fn p11_accounted() {
 /// Bounds: 15 clouds.
 #[kani::proof]
 pub fn f2_offer_by_the_rule() {
-    let before = any_slot(any_commit(), CLOUDS);
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
     let source = any_source(CLOUDS);
     let [requested, pending, armed, cached] = bits(before);
-    let (after, refusal) = before.offer(source);
+    let (after, refusal) = offer_to(before, commit, source);
     let expected = if requested & bit(source) != 0 {
         Some(OfferRefusal::Duplicate)
     } else if outranks(cached, source) {
@@ -388,7 +390,7 @@ pub fn f3_result_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let source = any_source(CLOUDS);
-    let (after, decision) = before.step(commit, Event::Result(source));
+    let (after, decision) = step(before, commit, Event::Result(source));
     let [requested, pending, armed, cached] = bits(before);
     let rest = pending & !bit(source);
     let (sets, expected) = if let Some(reason) = reason_to_drop(bits(before), source) {
@@ -416,7 +418,7 @@ pub fn f4_fail_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let source = any_source(CLOUDS);
-    let (after, decision) = before.step(commit, Event::Failure(source));
+    let (after, decision) = step(before, commit, Event::Failure(source));
     let [requested, pending, armed, cached] = bits(before);
     let (sets, expected) = if let Some(reason) = reason_to_drop(bits(before), source) {
         (bits(before), Decision::Dropped(reason))
@@ -440,7 +442,7 @@ pub fn f6_settle_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let fired: u16 = kani::any();
-    let (after, decision) = before.step(commit, Event::Timers(Sources::from_bits(fired)));
+    let (after, decision) = step(before, commit, Event::Timers(Sources::from_bits(fired)));
     let [requested, pending, armed, cached] = bits(before);
     let fired = fired & armed;
     let (sets, expected) = if fired == 0 {

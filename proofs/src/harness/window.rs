@@ -3,8 +3,18 @@
 //! Every shape that balance allows is taken, nine in all, with any timestamps, sets and due instants. Where a node lies in
 //! the arrays is fixed: the tree compares places with each other and with none, and never orders them.
 
-use crate::any::{any_commit, any_entry, any_instant, any_slot, any_timestamp, earliest, least};
+use crate::Admission;
+use crate::any::{
+    any_case, any_commit, any_deadline, any_entry, any_gate, any_instant, any_slot, any_source,
+    any_timestamp, earliest, least,
+};
+use crate::clouds::Clouds;
+use crate::fusion::Fusion;
+use crate::priority::Priority;
+use crate::slot::Event;
 use crate::source::Source;
+use crate::time::{Instant, Timestamp};
+use crate::told;
 use crate::valid::{in_order, is_tree};
 use crate::window::{Entry, Place, Window};
 
@@ -15,7 +25,7 @@ type Tree = Window<0, 4>;
 /// Calls a function for each shape, of which one is any.
 macro_rules! any_shape {
     ($harness:ident) => {
-        match kani::any_where(|shape: &u8| *shape < 9) {
+        match any_case(9) {
             0 => $harness::<0>(),
             1 => $harness::<1>(),
             2 => $harness::<2>(),
@@ -32,7 +42,7 @@ macro_rules! any_shape {
 /// The same for each shape of up to three nodes, or of four.
 macro_rules! any_shape_of {
     (three, $harness:ident) => {
-        match kani::any_where(|shape: &u8| *shape < 5) {
+        match any_case(5) {
             0 => $harness::<0>(),
             1 => $harness::<1>(),
             2 => $harness::<2>(),
@@ -41,7 +51,7 @@ macro_rules! any_shape_of {
         }
     };
     (four, $harness:ident) => {
-        match kani::any_where(|shape: &u8| *shape < 4) {
+        match any_case(4) {
             0 => $harness::<5>(),
             1 => $harness::<6>(),
             2 => $harness::<7>(),
@@ -53,7 +63,7 @@ macro_rules! any_shape_of {
 /// Calls a function for each node of each shape with up to three nodes, of which one is any.
 macro_rules! any_node_of_three {
     ($harness:ident) => {
-        match kani::any_where(|node: &u8| *node < 8) {
+        match any_case(8) {
             0 => $harness::<1, 0>(),
             1 => $harness::<2, 0>(),
             2 => $harness::<2, 1>(),
@@ -66,22 +76,22 @@ macro_rules! any_node_of_three {
     };
 }
 
-/// The same for each shape with four nodes.
+/// The same for each shape with four nodes, first of all the one whose loss leaves the tree leaning to the left.
 macro_rules! any_node_of_four {
     ($harness:ident) => {
-        match kani::any_where(|node: &u8| *node < 16) {
-            0 => $harness::<5, 0>(),
-            1 => $harness::<5, 1>(),
-            2 => $harness::<5, 2>(),
-            3 => $harness::<5, 3>(),
-            4 => $harness::<6, 0>(),
-            5 => $harness::<6, 1>(),
-            6 => $harness::<6, 2>(),
-            7 => $harness::<6, 3>(),
-            8 => $harness::<7, 0>(),
-            9 => $harness::<7, 1>(),
-            10 => $harness::<7, 2>(),
-            11 => $harness::<7, 3>(),
+        match any_case(16) {
+            0 => $harness::<7, 3>(),
+            1 => $harness::<5, 0>(),
+            2 => $harness::<5, 1>(),
+            3 => $harness::<5, 2>(),
+            4 => $harness::<5, 3>(),
+            5 => $harness::<6, 0>(),
+            6 => $harness::<6, 1>(),
+            7 => $harness::<6, 2>(),
+            8 => $harness::<6, 3>(),
+            9 => $harness::<7, 0>(),
+            10 => $harness::<7, 1>(),
+            11 => $harness::<7, 2>(),
             12 => $harness::<8, 0>(),
             13 => $harness::<8, 1>(),
             14 => $harness::<8, 2>(),
@@ -186,6 +196,7 @@ pub fn p9_next_due_in_three() {
 
 /// As `p9_next_due_in_three`, for P9, F5 and A23 in larger trees.
 ///
+/// Cases: 4.
 /// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(6)]
@@ -263,6 +274,7 @@ pub fn p9_offer_in_three() {
 
 /// As `p9_offer_in_three`, for P9 in trees of four.
 ///
+/// Cases: 16.
 /// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(10)]
@@ -302,6 +314,7 @@ pub fn p9_close_in_three() {
 
 /// As `p9_close_in_three`, for P9 in trees of four.
 ///
+/// Cases: 16.
 /// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(10)]
@@ -336,10 +349,69 @@ pub fn p9_retire_in_three() {
 
 /// As `p9_retire_in_three`, for P9 in trees of four.
 ///
+/// Cases: 16.
 /// Bounds: trees of 4.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_retire_in_four() {
     let is_other = any_node_of_four!(removed);
     kani::cover!(is_other, "the next due is another");
+}
+
+/// The timestamps of `p9_one_of_four`: fixed, so that where one lies is known. That lookup finds any is `p9_lookup_in_four`.
+const TIMESTAMPS: [u64; 4] = [0, 1, u64::MAX - 1, u64::MAX];
+
+fn one_of<const SHAPE: usize, const AT: usize>() -> (bool, bool) {
+    let commit = any_commit();
+    let open = crate::any::any_window_at::<1, SHAPE>(commit, TIMESTAMPS);
+    let clouds = Clouds { priorities: [Priority::new(1)], gates: [any_gate()], len: 1 };
+    let newest = Some(Timestamp::new(TIMESTAMPS[3]));
+    let due = open.next_due();
+    let now = kani::any_where(|now: &u64| due.is_none_or(|due| due.as_nanos() > *now));
+    let now = Instant::from_nanos(now);
+    let mut fusion = Fusion { commit, window: 4, clouds, now, newest, open };
+    let before = fusion.open.clone();
+    let slot = before.entries[AT].slot;
+    let (timestamp, source) = (Timestamp::new(TIMESTAMPS[AT]), any_source(1));
+    let priority = Priority::new(source.index().into());
+    let (expected, is_offer) = match kani::any_where(|kind: &u8| *kind < 3) {
+        0 => {
+            let _ = told::result(&mut fusion, timestamp, priority);
+            (slot.step(commit, Event::Result(source)).0, false)
+        }
+        1 => {
+            let _ = told::fail(&mut fusion, timestamp, priority);
+            (slot.step(commit, Event::Failure(source)).0, false)
+        }
+        _ => {
+            let asked = told::offer(&mut fusion, timestamp, priority, any_deadline(), kani::any());
+            let is_admitted = matches!(asked, Admission::Admitted { .. });
+            (if is_admitted { slot.offer(source).0 } else { slot }, is_admitted)
+        }
+    };
+    let is_retired = !expected.is_open();
+    kani::assert(is_tree(&fusion.open), "P9: it is a tree");
+    let same = others_stay(&before, &fusion.open, before.len, AT);
+    kani::assert(same, "P9: only its own timestamp changes");
+    kani::assert(fusion.len() == 4 - usize::from(is_retired), "P9: as many are open as were left");
+    let own = is_retired || fusion.open.entries[AT].slot == expected;
+    kani::assert(own, "F3: its own is as the step leaves it");
+    (is_retired, is_offer)
+}
+
+/// P9, F2, F3, F4, F7: an input to the whole machine for one timestamp of four changes no other.
+///
+/// Cases: 4.
+/// Bounds: window of 4, 1 cloud, one shape of tree, fixed timestamps.
+#[kani::proof]
+#[kani::unwind(10)]
+pub fn p9_one_of_four() {
+    let (is_retired, is_offer) = match any_case(4) {
+        0 => one_of::<5, 0>(),
+        1 => one_of::<5, 1>(),
+        2 => one_of::<5, 2>(),
+        _ => one_of::<5, 3>(),
+    };
+    kani::cover!(is_retired, "it is retired");
+    kani::cover!(is_offer, "a request is admitted");
 }

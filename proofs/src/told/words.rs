@@ -1,0 +1,289 @@
+//! States and steps as lines: the configuration as a header, the state so far behind a `#`, inputs and decisions.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::format;
+use std::string::String;
+use std::thread_local;
+use std::vec::Vec;
+
+use fuseline_traces as trace;
+
+use crate::fusion::{At, Fusion};
+use crate::priority::Priority;
+use crate::slot::{Commit, Decision, Event, Slot};
+use crate::source::{Source, Sources};
+use crate::time::{Deadline, Instant, Timestamp};
+use crate::{Admission, DropReason, OfferRefusal, OpenRefusal, Opening, Outcome};
+
+#[derive(Default)]
+struct Told {
+    lines: Vec<String>,
+    /// The machine's clock, with which decisions are told.
+    now: u64,
+}
+
+thread_local! {
+    static TOLD: RefCell<Told> = RefCell::default();
+}
+
+/// What was told since the last call.
+#[must_use]
+pub fn take() -> Vec<String> {
+    TOLD.take().lines
+}
+
+fn say(line: String) {
+    TOLD.with_borrow_mut(|told| told.lines.push(line));
+}
+
+fn write(line: &trace::Line) {
+    let mut out = Vec::new();
+    line.write(&mut out);
+    say(String::from_utf8_lossy(&out).into_owned());
+}
+
+/// Only before the first step: a harness has one machine, or several of one configuration.
+fn header(window: usize, commit: Commit, clouds: Vec<trace::Cloud>) {
+    if TOLD.with_borrow(|told| told.lines.is_empty()) {
+        let commit = match commit {
+            Commit::Eager => trace::Commit::Eager,
+            Commit::Patient => trace::Commit::Patient,
+        };
+        let window = u16::try_from(window).unwrap_or(u16::MAX);
+        write(&trace::Line::Header(trace::Header { operator: None, window, commit, clouds }));
+    }
+}
+
+fn input(input: trace::Input) {
+    write(&trace::Line::Event(trace::Event::Input(input)));
+}
+
+fn decision(decision: trace::Decision) {
+    let now = TOLD.with_borrow(|told| told.now);
+    write(&trace::Line::Event(trace::Event::Decision(decision.redated(now))));
+}
+
+fn sets(slot: Slot) -> String {
+    let (requested, pending) = (slot.requested(), slot.pending());
+    let (armed, cached) = (slot.armed(), slot.cached());
+    format!("requested {requested:?} pending {pending:?} armed {armed:?} cached {cached:?}")
+}
+
+fn of(source: Source) -> u64 {
+    source.index().into()
+}
+
+/// The sets as indices of sources, which here are the priorities too.
+pub(crate) fn slot(slot: Slot, commit: Commit, (event, meant): (trace::Input, Sources)) {
+    let clouds = slot.requested().union(meant).clouds();
+    let cloud =
+        |source: Source| trace::Cloud { p: source.index().into(), name: None, limit: 1, resume: 0 };
+    header(1, commit, clouds.iter().map(cloud).collect());
+    say(format!("# t 1: {}", sets(slot)));
+    TOLD.with_borrow_mut(|told| told.now = 0);
+    input(event);
+}
+
+pub(crate) fn of_event(event: Event) -> (trace::Input, Sources) {
+    match event {
+        Event::Result(source) => {
+            (trace::Input::Result { at: 0, t: 1, p: of(source) }, Sources::EMPTY.with(source))
+        }
+        Event::Failure(source) => {
+            (trace::Input::Fail { at: 0, t: 1, p: of(source) }, Sources::EMPTY.with(source))
+        }
+        Event::Timers(_) => (trace::Input::Tick { at: 0 }, Sources::EMPTY),
+    }
+}
+
+pub(crate) fn of_offer(source: Source) -> (trace::Input, Sources) {
+    let offer = trace::Input::Offer { at: 0, t: 1, p: of(source), deadline: 1, backlog: 0 };
+    (offer, Sources::EMPTY.with(source))
+}
+
+pub(crate) fn stepped(before: Slot, event: Event, decided: Decision) {
+    let p = match event {
+        Event::Result(source) | Event::Failure(source) => of(source),
+        Event::Timers(fired) => {
+            for source in fired.intersection(before.armed()).iter() {
+                decision(trace::Decision::Timer { at: 0, t: 1, p: of(source) });
+            }
+            0
+        }
+    };
+    match decided {
+        Decision::Dropped(why) => drop(1, p, why),
+        Decision::Held => decision(trace::Decision::Hold { at: 0, t: 1, p }),
+        Decision::Waiting => {}
+        Decision::Missed => decision(trace::Decision::Miss { at: 0, t: 1 }),
+        Decision::Forwarded { by, cancelled } => {
+            emit(1, of(by), cancelled.iter().map(of).collect());
+        }
+    }
+}
+
+pub(crate) fn offered(source: Source, refusal: Option<OfferRefusal>) {
+    match refusal {
+        Some(why) => refuse(1, Some(of(source)), of_offers(why)),
+        None => decision(trace::Decision::Request { at: 0, t: 1, p: of(source), due: 1 }),
+    }
+}
+
+fn machine<const CLOUDS: usize, const WINDOW: usize>(fusion: &Fusion<CLOUDS, WINDOW>) {
+    let clouds = fusion.clouds.entries().map(|(priority, gate)| trace::Cloud {
+        p: priority.as_u16(),
+        name: None,
+        limit: gate.limit,
+        resume: gate.resume,
+    });
+    header(fusion.window, fusion.commit, clouds.collect());
+    let newest = fusion.newest.map(Timestamp::as_u64);
+    let mut state = format!("# now {}, newest {newest:?}", fusion.now.as_nanos());
+    for (priority, gate) in fusion.clouds.entries() {
+        if gate.is_shut() {
+            let _ = write!(state, ", the gate of {} is shut", priority.as_u16());
+        }
+    }
+    for (timestamp, slot) in fusion.open() {
+        let dues: BTreeMap<u16, u64> = slot
+            .armed()
+            .iter()
+            .map(|source| fusion.clouds.priority(source))
+            .filter_map(|p| Some((p.as_u16(), fusion.due(timestamp, p)?.as_nanos())))
+            .collect();
+        let _ = write!(state, "; t {}: {} due {dues:?}", timestamp.as_u64(), sets(slot));
+    }
+    say(state);
+    TOLD.with_borrow_mut(|told| told.now = fusion.now.as_nanos());
+}
+
+pub(crate) fn tick<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+    now: Instant,
+) {
+    machine(fusion);
+    input(trace::Input::Tick { at: now.as_nanos() });
+    TOLD.with_borrow_mut(|told| told.now = told.now.max(now.as_nanos()));
+}
+
+pub(crate) fn came_to<const CLOUDS: usize, const WINDOW: usize>(at: &At<'_, CLOUDS, WINDOW>) {
+    if let At::Fired(firing) = at {
+        let t = firing.timestamp.as_u64();
+        for p in firing.timers.iter() {
+            decision(trace::Decision::Timer { at: 0, t, p: p.as_u16().into() });
+        }
+        arrived((firing.timestamp, Priority::LOCAL), firing.outcome);
+    }
+}
+
+pub(crate) fn open<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+    timestamp: Timestamp,
+    limit: Option<Deadline>,
+) {
+    machine(fusion);
+    let (at, t) = (fusion.now.as_nanos(), timestamp.as_u64());
+    input(trace::Input::Open { at, t, limit: limit.map(Deadline::as_nanos) });
+}
+
+pub(crate) fn opened(timestamp: Timestamp, opening: Opening) {
+    if let Opening::Refused(why) = opening {
+        let why = match why {
+            OpenRefusal::Order => trace::Refusal::Order,
+            OpenRefusal::Full => trace::Refusal::Full,
+            OpenRefusal::Deadline => trace::Refusal::Deadline,
+        };
+        refuse(timestamp.as_u64(), None, why);
+    }
+}
+
+/// A timestamp and a source's priority.
+type Of = (Timestamp, Priority);
+
+pub(crate) fn offer<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+    (timestamp, cloud): Of,
+    deadline: Deadline,
+    backlog: u64,
+) {
+    machine(fusion);
+    let (t, p) = (timestamp.as_u64(), cloud.as_u16().into());
+    let (at, deadline) = (fusion.now.as_nanos(), deadline.as_nanos());
+    input(trace::Input::Offer { at, t, p, deadline, backlog });
+}
+
+pub(crate) fn admitted((timestamp, cloud): Of, admission: Admission) {
+    let (t, p) = (timestamp.as_u64(), cloud.as_u16().into());
+    match admission {
+        Admission::Admitted { due } => {
+            decision(trace::Decision::Request { at: 0, t, p, due: due.as_nanos() });
+        }
+        Admission::Refused(why) => refuse(t, Some(p), of_offers(why)),
+    }
+}
+
+pub(crate) fn result<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+    (timestamp, priority): Of,
+) {
+    machine(fusion);
+    let (at, t) = (fusion.now.as_nanos(), timestamp.as_u64());
+    input(trace::Input::Result { at, t, p: priority.as_u16().into() });
+}
+
+pub(crate) fn fail<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+    (timestamp, priority): Of,
+) {
+    machine(fusion);
+    let (at, t) = (fusion.now.as_nanos(), timestamp.as_u64());
+    input(trace::Input::Fail { at, t, p: priority.as_u16().into() });
+}
+
+pub(crate) fn arrived<const CLOUDS: usize>((timestamp, priority): Of, outcome: Outcome<CLOUDS>) {
+    let (t, p) = (timestamp.as_u64(), priority.as_u16().into());
+    match outcome {
+        Outcome::Dropped(why) => drop(t, p, why),
+        Outcome::Held => decision(trace::Decision::Hold { at: 0, t, p }),
+        Outcome::Waiting => {}
+        Outcome::Missed => decision(trace::Decision::Miss { at: 0, t }),
+        Outcome::Forwarded { by, cancelled } => {
+            emit(t, by.as_u16().into(), cancelled.iter().map(|p| p.as_u16().into()).collect());
+        }
+    }
+}
+
+fn emit(t: u64, by: u64, cancelled: Vec<u64>) {
+    decision(trace::Decision::Emit { at: 0, t, p: by });
+    for p in cancelled {
+        decision(trace::Decision::Cancel { at: 0, t, p });
+    }
+}
+
+fn drop(t: u64, p: u64, why: DropReason) {
+    let why = match why {
+        DropReason::Unknown => trace::DropReason::Unknown,
+        DropReason::Superseded => trace::DropReason::Superseded,
+        DropReason::Unsolicited => trace::DropReason::Unsolicited,
+        DropReason::Duplicate => trace::DropReason::Duplicate,
+        DropReason::Late => trace::DropReason::Late,
+    };
+    decision(trace::Decision::Drop { at: 0, t, p, why });
+}
+
+fn refuse(t: u64, p: Option<u64>, why: trace::Refusal) {
+    decision(trace::Decision::Refuse { at: 0, t, p, why });
+}
+
+fn of_offers(why: OfferRefusal) -> trace::Refusal {
+    match why {
+        OfferRefusal::Unknown => trace::Refusal::Unknown,
+        OfferRefusal::Closed => trace::Refusal::Closed,
+        OfferRefusal::Duplicate => trace::Refusal::Duplicate,
+        OfferRefusal::Outranked => trace::Refusal::Outranked,
+        OfferRefusal::Deadline => trace::Refusal::Deadline,
+        OfferRefusal::Queue => trace::Refusal::Queue,
+    }
+}
