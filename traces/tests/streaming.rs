@@ -3,7 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use fuseline_traces::observed::{Disorder, Judge, Slack, Story, Verdict};
-use fuseline_traces::{Cloud, Commit, Decision, DropReason, Event, Header, Input, Reference};
+use fuseline_traces::{
+    Cloud, Commit, Decision, DropReason, Event, Header, Input, Reference, Refusal,
+};
 use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
@@ -188,4 +190,48 @@ proptest! {
         let found: BTreeSet<u64> = verdict.violations.iter().map(|found| found.t).collect();
         prop_assert_eq!(found, naive(commit, slack, &events), "{:#?}", events);
     }
+
+    /// Nor do the ends of every range matter, nor what makes no sense: there is a verdict or a line out of order.
+    #[test]
+    fn every_trace_has_its_verdict(
+        commit in prop::sample::select(&Commit::ALL[..]),
+        tolerance in number(),
+        lateness in number(),
+        events in vec(event(), 0..24),
+    ) {
+        let slack = Slack { tolerance, lateness };
+        if let Ok(verdict) = judged(commit, slack, &events) {
+            prop_assert_eq!(verdict.conforms, verdict.violations.is_empty() && verdict.judged > 0);
+            prop_assert!(verdict.violations.iter().all(|found| !found.story.is_empty()));
+        }
+    }
+}
+
+fn number() -> impl Strategy<Value = u64> {
+    prop_oneof![
+        4 => 0..4_u64,
+        1 => Just(u64::MAX / 2),
+        2 => u64::MAX - 2..=u64::MAX,
+    ]
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let n = number;
+    let decision = prop_oneof![
+        3 => (n(), n(), n(), n()).prop_map(|(at, t, p, due)| Decision::Request { at, t, p, due }),
+        2 => (n(), n(), n()).prop_map(|(at, t, p)| Decision::Emit { at, t, p }),
+        1 => (n(), n()).prop_map(|(at, t)| Decision::Miss { at, t }),
+        1 => (n(), n()).prop_map(|(at, t)| Decision::Refuse { at, t, p: None, why: Refusal::Full }),
+        1 => (n(), n(), n(), any::<bool>()).prop_map(|(at, t, p, is_unknown)| {
+            let why = if is_unknown { DropReason::Unknown } else { DropReason::Superseded };
+            Decision::Drop { at, t, p, why }
+        }),
+    ];
+    let input = prop_oneof![
+        2 => (n(), n(), option::of(n())).prop_map(|(at, t, limit)| Input::Open { at, t, limit }),
+        3 => (n(), n(), n()).prop_map(|(at, t, p)| Input::Result { at, t, p }),
+        1 => (n(), n(), n()).prop_map(|(at, t, p)| Input::Fail { at, t, p }),
+        1 => n().prop_map(|at| Input::Tick { at }),
+    ];
+    prop_oneof![input.prop_map(Event::Input), decision.prop_map(Event::Decision)]
 }
