@@ -3,9 +3,7 @@
 use std::fs::File;
 use std::io::{self, BufReader, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
-use fuseline_traces::observed::Slack;
 use fuseline_traces::unpack;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
@@ -13,7 +11,7 @@ use rayon::prelude::*;
 use crate::Exit;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
-use crate::judging::{Judging, Manner, judge, reader};
+use crate::judging::{How, Judging, Manner, judge, reader};
 use crate::sink::Sink;
 use crate::tail::Tail;
 use crate::verdict::Found;
@@ -45,29 +43,14 @@ pub(crate) struct Args {
     /// The traces; - or none is standard input.
     #[arg(value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Judge what a concurrent implementation recorded, each timestamp by itself.
-    #[arg(long, requires = "tolerance", requires = "lateness")]
-    observed: bool,
-    /// How far a recorded instant may be off either way, such as 2ms or 500us.
-    #[arg(long, value_name = "TIME", requires = "observed", value_parser = humantime::parse_duration)]
-    tolerance: Option<Duration>,
-    /// How late a timer may be served, and an output be put out, such as 5ms.
-    #[arg(long, value_name = "TIME", requires = "observed", value_parser = humantime::parse_duration)]
-    lateness: Option<Duration>,
+    #[command(flatten)]
+    how: How,
     /// Print one JSON object a file: file, conforms, judged, lines, violations.
     #[arg(long)]
     json: bool,
     /// Keep judging one file as it grows, until Ctrl-C.
     #[arg(long)]
     follow: bool,
-}
-
-impl Args {
-    fn manner(&self) -> Manner {
-        let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
-        let (tolerance, lateness) = (nanos(self.tolerance?), nanos(self.lateness?));
-        Some(Slack { tolerance, lateness })
-    }
 }
 
 /// Judges each file; what cannot be read outweighs what does not conform.
@@ -78,7 +61,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     }
     let input = [PathBuf::from("-")];
     let files = if args.files.is_empty() { &input[..] } else { &args.files };
-    let (manner, bars) = (args.manner(), MultiProgress::new());
+    let (manner, bars) = (args.how.manner(), MultiProgress::new());
     let mut exit = Exit::Conforms;
     for some in files.chunks(FILES * rayon::current_num_threads()) {
         let judged: Vec<Result<Found, Fault>> =
@@ -144,7 +127,7 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
             .unwrap_or_else(|_| ProgressStyle::default_spinner()),
     );
     bar.set_prefix(name.clone());
-    let manner = args.manner();
+    let manner = args.how.manner();
     let mut reader = reader(manner, &name, Tail::new(file, Interrupt::watch()))?;
     let mut judging = Judging::new(manner, &name, reader.header());
     let mut told = 0;

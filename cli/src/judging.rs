@@ -1,6 +1,7 @@
 //! Either judge, line by line.
 
 use std::io::BufRead;
+use std::time::Duration;
 
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Event, Header, Judge, Reader};
@@ -10,6 +11,20 @@ use crate::verdict::{Breach, Found};
 
 /// How a trace is judged: strictly, or as observed within this.
 pub(crate) type Manner = Option<Slack>;
+
+/// The options that tell the manner.
+#[derive(clap::Args)]
+pub(crate) struct How {
+    /// Judge what a concurrent implementation recorded, each timestamp by itself.
+    #[arg(long, requires = "tolerance", requires = "lateness")]
+    observed: bool,
+    /// How far a recorded instant may be off either way, such as 2ms or 500us.
+    #[arg(long, value_name = "TIME", requires = "observed", value_parser = humantime::parse_duration)]
+    tolerance: Option<Duration>,
+    /// How late a timer may be served, and an output be put out, such as 5ms.
+    #[arg(long, value_name = "TIME", requires = "observed", value_parser = humantime::parse_duration)]
+    lateness: Option<Duration>,
+}
 
 /// A judge of one trace.
 pub(crate) enum Judging {
@@ -29,6 +44,14 @@ pub(crate) fn judge(manner: Manner, name: &str, trace: impl BufRead) -> Result<F
 pub(crate) fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> Result<Reader<R>, Fault> {
     let read = if manner.is_none() { Reader::new } else { Reader::observed };
     Ok(read(name, trace)?)
+}
+
+impl How {
+    pub(crate) fn manner(&self) -> Manner {
+        let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        let (tolerance, lateness) = (nanos(self.tolerance?), nanos(self.lateness?));
+        Some(Slack { tolerance, lateness })
+    }
 }
 
 impl Judging {

@@ -1,12 +1,40 @@
 //! Files that appear whole or not at all.
 
-use std::io;
-use std::path::Path;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process;
+use std::sync::{Arc, OnceLock};
 
 use tempfile::{Builder, NamedTempFile};
 
+use crate::fault::Fault;
+
 /// The exit code of a command that Ctrl-C ended.
 pub(crate) const INTERRUPTED: i32 = 130;
+
+/// Writes a file by `put`; if that fails or Ctrl-C ends it, there is none. Once in a command.
+pub(crate) fn write(
+    path: &Path,
+    put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>,
+) -> Result<(), Fault> {
+    let name = path.display().to_string();
+    let fault = |source: io::Error| Fault::Create { name: name.clone(), source };
+    let unfinished: Arc<OnceLock<PathBuf>> = Arc::default();
+    let left = Arc::clone(&unfinished);
+    // Where the system refuses a handler, Ctrl-C leaves the unfinished file.
+    let _ = ctrlc::set_handler(move || {
+        let _ = left.get().map(fs::remove_file);
+        process::exit(INTERRUPTED);
+    });
+    let whole = beside(path).map_err(fault)?;
+    let _ = unfinished.set(whole.path().to_owned());
+    let mut out = BufWriter::new(File::create(whole.path()).map_err(fault)?);
+    put(&mut out)?;
+    out.flush().map_err(fault)?;
+    whole.persist(path).map_err(|error| fault(error.error))?;
+    Ok(())
+}
 
 /// A file with a temporary name beside `path`, to be renamed to it once it is whole.
 pub(crate) fn beside(path: &Path) -> io::Result<NamedTempFile> {

@@ -3,11 +3,8 @@
 mod csv;
 mod mcap;
 
-use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::process;
-use std::sync::{Arc, OnceLock};
 
 use fuseline_traces::{Decision, Event, Header, Input, Reader};
 use thiserror::Error;
@@ -16,7 +13,7 @@ use crate::Exit;
 use crate::check::open;
 use crate::convert::csv::{Columns, Unit};
 use crate::fault::Fault;
-use crate::whole::{INTERRUPTED, beside};
+use crate::whole;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -119,21 +116,7 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
         write(&mut out, &header, &mut *recorded, args.sort)?;
         return Ok(Exit::Conforms);
     };
-    let name = output.display().to_string();
-    let fault = |source: io::Error| Fault::Create { name: name.clone(), source };
-    let unfinished: Arc<OnceLock<PathBuf>> = Arc::default();
-    let left = Arc::clone(&unfinished);
-    // Where the system refuses a handler, Ctrl-C leaves the unfinished file.
-    let _ = ctrlc::set_handler(move || {
-        let _ = left.get().map(fs::remove_file);
-        process::exit(INTERRUPTED);
-    });
-    let whole = beside(output).map_err(fault)?;
-    let _ = unfinished.set(whole.path().to_owned());
-    let mut out = BufWriter::new(File::create(whole.path()).map_err(fault)?);
-    write(&mut out, &header, &mut *recorded, args.sort)?;
-    out.flush().map_err(fault)?;
-    whole.persist(output).map_err(|error| fault(error.error))?;
+    whole::write(output, |out| write(out, &header, &mut *recorded, args.sort))?;
     Ok(Exit::Conforms)
 }
 
