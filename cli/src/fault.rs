@@ -17,6 +17,7 @@ use crate::convert::ConvertError;
 use crate::emulation::EmulationError;
 use crate::export::ExportError;
 use crate::files::FileError;
+use crate::report::ReportError;
 use crate::run::PlanError;
 
 /// Why a command stopped.
@@ -30,6 +31,8 @@ pub(crate) enum Fault {
     Convert(#[from] ConvertError),
     #[error("{name}: {source}")]
     Export { name: String, source: ExportError },
+    #[error(transparent)]
+    Report(#[from] ReportError),
     #[error(transparent)]
     Judge(#[from] JudgeError),
     #[error(transparent)]

@@ -15,6 +15,7 @@ mod judging;
 mod models;
 mod policies;
 mod replay;
+mod report;
 mod run;
 mod serve;
 mod sink;
@@ -68,6 +69,8 @@ enum Command {
     Drive(drive::Args),
     /// Answer the inputs that `fuseline drive` sends, as the core does.
     Impl(implementation::Args),
+    /// Make a page of traces: summary, response times, and a timeline down to one timestamp.
+    Report(report::Args),
 }
 
 /// How a command ended.
@@ -122,6 +125,7 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         #[cfg(unix)]
         Command::Drive(args) => drive::drive(&args),
         Command::Impl(args) => implementation::answer(&args),
+        Command::Report(args) => report::report(&args),
     }
 }
 

@@ -25,24 +25,24 @@ pub(crate) enum Found {
 }
 
 /// A verdict without its violations.
-struct Summary<'a> {
-    file: &'a str,
-    conforms: bool,
-    judged: u64,
-    lines: u64,
-    violations: u64,
+pub(crate) struct Summary<'a> {
+    pub(crate) file: &'a str,
+    pub(crate) conforms: bool,
+    pub(crate) judged: u64,
+    pub(crate) lines: u64,
+    pub(crate) violations: u64,
 }
 
 /// One violation.
 pub(crate) struct Breach<'a> {
-    line: u64,
-    t: Option<u64>,
+    pub(crate) line: u64,
+    pub(crate) t: Option<u64>,
     /// The rule's identifier and its sentence.
-    rule: (&'static str, &'static str),
-    found: &'a str,
-    expected: &'a str,
-    late: Option<u64>,
-    story: &'a [String],
+    pub(crate) rule: (&'static str, &'static str),
+    pub(crate) found: &'a str,
+    pub(crate) expected: &'a str,
+    pub(crate) late: Option<u64>,
+    pub(crate) story: &'a [String],
 }
 
 impl Found {
@@ -68,7 +68,7 @@ impl Found {
         }
     }
 
-    const fn summary(&self) -> Summary<'_> {
+    pub(crate) const fn summary(&self) -> Summary<'_> {
         match self {
             Self::Strict(Verdict { file, conforms, judged, lines, violations, more }) => Summary {
                 file: file.as_str(),
@@ -94,7 +94,7 @@ impl Found {
         }
     }
 
-    fn breaches(&self) -> Vec<Breach<'_>> {
+    pub(crate) fn breaches(&self) -> Vec<Breach<'_>> {
         match self {
             Self::Strict(verdict) => verdict.violations.iter().map(Breach::from).collect(),
             Self::Observed(verdict) => verdict.violations.iter().map(Breach::from).collect(),
@@ -104,7 +104,7 @@ impl Found {
 
 impl Summary<'_> {
     /// One line.
-    fn tell(&self, out: &mut impl Write) -> io::Result<()> {
+    pub(crate) fn tell(&self, out: &mut impl Write) -> io::Result<()> {
         let Summary { file, conforms, judged, lines, violations } = *self;
         let word = match (conforms, violations) {
             (true, _) => format!("{GOOD}conforms{GOOD:#}"),

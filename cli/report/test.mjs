@@ -1,0 +1,329 @@
+// The page in a real browser: node --test test.mjs, with CHROMIUM, FUSELINE (the command) and SHOTS (a folder).
+
+import assert from "node:assert/strict";
+import { execFileSync, spawnSync } from "node:child_process";
+import { mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { after, before, test } from "node:test";
+import puppeteer from "puppeteer-core";
+
+const { CHROMIUM, FUSELINE, SHOTS, CORPUS } = process.env;
+const MESSAGES = 100_000;
+const folder = mkdtempSync(join(tmpdir(), "report-"));
+let browser;
+
+before(async () => {
+  mkdirSync(SHOTS, { recursive: true });
+  browser = await puppeteer.launch({ executablePath: CHROMIUM, pipe: true, args: ["--no-sandbox", "--disable-gpu"] });
+});
+after(async () => {
+  await browser?.close();
+  rmSync(folder, { recursive: true });
+});
+
+/** Makes a page of traces; answers its file. */
+function report(name, ...traces) {
+  const file = join(folder, `${name}.html`);
+  const { status, stderr } = spawnSync(FUSELINE, ["report", ...traces, "-o", file], { encoding: "utf8" });
+  assert.ok(status < 2, stderr);
+  return file;
+}
+
+/** Opens it; whatever it asks for but itself, and whatever goes wrong in it, fails the test. */
+async function open(t, file, { hash = "", scheme = "light", width = 1180, height = 1500 } = {}) {
+  const page = await browser.newPage();
+  const wrong = [];
+  page.on("pageerror", (error) => wrong.push(error.stack ?? error.message));
+  page.on("console", (message) => wrong.push(message.text()));
+  page.on("request", (request) => /^(file|data):/.test(request.url()) || wrong.push(request.url()));
+  await page.emulateMediaFeatures([
+    { name: "prefers-color-scheme", value: scheme },
+    { name: "prefers-reduced-motion", value: "reduce" },
+  ]);
+  const phone = width < 600;
+  await page.setViewport({ width, height, isMobile: phone, hasTouch: phone, deviceScaleFactor: phone ? 2 : 1 });
+  await page.goto(`file://${file}${hash}`);
+  await settle(page);
+  t.after(async () => {
+    await page.close();
+    assert.deepEqual(wrong, []);
+  });
+  return page;
+}
+
+/** Waits until what was done is seen and told. */
+const settle = (page) => page.evaluate(() => new Promise((done) => setTimeout(() => requestAnimationFrame(done), 250)));
+const text = (page, selector) => page.$eval(selector, (element) => element.innerText.trim());
+const hidden = (page, selector) => page.$eval(selector, (element) => element.hidden);
+const shot = (page, name) => page.screenshot({ path: join(SHOTS, `${name}.png`), fullPage: true });
+async function press(page, ...keys) {
+  for (const key of keys) await page.keyboard.press(key);
+  await settle(page);
+}
+
+/** How many pixels of the timeline have this colour, given as #rrggbb. */
+const pixels = (page, colour) =>
+  page.$eval("#timeline canvas", (canvas, name) => {
+    const colour = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    const rgb = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+    const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+    copy.drawImage(canvas, 0, 0);
+    const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+    let n = 0;
+    for (let i = 0; i < data.length; i += 4) if (rgb.every((part, at) => data[i + at] === part)) n++;
+    return n;
+  }, colour);
+
+const bad = () => report("bad", join(CORPUS, "bad/f3-first-response-wins.jsonl"));
+
+/** A camera's run; both clouds lose their networks by turns. */
+let long;
+function camera() {
+  if (long) return long;
+  let seed = 1;
+  const random = () => (seed = (seed * 48271) % 2147483647) / 2147483647;
+  const events = [];
+  for (let t = 0; t < MESSAGES; t++) {
+    const at = t * 100_000;
+    events.push([at, `"ev":"open","at":${at},"t":${t}`]);
+    for (const p of [1, 2]) {
+      events.push([at, `"ev":"offer","at":${at},"t":${t},"p":${p},"deadline":500000,"backlog":${Math.floor(random() * 33)}`]);
+      const lost = Math.floor(t / 2500) % 4 >= 4 - p;
+      const answered = at + Math.floor((80 + 200 * random() ** 2) * (lost ? 5 : 1) * 1000);
+      events.push([answered, `"ev":"${random() < 0.01 ? "fail" : "result"}","at":${answered},"t":${t},"p":${p}`]);
+    }
+    const local = at + 300_000 + Math.floor(random() * 20_000);
+    events.push([local, `"ev":"${random() < 0.01 ? "fail" : "result"}","at":${local},"t":${t},"p":0`]);
+  }
+  events.sort(([a], [b]) => a - b);
+  const header = '{"fuseline":1,"operator":"camera","window":64,"clouds":[{"p":1,"name":"west","limit":31},{"p":2,"name":"east","limit":31}]}';
+  const inputs = `${header}\n${events.map(([, event]) => `{${event}}\n`).join("")}`;
+  const trace = join(folder, "camera.jsonl");
+  writeFileSync(trace, execFileSync(FUSELINE, ["replay"], { input: inputs, maxBuffer: 1 << 30 }));
+  return (long = report("camera", trace));
+}
+
+test("the summary counts what came out of the run", async (t) => {
+  const page = await open(t, camera());
+  const figures = Object.fromEntries(
+    await page.$$eval("#figures div", (all) => all.map((one) => [one.children[0].innerText, one.children[1].innerText])),
+  );
+  const number = (name) => Number(figures[name].replaceAll(",", ""));
+  assert.equal(number("Messages"), MESSAGES);
+  assert.ok(number("Missed") > 0);
+  assert.equal(number("Forwarded") + number("Missed"), MESSAGES);
+  const outputs = await page.$$eval("#sources tbody tr td:first-of-type", (cells) => cells.map((cell) => Number(cell.innerText.replaceAll(",", ""))));
+  assert.equal(outputs.length, 3);
+  assert.equal(outputs.reduce((sum, n) => sum + n), number("Forwarded"));
+  assert.match(await text(page, "#verdict"), /^✓ conforms$/);
+  for (const source of [0, 1, 2]) assert.ok((await pixels(page, `--source-${source}`)) > 500, `source ${source}`);
+  assert.ok((await pixels(page, "--bad")) > 10);
+  await shot(page, "whole-run");
+});
+
+test("a violation is found and told with its rule", async (t) => {
+  const page = await open(t, bad());
+  assert.equal(await text(page, "#verdict"), "✕ does not conform: 1 violation");
+  await press(page, "/");
+  await page.keyboard.type("violation");
+  await settle(page);
+  assert.equal(await text(page, "#hits"), "1 found");
+  await press(page, "Enter");
+  assert.equal(await text(page, "#hits"), "1 of 1");
+  assert.equal(await text(page, "#story-title"), "Timestamp 1");
+  const breach = await text(page, "#breaches");
+  assert.match(breach, /Breaks F3 at line 8/);
+  assert.match(breach, /A result is dropped for the first of unknown, superseded, unsolicited, duplicate and late that holds/);
+  assert.match(breach, /\{"ev":"hold","at":5,"t":1,"p":0\}/);
+  assert.match(await text(page, "#events .broken"), /Forwarded: local breaks F3/);
+  assert.ok((await pixels(page, "--bad")) > 50);
+  await shot(page, "violation");
+});
+
+test("timestamps are found by number and by reason", async (t) => {
+  const page = await open(t, camera());
+  const find = async (query) => {
+    await page.$eval("#query", (input) => (input.value = ""));
+    await page.type("#query", query);
+    await settle(page);
+    return text(page, "#hits");
+  };
+  assert.equal(await find("4711"), "1 found");
+  await press(page, "Enter");
+  assert.equal(await text(page, "#story-title"), "Timestamp 4711");
+  assert.match(await text(page, "#events"), /Message/);
+  assert.match(await text(page, "#events"), /Forwarded|Missed/);
+  assert.equal(await find(String(MESSAGES)), "nothing found");
+  assert.match(await find("superseded"), /^[\d,]+ found$/);
+  await press(page, "Enter");
+  assert.match(await text(page, "#events .drop"), /Dropped: superseded – the timestamp is not open any more/);
+  const before = await text(page, "#story-title");
+  await press(page, "Enter");
+  assert.notEqual(await text(page, "#story-title"), before);
+  assert.match(await text(page, "#hits"), /^2 of /);
+  assert.match(await find("missed"), /found$/);
+  await press(page, "Enter");
+  assert.match(await text(page, "#ending"), /^Missed/);
+  await shot(page, "missed");
+});
+
+test("everything goes by the keyboard", async (t) => {
+  const page = await open(t, camera());
+  await page.focus("#timeline");
+  const ring = await page.$eval("#timeline", (element) => getComputedStyle(element).outlineStyle);
+  assert.equal(ring, "solid");
+  const whole = await text(page, "#view");
+  await press(page, ...Array(12).fill("+"));
+  const near = await text(page, "#view");
+  assert.notEqual(near, whole);
+  await press(page, "ArrowRight");
+  assert.notEqual(await text(page, "#view"), near);
+  await press(page, "ArrowLeft");
+  assert.equal(await text(page, "#view"), near);
+  await press(page, "Enter");
+  assert.equal(await hidden(page, "#story"), false);
+  const first = await text(page, "#story-title");
+  await press(page, "j");
+  assert.notEqual(await text(page, "#story-title"), first);
+  await press(page, "k");
+  assert.equal(await text(page, "#story-title"), first);
+  await press(page, "Escape");
+  assert.equal(await hidden(page, "#story"), true);
+  assert.equal(await text(page, "#view"), near);
+  await press(page, "Escape");
+  assert.equal(await text(page, "#view"), whole);
+  await press(page, "/");
+  assert.equal(await page.evaluate(() => document.activeElement.id), "query");
+});
+
+test("a click goes to a timestamp, and the address names it", async (t) => {
+  const page = await open(t, camera());
+  await page.focus("#timeline");
+  await press(page, ...Array(22).fill("+"));
+  const { x, y } = await page.$eval("#timeline .u-over", (over) => over.getBoundingClientRect().toJSON());
+  for (let i = 0; i < 20 && (await hidden(page, "#story")); i++) await page.mouse.click(x + 30 + 45 * i, y + 40);
+  await settle(page);
+  const title = await text(page, "#story-title");
+  assert.equal(await page.evaluate(() => location.hash), `#t=${title.replace("Timestamp ", "")}`);
+  await shot(page, "near");
+});
+
+test("wheel and drag move the timeline, the strip too", async (t) => {
+  const page = await open(t, camera());
+  const { x, y } = await page.$eval("#timeline .u-over", (over) => over.getBoundingClientRect().toJSON());
+  const views = [await text(page, "#view")];
+  const differs = async (what) => {
+    await settle(page);
+    const view = await text(page, "#view");
+    assert.notEqual(view, views.at(-1), what);
+    views.push(view);
+  };
+  await page.mouse.move(x + 400, y + 100);
+  for (let i = 0; i < 8; i++) await page.mouse.wheel({ deltaY: -80 });
+  await differs("wheel");
+  await page.mouse.down();
+  await page.mouse.move(x + 300, y + 100, { steps: 5 });
+  await page.mouse.up();
+  await differs("drag");
+  assert.equal(await hidden(page, "#story"), true);
+  const strip = await page.$eval("#overview", (canvas) => canvas.getBoundingClientRect().toJSON());
+  await page.mouse.click(strip.x + strip.width * 0.9, strip.y + 10);
+  await differs("strip");
+  await page.click("#whole");
+  await settle(page);
+  assert.equal(await text(page, "#view"), views[0]);
+});
+
+test("names are texts", async (t) => {
+  const name = "</script><img src=x onerror=alert(1)><b>";
+  const trace = join(folder, "hostile.jsonl");
+  writeFileSync(trace, `${JSON.stringify({ fuseline: 1, operator: name, window: 1, clouds: [{ p: 1, name, limit: 1 }] })}\n`
+    + '{"ev":"open","at":0,"t":18446744073709551615}\n{"ev":"tick","at":9}\n');
+  const page = await open(t, report("hostile", trace), { hash: "#t=18446744073709551615" });
+  assert.match(await text(page, "h1"), /^<\/script><img src=x onerror=alert\(1\)><b> · /);
+  assert.equal(await page.$$eval("img, h1 *, #sources .label *", (all) => all.length), 0);
+  assert.equal(await text(page, "#story-title"), "Timestamp 18446744073709551615");
+});
+
+test("several traces stand side by side", async (t) => {
+  const file = report("both", join(CORPUS, "f3-forwarded-at-once.jsonl"), join(CORPUS, "bad/f3-first-response-wins.jsonl"));
+  const page = await open(t, file);
+  assert.match(await text(page, "#verdict"), /conforms$/);
+  await page.select("#traces", "1");
+  await settle(page);
+  assert.match(await text(page, "#verdict"), /does not conform/);
+  assert.match(await text(page, "#violations"), /F3 timestamp 1, line 8/);
+});
+
+test("every trace of the corpus can be shown, and each of its timestamps", async (t) => {
+  const traces = [CORPUS, join(CORPUS, "bad")].flatMap((place) => readdirSync(place).filter((name) => name.endsWith(".jsonl")).map((name) => join(place, name)));
+  const page = await open(t, report("corpus", ...traces));
+  const told = await page.evaluate(async () => {
+    const press = (key) => document.dispatchEvent(new KeyboardEvent("keydown", { key }));
+    const select = document.getElementById("traces");
+    const told = [];
+    for (const { value } of [...select.options]) {
+      select.value = value;
+      select.dispatchEvent(new Event("change"));
+      press("Escape");
+      for (let i = 0, title; i < 40; i++) {
+        press(i === 0 ? "Home" : "j");
+        await new Promise(requestAnimationFrame);
+        if (i > 1 && title === document.getElementById("story-title").textContent) break;
+        title = document.getElementById("story-title").textContent;
+      }
+      const [verdict, violations] = ["verdict", "violations"].map((id) => document.getElementById(id));
+      told.push([select.selectedOptions[0].textContent, verdict.textContent, violations.children.length]);
+    }
+    return told;
+  });
+  assert.equal(told.length, traces.length);
+  for (const [name, verdict, violations] of told) {
+    const bad = name.includes("/bad/");
+    assert.equal(verdict.startsWith("✕"), bad, name);
+    assert.equal(violations > 0, bad, name);
+  }
+});
+
+for (const scheme of ["light", "dark"]) {
+  test(`it can be read in the ${scheme}, on a phone too`, async (t) => {
+    const page = await open(t, bad(), { scheme, width: 390, height: 840, hash: "#t=1" });
+    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 390);
+    const ratios = await page.evaluate(() => {
+      const style = getComputedStyle(document.documentElement);
+      const light = (name) => {
+        const colour = style.getPropertyValue(`--${name}`).trim();
+        const [r, g, b] = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16) / 255)
+          .map((part) => (part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4));
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b + 0.05;
+      };
+      return ["ink", "soft", "bad", "good", "accent"].flatMap((ink) => ["panel", "ground"].map((on) =>
+        [`${ink} on ${on}`, Math.max(light(ink), light(on)) / Math.min(light(ink), light(on))]));
+    });
+    for (const [pair, ratio] of ratios) assert.ok(ratio >= 4.5, `${pair}: ${ratio}`);
+    await shot(page, `phone-${scheme}`);
+  });
+}
+
+test("what 100,000 timestamps take is told", async (t) => {
+  const begin = performance.now();
+  const page = await open(t, camera(), { scheme: "dark" });
+  console.log(`opened in ${Math.round(performance.now() - begin)} ms`);
+  await page.focus("#timeline");
+  for (const [where, keys] of [["whole run", ["+", "-"]], ["a half", ["+", "ArrowLeft", "ArrowRight", "-"]]]) {
+    const frames = await page.evaluate(async (keys) => {
+      const times = [];
+      let last = performance.now();
+      for (let i = 0; i < 60; i++) {
+        document.activeElement.dispatchEvent(new KeyboardEvent("keydown", { key: keys[i % keys.length], bubbles: true }));
+        await new Promise(requestAnimationFrame);
+        times.push(performance.now() - last);
+        last = performance.now();
+      }
+      return times.sort((a, b) => a - b);
+    }, keys);
+    console.log(`${where}: a frame in ${frames[30].toFixed(1)} ms at the median, ${frames[59].toFixed(1)} ms at worst`);
+  }
+  await shot(page, "dark");
+});

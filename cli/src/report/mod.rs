@@ -1,0 +1,87 @@
+//! `fuseline report`: traces and what the judge says of them, as one page for a browser.
+
+mod columns;
+mod page;
+
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use fuseline_traces::unpack;
+use thiserror::Error;
+
+use crate::Exit;
+use crate::check::open;
+use crate::fault::Fault;
+use crate::judging::{How, Judging, Manner, reader};
+use crate::report::columns::{Columns, Told};
+use crate::sink::Sink;
+use crate::verdict::Found;
+use crate::whole;
+
+/// How many events a page may hold; a browser takes no text much longer than theirs.
+const EVENTS: usize = 10_000_000;
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+The page is one file that needs no network: a summary by source, the response times, and a timeline
+from the whole run down to what happened to one timestamp and why. Violations stand in it with the
+rule that they break.
+
+Traces are judged as fuseline check does it, strictly or as observed. Exit code 0 if all conform, 1
+if some do not, 2 if one cannot be read; then there is no page.
+
+Examples:
+  fuseline report trace.jsonl
+  fuseline report west.jsonl east.jsonl.gz -o drive.html
+  fuseline report --observed --tolerance 2ms --lateness 5ms node.jsonl -o node.html")]
+pub(crate) struct Args {
+    /// The traces, plain or gzipped; - is standard input.
+    #[arg(value_name = "TRACE", required = true)]
+    traces: Vec<PathBuf>,
+    /// The page.
+    #[arg(short, long, value_name = "FILE", default_value = "report.html")]
+    output: PathBuf,
+    #[command(flatten)]
+    how: How,
+}
+
+/// Why there is no page.
+#[derive(Debug, Error)]
+pub(crate) enum ReportError {
+    #[error("{file}: a page holds 10,000,000 events, and there are more; cut the trace")]
+    TooLong { file: String },
+}
+
+/// Judges each trace and writes the page once all are read.
+pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
+    let (mut told, mut exit, mut room) = (Vec::new(), Exit::Conforms, EVENTS);
+    let mut out = Sink::new(anstream::stdout());
+    for path in &args.traces {
+        let (one, verdict) = read(args.how.manner(), path, &mut room)?;
+        verdict.summary().tell(&mut out).map_err(Fault::Output)?;
+        exit = exit.max(verdict.exit());
+        told.push(one);
+    }
+    let name = args.output.display().to_string();
+    let fault = |source| Fault::Create { name, source };
+    whole::write(&args.output, |out| page::write(out, &told).map_err(fault))?;
+    Ok(exit)
+}
+
+/// Reads and judges one trace; `room` is how many events more the page can hold.
+fn read(manner: Manner, path: &Path, room: &mut usize) -> Result<(Told, Found), Fault> {
+    let (name, file) = open(path)?;
+    let trace = unpack(BufReader::new(file))
+        .map_err(|source| Fault::Open { name: name.clone(), source })?;
+    let mut reader = reader(manner, &name, trace)?;
+    let header = reader.header().clone();
+    let mut judging = Judging::new(manner, &name, &header);
+    let mut columns = Columns::new(&header);
+    while let Some(event) = reader.next_event()? {
+        *room = room.checked_sub(1).ok_or_else(|| ReportError::TooLong { file: name.clone() })?;
+        judging.line(reader.line(), &event)?;
+        columns.push(event);
+    }
+    let verdict = judging.finish();
+    Ok((columns.told(&header, manner, &verdict), verdict))
+}

@@ -1,0 +1,46 @@
+//! The page: its text, the built script and style, and the data, in one file.
+
+use std::io::{self, Write};
+
+use crate::report::columns::Told;
+
+/// The text; each mark in it is replaced by what it names.
+const PAGE: &str = include_str!("../../report/page.html");
+/// Made by `report/build`, with the licences of what is in them.
+const SCRIPT: &str = include_str!("../../report/dist/report.js");
+const STYLE: &str = include_str!("../../report/dist/report.css");
+const LICENSES: &str = include_str!("../../report/dist/LICENSES.txt");
+
+/// Writes it.
+pub(crate) fn write(out: &mut impl Write, told: &[Told]) -> io::Result<()> {
+    for (i, part) in PAGE.split("@@").enumerate() {
+        match (i % 2, part) {
+            (1, "licenses") => out.write_all(LICENSES.as_bytes())?,
+            (1, "style") => out.write_all(STYLE.as_bytes())?,
+            (1, "script") => out.write_all(SCRIPT.as_bytes())?,
+            (1, "data") => serde_json::to_writer(Inline(&mut *out), told)?,
+            (_, text) => out.write_all(text.as_bytes())?,
+        }
+    }
+    Ok(())
+}
+
+/// JSON that can stand in a page: no name in it can end the element or begin another, since `<` is
+/// written as a script's text has it. It stands in texts only, so that the JSON means the same.
+struct Inline<W>(W);
+
+impl<W: Write> Write for Inline<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        for (i, part) in bytes.split(|byte| *byte == b'<').enumerate() {
+            if i > 0 {
+                self.0.write_all(b"\\u003c")?;
+            }
+            self.0.write_all(part)?;
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
