@@ -3,11 +3,8 @@
 mod mcap;
 mod perfetto;
 
-use std::fs::{self, File};
-use std::io::{self, BufReader, BufWriter, Seek, Write};
+use std::io::{self, BufReader, Seek, Write};
 use std::path::PathBuf;
-use std::process;
-use std::sync::{Arc, OnceLock};
 
 use fuseline_traces::{Event, Header, Reader, unpack};
 use thiserror::Error;
@@ -15,7 +12,7 @@ use thiserror::Error;
 use crate::Exit;
 use crate::check::open;
 use crate::fault::Fault;
-use crate::whole::{INTERRUPTED, beside};
+use crate::whole;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -75,24 +72,14 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     let mut reader = Reader::observed(name, trace)?;
 
     let name = args.output.display().to_string();
-    let fault = |source: io::Error| Fault::Create { name: name.clone(), source };
-    let unfinished: Arc<OnceLock<PathBuf>> = Arc::default();
-    let left = Arc::clone(&unfinished);
-    // Where the system refuses a handler, Ctrl-C leaves the unfinished file.
-    let _ = ctrlc::set_handler(move || {
-        let _ = left.get().map(fs::remove_file);
-        process::exit(INTERRUPTED);
-    });
-    let whole = beside(&args.output).map_err(fault)?;
-    let _ = unfinished.set(whole.path().to_owned());
-    let out = BufWriter::new(File::create(whole.path()).map_err(fault)?);
     let wrong = |source: ExportError| Fault::Export { name: name.clone(), source };
-    let mut writer = writer(&args.viewer, out, reader.header()).map_err(wrong)?;
-    while let Some(event) = reader.next_event()? {
-        writer.event(&event).map_err(wrong)?;
-    }
-    writer.finish().map_err(wrong)?;
-    whole.persist(&args.output).map_err(|error| fault(error.error))?;
+    whole::write(&args.output, |out| {
+        let mut writer = writer(&args.viewer, out, reader.header()).map_err(wrong)?;
+        while let Some(event) = reader.next_event()? {
+            writer.event(&event).map_err(wrong)?;
+        }
+        writer.finish().map_err(wrong)
+    })?;
     Ok(Exit::Conforms)
 }
 
