@@ -180,7 +180,7 @@ fn moved(event: Event, now: u64) -> Event {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 1024, failure_persistence: None, ..Default::default() })]
+    #![proptest_config(ProptestConfig { cases: 4096, failure_persistence: None, ..Default::default() })]
 
     #[test]
     fn what_is_judged_along_the_way_is_what_a_look_at_the_whole_trace_finds(

@@ -17,7 +17,7 @@ pub(super) struct Watch {
     /// The clouds asked, when, and with which due instant.
     requests: Vec<(u64, u64, u64)>,
     came: Vec<Came>,
-    /// What was dropped before it was read that it came.
+    /// The lines that tell of results and failures that were none.
     dropped: Vec<Dropped>,
     /// What came out and when, with the line.
     outputs: Vec<(Option<u64>, u64, u64)>,
@@ -152,7 +152,8 @@ impl Watch {
     pub(super) fn ripens(&self, slack: Slack) -> u64 {
         let Slack { tolerance, lateness } = slack;
         let opens = self.opens.iter().map(|open| open.at);
-        let settled = opens.chain(self.refusals.iter().copied());
+        let dropped = self.dropped.iter().map(|dropped| dropped.at);
+        let settled = opens.chain(self.refusals.iter().copied()).chain(dropped);
         let (last, ends) = if self.has_come_out() {
             (settled.chain(self.outputs.iter().map(|(_, at, _)| *at)).max(), 1)
         } else {
@@ -214,23 +215,25 @@ impl Watch {
     }
 
     fn comes(&mut self, p: u64, at: u64, is_result: bool) {
-        let found = self.dropped.iter().position(|drop| (drop.p, drop.at) == (p, at));
-        let dropped = found.map(|place| self.dropped.swap_remove(place));
-        if !dropped.is_some_and(|dropped| dropped.is_unknown) {
-            self.came.push(Came { is_result, p, is_superseded: dropped.is_some(), at });
+        let mut drops = self.dropped.iter().filter(|drop| (drop.p, drop.at) == (p, at)).peekable();
+        let is_superseded = drops.peek().is_some();
+        if !drops.any(|dropped| dropped.is_unknown) {
+            self.came.push(Came { is_result, p, is_superseded, at });
         }
     }
 
+    /// A drop line is about all that came of the source at its instant, in whatever order the lines stand.
     fn drops(&mut self, p: u64, at: u64, is_unknown: bool) {
-        let is_it = |came: &Came| (came.p, came.at) == (p, at) && !came.is_superseded;
-        match self.came.iter().rposition(is_it) {
-            Some(place) if is_unknown => drop(self.came.swap_remove(place)),
-            Some(place) => {
-                if let Some(came) = self.came.get_mut(place) {
-                    came.is_superseded = true;
-                }
-            }
-            None => self.dropped.push(Dropped { p, at, is_unknown }),
+        let dropped = Dropped { p, at, is_unknown };
+        if !self.dropped.contains(&dropped) {
+            self.dropped.push(dropped);
+        }
+        let is_it = |came: &Came| (came.p, came.at) == (p, at);
+        if is_unknown {
+            self.came.retain(|came| !is_it(came));
+        }
+        for came in self.came.iter_mut().filter(|came| is_it(came)) {
+            came.is_superseded = true;
         }
     }
 
