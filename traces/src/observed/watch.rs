@@ -1,5 +1,7 @@
 //! A timestamp that may still get a line.
 
+use std::collections::BTreeSet;
+
 use super::story::{Slack, Story};
 use crate::event::{Decision, DropReason, Event, Input};
 
@@ -16,9 +18,9 @@ pub(super) struct Watch {
     refusals: Vec<u64>,
     /// The clouds asked, when, and with which due instant.
     requests: Vec<(u64, u64, u64)>,
-    came: Vec<Came>,
+    came: BTreeSet<Came>,
     /// The lines that tell of results and failures that were none.
-    dropped: Vec<Dropped>,
+    dropped: BTreeSet<Dropped>,
     /// What came out and when, with the line.
     outputs: Vec<(Option<u64>, u64, u64)>,
     /// The line of a request to a cloud that is not registered, with its priority.
@@ -42,13 +44,13 @@ struct Open {
 /// A result or a failure.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 struct Came {
-    is_result: bool,
     p: u64,
-    is_superseded: bool,
     at: u64,
+    is_result: bool,
+    is_superseded: bool,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 struct Dropped {
     p: u64,
     at: u64,
@@ -121,11 +123,9 @@ impl Watch {
     pub(super) fn compact(&mut self, until: u64) {
         let is_due = |len: usize| len >= MANY && len.is_power_of_two();
         if is_due(self.came.len()) {
-            self.came.sort_unstable();
-            let mut before = None;
+            let mut seen = BTreeSet::new();
             self.came.retain(|came| {
-                let kind = (came.is_result, came.p, came.is_superseded);
-                before.replace(kind) != Some(kind) || came.at >= until
+                seen.insert((came.p, came.is_result, came.is_superseded)) || came.at >= until
             });
         }
         if is_due(self.dropped.len()) {
@@ -135,7 +135,7 @@ impl Watch {
 
     /// How many facts are held that may be left out.
     #[cfg(test)]
-    pub(super) const fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.came.len() + self.dropped.len()
     }
 
@@ -215,25 +215,23 @@ impl Watch {
     }
 
     fn comes(&mut self, p: u64, at: u64, is_result: bool) {
-        let mut drops = self.dropped.iter().filter(|drop| (drop.p, drop.at) == (p, at)).peekable();
+        let [first, last] = [false, true].map(|is_unknown| Dropped { p, at, is_unknown });
+        let mut drops = self.dropped.range(first..=last).peekable();
         let is_superseded = drops.peek().is_some();
         if !drops.any(|dropped| dropped.is_unknown) {
-            self.came.push(Came { is_result, p, is_superseded, at });
+            self.came.insert(Came { p, at, is_result, is_superseded });
         }
     }
 
     /// A drop line is about all that came of the source at its instant, in whatever order the lines stand.
     fn drops(&mut self, p: u64, at: u64, is_unknown: bool) {
-        let dropped = Dropped { p, at, is_unknown };
-        if !self.dropped.contains(&dropped) {
-            self.dropped.push(dropped);
-        }
-        let is_it = |came: &Came| (came.p, came.at) == (p, at);
-        if is_unknown {
-            self.came.retain(|came| !is_it(came));
-        }
-        for came in self.came.iter_mut().filter(|came| is_it(came)) {
-            came.is_superseded = true;
+        self.dropped.insert(Dropped { p, at, is_unknown });
+        for (is_result, is_superseded) in
+            [(false, false), (false, true), (true, false), (true, true)]
+        {
+            if self.came.remove(&Came { p, at, is_result, is_superseded }) && !is_unknown {
+                self.came.insert(Came { p, at, is_result, is_superseded: true });
+            }
         }
     }
 
