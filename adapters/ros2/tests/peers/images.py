@@ -1,0 +1,71 @@
+"""A camera as cameras are: a megabyte thirty times a second, reliably."""
+
+import os
+import time
+
+from graph import quality, until
+from messages import Header, Image, Time
+from node import POINTS, parameters
+from roles import Camera, Listener, Model, ready
+
+SECONDS = int(os.environ.get("IMAGES_SECONDS", "60"))
+RATE_HZ = 30
+BYTES = 1_000_000
+SETTLED_S = 15
+RESIDENT_MIB = 300
+GROWTH_MIB = 40
+
+
+class ImageCamera(Camera):
+    """A camera whose inputs are a megabyte."""
+
+    def __init__(self):
+        super().__init__(kind=Image, qos=quality(depth=10))
+        pixels = bytes(range(256)) * (BYTES // 256 + 1)
+        self.image = Image(Header(Time.at(0), ""), 500, 666, "rgb8", 0, 2000, pixels[:BYTES])
+
+    def ask(self, plan, stamp=None):
+        stamp = self.next_stamp() if stamp is None else stamp
+        if plan != self.image.header.frame_id:
+            self.image.header.frame_id = plan
+            vars(self.image).pop("payload", None)
+        self.image.header.stamp = Time.at(stamp)
+        self.output.publish(self.image)
+        return stamp, time.monotonic()
+
+
+def each_image_of_a_megabyte_is_answered_once_at_thirty_a_second(bench):
+    reliable = {"reliability": "reliable", "depth": 10}
+    node = bench.node({**parameters(["west"], input={"type": "sensor_msgs/msg/Image"}), "output": POINTS,
+                       "qos_overrides": {"/input": {"subscription": reliable}}})
+    camera, listener = ImageCamera(), Listener()
+    local, west = Model("local", kind=Image, keep_bytes=48), Model("west", kind=Image, keep_bytes=48)
+    ready(camera, listener, local, west)
+    start, cpu_s, rss = time.monotonic(), node.cpu_s(), []
+    stamps = []
+    while (now := time.monotonic()) < start + SECONDS:
+        stamps.append(camera.ask("local=0.005 west=0.03")[0])
+        if len(stamps) % RATE_HZ == 0:
+            rss.append(node.resident_mib())
+        time.sleep(max(0, start + len(stamps) / RATE_HZ - time.monotonic()))
+    cpu_s = node.cpu_s() - cpu_s
+    took = time.monotonic() - start
+    # All that was received is answered within the deadlines.
+    until(lambda: len(node.events("open")) == len(node.events("emit")) + len(node.events("miss"))
+          + len(node.events("refuse", why="full")), "every open input answered")
+    time.sleep(1)
+    assert node.ends() == 0
+    accepted = len(node.events("open")) - sum("p" not in line for line in node.events("refuse"))
+    emitted = node.events("emit")
+    stamps_out = [heard.message.header.stamp.stamp for heard in listener.results.heard]
+    print(f"{len(stamps)} images sent in {took:.1f} s, {accepted} taken in with those of the start, "
+          f"{len(emitted)} results, {sum(line['p'] == 1 for line in emitted)} of west; "
+          f"{cpu_s / took:.2f} of a core, {rss[0]:.0f} MiB resident at first, at most {max(rss):.0f}, {rss[-1]:.0f} at the end")
+    assert len(stamps_out) == len(set(stamps_out)), "a result was sent twice"
+    assert len(emitted) == accepted, "not every input that was taken in was answered"
+    assert len(stamps_out) == len(emitted), "not every result that left came"
+    received = set(stamps) & set(stamps_out)
+    assert len(received) >= 0.95 * len(stamps), f"only {len(received)} of {len(stamps)} images were taken in"
+    assert max(rss) < RESIDENT_MIB, f"{max(rss):.0f} MiB resident"
+    settled = rss[min(SETTLED_S, len(rss) // 2):]
+    assert settled[-1] - settled[0] < GROWTH_MIB, f"grew from {settled[0]:.0f} to {settled[-1]:.0f} MiB"
