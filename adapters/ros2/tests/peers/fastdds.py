@@ -4,6 +4,8 @@ import subprocess
 import threading
 
 from graph import until
+from messages import PointStamped, answered, serialized
+from roles import plan_of
 
 
 class FastDds:
@@ -50,8 +52,23 @@ class FastDds:
         self.process.wait(timeout=10)
 
 
-def later(after, what):
-    """Does `what` after so many seconds."""
-    timer = threading.Timer(after, what)
-    timer.daemon = True
-    timer.start()
+class FastModel:
+    """A model as those of cyclonedds are, whose answers are big-endian where `is_big` of the stamp says so."""
+
+    answer = staticmethod(answered)
+
+    def __init__(self, peer, source, is_big):
+        self.peer, self.source, self.is_big = peer, source, is_big
+        peer.publishes(f"/{source}/output", PointStamped)
+        peer.subscribes(f"/{source}/input", PointStamped, then=self.take)
+
+    def take(self, payload):
+        header = PointStamped.deserialize(payload).header
+        stamp = header.stamp.stamp
+        after = plan_of(header.frame_id).get(self.source)
+        if after is not None:
+            made = serialized(answered(self.source, stamp), big=self.is_big(stamp))
+            threading.Timer(after, self.peer.publish, [f"/{self.source}/output", made]).start()
+
+    def until_matched(self):
+        self.peer.until_matched(f"/{self.source}/output", f"/{self.source}/input")

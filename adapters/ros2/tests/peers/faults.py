@@ -6,7 +6,7 @@ import threading
 import time
 
 from forwarding import check
-from graph import Peer, quality, until
+from graph import Peer, again, quality, until
 from messages import ERROR, OK, WARN, Header, Image, Point, PointStamped, String, Time, answered, bytes_as
 from node import parameters
 from roles import Camera, Listener, Model, ready
@@ -107,22 +107,22 @@ def garbage_on_every_topic_is_counted_and_does_no_harm(bench):
             short = Peer().publishes(topic, kind)
             short.until_matched()
             counted = listener.counted("malformed", part)
-            until(lambda: (short.publish(kind(b"\xff" * size)), listener.counted("malformed", part) > counted)[1],
+            again(lambda: short.publish(kind(b"\xff" * size)), lambda: listener.counted("malformed", part) > counted,
                   f"{size} bytes on {topic} counted as malformed")
         # A time of more than a second's nanoseconds.
         publisher = Peer().publishes(topic, PointStamped)
         publisher.until_matched()
         counted = listener.counted("malformed", part)
         odd = PointStamped(Header(Time(1, 1_000_000_000), "local=0 west=0"), Point(0, 0, 0))
-        until(lambda: (publisher.publish(odd), listener.counted("malformed", part) > counted)[1],
+        again(lambda: publisher.publish(odd), lambda: listener.counted("malformed", part) > counted,
               f"a wrong time on {topic} counted as malformed")
     # What has a key and nothing else is taken for a message: nobody looks further.
     kind = bytes_as(PointStamped, 8)
     publisher = Peer().publishes("/input", kind)
     publisher.until_matched()
     bare = Time.at(4_000_000_005)
-    publisher.publish(kind(bare.serialize()[4:]))
-    until(lambda: listener.status_of(4_000_000_005), "a status of the input that is a key alone")
+    again(lambda: publisher.publish(kind(bare.serialize()[4:])), lambda: listener.status_of(4_000_000_005),
+          "a status of the input that is a key alone")
     stamp, at = camera.ask("local=0.02 west=0.05")
     listener.until_answered([stamp])
     assert node.ends() == 0
@@ -143,7 +143,7 @@ def other_encapsulations_are_counted_and_do_no_harm(bench):
         for head in ("0002", "0003", "0006", "0007", "000a", "000b", "00ff", "ffff"):
             counted = listener.counted("malformed", part)
             payload = bytes.fromhex(head) + good[2:]
-            until(lambda: (peer.publish(topic, payload), listener.counted("malformed", part) > counted)[1],
+            again(lambda: peer.publish(topic, payload), lambda: listener.counted("malformed", part) > counted,
                   f"encapsulation {head} on {topic} counted as malformed")
         # Less than an encapsulation header is not a sample that DDS could give us.
         for payload in (b"", b"\x00", b"\x00\x01", b"\x00\x01\x00", b"\x00\x00\x00\x00"):

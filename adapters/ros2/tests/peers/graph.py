@@ -32,6 +32,19 @@ def until(holds, what, cap=CAP_S):
     return value
 
 
+def again(act, holds, what):
+    """Does `act` five times a second until `holds()` is true: a peer that has not met the sender yet misses the first."""
+    def acted():
+        act()
+        end = time.monotonic() + 0.2
+        while time.monotonic() < end:
+            if holds():
+                return True
+            time.sleep(0.005)
+        return False
+    until(acted, what)
+
+
 def quality(reliable=True, depth=1000):
     reliability = Policy.Reliability.Reliable(duration(seconds=1)) if reliable else Policy.Reliability.BestEffort
     return Qos(reliability, Policy.History.KeepLast(depth), Policy.Durability.Volatile)

@@ -131,6 +131,12 @@ def serialized(message, big=False):
     return message.serialize(endianness=Endianness.Big if big else Endianness.Little)
 
 
+def carries(payload, message):
+    """Whether a payload is this message and nothing else, but for the padding to four bytes that DDS may add."""
+    sent = message.serialize()
+    return payload[:2] == sent[:2] and payload[4:len(sent)] == sent[4:] and payload[len(sent):] in (b"", b"\0", b"\0\0", b"\0\0\0")
+
+
 def bytes_as(kind, size):
     """A type with the name of `kind` that is `size` bytes and nothing else: what it carries need not be a `kind`."""
 

@@ -5,7 +5,7 @@ import time
 
 from forwarding import check
 from graph import Peer, until
-from messages import OK, WARN, String, answered
+from messages import ERROR, WARN, String, answered
 from node import POINTS, parameters
 from roles import Camera, Listener, Model, ready
 
@@ -81,7 +81,7 @@ def a_local_that_comes_later_is_taken_on_when_it_comes(bench):
 
     (status,) = until(missed, "a status without local")
     assert (status.level, status.message) == (WARN, "missed"), status
-    assert listener.health("local").level != OK, listener.health("local")
+    listener.until_health("local", {WARN, ERROR})
     assert not listener.results.heard
     local = Model("local")
     ready(camera, listener, local)
