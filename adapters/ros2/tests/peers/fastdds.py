@@ -1,4 +1,4 @@
-"""A peer in Fast DDS, told what to do line by line: `fastdds.cpp` says how. Payloads are bytes, encapsulation included."""
+"""A peer in Fast DDS, told what to do line by line, as `fastdds.cpp` says; payloads include their encapsulation."""
 
 import subprocess
 import threading

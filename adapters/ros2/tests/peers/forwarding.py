@@ -6,7 +6,19 @@ import time
 from bench import Skipped
 from fastdds import FastModel
 from graph import Peer, again, until
-from messages import OK, WARN, CompressedImage, Float64, Header, PointStamped, Time, answered, asked, carries, serialized
+from messages import (
+    OK,
+    WARN,
+    CompressedImage,
+    Float64,
+    Header,
+    PointStamped,
+    Time,
+    answered,
+    asked,
+    carries,
+    serialized,
+)
 from node import parameters
 from roles import PERIOD_NS, Camera, Listener, Model, ready
 
@@ -187,7 +199,8 @@ def payloads_of_any_length_go_through_as_they_came(bench):
 
     camera, listener = Camera(kind=CompressedImage), Listener(kind=CompressedImage)
     camera.ask = ask
-    models = [Model(source, kind=CompressedImage, result=CompressedImage, answer=answer) for source in ("local", "west")]
+    image = {"kind": CompressedImage, "result": CompressedImage, "answer": answer}
+    models = [Model(source, **image) for source in ("local", "west")]
     ready(camera, listener, *models)
     sizes = [*range(9), 63, 64, 65, 100, 511, 512, 513, 999]
     stamps = [camera.next_stamp() // 10**6 * 10**6 + size * 1000 + size for size in sizes]

@@ -33,7 +33,7 @@ def until(holds, what, cap=CAP_S):
 
 
 def again(act, holds, what):
-    """Does `act` five times a second until `holds()` is true: a peer that has not met the sender yet misses the first."""
+    """Does `act` five times a second until `holds()`: a peer that has not met the sender yet misses the first."""
     def acted():
         act()
         end = time.monotonic() + 0.2

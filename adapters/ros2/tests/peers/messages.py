@@ -134,7 +134,8 @@ def serialized(message, big=False):
 def carries(payload, message):
     """Whether a payload is this message and nothing else, but for the padding to four bytes that DDS may add."""
     sent = message.serialize()
-    return payload[:2] == sent[:2] and payload[4:len(sent)] == sent[4:] and payload[len(sent):] in (b"", b"\0", b"\0\0", b"\0\0\0")
+    padding = payload[len(sent):]
+    return payload[:2] == sent[:2] and payload[4:len(sent)] == sent[4:] and len(padding) < 4 and not any(padding)
 
 
 def bytes_as(kind, size):
