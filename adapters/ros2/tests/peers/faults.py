@@ -55,9 +55,9 @@ def a_killed_cloud_is_replaced_by_local_and_taken_again_when_it_returns(bench):
     until(lambda: has("local", "F3"), "local's results at once", cap=30)
     gone = time.monotonic() - killed
     listener.until_health("west", {ERROR})
-    asked = len(node.events("request"))
+    asked = listener.counted("requests", "west")
     until(lambda: has("local", "F3", count=10), "local's results at once")
-    assert len(node.events("request")) - asked <= 1, "a cloud that is gone was asked"
+    assert listener.counted("requests", "west") == asked, "a cloud that is gone was asked"
     bench.model_process("west")
     until(lambda: has("west", "F3"), "west's results again", cap=30)
     listener.until_health("west", {OK})
@@ -84,9 +84,10 @@ def a_peer_with_another_type_name_does_not_match(bench):
     image.publish(Image(Header(Time.at(1), "local=0"), 1, 1, "mono8", 0, 1, b"1"))
     stamps = [camera.ask("local=0 west=0")[0] for _ in range(8)]
     listener.until_answered(stamps)
+    listener.until_counted("messages", len(listener.status.heard))
     assert image.matched() == output.matched() == asked.matched() == 0
     assert output.count == asked.count == 0
-    assert not node.events("request"), "a cloud of another type was asked"
+    assert listener.counted("requests", "west") == 0, "a cloud of another type was asked"
     west = Model("west")
     ready(camera, listener, local, west)
     stamp, at = camera.ask("local=0 west=0.05")
@@ -102,7 +103,7 @@ def garbage_on_every_topic_is_counted_and_does_no_harm(bench):
     ready(camera, listener, local, west)
     broken = {"/input": "fusion", "/local/output": "local", "/west/output": "west"}
     for topic, part in broken.items():
-        for size in (1, 4, 7):
+        for size in (1, 4):
             kind = bytes_as(PointStamped, size)
             short = Peer().publishes(topic, kind)
             short.until_matched()

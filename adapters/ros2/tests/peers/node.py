@@ -22,7 +22,7 @@ def yaml(value, indent=""):
 
 def parameters(clouds=(), **others):
     """What most tests want: stamped points both ways, a second to answer, diagnostics five times a second."""
-    return {"input": POINTS, "output": POINTS, "deadline": 1.0, "local": {"deadline": 5.0}, "clouds": list(clouds),
+    return {"input": POINTS, "output": POINTS, "deadline": 1.0, "local": {"deadline": 5.0, "in_flight": 64}, "clouds": list(clouds),
             "diagnostics": {"period": 0.2}, "localhost_only": True} | others
 
 
@@ -62,7 +62,7 @@ class Node:
         return self.log_file.read_text()
 
     def lines(self):
-        """The lines of its trace after the header, those that are whole."""
+        """The lines of its trace after the header, those that are written: all of them once it has ended."""
         text = self.trace_file.read_text() if self.trace_file.exists() else ""
         return [json.loads(line) for line in text[:text.rfind("\n") + 1].splitlines()[1:]]
 
