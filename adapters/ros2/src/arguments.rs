@@ -326,7 +326,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_arguments_are_read_or_refused(args: Vec<String>, texts in "[a:=/_\\[\\]{}'1]{0,12}") {
+        fn any_arguments_are_read_or_refused(
+            args: Vec<String>,
+            texts in "[a:=/_\\[\\]{}'1]{0,12}",
+        ) {
             drop(parse(&args.iter().map(String::as_str).collect::<Vec<_>>()));
             drop(parse(&["--ros-args", "-p", &texts]));
             drop(parse(&["--ros-args", "-r", &texts]));

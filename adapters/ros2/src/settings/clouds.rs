@@ -1,7 +1,7 @@
 //! The clouds' parameters.
 
 use crate::names::check_token;
-use crate::parameters::Value;
+use crate::parameters::{Place, Value};
 use crate::settings::reader::{Placed, Reader};
 use crate::settings::{Cloud, Grpc, SettingsError, Way, change, topics};
 
@@ -44,7 +44,7 @@ const PARTS: [&str; 14] = [
 
 /// Reads which clouds there are, and then each.
 pub(super) fn read(r: &mut Reader, types: [&str; 2]) -> Result<Vec<Cloud>, SettingsError> {
-    let Placed { value: names, place } = r.names("clouds", "The clouds' names")?;
+    let Placed { value: names, place: listed } = r.names("clouds", "The clouds' names")?;
     for (at, cloud) in names.iter().enumerate() {
         let why = if at >= CLOUDS {
             "there are already 15; leave it out"
@@ -57,7 +57,7 @@ pub(super) fn read(r: &mut Reader, types: [&str; 2]) -> Result<Vec<Cloud>, Setti
         } else {
             continue;
         };
-        return Err(SettingsError::Cloud { place, cloud: cloud.clone(), why });
+        return Err(SettingsError::Cloud { place: listed, cloud: cloud.clone(), why });
     }
     let mut clouds: Vec<Cloud> = Vec::new();
     for (name, default) in names.into_iter().zip(1..) {
@@ -66,6 +66,8 @@ pub(super) fn read(r: &mut Reader, types: [&str; 2]) -> Result<Vec<Cloud>, Setti
             r.integer(&parameter, 1..=65_535, default, "The greater wins")?;
         if let Some(other) = clouds.iter().find(|other| other.priority == priority) {
             let other = other.name.clone();
+            // By default it is the place in the list.
+            let place = if place == Place::Default { listed } else { place };
             return Err(SettingsError::Priority { place, name, priority, other });
         }
         clouds.push(cloud(r, name, priority, types)?);

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::parameters::{Given, Value};
+use crate::parameters::{Given, Place, Value};
 use crate::settings::SettingsError;
 use crate::settings::reader::nearest;
 
@@ -33,6 +33,8 @@ pub struct Topic {
     pub qos: Qos,
     /// The parameter that names it, or its own name before it was resolved.
     pub purpose: String,
+    /// Where its name comes from.
+    pub place: Place,
 }
 
 /// A side of a topic.

@@ -201,13 +201,19 @@ impl<'a> Reader<'a> {
                 return Err(SettingsError::Topic { place, name: purpose, topic, source });
             }
         };
+        let is_remapped = self.node.expand(value).is_ok_and(|unmapped| unmapped != name);
+        let place = match place {
+            Place::Default if is_remapped => Place::Argument("--remap".to_owned()),
+            place => place,
+        };
         // The node would hear itself, or could not tell whose message it is.
         if let Some(other) = self.topics.iter().find(|other| other.name == name) {
+            let place = if place == Place::Default { other.place.clone() } else { place };
             let other = other.purpose.clone();
             return Err(SettingsError::Shared { place, name: purpose, topic: name, other });
         }
         let (type_name, qos) = (type_name.to_owned(), Qos::of(role));
-        self.topics.push(Topic { name: name.clone(), type_name, role, qos, purpose });
+        self.topics.push(Topic { name: name.clone(), type_name, role, qos, purpose, place });
         Ok(name)
     }
 
@@ -219,6 +225,10 @@ impl<'a> Reader<'a> {
         for given in std::mem::take(&mut self.given).into_values() {
             let applied = match given.name.strip_prefix(qos::PREFIX) {
                 Some(rest) => qos::apply(&mut self.topics, rest, &given),
+                None if given.is_shared => {
+                    ignored.push(given);
+                    continue;
+                }
                 None => Err(self.unknown(&given)),
             };
             match applied {

@@ -35,14 +35,14 @@ impl fmt::Display for Settings {
             writeln!(f)?;
             print(f, &clouds)?;
         }
-        let mut parameters = table(["parameter", "value", "from", "about"]);
+        let mut parameters = table(["parameter", "value", "from", "while running"]);
         for parameter in &self.declared {
-            let fixed = if parameter.at_run_time { "; may change" } else { "" };
+            let change = if parameter.at_run_time { "may change" } else { "fixed" };
             parameters.add_row([
                 parameter.name.clone(),
                 parameter.value.to_string(),
                 parameter.place.to_string(),
-                format!("{}{fixed}", parameter.about),
+                change.to_owned(),
             ]);
         }
         writeln!(f)?;
