@@ -114,7 +114,7 @@ impl NodeName {
     /// The full name, `/namespace/name`.
     #[must_use]
     pub fn full(&self) -> String {
-        self.within("", &self.name)
+        self.within(&self.name)
     }
 
     /// The full name of a topic: relative, private (`~/x`) or already full.
@@ -123,13 +123,13 @@ impl NodeName {
     /// If it is no name, or too long.
     pub fn expand(&self, topic: &str) -> Result<String, NameError> {
         let full = if let Some(private) = topic.strip_prefix("~/") {
-            self.within(&self.name, private)
+            format!("{}/{private}", self.full())
         } else if topic.starts_with('/') {
             topic.to_owned()
         } else if topic.is_empty() {
             return Err(NameError::Empty);
         } else {
-            self.within("", topic)
+            self.within(topic)
         };
         full[1..].split('/').try_for_each(check_token)?;
         if full.len() > TOPIC_CHARS { Err(NameError::Long) } else { Ok(full) }
@@ -158,10 +158,8 @@ impl NodeName {
         remaps.iter().filter(is_ours).map(|remap| &remap.rule)
     }
 
-    fn within(&self, private: &str, name: &str) -> String {
-        let parts = [self.namespace.trim_end_matches('/'), private, name];
-        let parts = parts.iter().enumerate().filter(|(at, part)| *at != 1 || !part.is_empty());
-        parts.map(|(_, part)| *part).collect::<Vec<_>>().join("/")
+    fn within(&self, name: &str) -> String {
+        format!("{}/{name}", self.namespace.trim_end_matches('/'))
     }
 }
 

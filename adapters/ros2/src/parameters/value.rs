@@ -26,6 +26,19 @@ pub enum Value {
     Strings(Vec<String>),
 }
 
+impl Value {
+    /// The number that it is; an integer will do.
+    #[must_use]
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Self::Double(double) => Some(*double),
+            #[expect(clippy::cast_precision_loss, reason = "less than one part in 1e15 is lost")]
+            Self::Integer(integer) => Some(*integer as f64),
+            _ => None,
+        }
+    }
+}
+
 pub(super) type Flawed<T> = Result<T, (Mark, Flaw)>;
 
 /// The value of that parameter.

@@ -111,12 +111,12 @@ impl Settings {
 
 /// The time that a number of seconds is.
 pub(super) fn seconds_of(value: &Value) -> Option<Duration> {
-    number(value).and_then(seconds)
+    value.number().and_then(seconds)
 }
 
 /// The time that a number of seconds is, also if it is zero.
 pub(super) fn own_seconds(value: &Value) -> Option<Duration> {
-    match number(value)? {
+    match value.number()? {
         0.0 => Some(Duration::ZERO),
         number => seconds(number),
     }
@@ -125,15 +125,6 @@ pub(super) fn own_seconds(value: &Value) -> Option<Duration> {
 /// A cloud's own deadline; zero stands for `deadline`.
 pub(super) fn none_if_zero(time: Duration) -> Option<Duration> {
     Some(time).filter(|time| !time.is_zero())
-}
-
-fn number(value: &Value) -> Option<f64> {
-    match value {
-        Value::Double(double) => Some(*double),
-        #[expect(clippy::cast_precision_loss, reason = "what is lost is far below 1e-9 of it")]
-        Value::Integer(integer) => Some(*integer as f64),
-        _ => None,
-    }
 }
 
 fn flag_of(value: &Value) -> Option<bool> {

@@ -63,10 +63,9 @@ impl<'a> Reader<'a> {
             Some(given) => (given.value, given.place),
             None => (default, Place::Default),
         };
-        let value = match value {
-            #[expect(clippy::cast_precision_loss, reason = "what is lost is far below 1e-9 of it")]
-            Value::Integer(integer) if is_double => Value::Double(integer as f64),
-            value => value,
+        let value = match value.number() {
+            Some(number) if is_double => Value::Double(number),
+            Some(_) | None => value,
         };
         let name = name.to_owned();
         let Some(converted) = convert(&value) else {

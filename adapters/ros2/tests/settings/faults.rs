@@ -59,6 +59,12 @@ fn files_are_bounded_and_must_be_there() {
         settings(&[&large], TYPES).unwrap_err(),
         "0.yaml: more than 1 MiB; give a parameter file"
     );
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.yaml");
+    std::fs::write(&path, b"a: \xff").unwrap();
+    let path = path.display();
+    let error = error_with(&format!("--params-file {path}"));
+    assert_eq!(error, format!("{path}: not UTF-8; give a parameter file that can be read"));
     let missing = error_with("--params-file no-such.yaml");
     assert!(missing.starts_with("no-such.yaml: "), "{missing}");
     assert!(missing.ends_with("; give a parameter file that can be read"), "{missing}");
