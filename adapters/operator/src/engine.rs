@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_core::ConfigError;
-use fuseline_traces::{Decision, Header, Input, Recorder};
+use fuseline_traces::{Decision, Header, Input};
 use tracing::{debug, warn};
 
 use crate::arbiter::Arbiter;
@@ -16,7 +16,7 @@ use crate::effect::{Effect, Local, Opening};
 use crate::item::{Forwarded, Item, Outcome, Rule, Source};
 use crate::lane::{Lane, Waiting};
 use crate::tally::{Counting, Counts, Event};
-use crate::tape::Tape;
+use crate::tape::{Sink, Tape};
 
 /// Local's priority and the place of its lane.
 const LOCAL: usize = 0;
@@ -42,7 +42,7 @@ pub struct Engine<V, R> {
     counts: Arc<Counts>,
     effects: VecDeque<Effect<V, R>>,
     decisions: Vec<Decision>,
-    tape: Option<Tape>,
+    tapes: Vec<Tape>,
 }
 
 /// What an open message has.
@@ -86,18 +86,28 @@ impl<V, R> Engine<V, R> {
         let sources: Vec<Source> = lanes.iter().map(|lane| lane.source.clone()).collect();
         let counts = Arc::new(Counts::new(&operator, &sources));
         let (open, effects, decisions) = (HashMap::new(), VecDeque::new(), Vec::new());
-        Ok(Self { operator, arbiter, lanes, local, open, counts, effects, decisions, tape: None })
+        Ok(Self {
+            operator,
+            arbiter,
+            lanes,
+            local,
+            open,
+            counts,
+            effects,
+            decisions,
+            tapes: Vec::new(),
+        })
     }
 
-    /// Records everything from here on; to be called before the first input.
+    /// Records everything from here on; to be called before the first input, once for each file.
     ///
-    /// Files are written by a thread of their own. If the disk falls far behind, the recording ends
+    /// A file is written by a thread of its own. If the disk falls far behind, the recording ends
     /// early, whole, with an error; the operator goes on.
     ///
     /// # Errors
     /// If the system has no thread left.
-    pub fn record(&mut self, recorder: Recorder) -> io::Result<()> {
-        self.tape = Some(Tape::new(recorder)?);
+    pub fn record(&mut self, sink: impl Into<Sink>) -> io::Result<()> {
+        self.tapes.push(Tape::new(sink.into())?);
         Ok(())
     }
 
@@ -152,13 +162,15 @@ impl<V, R> Engine<V, R> {
         self.send();
     }
 
-    /// Ends the recording, if there is one, and waits until it is written. Dropping the engine does
-    /// the same.
+    /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine
+    /// does the same.
     ///
     /// # Errors
     /// The first error met while recording; the trace is whole up to there.
     pub fn finish(&mut self) -> io::Result<()> {
-        self.tape.take().map_or(Ok(()), |mut tape| tape.finish())
+        // All are ended, whatever became of the first.
+        let written: Vec<_> = self.tapes.drain(..).map(|mut tape| tape.finish()).collect();
+        written.into_iter().collect()
     }
 
     /// The next thing to be done, in the order of the decisions.
@@ -195,7 +207,7 @@ impl<V, R> Engine<V, R> {
         self.arbiter.expire(at, |decision| decisions.push(decision));
         let fired = decisions.len();
         self.arbiter.apply(&input, |decision| decisions.push(decision));
-        if let Some(tape) = &mut self.tape {
+        for tape in &mut self.tapes {
             tape.record(&input, &decisions);
         }
         let (timers, own) = decisions.split_at(fired);

@@ -6,6 +6,8 @@ mod effect;
 mod engine;
 mod item;
 mod lane;
+#[cfg(feature = "mcap")]
+mod mcap;
 mod meter;
 mod tally;
 mod tape;
@@ -16,4 +18,7 @@ pub use engine::Engine;
 pub use fuseline_core::ConfigError;
 pub use fuseline_traces::{Cloud, Commit, DropReason, Header, Recorder, Recording, Refusal};
 pub use item::{Forwarded, Item, Outcome, Rule, Source};
+#[cfg(feature = "mcap")]
+pub use mcap::{Mcap, McapError};
 pub use tally::{Counting, SourceTally, Tally};
+pub use tape::Sink;

@@ -4,42 +4,46 @@ use std::io;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
 
-use fuseline_traces::{Decision, Input, Recorder};
+#[cfg(feature = "mcap")]
+use std::{fs::File, io::BufWriter};
+
+use fuseline_traces::{Decision, Event, Input, Recorder};
+
+#[cfg(feature = "mcap")]
+use crate::mcap::Mcap;
 
 /// How many lines go to the recorder at once.
 const LINES: usize = 512;
 /// How many times as many may wait for the disk.
 const BATCHES: usize = 64;
 
+/// What a run is recorded as.
+pub enum Sink {
+    /// The trace's own format.
+    Lines(Box<Recorder>),
+    /// For viewers.
+    #[cfg(feature = "mcap")]
+    Mcap(Box<Mcap<BufWriter<File>>>),
+}
+
 /// Hands lines to a recorder on its own thread, so that a slow disk does not delay the operator.
 ///
 /// When too many lines wait for the disk, the recording ends there, whole, with an error.
 pub(crate) struct Tape {
-    lines: Vec<Line>,
-    batches: Option<SyncSender<Vec<Line>>>,
+    lines: Vec<Event>,
+    batches: Option<SyncSender<Vec<Event>>>,
     writer: Option<JoinHandle<io::Result<()>>>,
     behind: bool,
-}
-
-enum Line {
-    Input(Input),
-    Decision(Decision),
 }
 
 impl Tape {
     /// # Errors
     /// If the system has no thread left.
-    pub(crate) fn new(mut recorder: Recorder) -> io::Result<Self> {
-        let (batches, written) = sync_channel::<Vec<Line>>(BATCHES);
-        let writer = thread::Builder::new().name("fuseline-trace".into()).spawn(move || {
-            for line in written.iter().flatten() {
-                match line {
-                    Line::Input(input) => recorder.input(&input),
-                    Line::Decision(decision) => recorder.decision(&decision),
-                }
-            }
-            recorder.finish()
-        })?;
+    pub(crate) fn new(sink: Sink) -> io::Result<Self> {
+        let (batches, written) = sync_channel::<Vec<Event>>(BATCHES);
+        let writer = thread::Builder::new()
+            .name("fuseline-trace".into())
+            .spawn(move || sink.write(written.iter().flatten()))?;
         Ok(Self { lines: Vec::new(), batches: Some(batches), writer: Some(writer), behind: false })
     }
 
@@ -47,8 +51,8 @@ impl Tape {
         if self.lines.len() >= LINES {
             self.hand_over();
         }
-        self.lines.push(Line::Input(*input));
-        self.lines.extend(decisions.iter().copied().map(Line::Decision));
+        self.lines.push(Event::Input(*input));
+        self.lines.extend(decisions.iter().copied().map(Event::Decision));
     }
 
     /// Waits until all is written.
@@ -89,5 +93,42 @@ impl Drop for Tape {
         {
             tracing::error!(%error, "the trace is not whole");
         }
+    }
+}
+
+impl Sink {
+    /// Writes all there is.
+    fn write(self, events: impl Iterator<Item = Event>) -> io::Result<()> {
+        match self {
+            Self::Lines(mut recorder) => {
+                for event in events {
+                    match event {
+                        Event::Input(input) => recorder.input(&input),
+                        Event::Decision(decision) => recorder.decision(&decision),
+                    }
+                }
+                recorder.finish()
+            }
+            #[cfg(feature = "mcap")]
+            Self::Mcap(mut mcap) => {
+                for event in events {
+                    mcap.event(&event).map_err(io::Error::other)?;
+                }
+                mcap.finish().map_err(io::Error::other)
+            }
+        }
+    }
+}
+
+impl From<Recorder> for Sink {
+    fn from(recorder: Recorder) -> Self {
+        Self::Lines(Box::new(recorder))
+    }
+}
+
+#[cfg(feature = "mcap")]
+impl From<Mcap<BufWriter<File>>> for Sink {
+    fn from(mcap: Mcap<BufWriter<File>>) -> Self {
+        Self::Mcap(Box::new(mcap))
     }
 }

@@ -111,7 +111,9 @@ impl<I, O> Registered<I, O> {
 }
 
 impl Call {
-    pub(crate) const fn new(
+    /// A call for a handle that is driven by hand; what it sends is counted for cloud `priority`.
+    #[must_use]
+    pub const fn new(
         timestamp: u64,
         deadline: Duration,
         priority: u16,

@@ -6,6 +6,7 @@ mod perfetto;
 use std::io::{self, BufReader, Seek, Write};
 use std::path::PathBuf;
 
+use fuseline_operator::{Mcap, McapError};
 use fuseline_traces::{Event, Header, Reader, unpack};
 use thiserror::Error;
 
@@ -53,7 +54,7 @@ pub(crate) enum ExportError {
     #[error(transparent)]
     Io(#[from] io::Error),
     #[error(transparent)]
-    Mcap(#[from] ::mcap::McapError),
+    Mcap(#[from] McapError),
     #[error(transparent)]
     Json(#[from] serde_json::Error),
 }
@@ -89,7 +90,7 @@ fn writer<'a, W: Write + Seek + 'a>(
     header: &Header,
 ) -> Result<Box<dyn Writer + 'a>, ExportError> {
     Ok(if viewer.mcap {
-        Box::new(mcap::Messages::new(out, header)?)
+        Box::new(Mcap::new(out, header, 0)?)
     } else {
         Box::new(perfetto::Tracks::new(out, header)?)
     })

@@ -1,0 +1,92 @@
+//! A run as MCAP: lines of the trace as JSON messages, for Foxglove and everything that reads MCAP.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, Write};
+use std::path::Path;
+
+use fuseline_traces::{Decision, Event, Header};
+pub use mcap::McapError;
+use mcap::WriteOptions;
+use mcap::records::MessageHeader;
+
+/// What a message holds.
+const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"limit":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"}}}"#;
+
+/// An MCAP file that is being written: the topic `/fuseline/trace` has each line, the header first,
+/// and `/fuseline/outputs` what was forwarded or missed.
+pub struct Mcap<W: Write + Seek> {
+    inner: mcap::Writer<W>,
+    epoch: u64,
+    lines: u16,
+    outputs: u16,
+    number: u32,
+    line: Vec<u8>,
+}
+
+impl Mcap<BufWriter<File>> {
+    /// Creates the file, or overwrites it.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn create(path: &Path, header: &Header, epoch: u64) -> io::Result<Self> {
+        Self::new(BufWriter::new(File::create(path)?), header, epoch).map_err(io::Error::other)
+    }
+}
+
+impl<W: Write + Seek> Mcap<W> {
+    /// A recording into `out`; `epoch` is what viewers see as the instant 0, in nanoseconds: since
+    /// 1970 if they are to show the time of day.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn new(out: W, header: &Header, epoch: u64) -> Result<Self, McapError> {
+        let library = format!("fuseline {}", env!("CARGO_PKG_VERSION"));
+        let options = WriteOptions::new().profile("fuseline").library(library);
+        let mut inner = options.create(out)?;
+        let schema = inner.add_schema("fuseline.Line", "jsonschema", SCHEMA.as_bytes())?;
+        let none = BTreeMap::new();
+        let lines = inner.add_channel(schema, "/fuseline/trace", "json", &none)?;
+        let outputs = inner.add_channel(schema, "/fuseline/outputs", "json", &none)?;
+        let mut mcap = Self { inner, epoch, lines, outputs, number: 0, line: Vec::new() };
+        header.write(&mut mcap.line);
+        mcap.put(lines, 0)?;
+        Ok(mcap)
+    }
+
+    /// Writes one line, and once more if it is an output.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn event(&mut self, event: &Event) -> Result<(), McapError> {
+        self.line.clear();
+        event.write(&mut self.line);
+        let at = match event {
+            Event::Input(input) => input.at(),
+            Event::Decision(decision) => decision.at(),
+        };
+        self.put(self.lines, at)?;
+        if let Event::Decision(Decision::Emit { .. } | Decision::Miss { .. }) = event {
+            self.put(self.outputs, at)?;
+        }
+        Ok(())
+    }
+
+    /// Ends the file; without it, readers must recover what is there.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(mut self) -> Result<(), McapError> {
+        self.inner.finish()?;
+        Ok(())
+    }
+
+    fn put(&mut self, channel_id: u16, at: u64) -> Result<(), McapError> {
+        let sequence = self.number;
+        let log_time = self.epoch.saturating_add(at);
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        self.inner.write_to_known_channel(&header, &self.line)?;
+        self.number = self.number.wrapping_add(1);
+        Ok(())
+    }
+}

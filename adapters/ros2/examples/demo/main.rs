@@ -1,0 +1,282 @@
+//! A camera, a model on board and a model in a cloud, joined by `fuseline-ros2` on loopback: fusion,
+//! fallback while the cloud is dead, and recovery. Each part is a process of its own.
+//!
+//! ```sh
+//! cargo run --release -p fuseline-ros2 --example demo
+//! ```
+
+mod ros;
+
+use std::collections::BTreeMap;
+use std::env;
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::Path;
+use std::process::{Child, Command};
+use std::sync::Arc;
+use std::time::Duration;
+
+use fuseline_ros2::{Arguments, Settings, Stop};
+use futures_util::StreamExt;
+use ros2_client::{Publisher, Subscription};
+use rustix::process::{Pid, Signal, kill_process};
+use serde::Deserialize;
+use tokio::time::{Instant, interval, sleep, timeout};
+
+use ros::{
+    Any, CompressedImage, Header, PointStamped, Time, domain, node, publisher, subscription,
+};
+
+const RATE_HZ: u32 = 10;
+const IMAGE_BYTES: usize = 33_000;
+const LOCAL: Model = Model { name: "local", takes: Duration::from_millis(80) };
+const WEST: Model = Model { name: "west", takes: Duration::from_millis(30) };
+/// After so many seconds the cloud is killed, is started again, and all ends.
+const DIES: u64 = 4;
+const RETURNS: u64 = 8;
+const ENDS: u64 = 14;
+
+const PARAMETERS: &str = "
+/**:
+  ros__parameters:
+    input: {type: sensor_msgs/msg/CompressedImage}
+    output: {type: geometry_msgs/msg/PointStamped}
+    deadline: 0.2
+    clouds: [west]
+";
+
+struct Model {
+    name: &'static str,
+    takes: Duration,
+}
+
+#[derive(Deserialize)]
+struct DiagnosticArray {
+    _header: Header,
+    status: Vec<DiagnosticStatus>,
+}
+
+#[derive(Deserialize)]
+struct DiagnosticStatus {
+    level: u8,
+    name: String,
+    message: String,
+    _hardware_id: String,
+    _values: Vec<[String; 2]>,
+}
+
+/// A process of this demo; killed with it.
+struct Part(Child);
+
+fn main() -> Result<(), Any> {
+    let args: Vec<String> = env::args().skip(1).collect();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    match args.first().map(String::as_str) {
+        None => runtime.block_on(direct()),
+        Some("node") => {
+            let arguments = Arguments::parse(args.into_iter().skip(1).map(Into::into))?;
+            let settings = Settings::from(&arguments, |name| env::var(name).ok())?;
+            runtime.block_on(async {
+                fuseline_ros2::run(&settings, &mut Stop::watch()?, None).await.map_err(Any::from)
+            })?;
+            Ok(())
+        }
+        Some("local") => runtime.block_on(model(&LOCAL)),
+        Some("west") => runtime.block_on(model(&WEST)),
+        Some(other) => Err(format!("there is no part {other}").into()),
+    }
+}
+
+/// Starts all parts, is the camera, and tells what comes out.
+async fn direct() -> Result<(), Any> {
+    let folder = tempfile::tempdir()?;
+    let trace = folder.path().join("run.jsonl");
+    let fusion = fusion(folder.path(), &trace)?;
+    let _local = Part::start(&[LOCAL.name])?;
+    let mut west = Some(Part::start(&[WEST.name])?);
+    let mut node = node("camera")?;
+    let camera: Publisher<CompressedImage> =
+        publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
+    let output: Subscription<PointStamped> =
+        subscription(&mut node, "output", "geometry_msgs/PointStamped")?;
+    let diagnostics: Subscription<DiagnosticArray> =
+        subscription(&mut node, "diagnostics", "diagnostic_msgs/DiagnosticArray")?;
+    let mut outputs = Box::pin(output.async_stream());
+    let mut states = Box::pin(diagnostics.async_stream());
+
+    let [of_local, of_west] = [LOCAL, WEST].map(|model| model.takes.as_millis());
+    print!("A camera takes {RATE_HZ} images a second; ");
+    println!("local takes {of_local} ms, west {of_west} ms; each message has 200 ms.\n");
+    camera.wait_for_subscription(&node).await;
+    sleep(Duration::from_secs(2)).await;
+    println!(" second  inputs  west  local   p50     west in /diagnostics");
+
+    let mut frames = interval(Duration::from_secs(1) / RATE_HZ);
+    let (mut book, mut second) = (Book::new(), 0);
+    loop {
+        tokio::select! {
+            _ = frames.tick() => {
+                if book.start.elapsed().as_secs() > second {
+                    second += 1;
+                    book.print(second);
+                    if second == ENDS {
+                        break;
+                    } else if second == DIES {
+                        west = None;
+                        println!("{:>39}west is killed", "");
+                    } else if second == RETURNS {
+                        west = Some(Part::start(&[WEST.name])?);
+                        println!("{:>39}west is started again", "");
+                    }
+                }
+                let header = Header { stamp: book.stamp()?, frame_id: "camera".into() };
+                let data = vec![0; IMAGE_BYTES];
+                let image = CompressedImage { header, format: "jpeg".into(), data };
+                camera.async_publish(image).await.map_err(|error| error.to_string())?;
+            }
+            Some(Ok((point, _))) = outputs.next() => book.output(&point.header),
+            Some(Ok((array, _))) = states.next() => book.state(array),
+        }
+    }
+    // The last ones are on their way.
+    while book.unanswered() > 0 {
+        match timeout(Duration::from_millis(500), outputs.next()).await {
+            Ok(Some(Ok((point, _)))) => book.output(&point.header),
+            _ => break,
+        }
+    }
+    drop(west);
+    fusion.stop()?;
+    book.close();
+    println!("the node's trace {}", judge(&trace)?);
+    Ok(())
+}
+
+/// The node, with a parameter file as users have it.
+fn fusion(folder: &Path, trace: &Path) -> Result<Part, Any> {
+    let parameters = folder.join("fusion.yaml");
+    fs::write(&parameters, PARAMETERS)?;
+    let file = parameters.to_string_lossy();
+    let trace = format!("trace.file:={}", trace.display());
+    let domain = format!("domain_id:={}", domain());
+    let ours = ["-p", &trace, "-p", &domain, "-p", "localhost_only:=true"];
+    Part::start(&[&["node", "--ros-args", "--params-file", &*file][..], &ours].concat())
+}
+
+/// What was sent, what came, and what was said of west.
+struct Book {
+    start: Instant,
+    /// When each image was taken, by its stamp, and how many outputs it has.
+    images: BTreeMap<(i32, u32), (Instant, u32)>,
+    inputs: u32,
+    of_west: u32,
+    of_local: u32,
+    took: Vec<Duration>,
+    state: String,
+}
+
+impl Book {
+    fn new() -> Self {
+        let (start, images, took, state) =
+            (Instant::now(), BTreeMap::new(), Vec::new(), String::new());
+        Self { start, images, inputs: 0, of_west: 0, of_local: 0, took, state }
+    }
+
+    /// The stamp of an image that is taken now.
+    fn stamp(&mut self) -> Result<Time, Any> {
+        let now = self.start.elapsed();
+        let stamp = Time { sec: i32::try_from(now.as_secs())?, nanosec: now.subsec_nanos() };
+        self.images.insert((stamp.sec, stamp.nanosec), (Instant::now(), 0));
+        self.inputs += 1;
+        Ok(stamp)
+    }
+
+    fn output(&mut self, header: &Header) {
+        let stamp = (header.stamp.sec, header.stamp.nanosec);
+        if let Some((at, outputs)) = self.images.get_mut(&stamp) {
+            *outputs += 1;
+            self.took.push(at.elapsed());
+            *(if header.frame_id == WEST.name { &mut self.of_west } else { &mut self.of_local }) +=
+                1;
+        }
+    }
+
+    fn state(&mut self, array: DiagnosticArray) {
+        let of_west = array.status.into_iter().find(|status| status.name.ends_with("west"));
+        if let Some(DiagnosticStatus { level, message, .. }) = of_west {
+            let levels = ["OK", "WARN", "ERROR"];
+            let level = levels.get(usize::from(level)).copied().unwrap_or("STALE");
+            self.state = format!("{level:5} {message}");
+        }
+    }
+
+    /// Prints a second, and begins the next.
+    fn print(&mut self, second: u64) {
+        self.took.sort();
+        let p50 = self.took.get(self.took.len() / 2).map_or(0, Duration::as_millis);
+        let Self { inputs, of_west, of_local, state, .. } = self;
+        println!("{second:7} {inputs:7} {of_west:5} {of_local:6} {p50:4} ms     {state}");
+        (self.inputs, self.of_west, self.of_local) = (0, 0, 0);
+        self.took.clear();
+    }
+
+    fn unanswered(&self) -> usize {
+        self.images.values().filter(|(_, outputs)| *outputs == 0).count()
+    }
+
+    fn close(&self) {
+        let (all, none) = (self.images.len(), self.unanswered());
+        let more = self.images.values().filter(|(_, outputs)| *outputs > 1).count();
+        println!("\n{all} images, {none} without an output, {more} with more than one");
+    }
+}
+
+/// A node that computes something of each image, as many at once as come.
+async fn model(model: &Model) -> Result<(), Any> {
+    let mut node = node(model.name)?;
+    let (input, output) = (format!("{}/input", model.name), format!("{}/output", model.name));
+    let images: Subscription<CompressedImage> =
+        subscription(&mut node, &input, "sensor_msgs/CompressedImage")?;
+    let points: Publisher<PointStamped> =
+        publisher(&mut node, &output, "geometry_msgs/PointStamped")?;
+    let points = Arc::new(points);
+    loop {
+        let (image, _) = images.async_take().await.map_err(|error| error.to_string())?;
+        let (points, name, takes) = (Arc::clone(&points), model.name, model.takes);
+        tokio::spawn(async move {
+            sleep(takes).await;
+            let header = Header { stamp: image.header.stamp, frame_id: name.into() };
+            // Whoever asked may be gone.
+            drop(points.async_publish(PointStamped { header, point: [1.0, 2.0, 3.0] }).await);
+        });
+    }
+}
+
+impl Part {
+    fn start(args: &[&str]) -> Result<Self, Any> {
+        Ok(Self(Command::new(env::current_exe()?).args(args).spawn()?))
+    }
+
+    /// Asks it to end, and waits.
+    fn stop(mut self) -> Result<(), Any> {
+        let id = Pid::from_raw(i32::try_from(self.0.id())?).ok_or("no such process")?;
+        kill_process(id, Signal::TERM)?;
+        self.0.wait()?;
+        Ok(())
+    }
+}
+
+impl Drop for Part {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        drop((self.0.kill(), self.0.wait()));
+    }
+}
+
+/// What the judge says of the trace.
+fn judge(trace: &Path) -> Result<String, Any> {
+    let lines = BufReader::new(File::open(trace)?);
+    let verdict = fuseline_traces::judge("the run", lines)?;
+    let word = if verdict.conforms { "conforms" } else { "does not conform" };
+    Ok(format!("{word}: {} messages judged in {} lines", verdict.judged, verdict.lines))
+}

@@ -1,0 +1,227 @@
+//! The node's ends of topics: serialized messages in and out, and who is at the other end.
+
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use futures_util::{StreamExt, pin_mut};
+use rustdds::dds::statusevents::{DataReaderStatus, DataWriterStatus, StatusEvented};
+use rustdds::dds::{CreateResult, ReadError, WriteError};
+use rustdds::no_key::{DataWriter, DeserializedCacheChange, SimpleDataReader};
+use rustdds::policy::{Durability, History, Reliability, ResourceLimits};
+use rustdds::{
+    DomainParticipant, DomainParticipantBuilder, Duration, Publisher, QosPolicies,
+    QosPolicyBuilder, Subscriber, Topic, TopicKind,
+};
+use tokio::task::JoinSet;
+use tracing::{info, warn};
+
+use crate::raw::{Cdr, Payload};
+use crate::settings::Qos;
+
+/// How many samples a reliable publisher keeps for subscribers that have not acknowledged them; with
+/// so many, none is written.
+///
+/// One that was killed acknowledges nothing until its lease ends, 10 s or 20 s by the habit of other
+/// implementations, and the others must not wait for it: this is half a minute at 30 Hz.
+const UNACKNOWLEDGED: i32 = 1024;
+
+/// The node in its domain.
+pub(crate) struct Domain {
+    pub(crate) participant: DomainParticipant,
+    publisher: Publisher,
+    subscriber: Subscriber,
+    /// What looks at the endpoints; ends with this.
+    tasks: JoinSet<()>,
+}
+
+/// A publisher of serialized messages.
+pub(crate) struct Outlet {
+    writer: Arc<DataWriter<Payload, Cdr>>,
+    pub(crate) end: Arc<End>,
+}
+
+/// Who is at the other end of a topic.
+#[derive(Debug)]
+pub(crate) struct End {
+    pub(crate) topic: String,
+    matched: AtomicUsize,
+    refused: Mutex<Option<Incompatible>>,
+}
+
+/// Peers of the topic that want or offer another quality of service.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Incompatible {
+    pub(crate) count: i32,
+    /// What the last of them differs in.
+    pub(crate) policy: String,
+}
+
+impl Domain {
+    /// Joins the domain.
+    pub(crate) fn join(domain: u16, localhost_only: bool) -> CreateResult<Self> {
+        let mut builder = DomainParticipantBuilder::new(domain);
+        if localhost_only {
+            builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
+        }
+        let participant = builder.build()?;
+        let none = QosPolicies::qos_none();
+        let publisher = participant.create_publisher(&none)?;
+        let subscriber = participant.create_subscriber(&none)?;
+        Ok(Self { participant, publisher, subscriber, tasks: JoinSet::new() })
+    }
+
+    /// Leaves it: readers and writers end before their participant does.
+    pub(crate) async fn leave(mut self) {
+        self.tasks.shutdown().await;
+    }
+
+    /// Publishes on a topic.
+    pub(crate) fn outlet(&mut self, topic: &str, ty: &str, qos: Qos) -> CreateResult<Outlet> {
+        let limits = ResourceLimits {
+            max_samples: UNACKNOWLEDGED,
+            max_instances: 1,
+            max_samples_per_instance: UNACKNOWLEDGED,
+        };
+        let qos = policies(qos).resource_limits(limits).build();
+        let dds = self.topic(topic, ty, &qos)?;
+        let writer = self.publisher.create_datawriter_no_key::<Payload, Cdr>(&dds, Some(qos))?;
+        let (writer, end) = (Arc::new(writer), Arc::new(End::new(topic)));
+        let (watched, seen) = (Arc::clone(&writer), Arc::clone(&end));
+        self.tasks.spawn(async move {
+            let statuses = watched.as_async_status_stream();
+            pin_mut!(statuses);
+            while let Some(status) = statuses.next().await {
+                seen.of_writer(&status);
+            }
+        });
+        Ok(Outlet { writer, end })
+    }
+
+    /// Subscribes to a topic; `take` gets each message, in the order of its publisher.
+    pub(crate) fn inlet<F>(
+        &mut self,
+        topic: &str,
+        ty: &str,
+        qos: Qos,
+        take: impl Fn(Result<Payload, ReadError>) -> F + Send + 'static,
+    ) -> CreateResult<Arc<End>>
+    where
+        F: Future<Output = ()> + Send,
+    {
+        let qos = policies(qos).build();
+        let dds = self.topic(topic, ty, &qos)?;
+        let reader: SimpleDataReader<Payload, Cdr> =
+            self.subscriber.create_simple_datareader_no_key(&dds, Some(qos))?;
+        let end = Arc::new(End::new(topic));
+        let seen = Arc::clone(&end);
+        self.tasks.spawn(async move {
+            let (samples, statuses) = (reader.as_async_stream(), reader.as_async_status_stream());
+            pin_mut!(samples, statuses);
+            loop {
+                tokio::select! {
+                    sample = samples.next() => match sample {
+                        Some(sample) => take(sample.map(DeserializedCacheChange::into_value)).await,
+                        None => break,
+                    },
+                    Some(status) = statuses.next() => seen.of_reader(&status),
+                }
+            }
+        });
+        Ok(end)
+    }
+
+    fn topic(&self, topic: &str, ty: &str, qos: &QosPolicies) -> CreateResult<Topic> {
+        self.participant.create_topic(format!("rt{topic}"), dds_type(ty), qos, TopicKind::NoKey)
+    }
+}
+
+impl Outlet {
+    /// Publishes without waiting. False if that cannot be: a reliable subscriber is too far behind.
+    pub(crate) fn publish(&self, payload: Payload) -> bool {
+        match self.writer.write(payload, None) {
+            Ok(()) => true,
+            Err(WriteError::WouldBlock { .. }) => false,
+            Err(error) => {
+                warn!(topic = self.end.topic, %error, "not published");
+                false
+            }
+        }
+    }
+}
+
+impl End {
+    fn new(topic: &str) -> Self {
+        Self { topic: topic.into(), matched: AtomicUsize::new(0), refused: Mutex::new(None) }
+    }
+
+    /// How many there are.
+    pub(crate) fn matched(&self) -> usize {
+        self.matched.load(Ordering::Relaxed)
+    }
+
+    /// Those that were met and do not fit.
+    pub(crate) fn incompatible(&self) -> Option<Incompatible> {
+        self.refused.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn of_writer(&self, status: &DataWriterStatus) {
+        match status {
+            DataWriterStatus::PublicationMatched { current, .. } => self.now(current.count()),
+            DataWriterStatus::OfferedIncompatibleQos { count, last_policy_id, .. } => {
+                self.refuse(count.count(), format!("{last_policy_id:?}"));
+            }
+            DataWriterStatus::LivelinessLost { .. }
+            | DataWriterStatus::OfferedDeadlineMissed { .. } => {}
+        }
+    }
+
+    fn of_reader(&self, status: &DataReaderStatus) {
+        match status {
+            DataReaderStatus::SubscriptionMatched { current, .. } => self.now(current.count()),
+            DataReaderStatus::RequestedIncompatibleQos { count, last_policy_id, .. } => {
+                self.refuse(count.count(), format!("{last_policy_id:?}"));
+            }
+            DataReaderStatus::SampleRejected { .. }
+            | DataReaderStatus::LivelinessChanged { .. }
+            | DataReaderStatus::RequestedDeadlineMissed { .. }
+            | DataReaderStatus::SampleLost { .. } => {}
+        }
+    }
+
+    fn now(&self, count: i32) {
+        let now = usize::try_from(count).unwrap_or(0);
+        let before = self.matched.swap(now, Ordering::Relaxed);
+        if before != now {
+            info!(topic = self.topic, before, now, "peers matched");
+        }
+    }
+
+    fn refuse(&self, count: i32, policy: String) {
+        warn!(topic = self.topic, policy, "a peer's quality of service does not fit");
+        let incompatible = Some(Incompatible { count, policy });
+        *self.refused.lock().unwrap_or_else(PoisonError::into_inner) = incompatible;
+    }
+}
+
+/// The name that a message type has in DDS: `pkg/msg/Type` is `pkg::msg::dds_::Type_`.
+fn dds_type(ty: &str) -> String {
+    match ty.rsplit_once('/') {
+        Some((package, name)) => format!("{}::dds_::{name}_", package.replace('/', "::")),
+        None => ty.into(),
+    }
+}
+
+fn policies(qos: Qos) -> QosPolicyBuilder {
+    let reliability = if qos.reliable {
+        Reliability::Reliable { max_blocking_time: Duration::ZERO }
+    } else {
+        Reliability::BestEffort
+    };
+    let durability =
+        if qos.transient_local { Durability::TransientLocal } else { Durability::Volatile };
+    QosPolicyBuilder::new()
+        .reliability(reliability)
+        .durability(durability)
+        .history(History::KeepLast { depth: qos.depth.into() })
+}

@@ -1,0 +1,25 @@
+#![doc = include_str!("../README.md")]
+
+pub mod arguments;
+mod dds;
+mod fusion;
+pub mod key;
+pub mod names;
+mod node;
+pub mod parameters;
+mod raw;
+mod report;
+mod rosout;
+pub mod settings;
+mod source;
+mod stamps;
+mod stop;
+
+pub use arguments::Arguments;
+pub use fuseline_operator::{Commit, Tally};
+pub use node::{NodeError, run};
+pub use raw::Payload;
+pub use rosout::{Lines, Rosout};
+pub use settings::Settings;
+pub use source::GrpcError;
+pub use stop::Stop;

@@ -1,0 +1,88 @@
+//! The node's command.
+
+use std::io::{IsTerminal, Write};
+use std::process::ExitCode;
+
+use fuseline_ros2::arguments::{Action, Arguments, HELP, Level};
+use fuseline_ros2::{Lines, NodeError, Rosout, Settings, Stop};
+use tracing::error;
+use tracing_subscriber::filter::{EnvFilter, LevelFilter, Targets};
+use tracing_subscriber::prelude::*;
+
+/// Bad arguments or settings.
+const BAD_INPUT: u8 = 2;
+
+fn main() -> ExitCode {
+    let told = |error: &dyn std::fmt::Display| {
+        eprintln!("fuseline-ros2: {error}");
+        ExitCode::from(BAD_INPUT)
+    };
+    let arguments = match Arguments::parse(std::env::args_os().skip(1)) {
+        Ok(arguments) => arguments,
+        Err(error) => return told(&error),
+    };
+    match arguments.action {
+        Action::Help => return print(HELP),
+        Action::Version => return print(&format!("fuseline-ros2 {}\n", env!("CARGO_PKG_VERSION"))),
+        Action::Check | Action::Run => {}
+    }
+    let settings = match Settings::from(&arguments, |name| std::env::var(name).ok()) {
+        Ok(settings) => settings,
+        Err(error) => return told(&error),
+    };
+    if arguments.action == Action::Check {
+        return print(&format!("{settings}\n"));
+    }
+    let lines = log(settings.log_level);
+    for given in &settings.ignored {
+        tracing::warn!("{}: {} is of no effect here", given.place, given.name);
+    }
+    match serve(&settings, lines) {
+        Ok(code) => code,
+        Err(
+            error @ (NodeError::Config(_) | NodeError::Recording { .. } | NodeError::Grpc { .. }),
+        ) => told(&error),
+        Err(error) => {
+            error!(%error, "the node ended");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Runs the node until it is told to end.
+fn serve(settings: &Settings, lines: Lines) -> Result<ExitCode, NodeError> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.map_err(NodeError::System)?;
+    let mut stop = runtime.block_on(async { Stop::watch() }).map_err(NodeError::System)?;
+    runtime.block_on(fuseline_ros2::run(settings, &mut stop, Some(lines)))?;
+    Ok(if stop.is_urgent() { ExitCode::from(130) } else { ExitCode::SUCCESS })
+}
+
+/// Logs to standard error and to what it returns; `RUST_LOG` says more than a level can.
+fn log(level: Option<Level>) -> Lines {
+    let level = match level {
+        Some(Level::Debug) => "debug",
+        Some(Level::Info) | None => "info",
+        Some(Level::Warn) => "warn",
+        Some(Level::Error | Level::Fatal) => "error",
+    };
+    // What the libraries have to say is for those who look for it; where there is no multicast, as
+    // on loopback alone, that is an error to one of them, and none to us.
+    let ours =
+        format!("error,fuseline_ros2={level},fuseline_operator={level},rustdds::network=off");
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(ours));
+    let to_stderr = tracing_subscriber::fmt::layer()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal());
+    let (rosout, lines) = Rosout::new();
+    let ours = Targets::new().with_target("fuseline", LevelFilter::DEBUG);
+    let published = rosout.with_filter(ours);
+    tracing_subscriber::registry().with(filter).with(to_stderr).with(published).init();
+    lines
+}
+
+fn print(text: &str) -> ExitCode {
+    // A reader that has seen enough is no error.
+    drop(std::io::stdout().write_all(text.as_bytes()));
+    ExitCode::SUCCESS
+}

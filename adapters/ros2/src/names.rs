@@ -1,0 +1,368 @@
+//! Names as ROS 2 has them: of nodes, topics and types, expanded and remapped.
+
+use std::str::FromStr;
+
+use thiserror::Error;
+
+/// The most characters of a topic's full name, as in rmw.
+const TOPIC_CHARS: usize = 247;
+
+/// A node's name within its namespace; relative and private names begin there.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct NodeName {
+    /// `/`, or `/a/b`.
+    pub namespace: String,
+    /// One part, without slashes.
+    pub name: String,
+}
+
+/// One remapping rule, `[node:]from:=to`.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Remap {
+    /// The node that it is for, a name without namespace; none is any node.
+    pub node: Option<String>,
+    /// What it replaces, and by what.
+    pub rule: Rule,
+}
+
+/// What a remapping rule replaces.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Rule {
+    /// `__node:=name`: the node's name.
+    Node(String),
+    /// `__ns:=/name`: the node's namespace.
+    Namespace(String),
+    /// A topic whose full name is that of the first by the full name of the second.
+    Topic(String, String),
+}
+
+/// Why a name is not one.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
+pub enum NameError {
+    /// There is no name.
+    #[error("it is empty")]
+    Empty,
+    /// A slash at the end, or two in a row.
+    #[error("a part between slashes is empty")]
+    Slash,
+    /// ROS names have few characters.
+    #[error("{0:?} is no letter, digit or underscore")]
+    Character(char),
+    /// A part must begin with a letter or an underscore.
+    #[error("a part begins with a digit")]
+    Digit,
+    /// DDS keeps them for itself.
+    #[error("two underscores follow each other")]
+    Underscores,
+    /// A topic is too long for DDS.
+    #[error("in full it has more than {TOPIC_CHARS} characters")]
+    Long,
+    /// A namespace is relative.
+    #[error("it does not begin with a slash")]
+    Relative,
+    /// A type is not `package/msg/Type`.
+    #[error("it is not like package/msg/Type")]
+    Type,
+}
+
+/// Why a remapping rule cannot be read.
+#[derive(Clone, PartialEq, Eq, Debug, Error)]
+pub enum RemapError {
+    /// There is no `:=`.
+    #[error("give FROM:=TO")]
+    Shape,
+    /// Schemes such as `rostopic://`.
+    #[error("schemes such as rostopic:// are not supported; give the topic's name alone")]
+    Scheme,
+    /// A name in it is none.
+    #[error("{name:?} is no name: {source}")]
+    Name {
+        /// The name.
+        name: String,
+        /// Why not.
+        source: NameError,
+    },
+}
+
+impl NodeName {
+    /// A node of that name in that namespace.
+    ///
+    /// # Errors
+    /// If one is no name, or the namespace does not begin with a slash.
+    pub fn new(namespace: &str, name: &str) -> Result<Self, NameError> {
+        check_token(name)?;
+        check_namespace(namespace)?;
+        Ok(Self { namespace: namespace.to_owned(), name: name.to_owned() })
+    }
+
+    /// What the first rule for its name and then the first rule for its namespace make of it.
+    #[must_use]
+    pub fn remapped(mut self, remaps: &[Remap]) -> Self {
+        let name = self.rules(remaps).find_map(|rule| match rule {
+            Rule::Node(name) => Some(name.clone()),
+            Rule::Namespace(_) | Rule::Topic(..) => None,
+        });
+        self.name = name.unwrap_or(self.name);
+        let namespace = self.rules(remaps).find_map(|rule| match rule {
+            Rule::Namespace(namespace) => Some(namespace.clone()),
+            Rule::Node(_) | Rule::Topic(..) => None,
+        });
+        self.namespace = namespace.unwrap_or(self.namespace);
+        self
+    }
+
+    /// The full name, `/namespace/name`.
+    #[must_use]
+    pub fn full(&self) -> String {
+        self.within(&self.name)
+    }
+
+    /// The full name of a topic: relative, private (`~/x`) or already full.
+    ///
+    /// # Errors
+    /// If it is no name, or too long.
+    pub fn expand(&self, topic: &str) -> Result<String, NameError> {
+        let full = if let Some(private) = topic.strip_prefix("~/") {
+            format!("{}/{private}", self.full())
+        } else if topic.starts_with('/') {
+            topic.to_owned()
+        } else if topic.is_empty() {
+            return Err(NameError::Empty);
+        } else {
+            self.within(topic)
+        };
+        full[1..].split('/').try_for_each(check_token)?;
+        if full.len() > TOPIC_CHARS { Err(NameError::Long) } else { Ok(full) }
+    }
+
+    /// The full name of a topic after the first rule that matches it, as rcl has it: both sides of
+    /// a rule are expanded, and rules are not applied to what another one made.
+    ///
+    /// # Errors
+    /// If it is no name, or too long before or after.
+    pub fn topic(&self, topic: &str, remaps: &[Remap]) -> Result<String, NameError> {
+        let full = self.expand(topic)?;
+        for rule in self.rules(remaps) {
+            if let Rule::Topic(from, to) = rule
+                && self.expand(from)? == full
+            {
+                return self.expand(to);
+            }
+        }
+        Ok(full)
+    }
+
+    /// The rules for this node.
+    fn rules<'a>(&self, remaps: &'a [Remap]) -> impl Iterator<Item = &'a Rule> {
+        let is_ours = |remap: &&Remap| remap.node.as_ref().is_none_or(|node| *node == self.name);
+        remaps.iter().filter(is_ours).map(|remap| &remap.rule)
+    }
+
+    fn within(&self, name: &str) -> String {
+        format!("{}/{name}", self.namespace.trim_end_matches('/'))
+    }
+}
+
+impl FromStr for Remap {
+    type Err = RemapError;
+
+    fn from_str(text: &str) -> Result<Self, RemapError> {
+        let (from, to) = text.split_once(":=").ok_or(RemapError::Shape)?;
+        if text.contains("://") {
+            return Err(RemapError::Scheme);
+        }
+        let (node, from) = match from.split_once(':') {
+            Some((node, from)) => (Some(node), from),
+            None => (None, from),
+        };
+        let check = |name: &str, checked: Result<(), NameError>| {
+            checked.map_err(|source| RemapError::Name { name: name.to_owned(), source })
+        };
+        // Whether it is a name does not depend on whose it is.
+        let anyone = NodeName { namespace: "/".to_owned(), name: "node".to_owned() };
+        let topic = |name: &str| check(name, anyone.expand(name).map(|_| ()));
+        if let Some(node) = node {
+            check(node, check_token(node))?;
+        }
+        let rule = match from {
+            "__node" | "__name" => {
+                check(to, check_token(to))?;
+                Rule::Node(to.to_owned())
+            }
+            "__ns" => {
+                check(to, check_namespace(to))?;
+                Rule::Namespace(to.to_owned())
+            }
+            _ => {
+                topic(from)?;
+                topic(to)?;
+                Rule::Topic(from.to_owned(), to.to_owned())
+            }
+        };
+        Ok(Self { node: node.map(str::to_owned), rule })
+    }
+}
+
+/// Checks one part of a name: letters, digits and single underscores, a digit not first.
+///
+/// # Errors
+/// If it is something else.
+pub fn check_token(token: &str) -> Result<(), NameError> {
+    let strange = |c: &char| !c.is_ascii_alphanumeric() && *c != '_';
+    if token.is_empty() {
+        Err(NameError::Slash)
+    } else if let Some(strange) = token.chars().find(strange) {
+        Err(NameError::Character(strange))
+    } else if token.starts_with(|first: char| first.is_ascii_digit()) {
+        Err(NameError::Digit)
+    } else if token.contains("__") {
+        Err(NameError::Underscores)
+    } else {
+        Ok(())
+    }
+}
+
+/// Checks the name of a message's type, `package/msg/Type`, as rosidl has it.
+///
+/// # Errors
+/// If it is something else.
+pub fn check_type(name: &str) -> Result<(), NameError> {
+    let mut parts = name.split('/');
+    let (Some(package), Some("msg"), Some(message), None) =
+        (parts.next(), parts.next(), parts.next(), parts.next())
+    else {
+        return Err(NameError::Type);
+    };
+    check_token(package)?;
+    check_token(message)?;
+    let is_package = package.starts_with(|first: char| first.is_ascii_lowercase())
+        && !package.ends_with('_')
+        && !package.contains(|c: char| c.is_ascii_uppercase());
+    let is_message =
+        message.starts_with(|first: char| first.is_ascii_uppercase()) && !message.contains('_');
+    if is_package && is_message { Ok(()) } else { Err(NameError::Type) }
+}
+
+fn check_namespace(namespace: &str) -> Result<(), NameError> {
+    let Some(parts) = namespace.strip_prefix('/') else { return Err(NameError::Relative) };
+    if parts.is_empty() { Ok(()) } else { parts.split('/').try_for_each(check_token) }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn node() -> NodeName {
+        NodeName::new("/car", "fusion").unwrap()
+    }
+
+    fn rules(rules: &[&str]) -> Vec<Remap> {
+        rules.iter().map(|rule| rule.parse().unwrap()).collect()
+    }
+
+    #[test]
+    fn relative_private_and_full_names_are_expanded() {
+        let root = NodeName::new("/", "fusion").unwrap();
+        assert_eq!(root.expand("input").unwrap(), "/input");
+        assert_eq!(root.expand("~/status").unwrap(), "/fusion/status");
+        assert_eq!(root.full(), "/fusion");
+        assert_eq!(node().expand("local/input").unwrap(), "/car/local/input");
+        assert_eq!(node().expand("~/status").unwrap(), "/car/fusion/status");
+        assert_eq!(node().expand("/diagnostics").unwrap(), "/diagnostics");
+        assert_eq!(node().full(), "/car/fusion");
+    }
+
+    #[test]
+    fn what_is_no_topic_is_refused() {
+        let long = "a".repeat(243);
+        let cases = [
+            ("", NameError::Empty),
+            ("/", NameError::Slash),
+            ("a/", NameError::Slash),
+            ("a//b", NameError::Slash),
+            ("~/", NameError::Slash),
+            ("~", NameError::Character('~')),
+            ("a/~/b", NameError::Character('~')),
+            ("~a", NameError::Character('~')),
+            ("ä", NameError::Character('ä')),
+            ("a/2", NameError::Digit),
+            ("a__b", NameError::Underscores),
+            (&long, NameError::Long),
+        ];
+        for (topic, error) in cases {
+            assert_eq!(node().expand(topic), Err(error), "{topic}");
+        }
+        assert!(node().expand(&long[1..]).is_ok());
+        assert_eq!(NodeName::new("car", "fusion"), Err(NameError::Relative));
+        assert_eq!(NodeName::new("/car/", "fusion"), Err(NameError::Slash));
+        assert_eq!(NodeName::new("/", "a/b"), Err(NameError::Character('/')));
+    }
+
+    #[test]
+    fn the_first_rule_that_matches_the_full_names_is_applied_once() {
+        let remaps = rules(&["other:input:=/a", "/car/input:=b", "input:=/c", "/car/b:=/d"]);
+        assert_eq!(node().topic("input", &remaps).unwrap(), "/car/b");
+        assert_eq!(node().topic("/car/b", &remaps).unwrap(), "/d");
+        let remaps = rules(&["~/status:=state", "fusion:output:=~/result"]);
+        assert_eq!(node().topic("/car/fusion/status", &remaps).unwrap(), "/car/state");
+        assert_eq!(node().topic("output", &remaps).unwrap(), "/car/fusion/result");
+        assert_eq!(node().topic("input", &remaps).unwrap(), "/car/input");
+    }
+
+    #[test]
+    fn a_node_is_renamed_first_and_its_rules_go_by_the_new_name() {
+        let remaps = rules(&["__node:=front", "fusion:__ns:=/a", "front:__ns:=/b", "__node:=last"]);
+        let renamed = node().remapped(&remaps);
+        assert_eq!(renamed.full(), "/b/front");
+        assert_eq!(node().remapped(&rules(&["__ns:=/"])).full(), "/fusion");
+        assert_eq!(node().remapped(&rules(&["other:__name:=a"])).full(), "/car/fusion");
+    }
+
+    #[test]
+    fn what_is_no_rule_is_refused() {
+        let cases = [
+            ("input", "give FROM:=TO"),
+            (
+                "rostopic://a:=b",
+                "schemes such as rostopic:// are not supported; give the topic's name alone",
+            ),
+            ("input:=", "\"\" is no name: it is empty"),
+            ("a/*:=b", "\"a/*\" is no name: '*' is no letter, digit or underscore"),
+            ("/car:a:=b", "\"/car\" is no name: '/' is no letter, digit or underscore"),
+            ("__ns:=car", "\"car\" is no name: it does not begin with a slash"),
+            ("__node:=1", "\"1\" is no name: a part begins with a digit"),
+        ];
+        for (rule, error) in cases {
+            assert_eq!(rule.parse::<Remap>().unwrap_err().to_string(), error);
+        }
+    }
+
+    #[test]
+    fn types_are_package_msg_and_type() {
+        for name in ["sensor_msgs/msg/Image", "tf2_msgs/msg/TFMessage", "a1/msg/B2"] {
+            assert_eq!(check_type(name), Ok(()), "{name}");
+        }
+        for name in ["sensor_msgs/Image", "a/srv/B", "A/msg/B", "a/msg/b", "a_/msg/B", "a/msg/B_C"]
+        {
+            assert_eq!(check_type(name), Err(NameError::Type), "{name}");
+        }
+        assert_eq!(check_type("a/msg/"), Err(NameError::Slash));
+        assert_eq!(check_type("a/msg/B::C"), Err(NameError::Character(':')));
+    }
+
+    proptest! {
+        #[test]
+        fn a_full_name_stays_itself(topic in ".{0,20}") {
+            if let Ok(full) = node().expand(&topic) {
+                prop_assert_eq!(node().expand(&full), Ok(full));
+            }
+        }
+
+        #[test]
+        fn any_text_is_a_rule_or_none(text in "[a-z_/~:=.]{0,20}") {
+            drop(text.parse::<Remap>());
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! Parameters as they are given: in files with ROS's YAML, and one by one on the command line.
+
+mod sections;
+mod value;
+mod yaml;
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use crate::names::{NameError, NodeName, check_token};
+pub use crate::parameters::value::Value;
+pub use crate::parameters::yaml::YamlError;
+
+/// The most bytes of a file.
+const BYTES: u64 = 1 << 20;
+
+/// A parameter that was given.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Given {
+    /// The name, with dots.
+    pub name: String,
+    /// Its value.
+    pub value: Value,
+    /// Where it was given.
+    pub place: Place,
+    /// Whether it was given for other nodes, too, under a name with a wildcard in a file.
+    pub is_shared: bool,
+}
+
+/// Where a value comes from.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Place {
+    /// Nobody gave it.
+    Default,
+    /// A variable of the environment.
+    Environment(&'static str),
+    /// A file, with line and column from 1.
+    File(PathBuf, usize, usize),
+    /// The command line.
+    Argument(String),
+}
+
+/// A parameter of the command line, `[node:]name:=value`.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Assignment {
+    /// The node that it is for, a name without namespace; none is any node.
+    pub node: Option<String>,
+    /// What it gives.
+    pub given: Given,
+}
+
+/// Why a file or an assignment is of no use.
+#[derive(Debug, Error)]
+pub enum ParameterError {
+    /// The file cannot be read, or is no UTF-8.
+    #[error("{path}: {source}; give a parameter file that can be read")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file is too large.
+    #[error("{path}: more than 1 MiB; give a parameter file")]
+    Large {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Something in it is wrong.
+    #[error("{place}: {flaw}")]
+    Flaw {
+        /// Where.
+        place: Place,
+        /// What.
+        flaw: Flaw,
+    },
+}
+
+/// What is wrong with a file or an assignment.
+#[derive(Clone, PartialEq, Eq, Debug, Error)]
+pub enum Flaw {
+    /// It is not the YAML of parameters.
+    #[error(transparent)]
+    Yaml(#[from] YamlError),
+    /// Something other than nodes' names where those are expected.
+    #[error("a node's name and below it ros__parameters are expected")]
+    Node,
+    /// A node's name that can match none.
+    #[error("{name:?} is no node's name: {source}")]
+    Pattern {
+        /// The name.
+        name: String,
+        /// Why not.
+        source: NameError,
+    },
+    /// Something other than parameters where those are expected.
+    #[error("parameters are expected, each as name: value")]
+    Parameters,
+    /// No value.
+    #[error("{0} has no value; give one, '' for an empty text")]
+    Empty(String),
+    /// A list of lists, of mappings, or of values of several types.
+    #[error("{0} is a list of other than booleans, integers, numbers or texts alone")]
+    List(String),
+    /// An assignment of a mapping.
+    #[error("{0} is a mapping; give each of its values as a parameter of its own")]
+    Mapping(String),
+    /// An assignment without name or `:=`.
+    #[error("give NAME:=VALUE")]
+    Shape,
+}
+
+/// What the files and then the assignments give to a node, by name; later ones win.
+///
+/// In a file what is under `/**` comes first, then what is under other names with wildcards, then
+/// what is under the node's own name. `*` matches one part of a name, `**` any number, as in rcl.
+/// A node's name in an assignment matches in every namespace.
+///
+/// # Errors
+/// If a file cannot be read or is not made of nodes with parameters. What it holds for other nodes
+/// is not looked at.
+pub fn given(
+    files: &[PathBuf],
+    assignments: &[Assignment],
+    node: &NodeName,
+) -> Result<BTreeMap<String, Given>, ParameterError> {
+    let mut all = BTreeMap::new();
+    for path in files {
+        for given in sections::given(path, &read(path)?, node)? {
+            all.insert(given.name.clone(), given);
+        }
+    }
+    for Assignment { node: whose, given } in assignments {
+        if whose.as_ref().is_none_or(|whose| *whose == node.name) {
+            all.insert(given.name.clone(), given.clone());
+        }
+    }
+    Ok(all)
+}
+
+impl Assignment {
+    /// Reads `[node:]name:=value` with a value in YAML; `argument` is how to call it in errors.
+    ///
+    /// # Errors
+    /// If it is something else.
+    pub fn parse(text: &str, argument: &str) -> Result<Self, ParameterError> {
+        let place = Place::Argument(argument.to_owned());
+        let fault = |flaw| ParameterError::Flaw { place: place.clone(), flaw };
+        let (name, value) = text.split_once(":=").ok_or_else(|| fault(Flaw::Shape))?;
+        let (node, name) = match name.split_once(':') {
+            Some((node, name)) => (Some(node.to_owned()), name.to_owned()),
+            None => (None, name.to_owned()),
+        };
+        if let Some(name) = &node {
+            let flaw = |source| fault(Flaw::Pattern { name: name.clone(), source });
+            check_token(name).map_err(flaw)?;
+        }
+        if name.is_empty() {
+            return Err(fault(Flaw::Shape));
+        }
+        let value = match yaml::read(value).map_err(|(_, error)| fault(error.into()))? {
+            Some(value) => value::read(&name, &value).map_err(|(_, flaw)| fault(flaw))?,
+            None => return Err(fault(Flaw::Empty(name))),
+        };
+        Ok(Self { node, given: Given { name, value, place, is_shared: false } })
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Default => f.write_str("default"),
+            Self::Environment(variable) => f.write_str(variable),
+            Self::File(path, line, column) => write!(f, "{}:{line}:{column}", path.display()),
+            Self::Argument(argument) => f.write_str(argument),
+        }
+    }
+}
+
+fn read(path: &Path) -> Result<String, ParameterError> {
+    let fault = |source| ParameterError::Read { path: path.to_owned(), source };
+    let mut text = Vec::new();
+    File::open(path).and_then(|file| file.take(BYTES + 1).read_to_end(&mut text)).map_err(fault)?;
+    if text.len() as u64 > BYTES {
+        return Err(ParameterError::Large { path: path.to_owned() });
+    }
+    String::from_utf8(text).map_err(|_| fault(io::Error::other("not UTF-8")))
+}

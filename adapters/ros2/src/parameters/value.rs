@@ -1,0 +1,196 @@
+//! Values, read from YAML as rcl reads them.
+
+use std::fmt;
+
+use crate::parameters::Flaw;
+use crate::parameters::yaml::{Content, Mark, Node};
+
+/// A parameter's value, of a type that ROS has for it.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Value {
+    /// `true` or `false`.
+    Bool(bool),
+    /// A whole number.
+    Integer(i64),
+    /// A number with a point or an exponent.
+    Double(f64),
+    /// Text.
+    String(String),
+    /// A list of `true` and `false`.
+    Bools(Vec<bool>),
+    /// A list of whole numbers.
+    Integers(Vec<i64>),
+    /// A list of numbers.
+    Doubles(Vec<f64>),
+    /// A list of texts; the empty list, too.
+    Strings(Vec<String>),
+}
+
+impl Value {
+    /// The number that it is; an integer will do.
+    #[must_use]
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Self::Double(double) => Some(*double),
+            #[expect(clippy::cast_precision_loss, reason = "less than one part in 1e15 is lost")]
+            Self::Integer(integer) => Some(*integer as f64),
+            _ => None,
+        }
+    }
+}
+
+pub(super) type Flawed<T> = Result<T, (Mark, Flaw)>;
+
+/// The value of that parameter.
+pub(super) fn read(name: &str, node: &Node) -> Flawed<Value> {
+    let read = match &node.content {
+        Content::Scalar { text, is_plain: false } => return Ok(Value::String(text.clone())),
+        Content::Scalar { text, is_plain: true } => {
+            return plain(text).ok_or_else(|| (node.mark, Flaw::Empty(name.to_owned())));
+        }
+        Content::List(list) => {
+            let values = list.iter().map(|node| read(name, node)).collect::<Result<Vec<_>, _>>()?;
+            list_of(values)
+        }
+        Content::Mapping(_) => return Err((node.mark, Flaw::Mapping(name.to_owned()))),
+    };
+    read.ok_or_else(|| (node.mark, Flaw::List(name.to_owned())))
+}
+
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Bool(bool) => bool.fmt(f),
+            Self::Integer(integer) => integer.fmt(f),
+            Self::Double(double) => write!(f, "{double:?}"),
+            Self::String(string) => write!(f, "{string:?}"),
+            Self::Bools(list) => write!(f, "{list:?}"),
+            Self::Integers(list) => write!(f, "{list:?}"),
+            Self::Doubles(list) => write!(f, "{list:?}"),
+            Self::Strings(list) => write!(f, "{list:?}"),
+        }
+    }
+}
+
+/// What text without quotes is; none if it is null.
+///
+/// The words for true and false are those of YAML 1.1, and `0x` and `0` lead hexadecimal and octal
+/// integers.
+fn plain(text: &str) -> Option<Value> {
+    match text {
+        "" | "~" | "null" | "Null" | "NULL" => return None,
+        "y" | "Y" | "yes" | "Yes" | "YES" | "true" | "True" | "TRUE" | "on" | "On" | "ON" => {
+            return Some(Value::Bool(true));
+        }
+        "n" | "N" | "no" | "No" | "NO" | "false" | "False" | "FALSE" | "off" | "Off" | "OFF" => {
+            return Some(Value::Bool(false));
+        }
+        ".nan" | ".NaN" | ".NAN" => return Some(Value::Double(f64::NAN)),
+        ".inf" | ".Inf" | ".INF" | "+.inf" | "+.Inf" | "+.INF" => {
+            return Some(Value::Double(f64::INFINITY));
+        }
+        "-.inf" | "-.Inf" | "-.INF" => return Some(Value::Double(f64::NEG_INFINITY)),
+        _ => {}
+    }
+    if let Some(integer) = integer(text) {
+        return Some(Value::Integer(integer));
+    }
+    // Words that Rust takes for numbers, such as nan, are names here.
+    let double = text.parse().ok().filter(|_| text.contains(|c: char| c.is_ascii_digit()));
+    Some(double.map_or_else(|| Value::String(text.to_owned()), Value::Double))
+}
+
+fn integer(text: &str) -> Option<i64> {
+    let (sign, digits) = match text.strip_prefix(['-', '+']) {
+        Some(digits) => (&text[..1], digits),
+        None => ("", text),
+    };
+    let (radix, digits) = if let Some(digits) = digits.strip_prefix("0x") {
+        (16, digits)
+    } else if digits.len() > 1 && digits.starts_with('0') {
+        (8, digits)
+    } else {
+        (10, digits)
+    };
+    let is_digit = |c: char| c.is_digit(radix);
+    if digits.is_empty() || !digits.chars().all(is_digit) {
+        return None;
+    }
+    i64::from_str_radix(&format!("{sign}{digits}"), radix).ok()
+}
+
+/// A list if all values are of one type that is no list itself.
+fn list_of(values: Vec<Value>) -> Option<Value> {
+    let mut values = values.into_iter();
+    let mut list = match values.next() {
+        None => Value::Strings(Vec::new()),
+        Some(Value::Bool(first)) => Value::Bools(vec![first]),
+        Some(Value::Integer(first)) => Value::Integers(vec![first]),
+        Some(Value::Double(first)) => Value::Doubles(vec![first]),
+        Some(Value::String(first)) => Value::Strings(vec![first]),
+        Some(Value::Bools(_) | Value::Integers(_) | Value::Doubles(_) | Value::Strings(_)) => {
+            return None;
+        }
+    };
+    for value in values {
+        match (&mut list, value) {
+            (Value::Bools(list), Value::Bool(next)) => list.push(next),
+            (Value::Integers(list), Value::Integer(next)) => list.push(next),
+            (Value::Doubles(list), Value::Double(next)) => list.push(next),
+            (Value::Strings(list), Value::String(next)) => list.push(next),
+            _ => return None,
+        }
+    }
+    Some(list)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plain_text_has_the_type_that_rcl_gives_it() {
+        let cases = [
+            ("yes", Value::Bool(true)),
+            ("OFF", Value::Bool(false)),
+            ("12", Value::Integer(12)),
+            ("-0x1f", Value::Integer(-31)),
+            ("010", Value::Integer(8)),
+            ("0", Value::Integer(0)),
+            ("-9223372036854775808", Value::Integer(i64::MIN)),
+            ("9223372036854775808", Value::Double(9_223_372_036_854_775_808.0)),
+            ("0.5", Value::Double(0.5)),
+            (".5", Value::Double(0.5)),
+            ("1e-3", Value::Double(0.001)),
+            ("-.inf", Value::Double(f64::NEG_INFINITY)),
+            ("inf", Value::String("inf".to_owned())),
+            ("nan", Value::String("nan".to_owned())),
+            ("+-1", Value::String("+-1".to_owned())),
+            ("0x", Value::String("0x".to_owned())),
+            ("-", Value::String("-".to_owned())),
+            ("west", Value::String("west".to_owned())),
+        ];
+        for (text, value) in cases {
+            assert_eq!(plain(text), Some(value), "{text}");
+        }
+        assert_eq!(plain("~"), None);
+        assert!(matches!(plain(".nan"), Some(Value::Double(nan)) if nan.is_nan()));
+    }
+
+    #[test]
+    fn values_are_shown_as_yaml() {
+        let cases = [
+            (Value::Bool(true), "true"),
+            (Value::Integer(-1), "-1"),
+            (Value::Double(1.0), "1.0"),
+            (Value::String("a \"b\"".to_owned()), r#""a \"b\"""#),
+            (Value::Strings(vec!["a".to_owned(), "b".to_owned()]), "[\"a\", \"b\"]"),
+            (Value::Doubles(vec![0.5, 2.0]), "[0.5, 2.0]"),
+            (Value::Bools(vec![true]), "[true]"),
+            (Value::Integers(Vec::new()), "[]"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(value.to_string(), text);
+        }
+    }
+}

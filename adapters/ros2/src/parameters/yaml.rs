@@ -1,0 +1,243 @@
+//! YAML as a tree of marked nodes: the small part of it that parameter files need.
+
+use std::collections::HashSet;
+
+use saphyr_parser::{Event, Parser, ScalarStyle, ScanError, Span, StrInput};
+use thiserror::Error;
+
+/// Mappings and lists within each other.
+const NESTING: usize = 32;
+
+/// A line and a column, both from 1.
+pub(super) type Mark = (usize, usize);
+
+/// A value and where it begins.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Node {
+    pub(super) mark: Mark,
+    pub(super) content: Content,
+}
+
+/// What a node holds.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) enum Content {
+    /// Text, whose type is open only if it is plain.
+    Scalar {
+        text: String,
+        is_plain: bool,
+    },
+    List(Vec<Node>),
+    Mapping(Vec<Entry>),
+}
+
+/// One key of a mapping, where it is, and its value.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Entry {
+    pub(super) mark: Mark,
+    pub(super) key: String,
+    pub(super) value: Node,
+}
+
+/// Why text is not such a tree.
+#[derive(Clone, PartialEq, Eq, Debug, Error)]
+pub enum YamlError {
+    /// It is no YAML.
+    #[error("no YAML: {0}")]
+    Syntax(String),
+    /// An anchor or an alias, which could make a small file a huge one.
+    #[error("anchors and aliases are not taken; write the value out")]
+    Alias,
+    /// A tag other than `!!str`.
+    #[error("tags other than !!str are not taken; leave it out")]
+    Tag,
+    /// Too deep.
+    #[error("more than {NESTING} levels; flatten the names with dots")]
+    Deep,
+    /// A key that is a list or a mapping.
+    #[error("a key must be a name")]
+    Key,
+    /// A key twice in one mapping.
+    #[error("{0} is there twice; leave one out")]
+    Twice(String),
+    /// A second document.
+    #[error("a second document; leave it out, or make it a file of its own")]
+    Documents,
+}
+
+/// The only document in the text, if there is any.
+///
+/// # Errors
+/// If it is not as described, with the place.
+pub(super) fn read(text: &str) -> Result<Option<Node>, (Mark, YamlError)> {
+    let mut reader = Reader { events: Parser::new_from_str(text) };
+    let mut root = None;
+    loop {
+        let (event, mark) = reader.next()?;
+        match event {
+            Event::StreamEnd => return Ok(root),
+            Event::Nothing | Event::StreamStart | Event::DocumentEnd => {}
+            Event::DocumentStart(_) if root.is_some() => return Err((mark, YamlError::Documents)),
+            Event::DocumentStart(_) => {
+                let (event, mark) = reader.next()?;
+                root = Some(reader.node(event, mark, 0)?);
+            }
+            Event::Alias(_)
+            | Event::Scalar(..)
+            | Event::SequenceStart(..)
+            | Event::SequenceEnd
+            | Event::MappingStart(..)
+            | Event::MappingEnd => unreachable!("the parser puts values into documents"),
+        }
+    }
+}
+
+struct Reader<'a> {
+    events: Parser<'a, StrInput<'a>>,
+}
+
+type Faulty<T> = Result<T, (Mark, YamlError)>;
+
+impl<'a> Reader<'a> {
+    fn next(&mut self) -> Faulty<(Event<'a>, Mark)> {
+        match self.events.next_event() {
+            Some(Ok((event, span))) => Ok((event, begin(span))),
+            Some(Err(error)) => Err(syntax(&error)),
+            None => Ok((Event::StreamEnd, (1, 1))),
+        }
+    }
+
+    /// The value that begins with the event, `depth` levels down.
+    fn node(&mut self, event: Event<'a>, mark: Mark, depth: usize) -> Faulty<Node> {
+        if depth > NESTING {
+            return Err((mark, YamlError::Deep));
+        }
+        let content = match event {
+            Event::Scalar(text, style, 0, tag) => {
+                let is_text = tag
+                    .as_ref()
+                    .is_some_and(|tag| tag.is_yaml_core_schema() && tag.suffix == "str");
+                if tag.is_some() && !is_text {
+                    return Err((mark, YamlError::Tag));
+                }
+                let is_plain = style == ScalarStyle::Plain && !is_text;
+                Content::Scalar { text: text.into_owned(), is_plain }
+            }
+            Event::SequenceStart(0, None) => Content::List(self.list(depth)?),
+            Event::MappingStart(0, None) => Content::Mapping(self.mapping(depth)?),
+            Event::SequenceStart(0, Some(_)) | Event::MappingStart(0, Some(_)) => {
+                return Err((mark, YamlError::Tag));
+            }
+            Event::Alias(_)
+            | Event::Scalar(..)
+            | Event::SequenceStart(..)
+            | Event::MappingStart(..) => return Err((mark, YamlError::Alias)),
+            Event::Nothing
+            | Event::StreamStart
+            | Event::StreamEnd
+            | Event::DocumentStart(_)
+            | Event::DocumentEnd
+            | Event::SequenceEnd
+            | Event::MappingEnd => {
+                return Err((mark, YamlError::Syntax("a value is missing".to_owned())));
+            }
+        };
+        Ok(Node { mark, content })
+    }
+
+    fn list(&mut self, depth: usize) -> Faulty<Vec<Node>> {
+        let mut list = Vec::new();
+        loop {
+            match self.next()? {
+                (Event::SequenceEnd, _) => return Ok(list),
+                (event, mark) => list.push(self.node(event, mark, depth + 1)?),
+            }
+        }
+    }
+
+    fn mapping(&mut self, depth: usize) -> Faulty<Vec<Entry>> {
+        let mut mapping = Vec::new();
+        let mut keys = HashSet::new();
+        loop {
+            let (event, mark) = match self.next()? {
+                (Event::MappingEnd, _) => return Ok(mapping),
+                (event, mark) => (event, mark),
+            };
+            let key = self.node(event, mark, depth + 1)?;
+            let Content::Scalar { text: key, .. } = key.content else {
+                return Err((mark, YamlError::Key));
+            };
+            if !keys.insert(key.clone()) {
+                return Err((mark, YamlError::Twice(key)));
+            }
+            let (event, at) = self.next()?;
+            let value = self.node(event, at, depth + 1)?;
+            mapping.push(Entry { mark, key, value });
+        }
+    }
+}
+
+fn begin(span: Span) -> Mark {
+    (span.start.line(), span.start.col() + 1)
+}
+
+fn syntax(error: &ScanError) -> (Mark, YamlError) {
+    let mark = error.marker();
+    ((mark.line(), mark.col() + 1), YamlError::Syntax(error.info().to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn error(text: &str) -> String {
+        let ((line, column), error) = read(text).unwrap_err();
+        format!("{line}:{column}: {error}")
+    }
+
+    #[test]
+    fn what_parameter_files_do_not_need_is_refused() {
+        let cases = [
+            ("a: &x 1", "1:4: anchors and aliases are not taken; write the value out"),
+            ("a: &x [1]", "1:4: anchors and aliases are not taken; write the value out"),
+            ("a: !!int 1", "1:4: tags other than !!str are not taken; leave it out"),
+            ("a: !x [1]", "1:4: tags other than !!str are not taken; leave it out"),
+            ("? [a]\n: 1", "1:3: a key must be a name"),
+            ("a: 1\nb: 2\na: 3", "3:1: a is there twice; leave one out"),
+            (
+                "a: 1\n---\nb: 2",
+                "2:1: a second document; leave it out, or make it a file of its own",
+            ),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(error(text), expected, "{text}");
+        }
+        assert!(error("a: [1").contains("no YAML: "), "{}", error("a: [1"));
+        assert!(error("a: *x").contains("no YAML: "), "{}", error("a: *x"));
+    }
+
+    #[test]
+    fn nesting_is_bounded() {
+        let nested = |levels| "[".repeat(levels) + &"]".repeat(levels);
+        assert!(read(&nested(33)).is_ok());
+        assert_eq!(error(&nested(34)), "1:34: more than 32 levels; flatten the names with dots");
+        assert!(read(&nested(100_000)).is_err());
+    }
+
+    #[test]
+    fn an_empty_text_has_no_document() {
+        assert_eq!(read("").unwrap(), None);
+        assert_eq!(read("# nothing\n").unwrap(), None);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2_000))]
+        #[test]
+        fn any_text_is_a_tree_or_an_error(
+            text in r#"[ \n\t:,?!&*#|>%@`'"\\a1~.{}\[\]-]{0,40}|.{0,40}"#,
+        ) {
+            drop(read(&text));
+        }
+    }
+}

@@ -1,0 +1,267 @@
+//! What the node says of itself: `/diagnostics` once a period, and a status for each message.
+
+use std::time::Duration;
+
+use fuseline_operator::{Item, Outcome, Rule, SourceTally, Tally};
+use serde::Serialize;
+
+use crate::dds::End;
+use crate::key::Stamp;
+use crate::raw::Payload;
+use crate::source::{Source, Strays};
+
+/// `diagnostic_msgs/msg/DiagnosticArray`.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct DiagnosticArray {
+    pub(crate) header: Header,
+    pub(crate) status: Vec<DiagnosticStatus>,
+}
+
+/// `std_msgs/msg/Header`.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Header {
+    pub(crate) stamp: Time,
+    pub(crate) frame_id: String,
+}
+
+/// `builtin_interfaces/msg/Time`.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Time {
+    pub(crate) sec: i32,
+    pub(crate) nanosec: u32,
+}
+
+/// `diagnostic_msgs/msg/DiagnosticStatus`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub(crate) struct DiagnosticStatus {
+    pub(crate) level: u8,
+    pub(crate) name: String,
+    pub(crate) message: String,
+    pub(crate) hardware_id: String,
+    pub(crate) values: Vec<KeyValue>,
+}
+
+/// `diagnostic_msgs/msg/KeyValue`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub(crate) struct KeyValue {
+    pub(crate) key: String,
+    pub(crate) value: String,
+}
+
+/// The levels of a `DiagnosticStatus`.
+const OK: u8 = 0;
+const WARN: u8 = 1;
+const ERROR: u8 = 2;
+
+/// What the node counts beside the operator, since its start.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Intake {
+    /// Inputs too short for their key.
+    pub(crate) short: u64,
+    /// Inputs whose stamp is no time.
+    pub(crate) nanosec: u64,
+    /// Inputs that are not plain CDR.
+    pub(crate) encoding: u64,
+    /// Inputs with the stamp of an open message.
+    pub(crate) duplicate_stamp: u64,
+    /// Messages taken on with a stamp that is not greater than all before.
+    pub(crate) stamp_backwards: u64,
+    /// Outputs that a reliable subscriber was too far behind for.
+    pub(crate) unsent: u64,
+}
+
+/// Tells each period from the last.
+pub(crate) struct Reporter {
+    node: String,
+    told: Tally,
+    intake: Intake,
+    strays: Vec<Strays>,
+}
+
+impl Reporter {
+    /// Of a node that has counted nothing yet.
+    pub(crate) fn new(node: &str, tally: Tally) -> Self {
+        let strays = vec![Strays::default(); tally.sources.len()];
+        Self { node: node.into(), told: tally, intake: Intake::default(), strays }
+    }
+
+    /// The state of the node, of local and of each cloud in the period that ends now. Counts are
+    /// since the start.
+    pub(crate) fn period(
+        &mut self,
+        tally: Tally,
+        intake: Intake,
+        sources: &[Source],
+        ends: &[&End],
+    ) -> Vec<DiagnosticStatus> {
+        let mut statuses = vec![self.fusion(&tally, intake, ends)];
+        for (i, source) in sources.iter().enumerate() {
+            if let (Some(now), Some(before)) = (tally.sources.get(i), self.told.sources.get(i)) {
+                let stray = self.strays.get(i).copied().unwrap_or_default();
+                statuses.push(self.source(source, now, before, stray));
+            }
+        }
+        self.told = tally;
+        self.intake = intake;
+        self.strays = sources.iter().map(|source| source.strays).collect();
+        statuses
+    }
+
+    fn fusion(&self, tally: &Tally, intake: Intake, ends: &[&End]) -> DiagnosticStatus {
+        let missed = tally.missed - self.told.missed;
+        let refused = total(&tally.refused) - total(&self.told.refused);
+        let unread = intake.unread() - self.intake.unread();
+        let unsent = intake.unsent - self.intake.unsent;
+        let unfit = ends.iter().find_map(|end| Some((end, end.incompatible()?)));
+        let nobody = ends.iter().find(|end| end.matched() == 0);
+        let (level, message) = if missed > 0 {
+            (ERROR, format!("{missed} messages missed"))
+        } else if unsent > 0 {
+            (ERROR, format!("{unsent} outputs not sent: a subscriber is too far behind"))
+        } else if refused > 0 {
+            (WARN, format!("{refused} messages refused"))
+        } else if unread > 0 {
+            (WARN, format!("{unread} inputs not taken: no key, or one that is taken"))
+        } else if let Some((end, unfit)) = unfit {
+            (WARN, format!("incompatible {} on {}", unfit.policy, end.topic))
+        } else if let Some(end) = nobody {
+            (OK, format!("nobody on {}", end.topic))
+        } else {
+            (OK, "each message answered".to_owned())
+        };
+        let mut values = vec![
+            value("messages", &tally.messages),
+            value("forwarded", &tally.forwarded()),
+            value("missed", &tally.missed),
+        ];
+        values.extend(tally.refused.iter().map(|(why, n)| value(&format!("refused {why}"), &n)));
+        values.extend(intake.values());
+        values.extend(ends.iter().flat_map(|end| end_values(end)));
+        self.status("fusion", level, message, values)
+    }
+
+    fn source(
+        &self,
+        source: &Source,
+        now: &SourceTally,
+        before: &SourceTally,
+        stray: Strays,
+    ) -> DiagnosticStatus {
+        let asked = now.admitted - before.admitted;
+        let without = (now.timers + now.failed) - (before.timers + before.failed);
+        let refused = total(&now.refused) - total(&before.refused);
+        let strange = (source.strays.unknown_stamp + source.strays.malformed)
+            - (stray.unknown_stamp + stray.malformed);
+        let heard = heard(now) - heard(before);
+        let unfit = source.ends().find_map(|end| Some((end.topic.clone(), end.incompatible()?)));
+        let (level, message) = if !source.enabled {
+            (OK, "not enabled".to_owned())
+        } else if let Some(who) = source.missing() {
+            (ERROR, format!("missing: {who}"))
+        } else if asked > 0 && without >= asked && heard == 0 {
+            (ERROR, format!("missing: no result to {without} requests"))
+        } else if without > 0 {
+            (WARN, format!("falling back: {without} requests without a result in time"))
+        } else if refused > 0 {
+            (WARN, format!("falling back: {refused} requests refused"))
+        } else if strange > 0 {
+            (WARN, format!("{strange} results of no message"))
+        } else if let Some((topic, unfit)) = unfit {
+            (WARN, format!("incompatible {} on {topic}", unfit.policy))
+        } else {
+            (OK, "in time".to_owned())
+        };
+        let mut values = vec![
+            value("priority", &source.priority),
+            value("requests", &now.admitted),
+            value("forwarded", &now.forwarded()),
+            value("held", &now.held),
+            value("timers", &now.timers),
+            value("failed", &now.failed),
+            value("cancelled", &now.cancelled),
+            value("unknown_stamp", &source.strays.unknown_stamp),
+            value("malformed", &source.strays.malformed),
+            value("sent_bytes", &now.sent_bytes),
+        ];
+        values.extend(now.refused.iter().map(|(why, n)| value(&format!("refused {why}"), &n)));
+        values.extend(now.dropped.iter().map(|(why, n)| value(&format!("dropped {why}"), &n)));
+        values.extend(source.ends().flat_map(end_values));
+        self.status(&source.name, level, message, values)
+    }
+
+    fn status(
+        &self,
+        part: &str,
+        level: u8,
+        message: String,
+        values: Vec<KeyValue>,
+    ) -> DiagnosticStatus {
+        let name = format!("{}: {part}", self.node);
+        DiagnosticStatus { level, name, message, hardware_id: String::new(), values }
+    }
+}
+
+impl Intake {
+    const fn unread(&self) -> u64 {
+        self.short + self.nanosec + self.encoding + self.duplicate_stamp
+    }
+
+    fn values(&self) -> [KeyValue; 6] {
+        [
+            value("malformed short", &self.short),
+            value("malformed nanosec", &self.nanosec),
+            value("malformed encoding", &self.encoding),
+            value("duplicate_stamp", &self.duplicate_stamp),
+            value("stamp_backwards", &self.stamp_backwards),
+            value("unsent", &self.unsent),
+        ]
+    }
+}
+
+/// What became of a message, for its status.
+pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> DiagnosticStatus {
+    let mut values = vec![value("timestamp", &item.timestamp)];
+    values.extend(key.map(|key| value("key", &key)));
+    let (level, message) = match &item.outcome {
+        Outcome::Forwarded(forwarded) => {
+            let (source, rule) = (&forwarded.source, forwarded.rule);
+            values.push(value("source", &source));
+            values.push(value("rule", &rule.id()));
+            let arrived = forwarded.arrived.saturating_sub(item.opened);
+            values.push(seconds("arrived_s", arrived));
+            (OK, format!("{source} by {rule}"))
+        }
+        Outcome::Missed => (WARN, "missed".to_owned()),
+        Outcome::Refused(why) => (WARN, format!("refused: {why}")),
+    };
+    values.push(seconds("decided_s", item.took()));
+    let name = format!("{node}: output");
+    DiagnosticStatus { level, name, message, hardware_id: String::new(), values }
+}
+
+/// How many results came, in time or not.
+fn heard(tally: &SourceTally) -> u64 {
+    let at_once = tally.outputs.get(&Rule::Arrival).copied().unwrap_or_default();
+    at_once + tally.held + total(&tally.dropped)
+}
+
+fn end_values(end: &End) -> Vec<KeyValue> {
+    let mut values = vec![value(&format!("matched {}", end.topic), &end.matched())];
+    if let Some(unfit) = end.incompatible() {
+        let said = format!("{} peers, {}", unfit.count, unfit.policy);
+        values.push(value(&format!("incompatible {}", end.topic), &said));
+    }
+    values
+}
+
+fn total<K: Ord>(counts: &std::collections::BTreeMap<K, u64>) -> u64 {
+    counts.values().sum()
+}
+
+fn value(key: &str, value: &dyn ToString) -> KeyValue {
+    KeyValue { key: key.to_owned(), value: value.to_string() }
+}
+
+fn seconds(key: &str, duration: Duration) -> KeyValue {
+    value(key, &format!("{:.6}", duration.as_secs_f64()))
+}

@@ -1,0 +1,69 @@
+//! What the node logs, on `/rosout` as well.
+
+use std::fmt::{Debug, Write};
+
+use ros2_client::log::LogLevel;
+use tokio::sync::mpsc;
+use tracing::field::{Field, Visit};
+use tracing::{Event, Level, Subscriber};
+use tracing_subscriber::Layer;
+use tracing_subscriber::layer::Context;
+
+/// How many lines may wait; more are in the log on standard error alone.
+const LINES: usize = 256;
+
+/// A layer of `tracing` that keeps what is logged for the node to publish.
+pub struct Rosout(mpsc::Sender<Said>);
+
+/// What was logged and not yet published.
+pub struct Lines(pub(crate) mpsc::Receiver<Said>);
+
+/// One line of the log.
+pub(crate) struct Said {
+    pub(crate) level: LogLevel,
+    pub(crate) text: String,
+    pub(crate) file: &'static str,
+    pub(crate) line: u32,
+}
+
+impl Rosout {
+    /// The layer, and what [`run`](crate::run) publishes.
+    #[must_use]
+    pub fn new() -> (Self, Lines) {
+        let (kept, lines) = mpsc::channel(LINES);
+        (Self(kept), Lines(lines))
+    }
+}
+
+impl<S: Subscriber> Layer<S> for Rosout {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        let level = match *event.metadata().level() {
+            Level::ERROR => LogLevel::Error,
+            Level::WARN => LogLevel::Warn,
+            Level::INFO => LogLevel::Info,
+            _ => LogLevel::Debug,
+        };
+        let mut text = Text::default();
+        event.record(&mut text);
+        let file = event.metadata().file().unwrap_or_default();
+        let line = event.metadata().line().unwrap_or_default();
+        // Nobody takes it when there is no node, and too much of it is not worth waiting for.
+        drop(self.0.try_send(Said { level, text: text.0, file, line }));
+    }
+}
+
+/// The message, then its fields.
+#[derive(Default)]
+struct Text(String);
+
+impl Visit for Text {
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        // Writing to a string cannot fail.
+        let _ = if field.name() == "message" {
+            let fields = std::mem::take(&mut self.0);
+            write!(self.0, "{value:?}{fields}")
+        } else {
+            write!(self.0, " {field}={value:?}")
+        };
+    }
+}

@@ -1,0 +1,361 @@
+//! Settings: the arguments, files and environment of a node, resolved and checked.
+
+mod change;
+mod clouds;
+mod error;
+mod qos;
+mod reader;
+mod table;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use fuseline_operator::Commit;
+
+use crate::arguments::{Arguments, Level};
+use crate::key::{Key, Kind, has_header};
+use crate::names::{NodeName, check_type};
+use crate::parameters::{Given, Place, Value, given};
+pub use crate::settings::change::{Change, ChangeError, seconds};
+pub use crate::settings::error::SettingsError;
+pub use crate::settings::qos::{Qos, Role, Topic};
+pub use crate::settings::reader::Parameter;
+use crate::settings::reader::{Placed, Reader};
+
+/// Names of types that are always the same.
+const FLOAT64: &str = "std_msgs/msg/Float64";
+const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
+const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
+
+/// A node's settings. All names are full ones, and all values are as the node can use them.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Settings {
+    /// The node's namespace and name.
+    pub node: NodeName,
+    /// The DDS domain, 0 to 232.
+    pub domain: u16,
+    /// Whether other machines are left out.
+    pub localhost_only: bool,
+    /// The messages.
+    pub input: Stream,
+    /// Their results.
+    pub output: Stream,
+    /// How many messages may be open at once, 1 to 1024.
+    pub window: u16,
+    /// When the best result in hand goes (F6).
+    pub commit: Commit,
+    /// How long a cloud may take, if it has no deadline of its own.
+    pub deadline: Duration,
+    /// The topic that changes `deadline`, if any.
+    pub deadline_topic: Option<String>,
+    /// The computation on this robot.
+    pub local: Local,
+    /// The clouds, in the order of the parameter `clouds`; up to 15.
+    pub clouds: Vec<Cloud>,
+    /// The topic of one status a message.
+    pub status: String,
+    /// The topic of the diagnostics.
+    pub diagnostics: String,
+    /// How often the diagnostics are published.
+    pub diagnostics_period: Duration,
+    /// The trace's file, if it is recorded.
+    pub trace: Option<PathBuf>,
+    /// The trace's file in MCAP, if it is recorded.
+    pub mcap: Option<PathBuf>,
+    /// Whether stamps of what the node itself publishes follow `/clock`.
+    pub use_sim_time: bool,
+    /// How severe what is logged must be, if it was given.
+    pub log_level: Option<Level>,
+    /// Whether logs are published, too.
+    pub rosout: bool,
+    /// All topics, with their quality of service.
+    pub topics: Vec<Topic>,
+    /// All parameters, with their values.
+    pub declared: Vec<Parameter>,
+    /// What was given to all nodes or some and is no parameter of this one.
+    pub ignored: Vec<Given>,
+}
+
+/// One side of the node.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Stream {
+    /// Its topic.
+    pub topic: String,
+    /// Its messages' type, `package/msg/Type`.
+    pub type_name: String,
+    /// Where its messages say which input they are for.
+    pub key: Key,
+}
+
+/// The computation on this robot (priority 0).
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Local {
+    /// The topic that it gets messages by.
+    pub input: String,
+    /// The topic that it gives results by.
+    pub output: String,
+    /// How long it may take (F1).
+    pub deadline: Duration,
+    /// How many messages it may have at once, 1 to 1024.
+    pub in_flight: u16,
+    /// How many more may wait for it, 0 to 1024.
+    pub waiting: u16,
+}
+
+/// One cloud.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Cloud {
+    /// Its name; one part of a ROS name.
+    pub name: String,
+    /// Its priority, 1 to 65535 and no other cloud's; the greater wins.
+    pub priority: u16,
+    /// How long it may take; none is [`Settings::deadline`].
+    pub deadline: Option<Duration>,
+    /// Whether it is asked.
+    pub enabled: bool,
+    /// The gate shuts when this many requests wait (F2g); at least 1.
+    pub limit: u64,
+    /// The shut gate opens when this many or fewer wait; less than `limit`.
+    pub resume: u64,
+    /// How many requests may be sent and unanswered, 1 to 1024.
+    pub in_flight: u16,
+    /// How it is reached.
+    pub way: Way,
+}
+
+/// How a cloud is reached.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Way {
+    /// By two topics.
+    Topics {
+        /// The topic that it gets messages by.
+        input: String,
+        /// The topic that it gives results by.
+        output: String,
+    },
+    /// By gRPC, as a server of `fuseline.v1.Infer`.
+    Grpc(Grpc),
+}
+
+/// A gRPC server and what it takes to be let in.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Grpc {
+    /// `https://host:port`, or `http://host:port` without TLS.
+    pub url: String,
+    /// The file of the CA's certificate; always there with `https`.
+    pub ca: Option<PathBuf>,
+    /// The file of our certificate; there if `key` is.
+    pub certificate: Option<PathBuf>,
+    /// The file of our key.
+    pub key: Option<PathBuf>,
+    /// The file of our token.
+    pub token_file: Option<PathBuf>,
+    /// The name that the server's certificate must be for, if not the URL's host.
+    pub server_name: Option<String>,
+}
+
+impl Settings {
+    /// Resolves the arguments and the files that they name; `environment` looks a variable up.
+    ///
+    /// Arguments win over files, later ones over earlier ones, and all of them over the
+    /// environment. An integer is taken where a number is expected: in ROS 2 it is an error, but
+    /// it is what was meant.
+    ///
+    /// # Errors
+    /// With the first thing that is wrong, where it is, and what to do about it.
+    pub fn from(
+        arguments: &Arguments,
+        environment: impl Fn(&str) -> Option<String>,
+    ) -> Result<Self, SettingsError> {
+        let node = NodeName { namespace: "/".to_owned(), name: "fuseline".to_owned() };
+        let node = node.remapped(&arguments.remaps);
+        let mut given = given(&arguments.files, &arguments.assignments, &node)?;
+        for from in [domain(&environment), localhost_only(&environment)].into_iter().flatten() {
+            given.entry(from.name.clone()).or_insert(from);
+        }
+        let log_level = log_level(arguments, &node);
+        let mut reader = Reader::new(given, node.clone(), &arguments.remaps);
+        let mut settings = read(&mut reader, node)?;
+        settings.ignored = reader.apply_rest()?;
+        settings.topics = reader.topics;
+        settings.declared = reader.declared;
+        settings.log_level = log_level;
+        settings.rosout = arguments.rosout;
+        for at in 0..settings.declared.len() {
+            let is_fixed = settings.dynamic(&settings.declared[at].name).is_none();
+            settings.declared[at].at_run_time = !is_fixed;
+        }
+        Ok(settings)
+    }
+
+    /// The quality of service of a topic of the node, or the default for that role.
+    #[must_use]
+    pub fn qos(&self, topic: &str, role: Role) -> Qos {
+        let mut topics = self.topics.iter();
+        let found = topics.find(|other| other.name == topic && other.role == role);
+        found.map_or_else(|| Qos::of(role), |topic| topic.qos)
+    }
+}
+
+/// Reads all parameters but those of quality of service.
+fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
+    let input = stream(r, "input", Role::Subscription)?;
+    let output = stream(r, "output", Role::Publisher)?;
+    let window = r.integer("window", 1..=1024, 16, "How many messages may be open at once")?.value;
+    let commit = r.read(
+        "commit",
+        Value::String("eager".to_owned()),
+        "When the best result in hand goes",
+        "eager or patient",
+        |value| match value {
+            Value::String(rule) if rule == "eager" => Some(Commit::Eager),
+            Value::String(rule) if rule == "patient" => Some(Commit::Patient),
+            _ => None,
+        },
+    )?;
+    let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
+    let about = "The topic that changes the deadline; empty for none";
+    let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;
+    let types = [input.type_name.as_str(), output.type_name.as_str()];
+    let local = local(r, types, window)?;
+    let clouds = clouds::read(r, types)?;
+    let (trace, mcap) = (
+        r.path("trace.file", "The file to record a trace in; empty for none")?,
+        r.path("trace.mcap", "The file to record a trace in, as MCAP; empty for none")?,
+    );
+    let domain = r.integer("domain_id", 0..=232, 0, "The DDS domain")?;
+    let about = "Whether other machines are left out";
+    let localhost_only = r.flag("localhost_only", false, about)?;
+    let about = "How often diagnostics are published, in seconds";
+    let diagnostics_period = r.seconds("diagnostics.period", 1.0, about)?;
+    let about = "Whether stamps of what the node itself publishes follow /clock";
+    let use_sim_time = r.flag("use_sim_time", false, about)?;
+    Ok(Settings {
+        node,
+        domain: domain.value,
+        localhost_only,
+        input,
+        output,
+        window,
+        commit: commit.value,
+        deadline,
+        deadline_topic: Some(deadline_topic).filter(|topic| !topic.is_empty()),
+        local,
+        clouds,
+        status: r.fixed_topic("~/status", STATUS)?,
+        diagnostics: r.fixed_topic("/diagnostics", DIAGNOSTICS)?,
+        diagnostics_period,
+        trace,
+        mcap,
+        use_sim_time,
+        log_level: None,
+        rosout: true,
+        topics: Vec::new(),
+        declared: Vec::new(),
+        ignored: Vec::new(),
+    })
+}
+
+fn stream(r: &mut Reader, name: &'static str, role: Role) -> Result<Stream, SettingsError> {
+    let of = |part: &str| format!("{name}.{part}");
+    if !r.is_given(&of("type")) {
+        return Err(SettingsError::Type { name: of("type") });
+    }
+    let Placed { value: type_name, place } = r.read(
+        &of("type"),
+        Value::String(String::new()),
+        "The messages' type",
+        "a type as sensor_msgs/msg/Image",
+        |value| match value {
+            Value::String(name) if check_type(name).is_ok() => Some(name.clone()),
+            _ => None,
+        },
+    )?;
+    let key = key(r, name, &type_name, &place)?;
+    let topic = r.topic(&of("topic"), name, "The topic", &type_name, role)?;
+    Ok(Stream { topic, type_name, key })
+}
+
+fn key(
+    r: &mut Reader,
+    stream: &'static str,
+    type_name: &str,
+    type_place: &Place,
+) -> Result<Key, SettingsError> {
+    let names = [format!("{stream}.key"), format!("{stream}.key_offset")];
+    let [key, offset] = [&names[0], &names[1]];
+    if !r.is_given(key) && !has_header(type_name) {
+        let (place, type_name) = (type_place.clone(), type_name.to_owned());
+        return Err(SettingsError::Key { place, type_name, name: key.clone() });
+    }
+    let kind = r.read(
+        key,
+        Value::String("header".to_owned()),
+        "What says which input a message is for",
+        "header, uint32, int32, uint64 or int64",
+        |value| match value {
+            Value::String(key) if key == "header" => Some(None),
+            Value::String(key) => [Kind::U32, Kind::I32, Kind::U64, Kind::I64]
+                .map(Some)
+                .into_iter()
+                .find(|kind| kind.is_some_and(|kind| kind.name() == key)),
+            _ => None,
+        },
+    )?;
+    let Some(kind) = kind.value else {
+        return match r.place(offset) {
+            Some(place) => Err(SettingsError::Offset { place, name: offset.clone() }),
+            None => Ok(Key::Header),
+        };
+    };
+    let about = "Where the key begins, in bytes after the encapsulation header";
+    let offset = r.integer(offset, 0..=65_528, 0, about)?.value;
+    Ok(Key::Integer { offset, kind })
+}
+
+fn local(r: &mut Reader, types: [&str; 2], window: u16) -> Result<Local, SettingsError> {
+    let about = "How many messages local may have at once";
+    let in_flight = r.integer("local.in_flight", 1..=1024, 4, about)?.value;
+    let about = "How many more may wait for local";
+    let waiting = r.integer("local.waiting", 0..=1024, window.into(), about)?.value;
+    let deadline = r.seconds("local.deadline", 1.0, "How long local may take, in seconds")?;
+    let [input, output] = topics(r, "local", types)?;
+    Ok(Local { input, output, deadline, in_flight, waiting })
+}
+
+/// The two topics of a source.
+fn topics(r: &mut Reader, name: &str, types: [&str; 2]) -> Result<[String; 2], SettingsError> {
+    let mut topic = |side: &str, about, type_name, role| {
+        r.topic(&format!("{name}.{side}_topic"), &format!("{name}/{side}"), about, type_name, role)
+    };
+    let input = topic("input", "The topic that it gets messages by", types[0], Role::Publisher)?;
+    let about = "The topic that it gives results by";
+    let output = topic("output", about, types[1], Role::Subscription)?;
+    Ok([input, output])
+}
+
+fn domain(environment: impl Fn(&str) -> Option<String>) -> Option<Given> {
+    let text = environment("ROS_DOMAIN_ID").filter(|text| !text.is_empty())?;
+    let value = text.parse().map_or(Value::String(text), Value::Integer);
+    Some(from_environment("domain_id", value, "ROS_DOMAIN_ID"))
+}
+
+fn localhost_only(environment: impl Fn(&str) -> Option<String>) -> Option<Given> {
+    let variables = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"), ("ROS_LOCALHOST_ONLY", "1")];
+    let is_set = |(variable, value): &(&str, &str)| environment(variable).as_deref() == Some(value);
+    let (variable, _) = variables.into_iter().find(is_set)?;
+    Some(from_environment("localhost_only", Value::Bool(true), variable))
+}
+
+fn from_environment(name: &str, value: Value, variable: &'static str) -> Given {
+    let place = Place::Environment(variable);
+    Given { name: name.to_owned(), value, place, is_shared: false }
+}
+
+/// The last level for this node's logger, or else for all.
+fn log_level(arguments: &Arguments, node: &NodeName) -> Option<Level> {
+    let logger = node.full()[1..].replace('/', ".");
+    let levels = || arguments.log_levels.iter().rev();
+    let own = levels().find(|(other, _)| other.as_ref() == Some(&logger));
+    own.or_else(|| levels().find(|(other, _)| other.is_none())).map(|(_, level)| *level)
+}

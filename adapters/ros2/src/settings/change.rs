@@ -1,0 +1,135 @@
+//! Changes of parameters while the node runs.
+
+use std::time::Duration;
+
+use thiserror::Error;
+
+use crate::parameters::Value;
+use crate::settings::Settings;
+use crate::settings::reader::nearest;
+
+/// What is expected where a time is.
+pub(super) const SECONDS: &str = "seconds, more than 0 and at most 1e9";
+/// What is expected where a time is that may be left to another parameter.
+pub(super) const OWN_SECONDS: &str = "seconds, at most 1e9, or 0 for deadline";
+
+/// A parameter's new value.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Change {
+    /// `deadline`.
+    Deadline(Duration),
+    /// `local.deadline`.
+    LocalDeadline(Duration),
+    /// A cloud's `deadline`, by its place in [`Settings::clouds`]; none is `deadline`.
+    CloudDeadline(usize, Option<Duration>),
+    /// A cloud's `enabled`, by its place in [`Settings::clouds`].
+    CloudEnabled(usize, bool),
+    /// `use_sim_time`.
+    SimTime(bool),
+}
+
+/// Why a parameter stays as it is.
+#[derive(Clone, PartialEq, Debug, Error)]
+pub enum ChangeError {
+    /// There is none.
+    #[error("there is no parameter {0}; the nearest is {1}")]
+    Unknown(String, String),
+    /// It is read when the node starts.
+    #[error("{0} is fixed while the node runs; start it anew with another value")]
+    Fixed(String),
+    /// The value is not what it must be.
+    #[error("{0} cannot be {1}; give {2}")]
+    Value(String, Value, &'static str),
+}
+
+/// A parameter that may be changed.
+#[derive(Clone, Copy)]
+pub(super) enum Dynamic {
+    Deadline,
+    LocalDeadline,
+    CloudDeadline(usize),
+    CloudEnabled(usize),
+    SimTime,
+}
+
+/// A time that a deadline can be: more than 0 when rounded to nanoseconds, at most 10⁹ seconds.
+#[must_use]
+pub fn seconds(seconds: f64) -> Option<Duration> {
+    let time = Duration::try_from_secs_f64(seconds).ok()?;
+    (time > Duration::ZERO && time <= Duration::from_secs(1_000_000_000)).then_some(time)
+}
+
+impl Settings {
+    /// What a new value of a parameter changes. The settings themselves stay as they are.
+    ///
+    /// # Errors
+    /// If there is no such parameter, it is fixed, or the value is not one for it.
+    pub fn check_change(&self, name: &str, value: &Value) -> Result<Change, ChangeError> {
+        let Some(dynamic) = self.dynamic(name) else {
+            let names = self.declared.iter().map(|known| known.name.as_str());
+            let name = name.to_owned();
+            return Err(if names.clone().any(|known| known == name) {
+                ChangeError::Fixed(name)
+            } else {
+                let nearest = nearest(&name, names);
+                ChangeError::Unknown(name, nearest)
+            });
+        };
+        let (change, expected) = match dynamic {
+            Dynamic::Deadline => (seconds_of(value).map(Change::Deadline), SECONDS),
+            Dynamic::LocalDeadline => (seconds_of(value).map(Change::LocalDeadline), SECONDS),
+            Dynamic::CloudDeadline(at) => {
+                let change =
+                    own_seconds(value).map(|time| Change::CloudDeadline(at, none_if_zero(time)));
+                (change, OWN_SECONDS)
+            }
+            Dynamic::CloudEnabled(at) => {
+                (flag_of(value).map(|flag| Change::CloudEnabled(at, flag)), "true or false")
+            }
+            Dynamic::SimTime => (flag_of(value).map(Change::SimTime), "true or false"),
+        };
+        change.ok_or_else(|| ChangeError::Value(name.to_owned(), value.clone(), expected))
+    }
+
+    /// Which of those that may be changed the parameter is, if any.
+    pub(super) fn dynamic(&self, name: &str) -> Option<Dynamic> {
+        match name.split_once('.') {
+            None if name == "deadline" => Some(Dynamic::Deadline),
+            None if name == "use_sim_time" => Some(Dynamic::SimTime),
+            Some(("local", "deadline")) => Some(Dynamic::LocalDeadline),
+            Some((cloud, part @ ("deadline" | "enabled"))) => {
+                let at = self.clouds.iter().position(|other| other.name == cloud)?;
+                let is_deadline = part == "deadline";
+                let dynamic =
+                    if is_deadline { Dynamic::CloudDeadline } else { Dynamic::CloudEnabled };
+                Some(dynamic(at))
+            }
+            None | Some(_) => None,
+        }
+    }
+}
+
+/// The time that a number of seconds is.
+pub(super) fn seconds_of(value: &Value) -> Option<Duration> {
+    value.number().and_then(seconds)
+}
+
+/// The time that a number of seconds is, also if it is zero.
+pub(super) fn own_seconds(value: &Value) -> Option<Duration> {
+    match value.number()? {
+        0.0 => Some(Duration::ZERO),
+        number => seconds(number),
+    }
+}
+
+/// A cloud's own deadline; zero stands for `deadline`.
+pub(super) fn none_if_zero(time: Duration) -> Option<Duration> {
+    Some(time).filter(|time| !time.is_zero())
+}
+
+fn flag_of(value: &Value) -> Option<bool> {
+    match value {
+        Value::Bool(flag) => Some(*flag),
+        _ => None,
+    }
+}

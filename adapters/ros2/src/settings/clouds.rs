@@ -1,0 +1,178 @@
+//! The clouds' parameters.
+
+use crate::names::check_token;
+use crate::parameters::{Place, Value};
+use crate::settings::reader::{Placed, Reader};
+use crate::settings::{Cloud, Grpc, SettingsError, Way, change, topics};
+
+/// The most clouds; the core has as many.
+const CLOUDS: usize = 15;
+/// What the parameters that are no cloud's begin with.
+const RESERVED: [&str; 14] = [
+    "input",
+    "output",
+    "window",
+    "commit",
+    "deadline",
+    "deadline_topic",
+    "local",
+    "clouds",
+    "trace",
+    "domain_id",
+    "localhost_only",
+    "diagnostics",
+    "use_sim_time",
+    "qos_overrides",
+];
+/// What a cloud's parameters are called, below its name.
+const PARTS: [&str; 14] = [
+    "priority",
+    "deadline",
+    "enabled",
+    "limit",
+    "resume",
+    "in_flight",
+    "input_topic",
+    "output_topic",
+    "grpc.url",
+    "grpc.ca",
+    "grpc.certificate",
+    "grpc.key",
+    "grpc.token_file",
+    "grpc.server_name",
+];
+
+/// Reads which clouds there are, and then each.
+pub(super) fn read(r: &mut Reader, types: [&str; 2]) -> Result<Vec<Cloud>, SettingsError> {
+    let Placed { value: names, place: listed } = r.names("clouds", "The clouds' names")?;
+    for (at, cloud) in names.iter().enumerate() {
+        let why = if at >= CLOUDS {
+            "there are already 15; leave it out"
+        } else if check_token(cloud).is_err() {
+            "give a name of letters, digits and single underscores"
+        } else if RESERVED.contains(&cloud.as_str()) {
+            "parameters of the node begin like that; give another name"
+        } else if names[..at].contains(cloud) {
+            "it is there twice; leave one out"
+        } else {
+            continue;
+        };
+        return Err(SettingsError::Cloud { place: listed, cloud: cloud.clone(), why });
+    }
+    let mut clouds: Vec<Cloud> = Vec::new();
+    for (name, default) in names.into_iter().zip(1..) {
+        let parameter = format!("{name}.priority");
+        let Placed { value: priority, place } =
+            r.integer(&parameter, 1..=65_535, default, "The greater wins")?;
+        if let Some(other) = clouds.iter().find(|other| other.priority == priority) {
+            let other = other.name.clone();
+            // By default it is the place in the list.
+            let place = if place == Place::Default { listed } else { place };
+            return Err(SettingsError::Priority { place, name, priority, other });
+        }
+        clouds.push(cloud(r, name, priority, types)?);
+    }
+    Ok(clouds)
+}
+
+fn cloud(
+    r: &mut Reader,
+    name: String,
+    priority: u16,
+    types: [&str; 2],
+) -> Result<Cloud, SettingsError> {
+    let of = |part: &str| format!("{name}.{part}");
+    let deadline = r.read(
+        &of("deadline"),
+        Value::Double(0.0),
+        "How long it may take, in seconds; 0 for deadline",
+        change::OWN_SECONDS,
+        change::own_seconds,
+    )?;
+    let enabled = r.flag(&of("enabled"), true, "Whether it is asked")?;
+    let about = "The gate shuts when this many requests wait";
+    let limit: i64 = r.integer(&of("limit"), 1..=i64::MAX, 31, about)?.value;
+    let about = "The shut gate opens when this many or fewer wait";
+    let resume = r.integer(&of("resume"), 0..=limit - 1, 0, about)?.value;
+    let about = "How many requests may be sent and unanswered";
+    let in_flight = r.integer(&of("in_flight"), 1..=1024, 8, about)?.value;
+    let way = if let Some(grpc) = grpc(r, &name)? {
+        Way::Grpc(grpc)
+    } else {
+        let [input, output] = topics(r, &name, types)?;
+        Way::Topics { input, output }
+    };
+    let limit = limit.unsigned_abs();
+    let deadline = change::none_if_zero(deadline.value);
+    Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, way })
+}
+
+fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
+    let of = |part: &str| format!("{cloud}.grpc.{part}");
+    let parts = ["ca", "certificate", "key", "token_file", "server_name"].map(of);
+    let Placed { value: url, place } = r.read(
+        &of("url"),
+        Value::String(String::new()),
+        "The URL of the gRPC server that it is; empty if it has topics",
+        "http://host:port or https://host:port",
+        |value| match value {
+            Value::String(url)
+                if url.is_empty() || url.starts_with("http://") || url.starts_with("https://") =>
+            {
+                Some(url.clone())
+            }
+            _ => None,
+        },
+    )?;
+    let alone = |r: &Reader, name: &String, other: &String| {
+        r.place(name).map(|place| SettingsError::Alone {
+            place,
+            name: name.clone(),
+            other: other.clone(),
+        })
+    };
+    if url.is_empty() {
+        return match parts.iter().find_map(|part| alone(r, part, &of("url"))) {
+            Some(error) => Err(error),
+            None => Ok(None),
+        };
+    }
+    for name in ["input_topic", "output_topic"].map(|side| format!("{cloud}.{side}")) {
+        if let Some(place) = r.place(&name) {
+            return Err(SettingsError::Topics { place, name, cloud: cloud.to_owned() });
+        }
+    }
+    let [ca, certificate, key, token_file, server_name] = &parts;
+    let is_secure = url.starts_with("https://");
+    if is_secure && !r.is_given(ca) {
+        return Err(SettingsError::Ca { place, name: of("url"), ca: ca.clone() });
+    }
+    for part in [ca, certificate, key] {
+        if let Some(place) = r.place(part).filter(|_| !is_secure) {
+            return Err(SettingsError::Plain { place, name: part.clone(), url: of("url") });
+        }
+    }
+    for (one, other) in [(certificate, key), (key, certificate)] {
+        if !r.is_given(other)
+            && let Some(error) = alone(r, one, other)
+        {
+            return Err(error);
+        }
+    }
+    Ok(Some(Grpc {
+        url,
+        ca: r.path(ca, "The file of the CA's certificate")?,
+        certificate: r.path(certificate, "The file of our certificate")?,
+        key: r.path(key, "The file of our key")?,
+        token_file: r.path(token_file, "The file of our token")?,
+        server_name: r
+            .text(server_name, "", "The name that its certificate must be for")?
+            .map(|name| Some(name).filter(|name| !name.is_empty()))
+            .value,
+    }))
+}
+
+/// Whether `<cloud>.<part>` is a parameter of clouds.
+pub(super) fn is_part(part: &str) -> bool {
+    PARTS.contains(&part)
+}

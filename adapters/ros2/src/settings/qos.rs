@@ -1,0 +1,134 @@
+//! Quality of service: what each topic asks of DDS.
+
+use std::fmt;
+
+use crate::parameters::{Given, Place, Value};
+use crate::settings::SettingsError;
+use crate::settings::reader::nearest;
+
+/// What the parameters of quality of service begin with.
+pub(super) const PREFIX: &str = "qos_overrides.";
+/// What can be set, with a description and what is expected.
+const POLICIES: [(&str, &str, &str); 4] = [
+    ("reliability", "Whether what is lost is sent again", "reliable or best_effort"),
+    (
+        "durability",
+        "Whether late subscriptions get earlier messages",
+        "volatile or transient_local",
+    ),
+    ("history", "Which messages are kept", "keep_last"),
+    ("depth", "How many messages are kept", "an integer from 1 to 1024"),
+];
+
+/// A topic of the node.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Topic {
+    /// Its full name, after remapping.
+    pub name: String,
+    /// Its messages' type, `package/msg/Type`.
+    pub type_name: String,
+    /// Which side of it the node is.
+    pub role: Role,
+    /// What it asks of DDS.
+    pub qos: Qos,
+    /// The parameter that names it, or its own name before it was resolved.
+    pub purpose: String,
+    /// Where its name comes from.
+    pub place: Place,
+}
+
+/// A side of a topic.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Role {
+    /// The node gets messages.
+    Subscription,
+    /// The node sends messages.
+    Publisher,
+}
+
+/// What a topic asks of DDS; the history is always the last `depth` messages.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Qos {
+    /// Whether what is lost is sent again.
+    pub reliable: bool,
+    /// Whether late subscriptions get earlier messages.
+    pub transient_local: bool,
+    /// How many messages are kept, 1 to 1024.
+    pub depth: u16,
+}
+
+impl Qos {
+    /// The default: subscriptions take what comes, as sensor data; publishers are reliable, which
+    /// suits either.
+    #[must_use]
+    pub const fn of(role: Role) -> Self {
+        Self { reliable: matches!(role, Role::Publisher), transient_local: false, depth: 5 }
+    }
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Subscription => "subscription",
+            Self::Publisher => "publisher",
+        })
+    }
+}
+
+impl fmt::Display for Qos {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.reliable { "reliable" } else { "best effort" })?;
+        f.write_str(if self.transient_local { ", transient local" } else { "" })?;
+        write!(f, ", {}", self.depth)
+    }
+}
+
+/// Applies `<topic>.<role>.<policy>` to one of the topics; the answer is a description.
+pub(super) fn apply(
+    topics: &mut [Topic],
+    name: &str,
+    given: &Given,
+) -> Result<&'static str, SettingsError> {
+    let of = |topic: &Topic, policy| format!("{}.{}.{policy}", topic.name, topic.role);
+    for topic in topics.iter_mut() {
+        for (policy, about, expected) in POLICIES {
+            if of(topic, policy) == name {
+                return match set(&mut topic.qos, policy, &given.value) {
+                    Some(()) => Ok(about),
+                    None => Err(SettingsError::Value {
+                        place: given.place.clone(),
+                        name: given.name.clone(),
+                        value: given.value.clone(),
+                        expected: expected.to_owned(),
+                    }),
+                };
+            }
+        }
+    }
+    let names = topics.iter().flat_map(|topic| {
+        POLICIES.iter().map(move |(policy, ..)| format!("{PREFIX}{}", of(topic, policy)))
+    });
+    let names: Vec<String> = names.collect();
+    let nearest = nearest(&given.name, names.iter().map(String::as_str));
+    Err(SettingsError::Unknown { place: given.place.clone(), name: given.name.clone(), nearest })
+}
+
+fn set(qos: &mut Qos, policy: &str, value: &Value) -> Option<()> {
+    match (policy, value) {
+        ("reliability", Value::String(value)) => {
+            qos.reliable = one_of(value, ["best_effort", "reliable"])?;
+        }
+        ("durability", Value::String(value)) => {
+            qos.transient_local = one_of(value, ["volatile", "transient_local"])?;
+        }
+        ("history", Value::String(value)) if value == "keep_last" => {}
+        ("depth", Value::Integer(depth @ 1..=1024)) => qos.depth = u16::try_from(*depth).ok()?,
+        _ => return None,
+    }
+    Some(())
+}
+
+/// Whether the value is the second of two words.
+fn one_of(value: &str, [no, yes]: [&str; 2]) -> Option<bool> {
+    (value == no || value == yes).then_some(value == yes)
+}

@@ -1,0 +1,285 @@
+//! Reading parameters one by one; what is left in the end has no such parameter.
+
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use crate::names::{NodeName, Remap, check_token};
+use crate::parameters::{Given, Place, Value};
+use crate::settings::change::{SECONDS, seconds_of};
+use crate::settings::clouds::is_part;
+use crate::settings::qos::{Qos, Role, Topic};
+use crate::settings::{SettingsError, qos};
+
+/// A parameter of the node.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Parameter {
+    /// Its name.
+    pub name: String,
+    /// Its value.
+    pub value: Value,
+    /// What it is for, in a few words.
+    pub about: &'static str,
+    /// Whether it may be changed while the node runs.
+    pub at_run_time: bool,
+    /// Where its value comes from.
+    pub place: Place,
+}
+
+/// What was given and not read yet, and what was read.
+pub(super) struct Reader<'a> {
+    given: BTreeMap<String, Given>,
+    node: NodeName,
+    remaps: &'a [Remap],
+    /// What was read.
+    pub(super) declared: Vec<Parameter>,
+    /// The topics among it.
+    pub(super) topics: Vec<Topic>,
+}
+
+/// A value and where it comes from.
+pub(super) struct Placed<T> {
+    pub(super) value: T,
+    pub(super) place: Place,
+}
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(given: BTreeMap<String, Given>, node: NodeName, remaps: &'a [Remap]) -> Self {
+        Self { given, node, remaps, declared: Vec::new(), topics: Vec::new() }
+    }
+
+    /// Reads a parameter that `convert` makes sense of, or else tells what is `expected`.
+    pub(super) fn read<T>(
+        &mut self,
+        name: &str,
+        default: Value,
+        about: &'static str,
+        expected: &str,
+        convert: impl FnOnce(&Value) -> Option<T>,
+    ) -> Result<Placed<T>, SettingsError> {
+        let is_double = matches!(default, Value::Double(_));
+        let (value, place) = match self.given.remove(name) {
+            Some(given) => (given.value, given.place),
+            None => (default, Place::Default),
+        };
+        let value = match value.number() {
+            Some(number) if is_double => Value::Double(number),
+            Some(_) | None => value,
+        };
+        let name = name.to_owned();
+        let Some(converted) = convert(&value) else {
+            let expected = expected.to_owned();
+            return Err(SettingsError::Value { place, name, value, expected });
+        };
+        let declared = Parameter { name, value, about, at_run_time: false, place: place.clone() };
+        self.declared.push(declared);
+        Ok(Placed { value: converted, place })
+    }
+
+    pub(super) fn text(
+        &mut self,
+        name: &str,
+        default: &str,
+        about: &'static str,
+    ) -> Result<Placed<String>, SettingsError> {
+        let default = Value::String(default.to_owned());
+        self.read(
+            name,
+            default,
+            about,
+            "a text, in quotes if it looks like something else",
+            |value| match value {
+                Value::String(text) => Some(text.clone()),
+                _ => None,
+            },
+        )
+    }
+
+    /// A list of texts, empty by default.
+    pub(super) fn names(
+        &mut self,
+        name: &str,
+        about: &'static str,
+    ) -> Result<Placed<Vec<String>>, SettingsError> {
+        let default = Value::Strings(Vec::new());
+        self.read(name, default, about, "a list of names as [west, east]", |value| match value {
+            Value::Strings(names) => Some(names.clone()),
+            _ => None,
+        })
+    }
+
+    pub(super) fn integer<T: TryFrom<i64>>(
+        &mut self,
+        name: &str,
+        range: RangeInclusive<i64>,
+        default: i64,
+        about: &'static str,
+    ) -> Result<Placed<T>, SettingsError> {
+        let expected = match (*range.start(), *range.end()) {
+            (least, i64::MAX) => format!("an integer of at least {least}"),
+            (least, most) => format!("an integer from {least} to {most}"),
+        };
+        self.read(name, Value::Integer(default), about, &expected, |value| match value {
+            Value::Integer(integer) if range.contains(integer) => T::try_from(*integer).ok(),
+            _ => None,
+        })
+    }
+
+    pub(super) fn flag(
+        &mut self,
+        name: &str,
+        default: bool,
+        about: &'static str,
+    ) -> Result<bool, SettingsError> {
+        let flag =
+            self.read(name, Value::Bool(default), about, "true or false", |value| match value {
+                Value::Bool(flag) => Some(*flag),
+                _ => None,
+            });
+        flag.map(|flag| flag.value)
+    }
+
+    pub(super) fn seconds(
+        &mut self,
+        name: &str,
+        default: f64,
+        about: &'static str,
+    ) -> Result<Duration, SettingsError> {
+        let seconds = self.read(name, Value::Double(default), about, SECONDS, seconds_of);
+        seconds.map(|seconds| seconds.value)
+    }
+
+    /// A file's path; an empty one is none, and the default.
+    pub(super) fn path(
+        &mut self,
+        name: &str,
+        about: &'static str,
+    ) -> Result<Option<PathBuf>, SettingsError> {
+        let path = self.text(name, "", about)?.value;
+        Ok(Some(path).filter(|path| !path.is_empty()).map(PathBuf::from))
+    }
+
+    /// A topic's full name; an empty one stays so if it is the default.
+    pub(super) fn topic(
+        &mut self,
+        parameter: &str,
+        default: &str,
+        about: &'static str,
+        type_name: &str,
+        role: Role,
+    ) -> Result<String, SettingsError> {
+        let Placed { value, place } = self.text(parameter, default, about)?;
+        if value.is_empty() && default.is_empty() {
+            return Ok(value);
+        }
+        self.add_topic(parameter.to_owned(), &value, place, type_name, role)
+    }
+
+    /// A published topic that has no parameter.
+    pub(super) fn fixed_topic(
+        &mut self,
+        name: &str,
+        type_name: &str,
+    ) -> Result<String, SettingsError> {
+        self.add_topic(name.to_owned(), name, Place::Default, type_name, Role::Publisher)
+    }
+
+    fn add_topic(
+        &mut self,
+        purpose: String,
+        value: &str,
+        place: Place,
+        type_name: &str,
+        role: Role,
+    ) -> Result<String, SettingsError> {
+        let name = match self.node.topic(value, self.remaps) {
+            Ok(name) => name,
+            Err(source) => {
+                let topic = value.to_owned();
+                return Err(SettingsError::Topic { place, name: purpose, topic, source });
+            }
+        };
+        let is_remapped = self.node.expand(value).is_ok_and(|unmapped| unmapped != name);
+        let place = match place {
+            Place::Default if is_remapped => Place::Argument("--remap".to_owned()),
+            place => place,
+        };
+        // The node would hear itself, or could not tell whose message it is.
+        if let Some(other) = self.topics.iter().find(|other| other.name == name) {
+            let place = if place == Place::Default { other.place.clone() } else { place };
+            let other = other.purpose.clone();
+            return Err(SettingsError::Shared { place, name: purpose, topic: name, other });
+        }
+        let (type_name, qos) = (type_name.to_owned(), Qos::of(role));
+        self.topics.push(Topic { name: name.clone(), type_name, role, qos, purpose, place });
+        Ok(name)
+    }
+
+    /// Applies the rest, which must be quality of service of the topics that are there.
+    ///
+    /// Returns what is for other nodes and not for this one.
+    pub(super) fn apply_rest(&mut self) -> Result<Vec<Given>, SettingsError> {
+        let mut ignored = Vec::new();
+        for given in std::mem::take(&mut self.given).into_values() {
+            let applied = match given.name.strip_prefix(qos::PREFIX) {
+                Some(rest) => qos::apply(&mut self.topics, rest, &given),
+                None if given.is_shared => {
+                    ignored.push(given);
+                    continue;
+                }
+                None => Err(self.unknown(&given)),
+            };
+            match applied {
+                Ok(about) => self.declared.push(Parameter {
+                    name: given.name,
+                    value: given.value,
+                    about,
+                    at_run_time: false,
+                    place: given.place,
+                }),
+                // A value that is wrong is wrong for all.
+                Err(error @ SettingsError::Value { .. }) => return Err(error),
+                Err(_) if given.is_shared => ignored.push(given),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(ignored)
+    }
+
+    pub(super) fn is_given(&self, name: &str) -> bool {
+        self.given.contains_key(name)
+    }
+
+    /// Where a parameter is given, if it is.
+    pub(super) fn place(&self, name: &str) -> Option<Place> {
+        self.given.get(name).map(|given| given.place.clone())
+    }
+
+    fn unknown(&self, given: &Given) -> SettingsError {
+        let (place, name) = (given.place.clone(), given.name.clone());
+        if let Some((cloud, part)) = name.split_once('.')
+            && is_part(part)
+            && check_token(cloud).is_ok()
+            && !self.declared.iter().any(|known| known.name == format!("{cloud}.deadline"))
+        {
+            let cloud = cloud.to_owned();
+            return SettingsError::NoCloud { place, name, cloud };
+        }
+        let names = self.declared.iter().map(|known| known.name.as_str());
+        let nearest = nearest(&name, names);
+        SettingsError::Unknown { place, name, nearest }
+    }
+}
+
+impl<T> Placed<T> {
+    pub(super) fn map<U>(self, change: impl FnOnce(T) -> U) -> Placed<U> {
+        Placed { value: change(self.value), place: self.place }
+    }
+}
+
+/// The name that is reached with the fewest slips of the hand.
+pub(super) fn nearest<'n>(name: &str, names: impl Iterator<Item = &'n str>) -> String {
+    let nearest = names.min_by_key(|known| strsim::damerau_levenshtein(name, known));
+    nearest.unwrap_or_default().to_owned()
+}

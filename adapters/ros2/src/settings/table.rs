@@ -1,0 +1,85 @@
+//! The settings for people.
+
+use std::fmt;
+use std::time::Duration;
+
+use comfy_table::{LineStyle, Table, TableStyle};
+
+use crate::settings::{Cloud, Settings, Way};
+
+/// A line below the header and no other.
+const STYLE: TableStyle =
+    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
+
+impl fmt::Display for Settings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let hosts = if self.localhost_only { "this machine only" } else { "all machines" };
+        writeln!(f, "{} in domain {}, {hosts}", self.node.full(), self.domain)?;
+        writeln!(f, "keys: {} of input, {} of output\n", self.input.key, self.output.key)?;
+        let mut topics = table(["topic", "role", "type", "quality of service", "named by"]);
+        for topic in &self.topics {
+            topics.add_row([
+                topic.name.clone(),
+                topic.role.to_string(),
+                topic.type_name.clone(),
+                topic.qos.to_string(),
+                topic.purpose.clone(),
+            ]);
+        }
+        print(f, &topics)?;
+        if !self.clouds.is_empty() {
+            let mut clouds = table(["cloud", "priority", "deadline", "asked", "reached by"]);
+            for cloud in &self.clouds {
+                clouds.add_row(self.cloud_row(cloud));
+            }
+            writeln!(f)?;
+            print(f, &clouds)?;
+        }
+        let mut parameters = table(["parameter", "value", "from", "while running"]);
+        for parameter in &self.declared {
+            let change = if parameter.at_run_time { "may change" } else { "fixed" };
+            parameters.add_row([
+                parameter.name.clone(),
+                parameter.value.to_string(),
+                parameter.place.to_string(),
+                change.to_owned(),
+            ]);
+        }
+        writeln!(f)?;
+        print(f, &parameters)?;
+        if !self.ignored.is_empty() {
+            writeln!(f)?;
+        }
+        for given in &self.ignored {
+            writeln!(f, "{}: {} is for other nodes, not this one", given.place, given.name)?;
+        }
+        Ok(())
+    }
+}
+
+impl Settings {
+    fn cloud_row(&self, cloud: &Cloud) -> [String; 5] {
+        let way = match &cloud.way {
+            Way::Topics { input, output } => format!("{input}, {output}"),
+            Way::Grpc(grpc) => grpc.url.clone(),
+        };
+        let asked = if cloud.enabled { "yes" } else { "no" };
+        let deadline = secs(cloud.deadline.unwrap_or(self.deadline));
+        [cloud.name.clone(), cloud.priority.to_string(), deadline, asked.to_owned(), way]
+    }
+}
+
+fn secs(time: Duration) -> String {
+    format!("{} s", time.as_secs_f64())
+}
+
+fn table<const N: usize>(header: [&str; N]) -> Table {
+    let mut table = Table::new();
+    table.load_style(STYLE).set_header(header);
+    table
+}
+
+/// Writes the table without the blanks at the ends of its lines.
+fn print(f: &mut fmt::Formatter<'_>, table: &Table) -> fmt::Result {
+    table.lines().try_for_each(|line| writeln!(f, "{}", line.trim_end()))
+}

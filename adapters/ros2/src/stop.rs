@@ -1,0 +1,52 @@
+//! SIGINT and SIGTERM: the first lets the node finish what is open, the second ends it.
+
+use std::io;
+
+use tokio::signal::unix::{Signal, SignalKind, signal};
+
+/// How often the node was told to stop.
+#[derive(Debug)]
+pub struct Stop {
+    signals: Option<[Signal; 2]>,
+    times: u32,
+}
+
+impl Stop {
+    /// From now on these signals no longer end the process but are counted.
+    ///
+    /// # Errors
+    /// If the system refuses handlers.
+    pub fn watch() -> io::Result<Self> {
+        let signals = [signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?];
+        Ok(Self { signals: Some(signals), times: 0 })
+    }
+
+    /// Never told.
+    #[must_use]
+    pub const fn never() -> Self {
+        Self { signals: None, times: 0 }
+    }
+
+    /// Whether it was told at least once.
+    pub(crate) const fn came(&self) -> bool {
+        self.times > 0
+    }
+
+    /// Whether it was told more than once.
+    #[must_use]
+    pub const fn is_urgent(&self) -> bool {
+        self.times > 1
+    }
+
+    /// Waits until it is told again.
+    pub(crate) async fn next(&mut self) {
+        let Some([interrupt, terminate]) = &mut self.signals else {
+            return std::future::pending().await;
+        };
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+        self.times += 1;
+    }
+}

@@ -1,0 +1,236 @@
+//! What is wrong, where, and what to do about it.
+
+use crate::{TYPES, settings, with};
+
+/// What is wrong with a file, below the node's name.
+fn error_in(parameters: &str) -> String {
+    let text =
+        format!("fuseline:\n  ros__parameters:\n    {}\n", parameters.replace('\n', "\n    "));
+    settings(&[&text], TYPES).unwrap_err()
+}
+
+fn error_with(args: &str) -> String {
+    with(args).unwrap_err()
+}
+
+#[test]
+fn what_is_wrong_in_a_file_is_told_with_its_place() {
+    let cases = [
+        ("window: 0", "0.yaml:3:5: window is 0; give an integer from 1 to 1024"),
+        (
+            "input: {window: 1}",
+            "0.yaml:3:13: there is no parameter input.window; the nearest is input.type",
+        ),
+        ("deadlin: 1.0", "0.yaml:3:5: there is no parameter deadlin; the nearest is deadline"),
+        ("a: &b 1", "0.yaml:3:8: anchors and aliases are not taken; write the value out"),
+        (
+            "a: [1, 2.0]",
+            "0.yaml:3:8: a is a list of other than booleans, integers, numbers or texts alone",
+        ),
+        ("a: {b: }", "0.yaml:3:10: a.b has no value; give one, '' for an empty text"),
+        ("a.b: 1\na: {b: 2}", "0.yaml:4:9: a.b is there twice; leave one out"),
+    ];
+    for (parameters, expected) in cases {
+        let error = error_in(parameters);
+        assert_eq!(error, expected);
+    }
+    let files = [
+        ("- a", "0.yaml:1:1: a node's name and below it ros__parameters are expected"),
+        ("window: 1", "0.yaml:1:9: a node's name and below it ros__parameters are expected"),
+        (
+            "ros__parameters: {}",
+            "0.yaml:1:1: a node's name and below it ros__parameters are expected",
+        ),
+        ("a:\n  ros__parameters: 3", "0.yaml:2:20: parameters are expected, each as name: value"),
+        (
+            "/a*:\n  ros__parameters: {}",
+            "0.yaml:1:1: \"/a*\" is no node's name: '*' is no letter, digit or underscore",
+        ),
+    ];
+    for (file, error) in files {
+        assert_eq!(settings(&[file], TYPES).unwrap_err(), error);
+    }
+}
+
+#[test]
+fn files_are_bounded_and_must_be_there() {
+    let large = format!("# {}\n", "a".repeat(1 << 20));
+    assert_eq!(
+        settings(&[&large], TYPES).unwrap_err(),
+        "0.yaml: more than 1 MiB; give a parameter file"
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.yaml");
+    std::fs::write(&path, b"a: \xff").unwrap();
+    let path = path.display();
+    let error = error_with(&format!("--params-file {path}"));
+    assert_eq!(error, format!("{path}: not UTF-8; give a parameter file that can be read"));
+    let missing = error_with("--params-file no-such.yaml");
+    assert!(missing.starts_with("no-such.yaml: "), "{missing}");
+    assert!(missing.ends_with("; give a parameter file that can be read"), "{missing}");
+}
+
+#[test]
+fn what_is_wrong_with_a_stream_is_told() {
+    let error = settings(&[], "-p input.type:=a/msg/B").unwrap_err();
+    assert_eq!(
+        error,
+        "-p input.type:=a/msg/B: a/msg/B is not known to begin with a std_msgs/Header; give \
+         input.key: header if it does, or else the type of its integer"
+    );
+    let error = settings(&[], "").unwrap_err();
+    assert_eq!(
+        error,
+        "input.type is not given; add -p input.type:=sensor_msgs/msg/Image, say, or write it into \
+         a parameter file"
+    );
+    let error = settings(&[], "-p input.type:=Image").unwrap_err();
+    assert_eq!(
+        error,
+        "-p input.type:=Image: input.type is \"Image\"; give a type as sensor_msgs/msg/Image"
+    );
+    let cases = [
+        ("input.key:=int16", "input.key is \"int16\"; give header, uint32, int32, uint64 or int64"),
+        (
+            "input.key_offset:=0",
+            "input.key_offset is for integers, and the key is a header; leave it out",
+        ),
+        (
+            "input.topic:=a//b",
+            "input.topic is \"a//b\", which is no name of a topic: a part between slashes is \
+             empty; rename it",
+        ),
+        ("input.topic:=", "input.topic has no value; give one, '' for an empty text"),
+        (
+            "input.topic:=''",
+            "input.topic is \"\", which is no name of a topic: it is empty; rename it",
+        ),
+        (
+            "output.topic:=input",
+            "output.topic is /input, and so is input.topic; give each a topic of its own",
+        ),
+        ("commit:=lazy", "commit is \"lazy\"; give eager or patient"),
+        ("deadline:=0", "deadline is 0.0; give seconds, more than 0 and at most 1e9"),
+        ("deadline:=.nan", "deadline is NaN; give seconds, more than 0 and at most 1e9"),
+        ("deadline:=1e10", "deadline is 10000000000.0; give seconds, more than 0 and at most 1e9"),
+        (
+            "local.deadline:=1e-12",
+            "local.deadline is 1e-12; give seconds, more than 0 and at most 1e9",
+        ),
+        ("use_sim_time:=1", "use_sim_time is 1; give true or false"),
+        (
+            "trace.file:=1",
+            "trace.file is 1; give a text, in quotes if it looks like something else",
+        ),
+        ("clouds:=west", "clouds is \"west\"; give a list of names as [west, east]"),
+        ("windw:=1", "there is no parameter windw; the nearest is window"),
+        (
+            "qos_overrides./input.subscription.dept:=1",
+            "there is no parameter qos_overrides./input.subscription.dept; the nearest is \
+             qos_overrides./input.subscription.depth",
+        ),
+        (
+            "qos_overrides./input.publisher.depth:=1",
+            "there is no parameter qos_overrides./input.publisher.depth; the nearest is \
+             qos_overrides./output.publisher.depth",
+        ),
+        (
+            "qos_overrides./input.subscription.depth:=0",
+            "qos_overrides./input.subscription.depth is 0; give an integer from 1 to 1024",
+        ),
+        (
+            "qos_overrides./input.subscription.history:=keep_all",
+            "qos_overrides./input.subscription.history is \"keep_all\"; give keep_last",
+        ),
+        (
+            "qos_overrides./input.subscription.durability:=no",
+            "qos_overrides./input.subscription.durability is false; give volatile or \
+             transient_local",
+        ),
+    ];
+    for (parameter, error) in cases {
+        let argument = format!("-p {parameter}");
+        assert_eq!(error_with(&argument), format!("{argument}: {error}"));
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_cloud_is_told() {
+    let cases = [
+        (
+            "clouds:=[a__b]",
+            "the cloud \"a__b\": give a name of letters, digits and single underscores",
+        ),
+        (
+            "clouds:=[local]",
+            "the cloud \"local\": parameters of the node begin like that; give another name",
+        ),
+        ("clouds:=[a,a]", "the cloud \"a\": it is there twice; leave one out"),
+        (
+            "clouds:=[a,b,c,d,e,f,g,h,i,j,k,l,m,x,o,p]",
+            "the cloud \"p\": there are already 15; leave it out",
+        ),
+        ("west.limit:=1", "west.limit is given, but there is no cloud west; add it to clouds"),
+    ];
+    for (parameter, error) in cases {
+        let argument = format!("-p {parameter}");
+        assert_eq!(error_with(&argument), format!("{argument}: {error}"));
+    }
+    let cases = [
+        ("a.priority:=2", "-p clouds:=[a,b]", "b has priority 2, and so has a; give each its own"),
+        ("b.priority:=1", "", "b has priority 1, and so has a; give each its own"),
+        ("b.priority:=0", "", "b.priority is 0; give an integer from 1 to 65535"),
+        ("b.limit:=0", "", "b.limit is 0; give an integer of at least 1"),
+        ("b.resume:=31", "", "b.resume is 31; give an integer from 0 to 30"),
+        ("b.deadline:=-1", "", "b.deadline is -1.0; give seconds, at most 1e9, or 0 for deadline"),
+        ("a.grpc.ca:=f", "", "a.grpc.ca is given without a.grpc.url; give both or none"),
+        (
+            "a.grpc.url:=a:1",
+            "",
+            "a.grpc.url is \"a:1\"; give http://host:port or https://host:port",
+        ),
+        (
+            "a.grpc.url:=https://a:1",
+            "",
+            "a.grpc.url is https; give the CA's certificate by a.grpc.ca",
+        ),
+        (
+            "a.input_topic:=c -p a.grpc.url:=http://a:1",
+            "-p a.input_topic:=c",
+            "a.input_topic is given, but a is a gRPC server without topics; leave it out",
+        ),
+        (
+            "a.grpc.ca:=f -p a.grpc.url:=http://a:1",
+            "-p a.grpc.ca:=f",
+            "a.grpc.ca is given, but a.grpc.url is http; leave it out, or make that https",
+        ),
+        (
+            "a.grpc.key:=f -p a.grpc.ca:=f -p a.grpc.url:=https://a:1",
+            "-p a.grpc.key:=f",
+            "a.grpc.key is given without a.grpc.certificate; give both or none",
+        ),
+    ];
+    for (parameters, place, error) in cases {
+        let arguments = format!("-p {parameters}");
+        let place = if place.is_empty() { &arguments } else { place };
+        assert_eq!(
+            error_with(&format!("-p clouds:=[a,b] {arguments}")),
+            format!("{place}: {error}")
+        );
+    }
+}
+
+#[test]
+fn each_topic_has_one_use_after_remapping() {
+    let shared = |args: &str| error_with(args);
+    assert_eq!(
+        shared("-r local/output:=/output"),
+        "--remap: local.output_topic is /output, and so is output.topic; give each a topic of its \
+         own"
+    );
+    assert_eq!(
+        shared("-p input.topic:=local/input"),
+        "-p input.topic:=local/input: local.input_topic is /local/input, and so is input.topic; \
+         give each a topic of its own"
+    );
+}

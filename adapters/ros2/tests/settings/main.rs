@@ -1,0 +1,349 @@
+//! Settings from arguments, parameter files and the environment.
+
+mod faults;
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use fuseline_operator::Commit;
+use fuseline_ros2::arguments::{Arguments, Level};
+use fuseline_ros2::key::{Key, Kind};
+use fuseline_ros2::parameters::{Place, Value};
+use fuseline_ros2::settings::{Change, Cloud, Grpc, Qos, Role, Settings, SettingsError, Way};
+
+const TYPES: &str =
+    "-p input.type:=sensor_msgs/msg/Image -p output.type:=vision_msgs/msg/Detection2DArray";
+
+/// Settings of files and of arguments that are split at spaces; a file's number stands for it.
+fn settings(files: &[&str], args: &str) -> Result<Settings, String> {
+    settings_in(files, args, &[])
+}
+
+fn settings_in(
+    files: &[&str],
+    args: &str,
+    environment: &[(&str, &str)],
+) -> Result<Settings, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let mut all = vec!["--ros-args".to_owned()];
+    for (at, text) in files.iter().enumerate() {
+        let path = folder.path().join(format!("{at}.yaml"));
+        std::fs::write(&path, text).unwrap();
+        all.extend(["--params-file".to_owned(), path.display().to_string()]);
+    }
+    all.extend(args.split(' ').filter(|arg| !arg.is_empty()).map(str::to_owned));
+    let within = |text: String| text.replace(&format!("{}/", folder.path().display()), "");
+    let arguments = Arguments::parse(all.into_iter().map(OsString::from))
+        .map_err(|error| within(error.to_string()))?;
+    let look_up = |variable: &str| {
+        let found = environment.iter().find(|(name, _)| *name == variable);
+        found.map(|(_, value)| (*value).to_owned())
+    };
+    Settings::from(&arguments, look_up).map_err(|error: SettingsError| within(error.to_string()))
+}
+
+/// Settings of the two types and more arguments.
+fn with(args: &str) -> Result<Settings, String> {
+    settings(&[], &format!("{TYPES} {args}"))
+}
+
+#[test]
+fn two_types_are_enough() {
+    let all = with("").unwrap();
+    assert_eq!(all.node.full(), "/fuseline");
+    assert_eq!((all.domain, all.localhost_only), (0, false));
+    assert_eq!(all.input.topic, "/input");
+    assert_eq!(all.input.type_name, "sensor_msgs/msg/Image");
+    assert_eq!((all.input.key, all.output.key), (Key::Header, Key::Header));
+    assert_eq!(all.output.topic, "/output");
+    assert_eq!((all.window, all.commit), (16, Commit::Eager));
+    assert_eq!(all.deadline, Duration::from_millis(500));
+    assert_eq!(all.deadline_topic, None);
+    assert_eq!(
+        (all.local.input.as_str(), all.local.output.as_str()),
+        ("/local/input", "/local/output")
+    );
+    assert_eq!((all.local.in_flight, all.local.waiting), (4, 16));
+    assert_eq!(all.local.deadline, Duration::from_secs(1));
+    assert!(all.clouds.is_empty() && all.ignored.is_empty());
+    assert_eq!(all.status, "/fuseline/status");
+    assert_eq!(all.diagnostics, "/diagnostics");
+    assert_eq!(all.diagnostics_period, Duration::from_secs(1));
+    assert_eq!((all.trace, all.mcap), (None, None));
+    assert_eq!((all.log_level, all.rosout, all.use_sim_time), (None, true, false));
+    assert!(
+        all.declared.iter().skip(2).all(|parameter| {
+            parameter.place == Place::Default || parameter.name == "output.type"
+        })
+    );
+}
+
+const FULL: &str = "
+/car/front:
+  ros__parameters:
+    input: {type: my_msgs/msg/Frame, topic: /camera/image, key: uint64, key_offset: 8}
+    output: {type: vision_msgs/msg/Detection2DArray, topic: detections}
+    window: 4
+    commit: patient
+    deadline: 1        # an integer will do
+    deadline_topic: ~/deadline
+    local.deadline: 0.25
+    local: {in_flight: 2, waiting: 0, input_topic: ~/in}
+    clouds: [west, east]
+    west:
+      deadline: 0.2
+      limit: 7
+      resume: 3
+      in_flight: 5
+      enabled: false
+      output_topic: west/out
+    east:
+      priority: 9
+      grpc:
+        url: https://east:50051
+        ca: ca.pem
+        certificate: me.pem
+        key: me.key
+        token_file: token
+        server_name: server
+    trace: {file: a.jsonl, mcap: a.mcap}
+    domain_id: 7
+    localhost_only: true
+    diagnostics.period: 0.5
+    use_sim_time: true
+    qos_overrides:
+      /camera/image:
+        subscription: {reliability: reliable, durability: transient_local, depth: 1}
+      /car/detections.publisher: {reliability: best_effort, history: keep_last}
+";
+const RENAMED: &str = "-r __node:=front -r __ns:=/car";
+
+#[test]
+fn everything_can_be_set() {
+    let all = settings(&[FULL], RENAMED).unwrap();
+    assert_eq!((all.domain, all.localhost_only), (7, true));
+    assert_eq!(all.input.key, Key::Integer { offset: 8, kind: Kind::U64 });
+    assert_eq!((all.window, all.commit), (4, Commit::Patient));
+    assert_eq!(all.deadline, Duration::from_secs(1));
+    assert_eq!(all.deadline_topic.as_deref(), Some("/car/front/deadline"));
+    assert_eq!(all.local.input, "/car/front/in");
+    assert_eq!(all.local.deadline, Duration::from_millis(250));
+    assert_eq!((all.local.in_flight, all.local.waiting), (2, 0));
+    let way = Way::Topics { input: "/car/west/input".into(), output: "/car/west/out".into() };
+    let deadline = Some(Duration::from_millis(200));
+    let (name, enabled) = ("west".to_owned(), false);
+    let west =
+        Cloud { name, priority: 1, deadline, enabled, limit: 7, resume: 3, in_flight: 5, way };
+    let way = Way::Grpc(Grpc {
+        url: "https://east:50051".into(),
+        ca: Some("ca.pem".into()),
+        certificate: Some("me.pem".into()),
+        key: Some("me.key".into()),
+        token_file: Some("token".into()),
+        server_name: Some("server".into()),
+    });
+    let (name, deadline, enabled) = ("east".to_owned(), None, true);
+    let east =
+        Cloud { name, priority: 9, deadline, enabled, limit: 31, resume: 0, in_flight: 8, way };
+    assert_eq!(all.clouds, [west, east]);
+    assert_eq!(all.trace, Some(PathBuf::from("a.jsonl")));
+    assert_eq!(all.mcap, Some(PathBuf::from("a.mcap")));
+    assert_eq!(all.diagnostics_period, Duration::from_millis(500));
+    assert!(all.use_sim_time);
+    let qos = |reliable, transient_local, depth| Qos { reliable, transient_local, depth };
+    assert_eq!(all.qos("/camera/image", Role::Subscription), qos(true, true, 1));
+    assert_eq!(all.qos("/car/detections", Role::Publisher), qos(false, false, 5));
+    assert_eq!(all.qos("/car/west/input", Role::Publisher), qos(true, false, 5));
+    assert_eq!(all.qos("/car/west/out", Role::Subscription), qos(false, false, 5));
+    assert_eq!(all.topics.len(), 9);
+    let deadline = all.declared.iter().find(|parameter| parameter.name == "deadline").unwrap();
+    assert_eq!((&deadline.value, deadline.at_run_time), (&Value::Double(1.0), true));
+}
+
+#[test]
+fn arguments_win_over_files_and_later_ones_over_earlier_ones() {
+    let window =
+        |files: &[&str], args: &str| settings(files, &format!("{TYPES} {args}")).unwrap().window;
+    let one = "/**: {ros__parameters: {window: 1}}";
+    let two = "fuseline: {ros__parameters: {window: 2}}";
+    assert_eq!(window(&[one], ""), 1);
+    assert_eq!(window(&[one, two], ""), 2);
+    assert_eq!(window(&[two, one], ""), 1);
+    assert_eq!(window(&[one, two], "-p window:=3 -p window:=4"), 4);
+    assert_eq!(window(&[two], "-p fuseline:window:=3 -p other:window:=4"), 3);
+    // Within one file the order of the names does not count.
+    assert_eq!(
+        window(
+            &["fuseline: {ros__parameters: {window: 2}}\n/**: {ros__parameters: {window: 1}}"],
+            ""
+        ),
+        2
+    );
+    assert_eq!(
+        window(&["/*: {ros__parameters: {window: 2}}\n/**: {ros__parameters: {window: 1}}"], ""),
+        2
+    );
+}
+
+#[test]
+fn names_of_nodes_match_with_and_without_slashes_and_with_wildcards() {
+    let is_ours = |name: &str| {
+        let file = format!("{name}:\n  ros__parameters: {{window: 2}}\n");
+        settings(&[&file], &format!("{TYPES} {RENAMED} -r __ns:=/a")).unwrap().window == 2
+    };
+    for name in [
+        "/car/front",
+        "car/front",
+        "\"**\"",
+        "/**",
+        "/**/front",
+        "/*/front",
+        "/car/*",
+        "/*/*",
+        "/car/**",
+        "/**/**",
+        "/car/front/**",
+    ] {
+        assert!(is_ours(name), "{name}");
+    }
+    for name in ["front", "/*", "/car", "/*/*/*", "/car/back", "/**/car"] {
+        assert!(!is_ours(name), "{name}");
+    }
+    let nested = "car:\n  front:\n    ros__parameters: {window: 2}\n";
+    assert_eq!(settings(&[nested], &format!("{TYPES} {RENAMED}")).unwrap().window, 2);
+    let empty = "car:\n  front:\n    ros__parameters:\n      # window: 2\n";
+    assert_eq!(settings(&[empty], &format!("{TYPES} {RENAMED}")).unwrap().window, 16);
+}
+
+#[test]
+fn topics_are_remapped_after_they_are_named() {
+    let args = "-r input:=/camera/image -r fuseline:~/status:=state -r /west/input:=up -p \
+                 clouds:=[west] -p output.topic:=result -r output:=/no";
+    let all = with(args).unwrap();
+    assert_eq!(all.input.topic, "/camera/image");
+    assert_eq!(all.output.topic, "/result");
+    assert_eq!(all.status, "/state");
+    assert!(matches!(&all.clouds[0].way, Way::Topics { input, .. } if input == "/up"));
+}
+
+#[test]
+fn the_environment_is_asked_last() {
+    let domain = [("ROS_DOMAIN_ID", "42"), ("ROS_LOCALHOST_ONLY", "1")];
+    let all = settings_in(&[], TYPES, &domain).unwrap();
+    assert_eq!((all.domain, all.localhost_only), (42, true));
+    let args = format!("{TYPES} -p domain_id:=3 -p localhost_only:=false");
+    let all = settings_in(&[], &args, &domain).unwrap();
+    assert_eq!((all.domain, all.localhost_only), (3, false));
+    let local = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"), ("ROS_DOMAIN_ID", "")];
+    assert!(settings_in(&[], TYPES, &local).unwrap().localhost_only);
+    let subnet = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"), ("ROS_LOCALHOST_ONLY", "0")];
+    assert!(!settings_in(&[], TYPES, &subnet).unwrap().localhost_only);
+    for (id, shown) in [("233", "233"), ("a", "\"a\"")] {
+        let error = settings_in(&[], TYPES, &[("ROS_DOMAIN_ID", id)]).unwrap_err();
+        assert_eq!(
+            error,
+            format!("ROS_DOMAIN_ID: domain_id is {shown}; give an integer from 0 to 232")
+        );
+    }
+}
+
+#[test]
+fn the_level_of_the_own_logger_wins() {
+    let level = |args: &str| with(args).unwrap().log_level;
+    assert_eq!(
+        level("--log-level warn --log-level other:=fatal --log-level error"),
+        Some(Level::Error)
+    );
+    assert_eq!(
+        level("--log-level car.fuseline:=debug --log-level error -r __ns:=/car"),
+        Some(Level::Debug)
+    );
+}
+
+#[test]
+fn what_other_nodes_get_too_is_ignored_and_told() {
+    let file = "
+/**:
+  ros__parameters:
+    robot: r2
+    window: 3
+    qos_overrides./scan.subscription.depth: 2
+other:
+  ros__parameters: {windows: [[1]]}
+";
+    let all = settings(&[file], TYPES).unwrap();
+    assert_eq!(all.window, 3);
+    let ignored: Vec<_> = all.ignored.iter().map(|given| given.name.as_str()).collect();
+    assert_eq!(ignored, ["qos_overrides./scan.subscription.depth", "robot"]);
+    assert!(all.to_string().contains("0.yaml:4:5: robot is for other nodes, not this one\n"));
+}
+
+#[test]
+fn deadlines_and_clouds_change_at_run_time_and_nothing_else() {
+    let all = with("-p clouds:=[west,east]").unwrap();
+    let change = |name, value| all.check_change(name, &value).map_err(|error| error.to_string());
+    let half = Duration::from_millis(500);
+    assert_eq!(change("deadline", Value::Double(0.5)), Ok(Change::Deadline(half)));
+    assert_eq!(change("local.deadline", Value::Double(0.5)), Ok(Change::LocalDeadline(half)));
+    assert_eq!(
+        change("east.deadline", Value::Double(0.5)),
+        Ok(Change::CloudDeadline(1, Some(half)))
+    );
+    assert_eq!(change("west.deadline", Value::Integer(0)), Ok(Change::CloudDeadline(0, None)));
+    assert_eq!(change("east.enabled", Value::Bool(false)), Ok(Change::CloudEnabled(1, false)));
+    assert_eq!(change("use_sim_time", Value::Bool(true)), Ok(Change::SimTime(true)));
+    let cases = [
+        (
+            "deadline",
+            Value::Double(f64::INFINITY),
+            "deadline cannot be inf; give seconds, more than 0 and at most 1e9",
+        ),
+        ("west.enabled", Value::Integer(1), "west.enabled cannot be 1; give true or false"),
+        (
+            "window",
+            Value::Integer(1),
+            "window is fixed while the node runs; start it anew with another value",
+        ),
+        (
+            "north.enabled",
+            Value::Bool(true),
+            "there is no parameter north.enabled; the nearest is west.enabled",
+        ),
+    ];
+    for (name, value, error) in cases {
+        assert_eq!(change(name, value), Err(error.to_owned()));
+    }
+    let dynamic = all.declared.iter().filter(|parameter| parameter.at_run_time);
+    let dynamic: Vec<_> = dynamic.map(|parameter| parameter.name.as_str()).collect();
+    let expected = [
+        "deadline",
+        "local.deadline",
+        "west.deadline",
+        "west.enabled",
+        "east.deadline",
+        "east.enabled",
+        "use_sim_time",
+    ];
+    assert_eq!(dynamic, expected);
+    // What is declared can be set to what it is.
+    for parameter in all.declared.iter().filter(|parameter| parameter.at_run_time) {
+        assert!(all.check_change(&parameter.name, &parameter.value).is_ok(), "{}", parameter.name);
+    }
+}
+
+#[test]
+fn the_check_shows_what_is_resolved() {
+    let shown = settings(&[FULL], RENAMED).unwrap().to_string();
+    print!("{shown}");
+    for line in [
+        "/car/front in domain 7, this machine only\n",
+        "keys: uint64 at byte 8 of input, header of output\n",
+        "reliable, transient local, 1",
+        "https://east:50051",
+        "0.yaml:7:5",
+    ] {
+        assert!(shown.contains(line), "{line}");
+    }
+    assert!(shown.lines().all(|line| line.trim_end() == line));
+}
