@@ -1,16 +1,17 @@
 //! The node's ends of topics: serialized messages in and out, and who is at the other end.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::{IpAddr, Ipv4Addr};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use futures_util::{StreamExt, pin_mut};
 use rustdds::dds::statusevents::{DataReaderStatus, DataWriterStatus, StatusEvented};
 use rustdds::dds::{CreateResult, ReadError, WriteError};
+use rustdds::discovery::SubscriptionBuiltinTopicData;
 use rustdds::no_key::{DataWriter, DeserializedCacheChange, SimpleDataReader};
 use rustdds::policy::{Durability, History, Reliability, ResourceLimits};
 use rustdds::{
-    DomainParticipant, DomainParticipantBuilder, Duration, Publisher, QosPolicies,
+    DomainParticipant, DomainParticipantBuilder, Duration, GUID, Publisher, QosPolicies,
     QosPolicyBuilder, Subscriber, Topic, TopicKind,
 };
 use tokio::task::JoinSet;
@@ -45,8 +46,17 @@ pub(crate) struct Outlet {
 #[derive(Debug)]
 pub(crate) struct End {
     pub(crate) topic: String,
-    matched: AtomicUsize,
-    refused: Mutex<Option<Incompatible>>,
+    /// The type's name in DDS.
+    type_name: String,
+    peers: Mutex<Peers>,
+}
+
+#[derive(Default, Debug)]
+struct Peers {
+    matched: BTreeSet<GUID>,
+    /// Those with messages of another type, which `rustdds` does not look at.
+    strangers: BTreeMap<GUID, String>,
+    incompatible: Option<Incompatible>,
 }
 
 /// Peers of the topic that want or offer another quality of service.
@@ -86,13 +96,14 @@ impl Domain {
         let qos = policies(qos).resource_limits(limits).build();
         let dds = self.topic(topic, ty, &qos)?;
         let writer = self.publisher.create_datawriter_no_key::<Payload, Cdr>(&dds, Some(qos))?;
-        let (writer, end) = (Arc::new(writer), Arc::new(End::new(topic)));
+        let (writer, end) = (Arc::new(writer), Arc::new(End::new(topic, ty)));
         let (watched, seen) = (Arc::clone(&writer), Arc::clone(&end));
+        let participant = self.participant.clone();
         self.tasks.spawn(async move {
             let statuses = watched.as_async_status_stream();
             pin_mut!(statuses);
             while let Some(status) = statuses.next().await {
-                seen.of_writer(&status);
+                seen.of_writer(&status, &participant);
             }
         });
         Ok(Outlet { writer, end })
@@ -113,18 +124,20 @@ impl Domain {
         let dds = self.topic(topic, ty, &qos)?;
         let reader: SimpleDataReader<Payload, Cdr> =
             self.subscriber.create_simple_datareader_no_key(&dds, Some(qos))?;
-        let end = Arc::new(End::new(topic));
-        let seen = Arc::clone(&end);
+        let end = Arc::new(End::new(topic, ty));
+        let (seen, participant) = (Arc::clone(&end), self.participant.clone());
         self.tasks.spawn(async move {
             let (samples, statuses) = (reader.as_async_stream(), reader.as_async_status_stream());
             pin_mut!(samples, statuses);
             loop {
                 tokio::select! {
+                    biased;
+                    Some(status) = statuses.next() => seen.of_reader(&status, &participant),
                     sample = samples.next() => match sample {
+                        Some(Ok(sample)) if seen.is_strange(sample.writer_guid()) => {}
                         Some(sample) => take(sample.map(DeserializedCacheChange::into_value)).await,
                         None => break,
                     },
-                    Some(status) = statuses.next() => seen.of_reader(&status),
                 }
             }
         });
@@ -151,23 +164,41 @@ impl Outlet {
 }
 
 impl End {
-    fn new(topic: &str) -> Self {
-        Self { topic: topic.into(), matched: AtomicUsize::new(0), refused: Mutex::new(None) }
+    fn new(topic: &str, ty: &str) -> Self {
+        Self { topic: topic.into(), type_name: dds_type(ty), peers: Mutex::default() }
     }
 
     /// How many there are.
     pub(crate) fn matched(&self) -> usize {
-        self.matched.load(Ordering::Relaxed)
+        self.peers().matched.len()
     }
 
-    /// Those that were met and do not fit.
+    /// Those that were met and want or offer another quality of service.
     pub(crate) fn incompatible(&self) -> Option<Incompatible> {
-        self.refused.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.peers().incompatible.clone()
     }
 
-    fn of_writer(&self, status: &DataWriterStatus) {
+    /// The type of one whose messages are of another, if there is one.
+    pub(crate) fn other_type(&self) -> Option<String> {
+        self.peers().strangers.values().next().cloned()
+    }
+
+    fn is_strange(&self, peer: GUID) -> bool {
+        self.peers().strangers.contains_key(&peer)
+    }
+
+    fn of_writer(&self, status: &DataWriterStatus, participant: &DomainParticipant) {
         match status {
-            DataWriterStatus::PublicationMatched { current, .. } => self.now(current.count()),
+            DataWriterStatus::PublicationMatched { current, reader, .. } => {
+                let readers = participant.discovered_readers();
+                let mut topics = readers.iter().map(|reader| &reader.subscription_topic_data);
+                let ty = topics.find(|topic| topic.key() == *reader);
+                self.change(
+                    *reader,
+                    current.count_change(),
+                    ty.map(SubscriptionBuiltinTopicData::type_name),
+                );
+            }
             DataWriterStatus::OfferedIncompatibleQos { count, last_policy_id, .. } => {
                 self.refuse(count.count(), format!("{last_policy_id:?}"));
             }
@@ -176,9 +207,14 @@ impl End {
         }
     }
 
-    fn of_reader(&self, status: &DataReaderStatus) {
+    fn of_reader(&self, status: &DataReaderStatus, participant: &DomainParticipant) {
         match status {
-            DataReaderStatus::SubscriptionMatched { current, .. } => self.now(current.count()),
+            DataReaderStatus::SubscriptionMatched { current, writer, .. } => {
+                let writers = participant.discovered_writers();
+                let mut topics = writers.iter().map(|writer| &writer.publication_topic_data);
+                let ty = topics.find(|topic| topic.key == *writer);
+                self.change(*writer, current.count_change(), ty.map(|topic| &topic.type_name));
+            }
             DataReaderStatus::RequestedIncompatibleQos { count, last_policy_id, .. } => {
                 self.refuse(count.count(), format!("{last_policy_id:?}"));
             }
@@ -189,18 +225,30 @@ impl End {
         }
     }
 
-    fn now(&self, count: i32) {
-        let now = usize::try_from(count).unwrap_or(0);
-        let before = self.matched.swap(now, Ordering::Relaxed);
-        if before != now {
-            info!(topic = self.topic, before, now, "peers matched");
+    /// A peer came or left.
+    fn change(&self, peer: GUID, by: i32, type_name: Option<&String>) {
+        let mut peers = self.peers();
+        if by <= 0 {
+            peers.strangers.remove(&peer);
+            if peers.matched.remove(&peer) {
+                info!(topic = self.topic, peers = peers.matched.len(), "a peer left");
+            }
+        } else if let Some(other) = type_name.filter(|name| **name != self.type_name) {
+            warn!(topic = self.topic, ours = self.type_name, other, "a peer has another type");
+            peers.strangers.insert(peer, other.clone());
+        } else if peers.matched.insert(peer) {
+            info!(topic = self.topic, peers = peers.matched.len(), "a peer came");
         }
     }
 
     fn refuse(&self, count: i32, policy: String) {
         warn!(topic = self.topic, policy, "a peer's quality of service does not fit");
-        let incompatible = Some(Incompatible { count, policy });
-        *self.refused.lock().unwrap_or_else(PoisonError::into_inner) = incompatible;
+        self.peers().incompatible = Some(Incompatible { count, policy });
+    }
+
+    /// What is changed is changed whole, so that a poisoned lock holds nothing strange.
+    fn peers(&self) -> MutexGuard<'_, Peers> {
+        self.peers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

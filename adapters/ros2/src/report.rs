@@ -112,7 +112,7 @@ impl Reporter {
         let refused = total(&tally.refused) - total(&self.told.refused);
         let unread = intake.unread() - self.intake.unread();
         let unsent = intake.unsent - self.intake.unsent;
-        let unfit = ends.iter().find_map(|end| Some((end, end.incompatible()?)));
+        let unfit = ends.iter().find_map(|end| unfit(end));
         let nobody = ends.iter().find(|end| end.matched() == 0);
         let (level, message) = if missed > 0 {
             (ERROR, format!("{missed} messages missed"))
@@ -122,8 +122,8 @@ impl Reporter {
             (WARN, format!("{refused} messages refused"))
         } else if unread > 0 {
             (WARN, format!("{unread} inputs not taken: no key, or one that is taken"))
-        } else if let Some((end, unfit)) = unfit {
-            (WARN, format!("incompatible {} on {}", unfit.policy, end.topic))
+        } else if let Some(unfit) = unfit {
+            (WARN, unfit)
         } else if let Some(end) = nobody {
             (OK, format!("nobody on {}", end.topic))
         } else {
@@ -153,11 +153,12 @@ impl Reporter {
         let strange = (source.strays.unknown_stamp + source.strays.malformed)
             - (stray.unknown_stamp + stray.malformed);
         let heard = heard(now) - heard(before);
-        let unfit = source.ends().find_map(|end| Some((end.topic.clone(), end.incompatible()?)));
+        let unfit = source.ends().find_map(unfit);
         let (level, message) = if !source.enabled {
             (OK, "not enabled".to_owned())
         } else if let Some(who) = source.missing() {
-            (ERROR, format!("missing: {who}"))
+            let unfit = unfit.map(|unfit| format!(" ({unfit})")).unwrap_or_default();
+            (ERROR, format!("missing: {who}{unfit}"))
         } else if asked > 0 && without >= asked && heard == 0 {
             (ERROR, format!("missing: no result to {without} requests"))
         } else if without > 0 {
@@ -166,8 +167,8 @@ impl Reporter {
             (WARN, format!("falling back: {refused} requests refused"))
         } else if strange > 0 {
             (WARN, format!("{strange} results of no message"))
-        } else if let Some((topic, unfit)) = unfit {
-            (WARN, format!("incompatible {} on {topic}", unfit.policy))
+        } else if let Some(unfit) = unfit {
+            (WARN, unfit)
         } else {
             (OK, "in time".to_owned())
         };
@@ -243,6 +244,14 @@ pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> D
 fn heard(tally: &SourceTally) -> u64 {
     let at_once = tally.outputs.get(&Rule::Arrival).copied().unwrap_or_default();
     at_once + tally.held + total(&tally.dropped)
+}
+
+/// What is wrong with a peer of a topic.
+fn unfit(end: &End) -> Option<String> {
+    let topic = &end.topic;
+    let quality =
+        end.incompatible().map(|unfit| format!("incompatible {} on {topic}", unfit.policy));
+    quality.or_else(|| Some(format!("another type on {topic}: {}", end.other_type()?)))
 }
 
 fn end_values(end: &End) -> Vec<KeyValue> {
