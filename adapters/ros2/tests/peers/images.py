@@ -4,7 +4,7 @@ import os
 import time
 
 from graph import quality, until
-from messages import Header, Image, Time
+from messages import OK, Header, Image, Time
 from node import POINTS, parameters
 from roles import Camera, Listener, Model, ready
 
@@ -12,8 +12,7 @@ DEADLINE_S = 1.0
 SECONDS = int(os.environ.get("IMAGES_SECONDS", "60"))
 RATE_HZ = 30
 BYTES = 1_000_000
-SETTLED_S = 15
-RESIDENT_MIB = 300
+RESIDENT_MIB = 600
 GROWTH_MIB = 40
 
 
@@ -63,18 +62,25 @@ def each_image_of_a_megabyte_is_answered_once_at_thirty_a_second(bench):
     print(f"asked: local {len(local.asked)}, west {len(west.asked)}; "
           f"{lost_datagrams() - lost} datagrams lost because a socket's buffer was full")
     assert node.ends() == 0
-    accepted = len(node.events("open")) - sum("p" not in line for line in node.events("refuse"))
+    taken = len(node.events("open"))
+    accepted = taken - sum("p" not in line for line in node.events("refuse"))
     emitted = node.events("emit")
     stamps_out = [heard.message.header.stamp.stamp for heard in listener.results.heard]
-    print(f"{len(stamps)} images sent in {took:.1f} s, {accepted} taken in with those of the start, "
+    print(f"{len(stamps)} images sent in {took:.1f} s, {taken} came in with those of the start, "
+          f"{accepted} were taken on, "
           f"{len(emitted)} results, {sum(line['p'] == 1 for line in emitted)} of west; "
           f"{cpu_s / took:.2f} of a core, "
           f"{rss[0]:.0f} MiB resident at first, at most {max(rss):.0f}, {rss[-1]:.0f} at the end")
     assert len(stamps_out) == len(set(stamps_out)), "a result was sent twice"
-    assert len(emitted) == accepted, "not every input that was taken in was answered"
+    assert len(emitted) + len(node.events("miss")) == accepted, "not every input that was taken in was answered"
     assert len(stamps_out) == len(emitted), "not every result that left came"
-    received = set(stamps) & set(stamps_out)
-    assert len(received) >= 0.95 * len(stamps), f"only {len(received)} of {len(stamps)} images were taken in"
+    assert taken >= 0.98 * len(stamps), f"only {taken} of {len(stamps)} images came in"
+    # Datagrams may be lost at first; what was lost is repaired, and then all is well.
+    last = stamps[len(stamps) * 2 // 3:]
+    by_west = sum(status["source"] == "west" for stamp in last for status in listener.status_of(stamp)
+                  if status.level == OK)
+    assert by_west >= 0.95 * len(last), f"only {by_west} of the last {len(last)} images were answered by west"
     assert max(rss) < RESIDENT_MIB, f"{max(rss):.0f} MiB resident"
-    settled = rss[min(SETTLED_S, len(rss) // 2):]
-    assert settled[-1] - settled[0] < GROWTH_MIB, f"grew from {settled[0]:.0f} to {settled[-1]:.0f} MiB"
+    third = len(rss) // 3
+    before, after = max(rss[third:-third]), max(rss[-third:])
+    assert after - before < GROWTH_MIB, f"grew from {before:.0f} to {after:.0f} MiB"
