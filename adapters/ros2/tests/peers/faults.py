@@ -88,8 +88,9 @@ def a_peer_with_another_type_name_does_not_match(bench):
     assert image.matched() == output.matched() == asked.matched() == 0
     assert output.count == asked.count == 0
     assert listener.counted("requests", "west") == 0, "a cloud of another type was asked"
+    assert String.__idl_typename__ in str(listener.health("west")), "the diagnostics do not name the other type"
     west = Model("west")
-    ready(camera, listener, local, west)
+    ready(camera, listener, local, west, levels=(OK, WARN))
     stamp, at = camera.ask("local=0 west=0.05")
     listener.until_answered([stamp])
     assert node.ends() == 0

@@ -24,10 +24,10 @@ os.environ["CYCLONEDDS_URI"] = f"""<CycloneDDS xmlns="https://cdds.io/config"><D
 
 
 def until(holds, what, cap=CAP_S):
-    """Waits until `holds()` is true and returns what it returned; fails after `cap` seconds."""
+    """Waits until `holds()` is true and returns what it returned; fails after `cap` seconds, and says `what`."""
     end = time.monotonic() + cap
     while not (value := holds()):
-        assert time.monotonic() < end, f"not within {cap:g} s: {what}"
+        assert time.monotonic() < end, f"not within {cap:g} s: {what() if callable(what) else what}"
         time.sleep(0.005)
     return value
 
@@ -111,7 +111,7 @@ class Subscription:
         until(lambda: self.matched() == count, f"{count} matched publications of {self.topic}")
 
     def until_heard(self, count, cap=CAP_S):
-        until(lambda: self.count >= count, f"{count} messages on {self.topic}, heard {self.count}", cap)
+        until(lambda: self.count >= count, lambda: f"{count} messages on {self.topic}, heard {self.count}", cap)
 
     def close(self):
         self.ended.set()

@@ -120,7 +120,7 @@ class Listener:
         def reached():
             status = self.health(part)
             return status if status and status.level in levels else None
-        return until(reached, f"{part} at level {levels}, last {self.health(part)}", cap)
+        return until(reached, lambda: f"{part} at level {levels}, last {self.health(part)}", cap)
 
     def counted(self, what, part="fusion"):
         """A count in the newest diagnostics about `part`, over all its kinds."""
@@ -128,16 +128,16 @@ class Listener:
         return sum(int(pair.value) for pair in status.values if pair.key.split()[0] == what) if status else 0
 
     def until_counted(self, what, count, part="fusion"):
-        until(lambda: self.counted(what, part) == count, f"{count} {what} of {part}, last {self.health(part)}")
+        until(lambda: self.counted(what, part) == count, lambda: f"{count} {what} of {part}, last {self.health(part)}")
 
 
-def ready(camera, listener, *models):
+def ready(camera, listener, *models, levels=(OK,)):
     """Waits until an input goes all the way: to each model and back with the result of the last, who is the best."""
     camera.output.until_matched()
     listener.until_matched()
     for model in models:
         model.until_matched()
-        listener.until_health(model.source, {OK})
+        listener.until_health(model.source, levels)
     plan = " ".join(f"{model.source}=0" for model in models)
 
     def gone_through():
