@@ -139,8 +139,8 @@ pub async fn run(
         "fusing"
     );
     let ran = fusion.run(events, stop).await;
-    domain.leave().await;
     tasks.shutdown().await;
+    domain.leave().await;
     let tally = ran.map_err(NodeError::Trace)?;
     info!(messages = tally.messages, forwarded = tally.forwarded(), missed = tally.missed, "ended");
     Ok(tally)
