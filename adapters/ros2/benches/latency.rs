@@ -16,10 +16,9 @@ use futures_util::StreamExt;
 use ros2_client::{Publisher, Subscription};
 use tokio::time::{Instant, interval, sleep, timeout};
 
-use ros::{
-    Any, CompressedImage, Header, PointStamped, Time, domain, node, publisher, subscription,
-};
+use ros::{Any, CompressedImage, Header, PointStamped, Time, node_in, publisher, subscription};
 
+const DOMAIN: u16 = 88;
 const MESSAGES: usize = 1000;
 const WARM_UP: usize = 50;
 const RATE_HZ: u32 = 50;
@@ -49,7 +48,7 @@ fn main() -> Result<(), Any> {
 
 async fn measure(bytes: usize) -> Result<(), Any> {
     let fusion = Fusion::start()?;
-    let mut node = node("bench")?;
+    let mut node = node_in(DOMAIN, "bench")?;
     let image = "sensor_msgs/CompressedImage";
     let point = "geometry_msgs/PointStamped";
     let through: Publisher<CompressedImage> = publisher(&mut node, "input", image)?;
@@ -114,7 +113,7 @@ async fn run(
 
 /// The cloud: answers each image at once, in a thread of its own.
 fn echo(name: &'static str) -> Result<(), Any> {
-    let mut node = node(&format!("{name}_model"))?;
+    let mut node = node_in(DOMAIN, &format!("{name}_model"))?;
     let images: Subscription<CompressedImage> =
         subscription(&mut node, &format!("{name}/input"), "sensor_msgs/CompressedImage")?;
     let points: Publisher<PointStamped> =
@@ -148,7 +147,7 @@ impl Fusion {
             "input.type:=sensor_msgs/msg/CompressedImage".to_owned(),
             "output.type:=geometry_msgs/msg/PointStamped".to_owned(),
             "clouds:=[west]".to_owned(),
-            format!("domain_id:={}", domain()),
+            format!("domain_id:={DOMAIN}"),
             "localhost_only:=true".to_owned(),
             "qos_overrides./input.subscription.reliability:=reliable".to_owned(),
         ];

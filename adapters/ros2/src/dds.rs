@@ -9,7 +9,7 @@ use rustdds::dds::statusevents::{DataReaderStatus, DataWriterStatus, StatusEvent
 use rustdds::dds::{CreateResult, ReadError, WriteError};
 use rustdds::discovery::SubscriptionBuiltinTopicData;
 use rustdds::no_key::{DataWriter, DeserializedCacheChange, SimpleDataReader};
-use rustdds::policy::{Durability, History, Reliability, ResourceLimits};
+use rustdds::policy::{Deadline, Durability, History, Reliability, ResourceLimits};
 use rustdds::{
     DomainParticipant, DomainParticipantBuilder, Duration, GUID, Publisher, QosPolicies,
     QosPolicyBuilder, Subscriber, Topic, TopicKind,
@@ -26,6 +26,11 @@ use crate::settings::Qos;
 /// One that was killed acknowledges nothing until its lease ends, 10 s or 20 s by the habit of other
 /// implementations, and the others must not wait for it: this is half a minute at 30 Hz.
 const UNACKNOWLEDGED: i32 = 1024;
+
+/// The deadline that publishers offer, five times as long as `rustdds` waits between two repairs of
+/// 8 KiB each: with its own choice an image of which some datagrams were lost holds up its topic for
+/// ten seconds and more. Nothing watches it, and it fits whatever deadline a subscriber requests.
+const REPAIRS: Deadline = Deadline(Duration::from_millis(5));
 
 /// The node in its domain.
 pub(crate) struct Domain {
@@ -93,7 +98,7 @@ impl Domain {
             max_instances: 1,
             max_samples_per_instance: UNACKNOWLEDGED,
         };
-        let qos = policies(qos).resource_limits(limits).build();
+        let qos = policies(qos).resource_limits(limits).deadline(REPAIRS).build();
         let dds = self.topic(topic, ty, &qos)?;
         let writer = self.publisher.create_datawriter_no_key::<Payload, Cdr>(&dds, Some(qos))?;
         let (writer, end) = (Arc::new(writer), Arc::new(End::new(topic, ty)));

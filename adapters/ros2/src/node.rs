@@ -90,7 +90,6 @@ pub async fn run(
 ) -> Result<Tally, NodeError> {
     let mut engine = engine(settings)?;
     let counting = engine.counts();
-    record(&mut engine, settings)?;
     let mut domain = Domain::join(settings.domain, settings.localhost_only)?;
     let (setter, changes) = mpsc::unbounded_channel();
     let (voice, mut tasks) = Voice::new(settings, &domain, setter, lines)?;
@@ -116,6 +115,7 @@ pub async fn run(
         })?;
     }
 
+    record(&mut engine, settings)?;
     let fusion = Fusion {
         engine,
         sources,
@@ -139,8 +139,8 @@ pub async fn run(
         "fusing"
     );
     let ran = fusion.run(events, stop).await;
-    domain.leave().await;
     tasks.shutdown().await;
+    domain.leave().await;
     let tally = ran.map_err(NodeError::Trace)?;
     info!(messages = tally.messages, forwarded = tally.forwarded(), missed = tally.missed, "ended");
     Ok(tally)

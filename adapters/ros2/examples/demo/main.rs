@@ -23,9 +23,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde::Deserialize;
 use tokio::time::{Instant, interval, sleep, timeout};
 
-use ros::{
-    Any, CompressedImage, Header, PointStamped, Time, domain, node, publisher, subscription,
-};
+use ros::{Any, CompressedImage, Header, PointStamped, Time, node_in, publisher, subscription};
 
 const RATE_HZ: u32 = 10;
 const IMAGE_BYTES: usize = 33_000;
@@ -94,7 +92,7 @@ async fn direct() -> Result<(), Any> {
     let fusion = fusion(folder.path(), &trace)?;
     let _local = Part::start(&[LOCAL.name])?;
     let mut west = Some(Part::start(&[WEST.name])?);
-    let mut node = node("camera")?;
+    let mut node = node_in(domain(), "camera")?;
     let camera: Publisher<CompressedImage> =
         publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
     let output: Subscription<PointStamped> =
@@ -233,7 +231,7 @@ impl Book {
 
 /// A node that computes something of each image, as many at once as come.
 async fn model(model: &Model) -> Result<(), Any> {
-    let mut node = node(model.name)?;
+    let mut node = node_in(domain(), model.name)?;
     let (input, output) = (format!("{}/input", model.name), format!("{}/output", model.name));
     let images: Subscription<CompressedImage> =
         subscription(&mut node, &input, "sensor_msgs/CompressedImage")?;
@@ -279,4 +277,9 @@ fn judge(trace: &Path) -> Result<String, Any> {
     let verdict = fuseline_traces::judge("the run", lines)?;
     let word = if verdict.conforms { "conforms" } else { "does not conform" };
     Ok(format!("{word}: {} messages judged in {} lines", verdict.judged, verdict.lines))
+}
+
+/// The domain of all parts: one that nobody else is likely to be in.
+fn domain() -> u16 {
+    env::var("ROS_DOMAIN_ID").ok().and_then(|domain| domain.parse().ok()).unwrap_or(87)
 }

@@ -1,6 +1,5 @@
 //! ROS nodes of this machine alone, and messages as `.msg` files have them.
 
-use std::env;
 use std::error::Error;
 use std::net::Ipv4Addr;
 
@@ -44,10 +43,9 @@ pub(crate) struct PointStamped {
 }
 
 /// A ROS node of this machine alone.
-pub(crate) fn node(name: &str) -> Result<Node, Any> {
-    let participant = DomainParticipantBuilder::new(domain())
-        .with_only_networks([Ipv4Addr::LOCALHOST])
-        .build()?;
+pub(crate) fn node_in(domain: u16, name: &str) -> Result<Node, Any> {
+    let participant =
+        DomainParticipantBuilder::new(domain).with_only_networks([Ipv4Addr::LOCALHOST]).build()?;
     let context = Context::from_domain_participant(participant)?;
     let options = NodeOptions::new().enable_rosout(false);
     let mut node = context
@@ -55,11 +53,6 @@ pub(crate) fn node(name: &str) -> Result<Node, Any> {
         .map_err(|error| format!("{error:?}"))?;
     tokio::spawn(node.spinner()?.spin());
     Ok(node)
-}
-
-/// The domain of all parts: none that anybody else is in.
-pub(crate) fn domain() -> u16 {
-    env::var("ROS_DOMAIN_ID").ok().and_then(|domain| domain.parse().ok()).unwrap_or(87)
 }
 
 pub(crate) fn publisher<M: Serialize>(

@@ -1,0 +1,178 @@
+//! The node in a graph of Rust nodes: its parameter services, and a cloud behind gRPC.
+
+#[path = "../examples/demo/ros.rs"]
+mod ros;
+
+use std::time::Duration;
+
+use bytes::Bytes;
+use fuseline_ros2::{Arguments, Payload, Settings, Stop};
+use fuseline_tokio::grpc::{self, Server};
+use futures_util::StreamExt;
+use ros2_client::parameters::raw;
+use ros2_client::qos::History;
+use ros2_client::rcl_interfaces::{
+    GetParametersRequest, GetParametersResponse, SetParametersRequest, SetParametersResponse,
+};
+use ros2_client::service::Client;
+use ros2_client::{
+    Message, Name, Node, Parameter, ParameterValue, Publisher, QosProfile, ServiceMapping,
+    ServiceTypeName, Subscription,
+};
+use tokio::net::TcpListener;
+use tokio::time::{Instant, timeout};
+
+use ros::{Any, CompressedImage, Header, PointStamped, Time, publisher, subscription};
+
+/// How long anything may take.
+const LONG: Duration = Duration::from_secs(20);
+const TYPES: [&str; 2] =
+    ["input.type:=sensor_msgs/msg/CompressedImage", "output.type:=geometry_msgs/msg/PointStamped"];
+
+fn settings(domain: u16, set: &[&str]) -> Settings {
+    let domain = format!("domain_id:={domain}");
+    let set = [&TYPES[..], &[&domain, "localhost_only:=true"], set].concat();
+    let args = set.iter().flat_map(|set| ["-p", set]);
+    let args = std::iter::once("--ros-args").chain(args).map(Into::into);
+    Settings::from(&Arguments::parse(args).unwrap(), |_| None).unwrap()
+}
+
+/// Runs the node until `peers` are done.
+async fn beside(settings: Settings, peers: impl Future<Output = Result<(), Any>>) {
+    let mut stop = Stop::never();
+    tokio::select! {
+        ended = fuseline_ros2::run(&settings, &mut stop, None) => panic!("{ended:?}"),
+        done = timeout(6 * LONG, peers) => done.expect("the peers wait for ever").unwrap(),
+    }
+}
+
+fn client<Q: Message + Clone + 'static, A: Message + 'static>(
+    node: &mut Node,
+    service: &str,
+    ty: &str,
+) -> Client<Q, A> {
+    let qos = QosProfile::publisher_default().history(History::KeepLast { depth: 1 });
+    let name = Name::new("/fuseline", service).unwrap();
+    let ty = ServiceTypeName::new("rcl_interfaces", ty);
+    node.create_client(ServiceMapping::Enhanced, &name, &ty, qos.clone(), qos).unwrap()
+}
+
+#[tokio::test]
+async fn parameters_are_read_and_those_that_may_are_set() {
+    let peers = async {
+        let mut node = ros::node_in(91, "operator")?;
+        let reader: Client<GetParametersRequest, GetParametersResponse> =
+            client(&mut node, "get_parameters", "GetParameters");
+        let setter: Client<SetParametersRequest, SetParametersResponse> =
+            client(&mut node, "set_parameters", "SetParameters");
+        timeout(LONG, reader.wait_for_service(&node)).await?;
+        timeout(LONG, setter.wait_for_service(&node)).await?;
+        let names = ["deadline", "window", "clouds"].map(str::to_owned).to_vec();
+        let ask = GetParametersRequest { names: names.clone() };
+        let read = timeout(LONG, reader.async_call_service(ask)).await?.unwrap();
+        let values: Vec<ParameterValue> = read.values.into_iter().map(Into::into).collect();
+        let clouds = ParameterValue::StringArray(vec!["west".into()]);
+        assert_eq!(values, [ParameterValue::Double(0.5), ParameterValue::Integer(16), clouds]);
+
+        let set = [
+            ("deadline", ParameterValue::Double(0.25)),
+            ("deadline", ParameterValue::Double(-1.0)),
+            ("window", ParameterValue::Integer(4)),
+            ("west.enabled", ParameterValue::Boolean(false)),
+        ];
+        let parameter = set
+            .map(|(name, value)| raw::Parameter::from(Parameter { name: name.to_owned(), value }));
+        let ask = SetParametersRequest { parameter: parameter.to_vec() };
+        let set = timeout(LONG, setter.async_call_service(ask)).await?.unwrap();
+        let told: Vec<_> = set.results.iter().map(|set| (set.successful, &*set.reason)).collect();
+        let range = "deadline cannot be -1.0; give seconds, more than 0 and at most 1e9";
+        let fixed = "window is fixed while the node runs; start it anew with another value";
+        assert_eq!(told, [(true, ""), (false, range), (false, fixed), (true, "")]);
+
+        let ask = GetParametersRequest { names };
+        let read = timeout(LONG, reader.async_call_service(ask)).await?.unwrap();
+        let deadline = ParameterValue::from(read.values[0].clone());
+        assert_eq!(deadline, ParameterValue::Double(0.25));
+        Ok(())
+    };
+    beside(settings(91, &["clouds:=[west]"]), peers).await;
+}
+
+/// A serialized `PointStamped` for a serialized `CompressedImage`: the same stamp.
+fn point_for(image: &Bytes) -> Bytes {
+    let image = Payload::from_serialized(image).unwrap();
+    // Stamp, an empty frame (a length of 1, its end, padding), three numbers.
+    let body = [&image.body[..8], &[1, 0, 0, 0, 0, 0, 0, 0], &[0; 24]].concat();
+    Payload { big_endian: false, body: body.into() }.to_serialized()
+}
+
+#[tokio::test]
+async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let url = format!("west.grpc.url:=http://{}", listener.local_addr().unwrap());
+    let (end, ended) = tokio::sync::oneshot::channel::<()>();
+    let infer = |request: grpc::Request| async move {
+        Ok(grpc::Reply { payload: point_for(&request.payload) })
+    };
+    let until = async { drop(ended.await) };
+    let server = tokio::spawn(grpc::serve(infer, Server::default(), listener, until));
+
+    let peers = async {
+        let mut node = ros::node_in(92, "camera")?;
+        let camera: Publisher<CompressedImage> =
+            publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
+        let output: Subscription<PointStamped> =
+            subscription(&mut node, "output", "geometry_msgs/PointStamped")?;
+        let asked: Subscription<CompressedImage> =
+            subscription(&mut node, "local/input", "sensor_msgs/CompressedImage")?;
+        let local: Publisher<PointStamped> =
+            publisher(&mut node, "local/output", "geometry_msgs/PointStamped")?;
+        for topic in ["/output", "/local/input"] {
+            timeout(LONG, node.wait_for_publisher(topic)).await?;
+        }
+        timeout(LONG, camera.wait_for_subscription(&node)).await?;
+        timeout(LONG, local.wait_for_subscription(&node)).await?;
+        let (mut outputs, mut asked) =
+            (Box::pin(output.async_stream()), Box::pin(asked.async_stream()));
+
+        // The node's side of the match may come later than ours: until it did, images are lost or
+        // not answered.
+        let mut sec = 0;
+        let mut from_cloud = None;
+        let start = Instant::now();
+        while from_cloud.is_none() && start.elapsed() < LONG {
+            sec += 1;
+            send(&camera, sec).await?;
+            if let Ok(Some(Ok((point, _)))) = timeout(Duration::from_secs(2), outputs.next()).await
+            {
+                from_cloud = Some(point);
+            }
+        }
+        let point = from_cloud.ok_or("no output of the cloud")?;
+        assert_eq!((point.header.stamp.sec, &*point.header.frame_id), (sec, ""));
+
+        end.send(()).map_err(|()| "the server is gone")?;
+        server.await??;
+        while timeout(Duration::from_millis(200), asked.next()).await.is_ok() {}
+        send(&camera, 1000).await?;
+        let image = loop {
+            let (image, _) = timeout(LONG, asked.next()).await?.ok_or("no stream")??;
+            if image.header.stamp.sec == 1000 {
+                break image;
+            }
+        };
+        let header = Header { frame_id: "local".into(), ..image.header };
+        local.publish(PointStamped { header, point: [0.0; 3] }).map_err(|e| e.to_string())?;
+        let (point, _) = timeout(LONG, outputs.next()).await?.ok_or("no stream")??;
+        assert_eq!((point.header.stamp.sec, &*point.header.frame_id), (1000, "local"));
+        Ok(())
+    };
+    beside(settings(92, &["clouds:=[west]", &url, "deadline:=5.0", "local.deadline:=20.0"]), peers)
+        .await;
+}
+
+async fn send(camera: &Publisher<CompressedImage>, sec: i32) -> Result<(), Any> {
+    let header = Header { stamp: Time { sec, nanosec: 0 }, frame_id: "camera".into() };
+    let image = CompressedImage { header, format: String::new(), data: vec![0; 100] };
+    Ok(camera.async_publish(image).await.map_err(|error| error.to_string())?)
+}
