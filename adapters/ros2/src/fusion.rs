@@ -117,9 +117,9 @@ impl Fusion {
                 timer.as_mut().reset(self.memory.instant(due));
                 armed = Some(due);
             }
-            // A2: whatever is taken in first, the core expires what is due by then before it.
+            // A2: whatever is taken in first, the core expires what is due by then before it. None has
+            // precedence, so that a flood on one topic keeps no other from its turn.
             tokio::select! {
-                biased;
                 () = stop.next() => if stop.is_urgent() { break },
                 _ = report.tick() => self.report(&mut reporter),
                 Some(change) = events.changes.recv() => self.change(change),
