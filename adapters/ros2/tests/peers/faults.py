@@ -11,11 +11,11 @@ from messages import ERROR, OK, WARN, Header, Image, Point, PointStamped, String
 from node import parameters
 from roles import Camera, Listener, Model, ready
 
-PERIOD_S = 0.1
+PERIOD_S = 0.02
 
 
 class Stream:
-    """A camera that goes on by itself, ten times a second, until it is ended."""
+    """A camera that goes on by itself, fifty times a second, until it is ended."""
 
     def __init__(self, camera, plan):
         self.camera, self.plan, self.run = camera, plan, []
@@ -33,9 +33,10 @@ class Stream:
 
 
 def a_killed_cloud_is_replaced_by_local_and_taken_again_when_it_returns(bench):
-    node = bench.node(parameters(["west"], deadline=0.5, west={"in_flight": 64}))
+    node = bench.node(parameters(["west"], deadline=0.5, window=64, west={"in_flight": 64}))
     camera, listener, local = Camera(), Listener(), Model("local")
-    west = bench.model_process("west")
+    # What it subscribes to must go on for the others when it is dead.
+    west = bench.model_process("west", "/output", "/local/input")
     listener.until_health("west", {OK})
     ready(camera, listener, local)
     stream = Stream(camera, "local=0.02 west=0.05")
@@ -71,6 +72,32 @@ def a_killed_cloud_is_replaced_by_local_and_taken_again_when_it_returns(bench):
         assert result.message.payload == answered(source, stamp).serialize()
         assert result.at - at < 0.5 + 3
     print(f"{len(stream.run)} inputs; fell back after {fell_back:.1f} s, asked no more after {gone:.1f} s")
+
+
+def a_cloud_that_hangs_for_a_while_is_heard_again_when_it_goes_on(bench):
+    node = bench.node(parameters(["west"], deadline=0.3, window=64, west={"in_flight": 64}))
+    camera, listener, local = Camera(), Listener(), Model("local")
+    west = bench.model_process("west")
+    ready(camera, listener, local)
+    stream = Stream(camera, "local=0.02 west=0.05")
+
+    def last_is(source):
+        return [heard.message["source"] for heard in list(listener.status.heard)[-20:]] == [source] * 20
+
+    until(lambda: last_is("west"), "west's results")
+    os.kill(west.pid, signal.SIGSTOP)
+    until(lambda: last_is("local"), "local's results")
+    listener.until_health("west", {WARN, ERROR})
+    os.kill(west.pid, signal.SIGCONT)
+    until(lambda: last_is("west"), "west's results again")
+    listener.until_health("west", {OK})
+    stream.end()
+    listener.until_answered(stamp for stamp, _ in stream.run)
+    assert node.ends() == 0
+    assert all(len(listener.of(stamp)) == 1 for stamp, _ in stream.run)
+    drops = node.events("drop", p=1)
+    assert drops and {line["why"] for line in drops} <= {"late", "superseded"}, drops
+    print(f"{len(stream.run)} inputs, {len(drops)} late results dropped")
 
 
 def a_peer_with_another_type_name_does_not_match(bench):

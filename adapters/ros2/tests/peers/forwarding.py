@@ -73,6 +73,22 @@ def the_best_result_in_hand_by_the_deadline_leaves_once_byte_for_byte(bench):
     print(f"{len(run)} inputs, {bench.judge(node)} timestamps judged")
 
 
+def a_patient_node_waits_for_all_that_outrank_what_it_has(bench):
+    for commit, deadline in (("eager", 0.3), ("patient", 0.8)):
+        clouds = {"west": {"deadline": 0.3}, "east": {"deadline": 0.8}}
+        settings = parameters(["west", "east"], commit=commit, **clouds)
+        node = bench.node(settings, ["-r", f"__ns:=/{commit}"], name=commit)
+        camera, listener = Camera(f"/{commit}/input"), Listener(f"/{commit}")
+        ready(camera, listener, *(Model(source, f"/{commit}/{source}") for source in ("local", "west", "east")))
+        run = [camera.ask("local=0.01 west=0.05") for _ in range(5)]
+        listener.until_answered(stamp for stamp, _ in run)
+        assert node.ends() == 0
+        for stamp, at in run:
+            check(listener, stamp, at, "west", "F5", deadline=deadline)
+            decided = float(listener.status_of(stamp)[0]["decided_s"])
+            assert deadline <= decided < deadline + 0.4, f"{commit}: decided after {decided} s"
+
+
 def late_results_are_dropped_and_nothing_is_sent_twice(bench):
     node = bench.node(parameters(["west"], deadline=0.3, west={"in_flight": 64}, window=64))
     camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")

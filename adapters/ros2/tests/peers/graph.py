@@ -45,9 +45,10 @@ def again(act, holds, what):
     until(acted, what)
 
 
-def quality(reliable=True, depth=1000):
+def quality(reliable=True, depth=1000, transient=False):
     reliability = Policy.Reliability.Reliable(duration(seconds=1)) if reliable else Policy.Reliability.BestEffort
-    return Qos(reliability, Policy.History.KeepLast(depth), Policy.Durability.Volatile)
+    durability = Policy.Durability.TransientLocal if transient else Policy.Durability.Volatile
+    return Qos(reliability, Policy.History.KeepLast(depth), durability)
 
 
 @dataclass
@@ -80,7 +81,9 @@ class Subscription:
         self.topic, self.then, self.keep = topic, then, keep
         self.heard = []
         self.count = 0
-        self.reader = DataReader(participant, Topic(participant, "rt" + topic, kind), qos=qos)
+        # One topic of ROS 2 has no slash at its beginning, and none of the prefix that others have in DDS.
+        name = "rt" + topic if topic.startswith("/") else topic
+        self.reader = DataReader(participant, Topic(participant, name, kind), qos=qos)
         self.ended = threading.Event()
         self.waits = WaitSet(participant)
         self.any = ReadCondition(self.reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)

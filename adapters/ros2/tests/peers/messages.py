@@ -111,16 +111,43 @@ class DiagnosticStatus(Message, typename="diagnostic_msgs::msg::dds_::Diagnostic
     values: sequence[KeyValue]
 
     def __getitem__(self, key):
-        return next(pair.value for pair in self.values if pair.key == key)
-
-    def __contains__(self, key):
-        return any(pair.key == key for pair in self.values)
+        return next((pair.value for pair in self.values if pair.key == key), None)
 
 
 @dataclass
 class DiagnosticArray(Message, typename="diagnostic_msgs::msg::dds_::DiagnosticArray_"):
     header: Header
     status: sequence[DiagnosticStatus]
+
+
+@dataclass
+class Log(Message, typename="rcl_interfaces::msg::dds_::Log_"):
+    stamp: Time
+    level: uint8
+    name: str
+    msg: str
+    file: str
+    function: str
+    line: uint32
+
+
+@dataclass
+class Gid(IdlStruct, typename="rmw_dds_common::msg::dds_::Gid_"):
+    data: array[uint8, 16]
+
+
+@dataclass
+class NodeEntitiesInfo(IdlStruct, typename="rmw_dds_common::msg::dds_::NodeEntitiesInfo_"):
+    node_namespace: str
+    node_name: str
+    reader_gid_seq: sequence[Gid]
+    writer_gid_seq: sequence[Gid]
+
+
+@dataclass
+class ParticipantEntitiesInfo(Message, typename="rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"):
+    gid: Gid
+    node_entities_info_seq: sequence[NodeEntitiesInfo]
 
 
 OK, WARN, ERROR = 0, 1, 2

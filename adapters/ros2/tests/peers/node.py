@@ -22,8 +22,9 @@ def yaml(value, indent=""):
 
 def parameters(clouds=(), **others):
     """What most tests want: stamped points both ways, a second to answer, diagnostics five times a second."""
-    return {"input": POINTS, "output": POINTS, "deadline": 1.0, "local": {"deadline": 5.0, "in_flight": 64}, "clouds": list(clouds),
-            "diagnostics": {"period": 0.2}, "localhost_only": True} | others
+    usual = {"input": POINTS, "output": POINTS, "deadline": 1.0, "local": {"deadline": 5.0, "in_flight": 64},
+             "clouds": list(clouds), "diagnostics": {"period": 0.2}, "localhost_only": True}
+    return usual | others
 
 
 class Node:

@@ -83,10 +83,10 @@ class Model:
 class Listener:
     """Hears what the node of this namespace and name says: its results, its status, the diagnostics."""
 
-    def __init__(self, namespace="", node="fuseline", kind=PointStamped, qos=None):
+    def __init__(self, namespace="", node="fuseline", kind=PointStamped, qos=None, output=None):
         peer = Peer()
         self.node = f"{namespace}/{node}"
-        self.results = peer.subscribes(f"{namespace}/output", kind, qos)
+        self.results = peer.subscribes(output or f"{namespace}/output", kind, qos)
         self.status = peer.subscribes(f"{self.node}/status", DiagnosticStatus)
         self.diagnostics = peer.subscribes("/diagnostics", DiagnosticArray)
 
@@ -103,9 +103,13 @@ class Listener:
         return [heard.message for heard in list(self.status.heard) if heard.message["key"] == str(stamp)]
 
     def until_answered(self, stamps, cap=15.0):
+        """Waits until each of these stamps has a result and a status, which come on two topics."""
         stamps = set(stamps)
-        until(lambda: stamps <= {h.message.header.stamp.stamp for h in list(self.results.heard)},
+        keys = set(map(str, stamps))
+        until(lambda: stamps <= {heard.message.header.stamp.stamp for heard in list(self.results.heard)},
               "a result for each input", cap)
+        until(lambda: keys <= {heard.message["key"] for heard in list(self.status.heard)},
+              "a status for each input", cap)
 
     def health(self, part):
         """The newest of the diagnostics about `part` of the node: `fusion`, `local` or a cloud."""

@@ -4,8 +4,8 @@ import signal
 import time
 
 from forwarding import check
-from graph import Peer, until
-from messages import ERROR, WARN, String, answered
+from graph import Peer, quality, until
+from messages import ERROR, WARN, Log, ParticipantEntitiesInfo, String, answered
 from node import POINTS, parameters
 from roles import Camera, Listener, Model, ready
 
@@ -114,7 +114,7 @@ def a_signal_ends_the_node_after_the_open_messages_are_answered(bench):
         assert node.until_exit() == 0, f"exit {node.code} after {by.name}"
         assert took >= 0.4, f"ended after {took:.1f} s, with messages open"
         for plan, source in plans.items():
-            (status,) = listener.status_of(run[plan])
+            (status,) = until(lambda: listener.status_of(run[plan]), "a status")
             results = [heard.message.payload for heard in listener.of(run[plan])]
             if source:
                 assert status["source"] == source and results == [answered(source, run[plan]).serialize()]
@@ -157,6 +157,36 @@ def without_a_key_the_node_refuses_to_start(bench):
         assert what in log, f"{what} is not named: {log}"
         assert len(log.splitlines()) == 1, f"more than one line: {log}"
         print(log.replace(str(bench.folder), ""))
+
+
+def names_and_parameters_of_the_command_line_go_before_those_of_files(bench):
+    arguments = ["-r", "input:=/camera/points", "-r", "output:=/detections", "-r", "__ns:=/robot", "-r", "__node:=eyes",
+                 "-p", "deadline:=0.2", "-p", "eyes:west.deadline:=0.4", "-p", "other:deadline:=9.0"]
+    node = bench.node(parameters(["west", "east"], deadline=3.0), arguments)
+    camera, listener = Camera("/camera/points"), Listener("/robot", "eyes", output="/detections")
+    models = [Model(source, f"/robot/{source}") for source in ("local", "west", "east")]
+    ready(camera, listener, *models)
+    stamp, at = camera.ask("local=0.02 west=0.3")
+    listener.until_answered([stamp])
+    check(listener, stamp, at, "local", "F5", deadline=0.2)
+    assert node.ends() == 0
+    assert {(line["p"], line["deadline"]) for line in node.events("offer")} == {(1, 400_000_000), (2, 200_000_000)}
+
+
+def tools_of_ros_find_the_node_and_its_log(bench):
+    peer = Peer()
+    nodes = peer.subscribes("ros_discovery_info", ParticipantEntitiesInfo, quality(transient=True))
+    logs = peer.subscribes("/rosout", Log, quality(transient=True))
+    node = bench.node(parameters(), ["-r", "__ns:=/robot"])
+
+    def listed():
+        return [(info.node_namespace, info.node_name) for heard in list(nodes.heard)
+                for info in heard.message.node_entities_info_seq]
+
+    until(lambda: ("/robot", "fuseline") in listed(), lambda: f"the node among {listed()}")
+    until(lambda: [heard for heard in list(logs.heard) if "fuseline" in heard.message.name], "a line of the node's log")
+    assert node.ends() == 0
+    print(logs.heard[0].message.name, "-", logs.heard[0].message.msg)
 
 
 def a_string_with_a_key_by_its_place_is_taken(bench):
