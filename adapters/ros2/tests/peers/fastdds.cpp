@@ -137,7 +137,8 @@ int main() {
     }
     TypeSupport type(new Raw(rest));
     type.register_type(participant);
-    auto* made = participant->create_topic("rt" + topic, rest, TOPIC_QOS_DEFAULT);
+    // The topics of services have prefixes of their own, and no slash before them.
+    auto* made = participant->create_topic((topic[0] == '/' ? "rt" : "") + topic, rest, TOPIC_QOS_DEFAULT);
     if (command == "writer") {
       DataWriterQos qos = DATAWRITER_QOS_DEFAULT;
       qos.endpoint().history_memory_policy = DYNAMIC_REUSABLE_MEMORY_MODE;

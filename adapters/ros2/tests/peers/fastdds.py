@@ -72,3 +72,20 @@ class FastModel:
 
     def until_matched(self):
         self.peer.until_matched(f"/{self.source}/output", f"/{self.source}/input")
+
+
+class Client:
+    """A client of a service, as `rmw_fastrtps` is one; `service` is its name without the slash."""
+
+    def __init__(self, peer, service, request, response):
+        self.peer, self.response = peer, response
+        self.asks, self.hears = f"rq/{service}Request", f"rr/{service}Reply"
+        peer.publishes(self.asks, request)
+        peer.subscribes(self.hears, response)
+        peer.until_matched(self.asks, self.hears)
+
+    def call(self, request):
+        before = len(self.peer.heard[self.hears])
+        self.peer.publish(self.asks, serialized(request))
+        until(lambda: len(self.peer.heard[self.hears]) > before, f"a reply on {self.hears}")
+        return self.response.deserialize(self.peer.heard[self.hears][-1])

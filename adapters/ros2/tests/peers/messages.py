@@ -1,11 +1,11 @@
 """Message types of ROS 2 as DDS sees them: what rosidl makes of the .msg files, with its mangled names."""
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl._support import Endianness
-from cyclonedds.idl.types import array, byte, float64, int32, sequence, uint8, uint32
+from cyclonedds.idl.types import array, byte, float64, int32, int64, sequence, uint8, uint32
 
 
 class Message(IdlStruct):
@@ -148,6 +148,60 @@ class NodeEntitiesInfo(IdlStruct, typename="rmw_dds_common::msg::dds_::NodeEntit
 class ParticipantEntitiesInfo(Message, typename="rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"):
     gid: Gid
     node_entities_info_seq: sequence[NodeEntitiesInfo]
+
+
+@dataclass
+class ParameterValue(IdlStruct, typename="rcl_interfaces::msg::dds_::ParameterValue_"):
+    type: uint8 = 0
+    bool_value: bool = False
+    integer_value: int64 = 0
+    double_value: float64 = 0.0
+    string_value: str = ""
+    byte_array_value: sequence[byte] = field(default_factory=list)
+    bool_array_value: sequence[bool] = field(default_factory=list)
+    integer_array_value: sequence[int64] = field(default_factory=list)
+    double_array_value: sequence[float64] = field(default_factory=list)
+    string_array_value: sequence[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, value):
+        if isinstance(value, bool):
+            return cls(type=1, bool_value=value)
+        if isinstance(value, int):
+            return cls(type=2, integer_value=value)
+        return cls(type=3, double_value=value)
+
+
+@dataclass
+class Parameter(IdlStruct, typename="rcl_interfaces::msg::dds_::Parameter_"):
+    name: str
+    value: ParameterValue
+
+
+@dataclass
+class SetParametersResult(IdlStruct, typename="rcl_interfaces::msg::dds_::SetParametersResult_"):
+    successful: bool
+    reason: str
+
+
+@dataclass
+class SetParametersRequest(Message, typename="rcl_interfaces::srv::dds_::SetParameters_Request_"):
+    parameters: sequence[Parameter]
+
+
+@dataclass
+class SetParametersResponse(Message, typename="rcl_interfaces::srv::dds_::SetParameters_Response_"):
+    results: sequence[SetParametersResult]
+
+
+@dataclass
+class GetParametersRequest(Message, typename="rcl_interfaces::srv::dds_::GetParameters_Request_"):
+    names: sequence[str]
+
+
+@dataclass
+class GetParametersResponse(Message, typename="rcl_interfaces::srv::dds_::GetParameters_Response_"):
+    values: sequence[ParameterValue]
 
 
 OK, WARN, ERROR = 0, 1, 2

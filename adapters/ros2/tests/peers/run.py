@@ -9,6 +9,7 @@ each with a domain of its own.
 import argparse
 import inspect
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -83,8 +84,11 @@ def run(name, number, prefix, arguments):
     try:
         return process, process.communicate(timeout=CAP_S)[0]
     except subprocess.TimeoutExpired:
-        os.killpg(process.pid, 9)
+        os.killpg(process.pid, signal.SIGKILL)
         return process, process.communicate()[0] + f"\nended after {CAP_S} s"
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
 
 
 def main():
@@ -103,6 +107,8 @@ def main():
     if chosen.list:
         print("\n".join(names))
         return 0
+    # Who is told to end takes the test along that runs.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     prefix = network()
     arguments = [word for name, program in programs.items() if program for word in (f"--{name}", program)]
     counts = {"passed": 0, "failed": 0, "skipped": 0}

@@ -3,9 +3,23 @@
 import signal
 import time
 
+from fastdds import Client
 from forwarding import check
 from graph import Peer, quality, until
-from messages import ERROR, WARN, Log, ParticipantEntitiesInfo, String, answered
+from messages import (
+    ERROR,
+    WARN,
+    GetParametersRequest,
+    GetParametersResponse,
+    Log,
+    Parameter,
+    ParameterValue,
+    ParticipantEntitiesInfo,
+    SetParametersRequest,
+    SetParametersResponse,
+    String,
+    answered,
+)
 from node import POINTS, parameters
 from roles import Camera, Listener, Model, ready
 
@@ -171,6 +185,41 @@ def names_and_parameters_of_the_command_line_go_before_those_of_files(bench):
     check(listener, stamp, at, "local", "F5", deadline=0.2)
     assert node.ends() == 0
     assert {(line["p"], line["deadline"]) for line in node.events("offer")} == {(1, 400_000_000), (2, 200_000_000)}
+
+
+def parameters_are_read_and_set_by_their_services(bench):
+    peer = bench.fast_dds()
+    node = bench.node(parameters(["west"], deadline=2.0))
+    camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
+    ready(camera, listener, local, west)
+    setting = Client(peer, "fuseline/set_parameters", SetParametersRequest, SetParametersResponse)
+    reading = Client(peer, "fuseline/get_parameters", GetParametersRequest, GetParametersResponse)
+
+    def sets(**values):
+        named = [Parameter(name.replace("__", "."), ParameterValue.of(value)) for name, value in values.items()]
+        return [(result.successful, result.reason) for result in setting.call(SetParametersRequest(named)).results]
+
+    def reads(*names):
+        return reading.call(GetParametersRequest(list(names))).values
+
+    assert [value.double_value for value in reads("deadline", "local.deadline")] == [2.0, 5.0]
+    assert sets(deadline=0.3) == [(True, "")]
+    assert reads("deadline")[0].double_value == 0.3
+    stamp, at = camera.ask("local=0.01")
+    listener.until_answered([stamp])
+    check(listener, stamp, at, "local", "F5", deadline=0.3)
+    assert 0.3 <= float(listener.status_of(stamp)[0]["decided_s"]) < 2.0
+    for refused in ({"window": 4}, {"deadline": -1.0}, {"deadline": float("nan")}, {"deadline": True}, {"nonsense": 1}):
+        ((successful, reason),) = sets(**refused)
+        assert not successful and reason, f"{refused} was not refused with a reason"
+        print(refused, "-", reason)
+    assert reads("deadline")[0].double_value == 0.3
+    assert sets(west__enabled=False) == [(True, "")]
+    stamp, at = camera.ask("local=0.01 west=0.05")
+    listener.until_answered([stamp])
+    check(listener, stamp, at, "local", "F3")
+    assert not west.asked_for(stamp), "a cloud that is not enabled was asked"
+    assert node.ends() == 0
 
 
 def tools_of_ros_find_the_node_and_its_log(bench):
