@@ -15,13 +15,13 @@ use tracing::{debug, error, info, warn};
 
 use crate::dds::{End, Outlet};
 use crate::key::{Key, KeyError, Stamp};
-use crate::node::Voice;
 use crate::raw::Payload;
 use crate::report::{self, Intake, Reporter};
 use crate::settings::{Change, seconds};
 use crate::source::{Handle, Source, Way};
 use crate::stamps::{Order, Stamps};
 use crate::stop::Stop;
+use crate::voice::Voice;
 
 /// Local's place among the sources.
 const LOCAL: usize = 0;

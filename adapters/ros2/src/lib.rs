@@ -14,6 +14,7 @@ pub mod settings;
 mod source;
 mod stamps;
 mod stop;
+mod voice;
 
 pub use arguments::Arguments;
 pub use fuseline_operator::{Commit, Tally};
