@@ -6,7 +6,7 @@ import threading
 import time
 
 from forwarding import check
-from graph import Peer, again, quality, until
+from graph import again, publishes, quality, subscribes, until
 from messages import ERROR, OK, WARN, Header, Image, Point, PointStamped, String, Time, answered, bytes_as
 from node import parameters
 from roles import Camera, Listener, Model, ready
@@ -102,10 +102,9 @@ def a_cloud_that_hangs_for_a_while_is_heard_again_when_it_goes_on(bench):
 
 def a_peer_with_another_type_name_does_not_match(bench):
     node = bench.node(parameters(["west"]))
-    wrong = Peer()
-    output = wrong.subscribes("/output", String)
-    asked = wrong.subscribes("/west/input", String)
-    image = Peer().publishes("/input", Image)
+    output = subscribes("/output", String)
+    asked = subscribes("/west/input", String)
+    image = publishes("/input", Image)
     camera, listener, local = Camera(), Listener(), Model("local")
     ready(camera, listener, local)
     image.publish(Image(Header(Time.at(1), "local=0"), 1, 1, "mono8", 0, 1, b"1"))
@@ -133,13 +132,13 @@ def garbage_on_every_topic_is_counted_and_does_no_harm(bench):
     for topic, part in broken.items():
         for size in (1, 4):
             kind = bytes_as(PointStamped, size)
-            short = Peer().publishes(topic, kind)
+            short = publishes(topic, kind)
             short.until_matched()
             counted = listener.counted("malformed", part)
             again(lambda: short.publish(kind(b"\xff" * size)), lambda: listener.counted("malformed", part) > counted,
                   f"{size} bytes on {topic} counted as malformed")
         # A time of more than a second's nanoseconds.
-        publisher = Peer().publishes(topic, PointStamped)
+        publisher = publishes(topic, PointStamped)
         publisher.until_matched()
         counted = listener.counted("malformed", part)
         odd = PointStamped(Header(Time(1, 1_000_000_000), "local=0 west=0"), Point(0, 0, 0))
@@ -147,7 +146,7 @@ def garbage_on_every_topic_is_counted_and_does_no_harm(bench):
               f"a wrong time on {topic} counted as malformed")
     # What has a key and nothing else is taken for a message: nobody looks further.
     kind = bytes_as(PointStamped, 8)
-    publisher = Peer().publishes("/input", kind)
+    publisher = publishes("/input", kind)
     publisher.until_matched()
     bare = Time.at(4_000_000_005)
     again(lambda: publisher.publish(kind(bare.serialize()[4:])), lambda: listener.status_of(4_000_000_005),
@@ -190,8 +189,8 @@ def peers_whose_quality_of_service_does_not_fit_are_reported(bench):
     camera, listener = Camera(), Listener(qos=quality(reliable=False))
     local, west = Model("local"), Model("west")
     ready(camera, listener, local, west)
-    demanding = Peer().subscribes("/output", PointStamped, quality(reliable=True))
-    careless = Peer().publishes("/input", PointStamped, quality(reliable=False))
+    demanding = subscribes("/output", PointStamped, quality(reliable=True))
+    careless = publishes("/input", PointStamped, quality(reliable=False))
     for topic in ("/output", "/input"):
         until(lambda: any(topic in line and "RELIABILITY" in line.upper() for line in node.log().splitlines()),
               f"a line of the log about {topic}")

@@ -5,7 +5,7 @@ import time
 
 from bench import Skipped
 from fastdds import FastModel
-from graph import Peer, again, until
+from graph import again, publishes, until
 from messages import (
     OK,
     WARN,
@@ -113,7 +113,7 @@ def a_published_deadline_counts_from_the_next_input_on(bench):
     node = bench.node(parameters(["west"], deadline=2.0, deadline_topic="deadline"))
     camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
     ready(camera, listener, local, west)
-    deadline = Peer().publishes("/deadline", Float64)
+    deadline = publishes("/deadline", Float64)
     deadline.until_matched()
 
     def holds(seconds):

@@ -1,5 +1,6 @@
 """The graph around the node: its peers are cyclonedds, on the loopback alone, waited for and never slept for."""
 
+import functools
 import os
 import threading
 import time
@@ -84,17 +85,14 @@ class Subscription:
         # One topic of ROS 2 has no slash at its beginning, and none of the prefix that others have in DDS.
         name = "rt" + topic if topic.startswith("/") else topic
         self.reader = DataReader(participant, Topic(participant, name, kind), qos=qos)
-        self.ended = threading.Event()
         self.waits = WaitSet(participant)
         self.any = ReadCondition(self.reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
         self.waits.attach(self.any)
-        self.thread = threading.Thread(target=self.listen, daemon=True)
-        self.thread.start()
+        threading.Thread(target=self.listen, daemon=True).start()
 
     def listen(self):
-        while not self.ended.is_set():
-            if not self.waits.wait(duration(milliseconds=100)):
-                continue
+        while True:
+            self.waits.wait(duration(seconds=1))
             for message in self.reader.take(N=64):
                 # A writer that went away is told as a sample without data.
                 if message.sample_info.valid_data:
@@ -116,28 +114,16 @@ class Subscription:
     def until_heard(self, count, cap=CAP_S):
         until(lambda: self.count >= count, lambda: f"{count} messages on {self.topic}, heard {self.count}", cap)
 
-    def close(self):
-        self.ended.set()
-        self.thread.join()
+
+@functools.cache
+def participant():
+    """The one participant of this process, as processes of ROS 2 have one."""
+    return DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
 
 
-class Peer:
-    """A participant of the test's domain."""
+def publishes(topic, kind, qos=None):
+    return Publisher(participant(), topic, kind, qos or quality())
 
-    def __init__(self):
-        self.participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
-        self.subscriptions = []
 
-    def publishes(self, topic, kind, qos=None):
-        return Publisher(self.participant, topic, kind, qos or quality())
-
-    def subscribes(self, topic, kind, qos=None, then=None, keep=True):
-        made = Subscription(self.participant, topic, kind, qos or quality(), then, keep)
-        self.subscriptions.append(made)
-        return made
-
-    def close(self):
-        """Leaves the graph: the others are told."""
-        for subscription in self.subscriptions:
-            subscription.close()
-        self.participant.__del__()
+def subscribes(topic, kind, qos=None, then=None, keep=True):
+    return Subscription(participant(), topic, kind, qos or quality(), then, keep)

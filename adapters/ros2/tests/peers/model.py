@@ -6,12 +6,12 @@
 import sys
 import threading
 
-from graph import Peer
+from graph import subscribes
 from messages import PointStamped
 from roles import Model
 
 if __name__ == "__main__":
     Model(sys.argv[1])
-    others = [Peer().subscribes(topic, PointStamped, keep=False) for topic in sys.argv[2:]]
+    others = [subscribes(topic, PointStamped, keep=False) for topic in sys.argv[2:]]
     print("ready", flush=True)
     threading.Event().wait()

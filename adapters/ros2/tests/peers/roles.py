@@ -4,7 +4,7 @@ import heapq
 import threading
 import time
 
-from graph import Peer, until
+from graph import publishes, subscribes, until
 from messages import OK, DiagnosticArray, DiagnosticStatus, PointStamped, answered, asked
 
 FIRST_STAMP = 1_700_000_000_999_999_000
@@ -20,7 +20,7 @@ class Camera:
     """Publishes inputs, each with the next stamp unless one is given."""
 
     def __init__(self, topic="/input", kind=PointStamped, qos=None):
-        self.output = Peer().publishes(topic, kind, qos)
+        self.output = publishes(topic, kind, qos)
         self.stamp = FIRST_STAMP
 
     def next_stamp(self):
@@ -46,10 +46,9 @@ class Model:
         self.asked, self.sent = [], []
         self.due = []
         self.turn = threading.Condition()
-        peer = Peer()
         topic = topic or f"/{source}"
-        self.output = peer.publishes(f"{topic}/output", result, qos)
-        self.input = peer.subscribes(f"{topic}/input", kind, qos, then=self.take, keep=False)
+        self.output = publishes(f"{topic}/output", result, qos)
+        self.input = subscribes(f"{topic}/input", kind, qos, then=self.take, keep=False)
         threading.Thread(target=self.serve, daemon=True).start()
 
     def take(self, message, at):
@@ -84,11 +83,10 @@ class Listener:
     """Hears what the node of this namespace and name says: its results, its status, the diagnostics."""
 
     def __init__(self, namespace="", node="fuseline", kind=PointStamped, qos=None, output=None):
-        peer = Peer()
         self.node = f"{namespace}/{node}"
-        self.results = peer.subscribes(output or f"{namespace}/output", kind, qos)
-        self.status = peer.subscribes(f"{self.node}/status", DiagnosticStatus)
-        self.diagnostics = peer.subscribes("/diagnostics", DiagnosticArray)
+        self.results = subscribes(output or f"{namespace}/output", kind, qos)
+        self.status = subscribes(f"{self.node}/status", DiagnosticStatus)
+        self.diagnostics = subscribes("/diagnostics", DiagnosticArray)
 
     def until_matched(self):
         self.results.until_matched()

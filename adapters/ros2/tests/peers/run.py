@@ -7,6 +7,7 @@ each with a domain of its own.
 """
 
 import argparse
+import faulthandler
 import inspect
 import os
 import signal
@@ -42,6 +43,8 @@ def cases():
 
 def alone(name, programs):
     """Runs one test in this process and exits with its outcome."""
+    # A test that hangs says where.
+    faulthandler.dump_traceback_later(CAP_S - 10)
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(folder, programs)
         code = 1

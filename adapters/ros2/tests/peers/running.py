@@ -5,7 +5,7 @@ import time
 
 from fastdds import Client
 from forwarding import check
-from graph import Peer, quality, until
+from graph import publishes, quality, subscribes, until
 from messages import (
     ERROR,
     WARN,
@@ -223,9 +223,8 @@ def parameters_are_read_and_set_by_their_services(bench):
 
 
 def tools_of_ros_find_the_node_and_its_log(bench):
-    peer = Peer()
-    nodes = peer.subscribes("ros_discovery_info", ParticipantEntitiesInfo, quality(transient=True))
-    logs = peer.subscribes("/rosout", Log, quality(transient=True))
+    nodes = subscribes("ros_discovery_info", ParticipantEntitiesInfo, quality(transient=True))
+    logs = subscribes("/rosout", Log, quality(transient=True))
     node = bench.node(parameters(), ["-r", "__ns:=/robot"])
 
     def listed():
@@ -242,8 +241,8 @@ def a_string_with_a_key_by_its_place_is_taken(bench):
     # The first integer of a std_msgs/String is its length.
     node = bench.node(parameters(input={"type": "std_msgs/msg/String", "key": "uint32"}, output=POINTS,
                                  local={"deadline": 0.3}))
-    camera = Peer().publishes("/input", String)
-    local = Peer().subscribes("/local/input", String)
+    camera = publishes("/input", String)
+    local = subscribes("/local/input", String)
     status = Listener()
     camera.until_matched()
     local.until_matched()
