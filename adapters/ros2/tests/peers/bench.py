@@ -1,0 +1,70 @@
+"""What a test works on: it starts the processes, ends them, and has every trace judged."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from fastdds import FastDds
+from node import Node
+
+
+class Skipped(Exception):
+    """The test cannot run here, and why."""
+
+
+class Bench:
+    def __init__(self, folder, programs):
+        self.folder, self.programs = Path(folder), programs
+        self.nodes, self.others = [], []
+
+    def node(self, settings, arguments=(), name="fuseline"):
+        node = self.refused(settings, arguments, name)
+        node.until_running()
+        return node
+
+    def refused(self, settings, arguments=(), name="fuseline"):
+        """A node that may end by itself."""
+        node = Node(self.programs["node"], self.folder, settings, arguments, name)
+        self.nodes.append(node)
+        return node
+
+    def model_process(self, source, *arguments):
+        """A model that can be killed."""
+        command = [sys.executable, str(Path(__file__).parent / "model.py"), source, *arguments]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.others.append(process)
+        assert process.stdout.readline() == "ready\n"
+        return process
+
+    def fast_dds(self):
+        if not self.programs["fastdds"]:
+            raise Skipped("no Fast DDS")
+        peer = FastDds(self.programs["fastdds"])
+        self.others.append(peer.process)
+        return peer
+
+    def judge(self, node):
+        """The node's trace conforms; returns how many timestamps were judged."""
+        command = [self.programs["fuseline"], "check", "--json", str(node.trace_file)]
+        verdict = subprocess.run(command, capture_output=True, text=True)
+        assert verdict.returncode == 0, f"the trace does not conform: {verdict.stdout}{verdict.stderr}"
+        return json.loads(verdict.stdout)["judged"]
+
+    def finish(self):
+        """Ends what still runs; each node ends well and each trace conforms."""
+        for node in self.nodes:
+            code = node.ends()
+            assert code in (0, 2, 130), f"the node ended with {code}"
+            if code != 2:
+                self.judge(node)
+            assert "panicked" not in node.log(), "the node panicked"
+
+    def kill(self):
+        """Leaves no process behind."""
+        for node in self.nodes:
+            node.kill()
+        for process in self.others:
+            if process.poll() is None:
+                process.kill()
+                process.wait()

@@ -1,0 +1,84 @@
+"""The node under test as a process: its parameters, its signals, its trace, what it costs."""
+
+import json
+import os
+import signal
+import subprocess
+
+from graph import until
+
+TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+POINTS = {"type": "geometry_msgs/msg/PointStamped"}
+
+
+def yaml(value, indent=""):
+    """Nested dictionaries as a parameter file is usually written."""
+    if not isinstance(value, dict):
+        return f" {json.dumps(value)}\n"
+    lines = [f"{indent}{key}:{yaml(inner, indent + '  ')}" for key, inner in value.items()]
+    return ("\n" if indent else "") + "".join(lines)
+
+
+def parameters(clouds=(), **others):
+    """What most tests want: stamped points both ways, a second to answer, diagnostics five times a second."""
+    usual = {"input": POINTS, "output": POINTS, "deadline": 1.0, "local": {"deadline": 5.0, "in_flight": 64},
+             "clouds": list(clouds), "diagnostics": {"period": 0.2}, "localhost_only": True}
+    return usual | others
+
+
+class Node:
+    """A run of `fuseline-ros2`. Its trace and its log are in `folder`."""
+
+    def __init__(self, program, folder, settings, arguments=(), name="fuseline"):
+        self.folder = folder / name
+        self.folder.mkdir()
+        self.trace_file = self.folder / "trace.jsonl"
+        self.log_file = self.folder / "log"
+        settings = {"trace": {"file": str(self.trace_file)} | settings.pop("trace", {})} | settings
+        (self.folder / "parameters.yaml").write_text(yaml({"/**": {"ros__parameters": settings}}))
+        with open(self.log_file, "w") as log:
+            self.process = subprocess.Popen(
+                [program, "--ros-args", "--params-file", str(self.folder / "parameters.yaml"), *arguments],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=os.environ | {"NO_COLOR": "1"})
+        self.code = None
+
+    def until_exit(self, cap=15):
+        self.code = self.process.wait(timeout=cap)
+        return self.code
+
+    def ends(self, by=signal.SIGINT):
+        """Asks it to end, and returns its exit code."""
+        if self.code is None:
+            self.process.send_signal(by)
+            self.until_exit()
+        return self.code
+
+    def kill(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+    def log(self):
+        return self.log_file.read_text()
+
+    def lines(self):
+        """The lines of its trace after the header, those that are written: all of them once it has ended."""
+        text = self.trace_file.read_text() if self.trace_file.exists() else ""
+        return [json.loads(line) for line in text[:text.rfind("\n") + 1].splitlines()[1:]]
+
+    def events(self, event, **keys):
+        return [line for line in self.lines() if line["ev"] == event and keys.items() <= line.items()]
+
+    def cpu_s(self):
+        with open(f"/proc/{self.process.pid}/stat") as stat:
+            fields = stat.read().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
+
+    def resident_mib(self):
+        with open(f"/proc/{self.process.pid}/statm") as statm:
+            return int(statm.read().split()[1]) * PAGE_BYTES / 2**20
+
+    def until_running(self):
+        until(lambda: self.trace_file.exists() or self.process.poll() is not None, "the node's trace")
+        assert self.process.poll() is None, f"the node ended: {self.log()}"

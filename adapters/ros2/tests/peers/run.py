@@ -1,0 +1,129 @@
+"""Runs the tests with real peers, each in a network of its own.
+
+    python3 run.py --node PROGRAM --fuseline PROGRAM [--fastdds PROGRAM] [--list] [NAME…]
+
+A NAME is a part of a test's name. Without the right to make networks the tests share the loopback of the machine,
+each with a domain of its own.
+"""
+
+import argparse
+import inspect
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+
+import faults
+import forwarding
+import images
+import running
+from bench import Bench, Skipped
+
+CAP_S = 150
+SKIPPED = 77
+OWN_NETWORK = ["unshare", "--net", "--map-root-user"]
+AS_ROOT = ["unshare", "--net"]
+LOOPBACK_UP = ["sh", "-c", 'ip link set lo up && exec "$@"', "sh"]
+
+
+def cases():
+    """Every public function of the test modules that takes a bench."""
+    return {
+        name: case
+        for module in (forwarding, running, faults, images)
+        for name, case in vars(module).items()
+        if inspect.isfunction(case) and case.__module__ == module.__name__
+        and list(inspect.signature(case).parameters) == ["bench"] and not name.startswith("_")
+    }
+
+
+def alone(name, programs):
+    """Runs one test in this process and exits with its outcome."""
+    with tempfile.TemporaryDirectory() as folder:
+        bench = Bench(folder, programs)
+        code = 1
+        try:
+            cases()[name](bench)
+            bench.finish()
+            code = 0
+        except Skipped as why:
+            print(f"skipped: {why}")
+            code = SKIPPED
+        except BaseException:
+            traceback.print_exc()
+            for node in bench.nodes:
+                print(f"--- log of {node.folder.name}\n{node.log()[-4000:]}")
+        finally:
+            bench.kill()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # The threads of the peers end here, whatever they wait for.
+    os._exit(code)
+
+
+def network():
+    """The prefix of a command that gives it a network of its own, if this machine grants one."""
+    for prefix in (OWN_NETWORK, AS_ROOT):
+        try:
+            if subprocess.run([*prefix, *LOOPBACK_UP, "true"], capture_output=True).returncode == 0:
+                return [*prefix, *LOOPBACK_UP]
+        except FileNotFoundError:
+            pass
+    print("no network namespaces here: the tests share the loopback")
+    return []
+
+
+def run(name, number, prefix, arguments):
+    """Runs one test in a process of its own; returns its exit code and what it printed."""
+    command = [*prefix, sys.executable, __file__, "--alone", name, *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                               env=os.environ | {"ROS_DOMAIN_ID": str(20 + number)}, start_new_session=True)
+    try:
+        return process, process.communicate(timeout=CAP_S)[0]
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        return process, process.communicate()[0] + f"\nended after {CAP_S} s"
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--node", required=True)
+    parser.add_argument("--fuseline", required=True)
+    parser.add_argument("--fastdds")
+    parser.add_argument("--alone", metavar="NAME")
+    parser.add_argument("--list", action="store_true")
+    parser.add_argument("names", nargs="*")
+    chosen = parser.parse_args()
+    programs = {"node": chosen.node, "fuseline": chosen.fuseline, "fastdds": chosen.fastdds}
+    if chosen.alone:
+        alone(chosen.alone, programs)
+    names = [name for name in cases() if not chosen.names or any(part in name for part in chosen.names)]
+    if chosen.list:
+        print("\n".join(names))
+        return 0
+    # Who is told to end takes the test along that runs.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    prefix = network()
+    arguments = [word for name, program in programs.items() if program for word in (f"--{name}", program)]
+    counts = {"passed": 0, "failed": 0, "skipped": 0}
+    for number, name in enumerate(names):
+        start = time.monotonic()
+        process, output = run(name, number, prefix, arguments)
+        outcome = {0: "passed", SKIPPED: "skipped"}.get(process.returncode, "failed")
+        counts[outcome] += 1
+        print(f"{outcome:8}{time.monotonic() - start:6.1f} s  {name}", flush=True)
+        for line in output.strip().splitlines():
+            print(f"           {line}", flush=True)
+    skipped = f", {counts['skipped']} skipped" if counts["skipped"] else ""
+    print(f"{counts['passed']} passed, {counts['failed']} failed{skipped}")
+    return 0 if counts["passed"] and not counts["failed"] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

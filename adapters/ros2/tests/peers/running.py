@@ -1,0 +1,260 @@
+"""How the node starts and ends, and that it is one of several."""
+
+import signal
+import time
+
+from fastdds import Client
+from forwarding import check
+from graph import Peer, quality, until
+from messages import (
+    ERROR,
+    WARN,
+    GetParametersRequest,
+    GetParametersResponse,
+    Log,
+    Parameter,
+    ParameterValue,
+    ParticipantEntitiesInfo,
+    SetParametersRequest,
+    SetParametersResponse,
+    String,
+    answered,
+)
+from node import POINTS, parameters
+from roles import Camera, Listener, Model, ready
+
+
+def two_nodes_of_one_domain_do_not_disturb_each_other(bench):
+    sides = {}
+    for side in ("left", "right"):
+        node = bench.node(parameters(["west"], window=64, west={"in_flight": 64}), ["-r", f"__ns:=/{side}"], name=side)
+
+        def answer(source, stamp, side=side):
+            return answered(f"{side} {source}", stamp)
+
+        sides[side] = (node, Camera(f"/{side}/input"), Listener(f"/{side}"),
+                       Model("local", f"/{side}/local", answer=answer), Model("west", f"/{side}/west", answer=answer))
+    for node, *peers in sides.values():
+        ready(*peers)
+    runs = {side: [] for side in sides}
+    # The same stamps on both sides, answered differently.
+    start = max(peers[1].stamp for peers in sides.values())
+    for peers in sides.values():
+        peers[1].stamp = start
+    for i in range(20):
+        for side, (_, camera, *_) in sides.items():
+            late = "local=0.05 west=0.2" if (i % 2 == 0) == (side == "left") else "local=0.05"
+            runs[side].append((late, *camera.ask(late)))
+        time.sleep(1 / 30)
+    for side, (node, _, listener, *_) in sides.items():
+        listener.until_answered(stamp for _, stamp, _ in runs[side])
+    for side, (node, _, listener, *_) in sides.items():
+        assert node.ends() == 0
+        for plan, stamp, _ in runs[side]:
+            source = "west" if "west" in plan else "local"
+            (result,) = listener.of(stamp)
+            assert result.message.payload == answered(f"{side} {source}", stamp).serialize()
+            (status,) = listener.status_of(stamp)
+            assert status["source"] == source
+        print(f"{side}: {bench.judge(node)} timestamps judged")
+
+
+def peers_start_in_any_order(bench):
+    orders = ["node camera model", "camera node model", "model node camera", "camera model node", "model camera node",
+              "node model camera"]
+    for order in orders:
+        namespace = "/" + order.replace(" ", "_")
+        peers = {}
+        for who in order.split():
+            if who == "node":
+                peers[who] = bench.node(parameters(["west"]), ["-r", f"__ns:={namespace}"], name=namespace[1:])
+            elif who == "camera":
+                peers[who] = Camera(f"{namespace}/input")
+            else:
+                peers[who] = (Model("local", f"{namespace}/local"), Model("west", f"{namespace}/west"))
+        listener = Listener(namespace)
+        for model in peers["model"]:
+            model.until_matched()
+        ready(peers["camera"], listener, *peers["model"])
+        stamp, at = peers["camera"].ask("local=0.02 west=0.1")
+        listener.until_answered([stamp])
+        check(listener, stamp, at, "west", "F3")
+        assert peers["node"].ends() == 0
+
+
+def a_local_that_comes_later_is_taken_on_when_it_comes(bench):
+    node = bench.node(parameters())
+    camera, listener = Camera(), Listener()
+    camera.output.until_matched()
+    listener.until_matched()
+
+    def missed():
+        stamp, _ = camera.ask("local=0")
+        time.sleep(0.1)
+        return listener.status_of(stamp)
+
+    (status,) = until(missed, "a status without local")
+    assert (status.level, status.message) == (WARN, "missed"), status
+    listener.until_health("local", {WARN, ERROR})
+    assert not listener.results.heard
+    local = Model("local")
+    ready(camera, listener, local)
+    stamp, at = camera.ask("local=0.05")
+    listener.until_answered([stamp])
+    assert node.ends() == 0
+    check(listener, stamp, at, "local", "F3")
+
+
+def a_signal_ends_the_node_after_the_open_messages_are_answered(bench):
+    for by in (signal.SIGINT, signal.SIGTERM):
+        namespace = f"/{by.name.lower()}"
+        node = bench.node(parameters(["west"], deadline=0.8, local={"deadline": 1.2}), ["-r", f"__ns:={namespace}"],
+                          name=by.name)
+        camera, listener = Camera(f"{namespace}/input"), Listener(namespace)
+        local, west = Model("local", f"{namespace}/local"), Model("west", f"{namespace}/west")
+        ready(camera, listener, local, west)
+        plans = {"local=0.1 west=0.6": "west", "local=0.1": "local", "": None}
+        run = {plan: camera.ask(plan)[0] for plan in plans}
+        for stamp in run.values():
+            until(lambda stamp=stamp: west.asked_for(stamp), "the input with west")
+        start = time.monotonic()
+        node.process.send_signal(by)
+        # Inputs that come after the signal are not taken in.
+        late = []
+        while node.process.poll() is None and time.monotonic() < start + 10:
+            time.sleep(0.1)
+            late.append(camera.ask("local=0 west=0")[0])
+        took = time.monotonic() - start
+        assert node.until_exit() == 0, f"exit {node.code} after {by.name}"
+        assert took >= 0.4, f"ended after {took:.1f} s, with messages open"
+        for plan, source in plans.items():
+            (status,) = until(lambda: listener.status_of(run[plan]), "a status")
+            results = [heard.message.payload for heard in listener.of(run[plan])]
+            if source:
+                assert status["source"] == source and results == [answered(source, run[plan]).serialize()]
+            else:
+                assert status.message == "missed" and not results
+        # The first may have come just before the signal was seen.
+        assert not any(listener.status_of(stamp) for stamp in late[1:]), "an input after the signal was answered"
+        judged = bench.judge(node)
+        print(f"{by.name}: {took:.1f} s, {judged} timestamps judged")
+
+
+def a_second_signal_ends_the_node_at_once_with_its_trace_whole(bench):
+    node = bench.node(parameters(["west"], deadline=8.0, local={"deadline": 9.0}))
+    camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
+    ready(camera, listener, local, west)
+    stamp, _ = camera.ask("")
+    until(lambda: west.asked_for(stamp), "the input with west")
+    node.process.send_signal(signal.SIGINT)
+    start = time.monotonic()
+    time.sleep(0.5)
+    assert node.process.poll() is None, "the node ended with a message open"
+    node.process.send_signal(signal.SIGINT)
+    assert node.until_exit() == 130, f"exit {node.code}"
+    assert time.monotonic() - start < 5
+    assert node.events("open")
+    bench.judge(node)
+
+
+def without_a_key_the_node_refuses_to_start(bench):
+    string = {"type": "std_msgs/msg/String"}
+    faulty = {
+        "input.key": parameters(input=string),
+        "output.key": parameters(output=string),
+        "input.type": parameters(input={"topic": "input"}),
+    }
+    for number, (what, settings) in enumerate(faulty.items()):
+        node = bench.refused(settings, name=f"refused{number}")
+        assert node.until_exit() == 2, f"exit {node.code} without {what}"
+        log = node.log().strip()
+        assert what in log, f"{what} is not named: {log}"
+        assert len(log.splitlines()) == 1, f"more than one line: {log}"
+        print(log.replace(str(bench.folder), ""))
+
+
+def names_and_parameters_of_the_command_line_go_before_those_of_files(bench):
+    arguments = ["-r", "input:=/camera/points", "-r", "output:=/detections", "-r", "__ns:=/robot", "-r", "__node:=eyes",
+                 "-p", "deadline:=0.2", "-p", "eyes:west.deadline:=0.4", "-p", "other:deadline:=9.0"]
+    node = bench.node(parameters(["west", "east"], deadline=3.0), arguments)
+    camera, listener = Camera("/camera/points"), Listener("/robot", "eyes", output="/detections")
+    models = [Model(source, f"/robot/{source}") for source in ("local", "west", "east")]
+    ready(camera, listener, *models)
+    stamp, at = camera.ask("local=0.02 west=0.3")
+    listener.until_answered([stamp])
+    check(listener, stamp, at, "local", "F5", deadline=0.2)
+    assert node.ends() == 0
+    assert {(line["p"], line["deadline"]) for line in node.events("offer")} == {(1, 400_000_000), (2, 200_000_000)}
+
+
+def parameters_are_read_and_set_by_their_services(bench):
+    peer = bench.fast_dds()
+    node = bench.node(parameters(["west"], deadline=2.0))
+    camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
+    ready(camera, listener, local, west)
+    setting = Client(peer, "fuseline/set_parameters", SetParametersRequest, SetParametersResponse)
+    reading = Client(peer, "fuseline/get_parameters", GetParametersRequest, GetParametersResponse)
+
+    def sets(**values):
+        named = [Parameter(name.replace("__", "."), ParameterValue.of(value)) for name, value in values.items()]
+        return [(result.successful, result.reason) for result in setting.call(SetParametersRequest(named)).results]
+
+    def reads(*names):
+        return reading.call(GetParametersRequest(list(names))).values
+
+    assert [value.double_value for value in reads("deadline", "local.deadline")] == [2.0, 5.0]
+    assert sets(deadline=0.3) == [(True, "")]
+    assert reads("deadline")[0].double_value == 0.3
+    stamp, at = camera.ask("local=0.01")
+    listener.until_answered([stamp])
+    check(listener, stamp, at, "local", "F5", deadline=0.3)
+    assert 0.3 <= float(listener.status_of(stamp)[0]["decided_s"]) < 2.0
+    for refused in ({"window": 4}, {"deadline": -1.0}, {"deadline": float("nan")}, {"deadline": True}, {"nonsense": 1}):
+        ((successful, reason),) = sets(**refused)
+        assert not successful and reason, f"{refused} was not refused with a reason"
+        print(refused, "-", reason)
+    assert reads("deadline")[0].double_value == 0.3
+    assert sets(west__enabled=False) == [(True, "")]
+    stamp, at = camera.ask("local=0.01 west=0.05")
+    listener.until_answered([stamp])
+    check(listener, stamp, at, "local", "F3")
+    assert not west.asked_for(stamp), "a cloud that is not enabled was asked"
+    assert node.ends() == 0
+
+
+def tools_of_ros_find_the_node_and_its_log(bench):
+    peer = Peer()
+    nodes = peer.subscribes("ros_discovery_info", ParticipantEntitiesInfo, quality(transient=True))
+    logs = peer.subscribes("/rosout", Log, quality(transient=True))
+    node = bench.node(parameters(), ["-r", "__ns:=/robot"])
+
+    def listed():
+        return [(info.node_namespace, info.node_name) for heard in list(nodes.heard)
+                for info in heard.message.node_entities_info_seq]
+
+    until(lambda: ("/robot", "fuseline") in listed(), lambda: f"the node among {listed()}")
+    until(lambda: [heard for heard in list(logs.heard) if "fuseline" in heard.message.name], "a line of the node's log")
+    assert node.ends() == 0
+    print(logs.heard[0].message.name, "-", logs.heard[0].message.msg)
+
+
+def a_string_with_a_key_by_its_place_is_taken(bench):
+    # The first integer of a std_msgs/String is its length.
+    node = bench.node(parameters(input={"type": "std_msgs/msg/String", "key": "uint32"}, output=POINTS,
+                                 local={"deadline": 0.3}))
+    camera = Peer().publishes("/input", String)
+    local = Peer().subscribes("/local/input", String)
+    status = Listener()
+    camera.until_matched()
+    local.until_matched()
+    status.until_matched()
+
+    def went(text):
+        camera.publish(String(text))
+        time.sleep(0.05)
+        return [heard.message.data for heard in local.heard if heard.message.data == text]
+
+    for text in ("abc", "a longer text", ""):
+        until(lambda: went(text), f"{text!r} with local")
+        until(lambda: status.status_of(len(text) + 1), f"a status with the key {len(text) + 1}")
+    assert node.ends() == 0
