@@ -1,19 +1,19 @@
 //! What the node in the path costs: `cargo bench -p fuseline-ros2`.
 //!
 //! A camera and a cloud that answers at once, on loopback: first joined directly, then by the node,
-//! in one run. The node's own part is from the cloud's result coming in to the output, both seen by
-//! one process.
+//! in one run. The node's own part is from the moment when the cloud's result comes in, as seen by
+//! another subscriber, to the publication of the output, as its source timestamp says.
 
 #[path = "../examples/demo/ros.rs"]
 mod ros;
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::fs;
 use std::process::{Child, Command};
 use std::time::Duration;
 
 use futures_util::StreamExt;
-use ros2_client::{Publisher, Subscription};
+use ros2_client::{Publisher, Subscription, SystemTime};
 use tokio::time::{Instant, interval, sleep, timeout};
 
 use ros::{Any, CompressedImage, Header, PointStamped, Time, node_in, publisher, subscription};
@@ -65,26 +65,33 @@ async fn measure(bytes: usize) -> Result<(), Any> {
     sleep(Duration::from_secs(2)).await;
 
     let (sent, came) = run(&direct, &[&answers], bytes).await?;
-    let without = spans(&came[0], &sent);
+    let without = spans(&came[0], &sent, |out| out.received);
     let cpu = fusion.cpu()?;
     let (sent, came) = run(&through, &[&cloud, &output], bytes).await?;
     let cpu = fusion.cpu()?.saturating_sub(cpu) / u32::try_from(MESSAGES + WARM_UP)?;
-    let with = spans(&came[1], &sent);
-    let part = spans(&came[1], &came[0]);
+    let with = spans(&came[1], &sent, |out| out.received);
+    let part = spans(&came[1], &came[0], |out| out.published);
     let [a, b, c] = [without, with, part].map(|[p50, p99]| format!("{p50:6.2} ms {p99:6.2} ms"));
     println!("{bytes:7} B {a}   {b} {c}      {:.2} ms", cpu.as_secs_f64() * 1e3);
     Ok(())
 }
 
-type Instants = HashMap<(i32, u32), Instant>;
+/// When messages were published and received, in nanoseconds since 1970, by their stamps.
+type Seen = BTreeMap<(i32, u32), Instants>;
+
+#[derive(Clone, Copy)]
+struct Instants {
+    published: i64,
+    received: i64,
+}
 
 /// Sends that many messages, and says when each was sent and came on each topic.
 async fn run(
     camera: &Publisher<CompressedImage>,
     topics: &[&Subscription<PointStamped>],
     bytes: usize,
-) -> Result<(Instants, Vec<Instants>), Any> {
-    let (mut sent, mut came) = (Instants::new(), vec![Instants::new(); topics.len()]);
+) -> Result<(Seen, Vec<Seen>), Any> {
+    let (mut sent, mut came) = (Seen::new(), vec![Seen::new(); topics.len()]);
     let streams = topics.iter().enumerate();
     let streams =
         streams.map(|(i, topic)| Box::pin(topic.async_stream().map(move |point| (i, point))));
@@ -94,15 +101,20 @@ async fn run(
         tokio::select! {
             point = timeout(Duration::from_secs(2), points.next()) => {
                 // What is lost on the way is left out of the figures.
-                let Ok(Some((i, Ok((PointStamped { header, .. }, _))))) = point else { break };
-                came[i].insert((header.stamp.sec, header.stamp.nanosec), Instant::now());
+                let Ok(Some((i, Ok((PointStamped { header, .. }, info))))) = point else { break };
+                let (published, received) = (info.source_timestamp(), info.received_timestamp());
+                let (published, received) = (published.ok_or("when?")?, received.ok_or("when?")?);
+                let seen = Instants { published: published.to_nanos(), received: received.to_nanos() };
+                came[i].insert((header.stamp.sec, header.stamp.nanosec), seen);
             }
             _ = frames.tick(), if sent.len() < MESSAGES + WARM_UP => {
                 let now = start.elapsed();
                 let stamp = Time { sec: i32::try_from(now.as_secs())?, nanosec: now.subsec_nanos() };
                 let header = Header { stamp, frame_id: String::new() };
                 let data = vec![0; bytes];
-                sent.insert((stamp.sec, stamp.nanosec), Instant::now());
+                let now = SystemTime::now().to_nanos();
+                let sending = Instants { published: now, received: now };
+                sent.insert((stamp.sec, stamp.nanosec), sending);
                 let image = CompressedImage { header, format: String::new(), data };
                 camera.async_publish(image).await.map_err(|error| error.to_string())?;
             }
@@ -128,17 +140,19 @@ fn echo(name: &'static str) -> Result<(), Any> {
     Ok(())
 }
 
-/// The median and the 99th percentile of how much later, in milliseconds.
-fn spans(later: &Instants, earlier: &Instants) -> [f64; 2] {
-    let mut spans: Vec<(Instant, f64)> = later
-        .iter()
-        .filter_map(|(key, at)| Some((*at, (*at - *earlier.get(key)?).as_secs_f64() * 1e3)))
-        .collect();
-    spans.sort_by_key(|(at, _)| *at);
-    let mut spans: Vec<f64> = spans.into_iter().skip(WARM_UP).map(|(_, span)| span).collect();
-    spans.sort_by(f64::total_cmp);
-    let at = |percent: usize| spans.get(spans.len() * percent / 100).copied().unwrap_or(f64::NAN);
-    [at(50), at(99)]
+/// The median and the 99th percentile of how much later than it was received before, in
+/// milliseconds.
+fn spans(later: &Seen, earlier: &Seen, at: fn(&Instants) -> i64) -> [f64; 2] {
+    let span = |(key, out): (_, &Instants)| Some(at(out) - earlier.get(key)?.received);
+    let mut spans: Vec<i64> = later.iter().skip(WARM_UP).filter_map(span).collect();
+    spans.sort_unstable();
+    let nth = |percent: usize| spans.get(spans.len() * percent / 100).copied();
+    [50, 99].map(|percent| nth(percent).map_or(f64::NAN, milliseconds))
+}
+
+#[expect(clippy::cast_precision_loss, reason = "nanoseconds of less than a second")]
+fn milliseconds(nanos: i64) -> f64 {
+    nanos as f64 / 1e6
 }
 
 impl Fusion {

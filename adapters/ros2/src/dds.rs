@@ -12,7 +12,7 @@ use rustdds::no_key::{DataWriter, DeserializedCacheChange, SimpleDataReader};
 use rustdds::policy::{Deadline, Durability, History, Reliability, ResourceLimits};
 use rustdds::{
     DomainParticipant, DomainParticipantBuilder, Duration, GUID, Publisher, QosPolicies,
-    QosPolicyBuilder, Subscriber, Topic, TopicKind,
+    QosPolicyBuilder, Subscriber, Timestamp, Topic, TopicKind,
 };
 use tokio::task::JoinSet;
 use tracing::{info, warn};
@@ -157,7 +157,7 @@ impl Domain {
 impl Outlet {
     /// Publishes without waiting. False if that cannot be: a reliable subscriber is too far behind.
     pub(crate) fn publish(&self, payload: Payload) -> bool {
-        match self.writer.write(payload, None) {
+        match self.writer.write(payload, Some(Timestamp::now())) {
             Ok(()) => true,
             Err(WriteError::WouldBlock { .. }) => false,
             Err(error) => {
