@@ -1,153 +1,167 @@
-//! What the node in the path costs: `cargo bench -p fuseline-ros2`.
+//! What the node in the path costs: `cargo bench -p fuseline-ros2 --profile release`.
 //!
 //! A camera and a cloud that answers at once, on loopback: first joined directly, then by the node,
 //! in one run. The node's own part is from the moment when the cloud's result comes in, as seen by
-//! another subscriber, to the publication of the output, as its source timestamp says.
+//! another subscriber, to the publication of the output, as its source timestamp says. Camera,
+//! cloud, subscriber and node are processes of their own.
 
 #[path = "../examples/demo/ros.rs"]
 mod ros;
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::fs;
-use std::process::{Child, Command};
+use std::io::{Read, Write, stdin, stdout};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use futures_util::StreamExt;
 use ros2_client::{Publisher, Subscription, SystemTime};
-use tokio::time::{Instant, interval, sleep, timeout};
+use tokio::time::{interval, sleep};
 
 use ros::{Any, CompressedImage, Header, PointStamped, Time, node_in, publisher, subscription};
 
 const DOMAIN: u16 = 88;
-const MESSAGES: usize = 1000;
-const WARM_UP: usize = 50;
+const MESSAGES: u32 = 1000;
+const WARM_UP: u32 = 50;
 const RATE_HZ: u32 = 50;
 const SIZES: [usize; 3] = [100, 33_000, 300_000];
+/// Longer than anything takes on the way.
+const REST: Duration = Duration::from_secs(2);
 
-/// The node under measurement, killed with this.
-struct Fusion(Child);
+const IMAGE: &str = "sensor_msgs/CompressedImage";
+const POINT: &str = "geometry_msgs/PointStamped";
+/// What the subscriber listens to: the cloud's results for the node, the node's outputs, and the
+/// cloud's results for the camera itself.
+const HEARD: [&str; 3] = ["west/output", "output", "direct/output"];
 
-fn main() -> Result<(), Any> {
-    // `cargo test` runs benches once, to see that they build.
-    if std::env::args().any(|arg| arg == "--test") {
-        return Ok(());
-    }
-    let runtime =
-        tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
-    println!(
-        "  input     without the node      with the node       the node's part     its processor time"
-    );
-    println!(
-        "            p50       p99         p50       p99       p50       p99       for a message"
-    );
-    for bytes in SIZES {
-        runtime.block_on(measure(bytes))?;
-    }
-    Ok(())
-}
+/// A process of this bench, killed with this.
+struct Part(Child);
 
-async fn measure(bytes: usize) -> Result<(), Any> {
-    let fusion = Fusion::start()?;
-    let mut node = node_in(DOMAIN, "bench")?;
-    let image = "sensor_msgs/CompressedImage";
-    let point = "geometry_msgs/PointStamped";
-    let through: Publisher<CompressedImage> = publisher(&mut node, "input", image)?;
-    let direct: Publisher<CompressedImage> = publisher(&mut node, "direct/input", image)?;
-    let cloud: Subscription<PointStamped> = subscription(&mut node, "west/output", point)?;
-    let output: Subscription<PointStamped> = subscription(&mut node, "output", point)?;
-    let answers: Subscription<PointStamped> = subscription(&mut node, "direct/output", point)?;
-    for topic in ["west", "direct"] {
-        echo(topic)?;
-    }
-    through.wait_for_subscription(&node).await;
-    direct.wait_for_subscription(&node).await;
-    cloud.wait_for_publisher(&node).await;
-    sleep(Duration::from_secs(2)).await;
-
-    let (sent, came) = run(&direct, &[&answers], bytes).await?;
-    let without = spans(&came[0], &sent, |out| out.received);
-    let cpu = fusion.cpu()?;
-    let (sent, came) = run(&through, &[&cloud, &output], bytes).await?;
-    let cpu = fusion.cpu()?.saturating_sub(cpu) / u32::try_from(MESSAGES + WARM_UP)?;
-    let with = spans(&came[1], &sent, |out| out.received);
-    let part = spans(&came[1], &came[0], |out| out.published);
-    let [a, b, c] = [without, with, part].map(|[p50, p99]| format!("{p50:6.2} ms {p99:6.2} ms"));
-    println!("{bytes:7} B {a}   {b} {c}      {:.2} ms", cpu.as_secs_f64() * 1e3);
-    Ok(())
-}
-
-/// When messages were published and received, in nanoseconds since 1970, by their stamps.
-type Seen = BTreeMap<(i32, u32), Instants>;
-
+/// When a message was published and received, in nanoseconds since 1970.
 #[derive(Clone, Copy)]
 struct Instants {
     published: i64,
     received: i64,
 }
 
-/// Sends that many messages, and says when each was sent and came on each topic.
-async fn run(
-    camera: &Publisher<CompressedImage>,
-    topics: &[&Subscription<PointStamped>],
-    bytes: usize,
-) -> Result<(Seen, Vec<Seen>), Any> {
-    let (mut sent, mut came) = (Seen::new(), vec![Seen::new(); topics.len()]);
-    let streams = topics.iter().enumerate();
-    let streams =
-        streams.map(|(i, topic)| Box::pin(topic.async_stream().map(move |point| (i, point))));
-    let mut points = futures_util::stream::select_all(streams);
-    let (start, mut frames) = (Instant::now(), interval(Duration::from_secs(1) / RATE_HZ));
-    while came.iter().any(|came| came.len() < MESSAGES + WARM_UP) {
-        tokio::select! {
-            point = timeout(Duration::from_secs(2), points.next()) => {
-                // What is lost on the way is left out of the figures.
-                let Ok(Some((i, Ok((PointStamped { header, .. }, info))))) = point else { break };
-                let (published, received) = (info.source_timestamp(), info.received_timestamp());
-                let (published, received) = (published.ok_or("when?")?, received.ok_or("when?")?);
-                let seen = Instants { published: published.to_nanos(), received: received.to_nanos() };
-                came[i].insert((header.stamp.sec, header.stamp.nanosec), seen);
+/// By the stamp of the image that it answers, which is when that was sent.
+type Heard = BTreeMap<i64, Instants>;
+
+fn main() -> Result<(), Any> {
+    let role = std::env::args().nth(1).unwrap_or_default();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    match role.as_str() {
+        // `cargo test` runs benches once, to see that they build.
+        "--test" => Ok(()),
+        "cloud" => runtime.block_on(async { tokio::try_join!(echo("west"), echo("direct")) }).map(drop),
+        "subscriber" => runtime.block_on(listen()),
+        _ => runtime.block_on(async {
+            println!("  input     without the node      with the node         the node's part       its processor");
+            println!("            p50        p99        p50        p99        p50        p99        time a message");
+            for bytes in SIZES {
+                measure(bytes).await?;
             }
-            _ = frames.tick(), if sent.len() < MESSAGES + WARM_UP => {
-                let now = start.elapsed();
-                let stamp = Time { sec: i32::try_from(now.as_secs())?, nanosec: now.subsec_nanos() };
-                let header = Header { stamp, frame_id: String::new() };
-                let data = vec![0; bytes];
-                let now = SystemTime::now().to_nanos();
-                let sending = Instants { published: now, received: now };
-                sent.insert((stamp.sec, stamp.nanosec), sending);
-                let image = CompressedImage { header, format: String::new(), data };
-                camera.async_publish(image).await.map_err(|error| error.to_string())?;
-            }
-        }
+            Ok(())
+        }),
     }
-    Ok((sent, came))
 }
 
-/// The cloud: answers each image at once, in a thread of its own.
-fn echo(name: &'static str) -> Result<(), Any> {
-    let mut node = node_in(DOMAIN, &format!("{name}_model"))?;
-    let images: Subscription<CompressedImage> =
-        subscription(&mut node, &format!("{name}/input"), "sensor_msgs/CompressedImage")?;
-    let points: Publisher<PointStamped> =
-        publisher(&mut node, &format!("{name}/output"), "geometry_msgs/PointStamped")?;
-    tokio::spawn(async move {
-        let _node = node;
-        while let Ok((image, _)) = images.async_take().await {
-            let point = PointStamped { header: image.header, point: [0.0; 3] };
-            drop(points.async_publish(point).await);
-        }
-    });
+async fn measure(bytes: usize) -> Result<(), Any> {
+    let fusion = Part::fusion()?;
+    let _cloud = Part::of_this(&["cloud"])?;
+    let subscriber = Part::of_this(&["subscriber"])?;
+    let mut node = node_in(DOMAIN, "camera")?;
+    let direct: Publisher<CompressedImage> = publisher(&mut node, "direct/input", IMAGE)?;
+    let through: Publisher<CompressedImage> = publisher(&mut node, "input", IMAGE)?;
+    for camera in [&direct, &through] {
+        camera.wait_for_subscription(&node).await;
+    }
+    sleep(REST).await;
+    send(&direct, bytes).await?;
+    let cpu = fusion.cpu()?;
+    send(&through, bytes).await?;
+    let cpu = fusion.cpu()?.saturating_sub(cpu) / (MESSAGES + WARM_UP);
+    let [west, output, direct] = subscriber.heard()?;
+
+    let without = percentiles(direct.iter().map(|(sent, result)| result.received - sent));
+    let with = percentiles(output.iter().map(|(sent, result)| result.received - sent));
+    let part =
+        output.iter().filter_map(|(sent, out)| Some(out.published - west.get(sent)?.received));
+    let columns = [without, with, percentiles(part)];
+    let [a, b, c] = columns.map(|[p50, p99]| format!("{p50:6.2} ms  {p99:6.2} ms  "));
+    println!("{bytes:7} B {a} {b} {c}      {:.2} ms", cpu.as_secs_f64() * 1e3);
     Ok(())
 }
 
-/// The median and the 99th percentile of how much later than it was received before, in
-/// milliseconds.
-fn spans(later: &Seen, earlier: &Seen, at: fn(&Instants) -> i64) -> [f64; 2] {
-    let span = |(key, out): (_, &Instants)| Some(at(out) - earlier.get(key)?.received);
-    let mut spans: Vec<i64> = later.iter().skip(WARM_UP).filter_map(span).collect();
-    spans.sort_unstable();
-    let nth = |percent: usize| spans.get(spans.len() * percent / 100).copied();
-    [50, 99].map(|percent| nth(percent).map_or(f64::NAN, milliseconds))
+/// The camera: stamps are the time of day.
+async fn send(camera: &Publisher<CompressedImage>, bytes: usize) -> Result<(), Any> {
+    let mut frames = interval(Duration::from_secs(1) / RATE_HZ);
+    for _ in 0..MESSAGES + WARM_UP {
+        frames.tick().await;
+        let now = SystemTime::now().to_nanos();
+        let stamp = Time {
+            sec: i32::try_from(now / 1_000_000_000)?,
+            nanosec: u32::try_from(now % 1_000_000_000)?,
+        };
+        let header = Header { stamp, frame_id: String::new() };
+        let image = CompressedImage { header, format: String::new(), data: vec![0; bytes] };
+        camera.async_publish(image).await.map_err(|error| error.to_string())?;
+    }
+    sleep(REST).await;
+    Ok(())
+}
+
+/// The cloud: answers each image at once.
+async fn echo(name: &str) -> Result<(), Any> {
+    let mut node = node_in(DOMAIN, &format!("{name}_model"))?;
+    let images: Subscription<CompressedImage> =
+        subscription(&mut node, &format!("{name}/input"), IMAGE)?;
+    let points: Publisher<PointStamped> = publisher(&mut node, &format!("{name}/output"), POINT)?;
+    loop {
+        let (image, _) = images.async_take().await?;
+        points
+            .publish(PointStamped { header: image.header, point: [0.0; 3] })
+            .map_err(|e| e.to_string())?;
+    }
+}
+
+/// The subscriber: when its input ends, it writes what it heard.
+async fn listen() -> Result<(), Any> {
+    let mut node = node_in(DOMAIN, "subscriber")?;
+    let topics: Vec<Subscription<PointStamped>> = HEARD
+        .iter()
+        .map(|topic| subscription(&mut node, topic, POINT))
+        .collect::<Result<_, _>>()?;
+    let streams = topics
+        .iter()
+        .enumerate()
+        .map(|(place, topic)| Box::pin(topic.async_stream().map(move |point| (place, point))));
+    let mut points = futures_util::stream::select_all(streams);
+    let mut lines = String::new();
+    let mut end = tokio::task::spawn_blocking(|| stdin().read_to_end(&mut Vec::new()));
+    loop {
+        tokio::select! {
+            _ = &mut end => break,
+            Some((place, point)) = points.next() => {
+                let (PointStamped { header: Header { stamp, .. }, .. }, info) = point?;
+                let sent = i64::from(stamp.sec) * 1_000_000_000 + i64::from(stamp.nanosec);
+                let times = [info.source_timestamp(), info.received_timestamp()];
+                let [published, received] = times.map(|time| time.map_or(0, |time| time.to_nanos()));
+                writeln!(lines, "{place} {sent} {published} {received}")?;
+            }
+        }
+    }
+    Ok(stdout().write_all(lines.as_bytes())?)
+}
+
+/// The median and the 99th percentile, in milliseconds, without the first.
+fn percentiles(nanos: impl Iterator<Item = i64>) -> [f64; 2] {
+    let mut nanos: Vec<i64> = nanos.skip(WARM_UP as usize).collect();
+    nanos.sort_unstable();
+    [50, 99].map(|percent| {
+        nanos.get(nanos.len() * percent / 100).copied().map_or(f64::NAN, milliseconds)
+    })
 }
 
 #[expect(clippy::cast_precision_loss, reason = "nanoseconds of less than a second")]
@@ -155,22 +169,41 @@ fn milliseconds(nanos: i64) -> f64 {
     nanos as f64 / 1e6
 }
 
-impl Fusion {
-    fn start() -> Result<Self, Any> {
+impl Part {
+    fn of_this(args: &[&str]) -> Result<Self, Any> {
+        let mut command = Command::new(std::env::current_exe()?);
+        Ok(Self(command.args(args).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?))
+    }
+
+    /// The node under measurement.
+    fn fusion() -> Result<Self, Any> {
+        let domain = format!("domain_id:={DOMAIN}");
         let set = [
-            "input.type:=sensor_msgs/msg/CompressedImage".to_owned(),
-            "output.type:=geometry_msgs/msg/PointStamped".to_owned(),
-            "clouds:=[west]".to_owned(),
-            format!("domain_id:={DOMAIN}"),
-            "localhost_only:=true".to_owned(),
-            "qos_overrides./input.subscription.reliability:=reliable".to_owned(),
+            "input.type:=sensor_msgs/msg/CompressedImage",
+            "output.type:=geometry_msgs/msg/PointStamped",
+            "clouds:=[west]",
+            "localhost_only:=true",
+            "qos_overrides./input.subscription.reliability:=reliable",
+            &domain,
         ];
         let mut command = Command::new(env!("CARGO_BIN_EXE_fuseline-ros2"));
         command.args(["--ros-args", "--log-level", "error"]);
-        for set in set {
-            command.args(["-p", &set]);
-        }
+        command.args(set.iter().flat_map(|set| ["-p", set]));
         Ok(Self(command.spawn()?))
+    }
+
+    /// What the subscriber heard, in the order of [`HEARD`].
+    fn heard(mut self) -> Result<[Heard; 3], Any> {
+        drop(self.0.stdin.take());
+        let mut lines = String::new();
+        self.0.stdout.take().ok_or("no output")?.read_to_string(&mut lines)?;
+        let mut heard = [Heard::new(), Heard::new(), Heard::new()];
+        for line in lines.lines() {
+            let numbers: Vec<i64> = line.split(' ').map(str::parse).collect::<Result<_, _>>()?;
+            let [place, sent, published, received] = numbers[..] else { return Err(line.into()) };
+            heard[usize::try_from(place)?].insert(sent, Instants { published, received });
+        }
+        Ok(heard)
     }
 
     /// Its processor time so far, user's and system's.
@@ -184,7 +217,7 @@ impl Fusion {
     }
 }
 
-impl Drop for Fusion {
+impl Drop for Part {
     fn drop(&mut self) {
         // It may have ended by itself.
         drop((self.0.kill(), self.0.wait()));
