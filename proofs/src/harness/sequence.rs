@@ -1,11 +1,14 @@
 //! Short runs from the empty machine: what the steps from any state promise, seen once more from the start.
 
-use crate::any::{any_commit, any_deadline, any_instant, any_timestamp};
-use crate::clouds::Cloud;
+use crate::any::{any_commit, any_deadline, any_instant, any_timestamp, earliest};
+use crate::clouds::{Cloud, Clouds};
 use crate::fusion::{At, Fusion};
+use crate::gate::Gate;
 use crate::priority::Priority;
+use crate::slot::Commit;
 use crate::time::{Instant, Timestamp};
 use crate::told;
+use crate::window::{Entry, NIL, Node, Place, Window};
 use crate::{Admission, DropReason, Opening, Outcome};
 
 /// The one cloud. What a set of sources does is proved for all 15 in `slot`.
@@ -14,6 +17,9 @@ const CLOUD: Priority = Priority::new(7);
 /// The timestamps: fixed, so that where one lies is known.
 const FIRST: Timestamp = Timestamp::new(5);
 const SECOND: Timestamp = Timestamp::new(u64::MAX);
+
+/// How many inputs come after the first, which opens.
+const INPUTS: usize = 4;
 
 /// One timestamp's life as seen from outside.
 struct Seen {
@@ -119,36 +125,141 @@ fn offer<const WINDOW: usize>(fusion: &mut Fusion<1, WINDOW>, seen: &mut Seen) {
     }
 }
 
-/// P1, P2, P3, P5, P6, F0, F5: open, offer, and one input of either source at any instants: one end at most, of what is in
+/// What the first timestamp's machine knows between two steps. All else in it is known: so the machine of each step is put
+/// together of this and constants, and what the step leaves is shown to be of that form again.
+#[derive(Clone, Copy)]
+struct Known {
+    is_open: bool,
+    commit: Commit,
+    now: Instant,
+    is_shut: bool,
+    entry: Entry<1>,
+}
+
+impl Known {
+    fn of(fusion: &Fusion<1, 1>) -> Self {
+        let known = Self {
+            is_open: fusion.len() == 1,
+            commit: fusion.commit,
+            now: fusion.now,
+            is_shut: fusion.clouds.gates[0].is_shut(),
+            entry: fusion.open.entries[0],
+        };
+        let is_all = if known.is_open {
+            is_same(fusion, &known.machine(true))
+        } else {
+            is_same(fusion, &known.machine(false))
+        };
+        kani::assert(is_all, "P9: the window is a tree of one or none");
+        known
+    }
+
+    fn machine(&self, is_open: bool) -> Fusion<1, 1> {
+        let gate = Gate { limit: 2, resume: 1, shut: self.is_shut };
+        let mut open = Window { entries: [self.entry], ..Window::new() };
+        if is_open {
+            let due = earliest(&self.entry);
+            let node = Node { timestamp: FIRST, due, below: due, height: 1, ..Node::NIL };
+            (open.nodes, open.len) = ([node], 1);
+            (open.root, open.last, open.free) = (Place(0), Place(0), NIL);
+        }
+        Fusion {
+            commit: self.commit,
+            window: 1,
+            clouds: Clouds { priorities: [CLOUD], gates: [gate], len: 1 },
+            now: self.now,
+            newest: Some(FIRST),
+            open,
+        }
+    }
+}
+
+/// Whether the machines are the same but for commit rule, clock and entries.
+fn is_same(a: &Fusion<1, 1>, b: &Fusion<1, 1>) -> bool {
+    let (of_a, of_b) = (&a.open.nodes[0], &b.open.nodes[0]);
+    a.window == b.window
+        && a.clouds.priorities[0] == b.clouds.priorities[0]
+        && a.clouds.gates[0] == b.clouds.gates[0]
+        && a.clouds.len == b.clouds.len
+        && a.newest == b.newest
+        && a.open.root == b.open.root
+        && a.open.last == b.open.last
+        && a.open.free == b.open.free
+        && a.open.len == b.open.len
+        && of_a.timestamp == of_b.timestamp
+        && of_a.due == of_b.due
+        && of_a.below == of_b.below
+        && of_a.left == of_b.left
+        && of_a.right == of_b.right
+        && of_a.up == of_b.up
+        && of_a.height == of_b.height
+}
+
+/// F0, F5: one firing at most of the open timestamp, and whether there was one.
+fn fires(known: Known, seen: &mut Seen, now: Instant) -> (Known, bool) {
+    let mut fusion = known.machine(true);
+    let At::Fired(firing) = told::at(&mut fusion, now) else { return (Known::of(&fusion), false) };
+    let (due, outcome) = (firing.due, firing.outcome);
+    kani::assert(due <= fusion.now, "F5: no timer fires before its due instant");
+    ended(seen, outcome, None);
+    (Known::of(&fusion), true)
+}
+
+/// Any input for the timestamp, open or not.
+fn input(known: Known, seen: &mut Seen, is_open: bool) -> Known {
+    let mut fusion = known.machine(is_open);
+    let next = fusion.next_due();
+    kani::assert(next.is_none_or(|due| due > fusion.now), "F0: then nothing is due");
+    match kani::any_where(|kind: &u8| *kind < 3) {
+        0 => offer(&mut fusion, seen),
+        1 => result(&mut fusion, seen),
+        _ => fail(&mut fusion, seen),
+    }
+    Known::of(&fusion)
+}
+
+/// Any instant, what is due by then, and any input.
+fn inputs(mut known: Known, seen: &mut Seen) -> Known {
+    let now = any_instant();
+    // There are two timers at most.
+    for _ in 0..2 {
+        if known.is_open {
+            let fired;
+            (known, fired) = fires(known, seen, now);
+            if !fired {
+                break;
+            }
+        }
+    }
+    if known.is_open { input(known, seen, true) } else { input(known, seen, false) }
+}
+
+/// P1, P2, P3, P5, P6, F0, F5: open, and inputs of either source at any instants: one end at most, of what is in
 /// hand, in time.
 ///
 /// Bounds: window of 1, 1 cloud, 3 inputs, a fixed timestamp.
 #[kani::proof]
-#[kani::unwind(4)]
+#[kani::unwind(6)]
 pub fn p1_once_from_the_empty_machine() {
     let mut fusion = made::<1>();
     kani::assert(fusion.is_empty() && fusion.next_due().is_none(), "P9: nothing is open at first");
     let _ = told::at(&mut fusion, any_instant());
     let Some(mut seen) = opens(&mut fusion, FIRST) else { return };
-    offer(&mut fusion, &mut seen);
-    let asked = seen.dues[1].is_some();
-    pass(&mut fusion, &mut seen, any_instant());
-    if kani::any() {
-        result(&mut fusion, &mut seen);
-    } else {
-        fail(&mut fusion, &mut seen);
+    let mut known = Known::of(&fusion);
+    for _ in 0..INPUTS {
+        known = inputs(known, &mut seen);
     }
-    let is_open = fusion.slot(FIRST).is_some();
-    kani::assert(is_open == (seen.ends == 0), "P1 once: it is open until it ends");
+    kani::assert(known.is_open == (seen.ends == 0), "P1 once: it is open until it ends");
+    let asked = seen.dues[1].is_some();
     kani::cover!(asked && seen.held[0], "local's result is held");
-    kani::cover!(asked && !is_open, "it is retired");
+    kani::cover!(asked && !known.is_open, "it is retired");
 }
 
 /// P9, P1, F1, F2: two timestamps open at once, and an input for the first: the second stays as it is, and no third opens.
 ///
 /// Bounds: window of 2, 1 cloud, 5 inputs at one instant, fixed timestamps.
 #[kani::proof]
-#[kani::unwind(4)]
+#[kani::unwind(6)]
 pub fn p9_two_from_the_empty_machine() {
     let mut fusion = made::<2>();
     let _ = told::at(&mut fusion, any_instant());
