@@ -344,11 +344,12 @@ pub fn p1_once_from_the_empty_machine() {
 #[kani::proof]
 #[kani::unwind(5)]
 pub fn p9_two_from_the_empty_machine() {
+    let case = any_case(4);
     let Some((known, first)) = start() else { return };
     let Some((known, next)) = second(&known) else { return };
     let opening = third(&known);
     let mut seen = [first, next];
-    let known = match any_case(4) {
+    let known = match case {
         0 => then::<0>(&input::<2, 3, 0>(&known, &mut seen), &mut seen),
         1 => then::<1>(&input::<2, 3, 0>(&known, &mut seen), &mut seen),
         2 => then::<0>(&input::<2, 3, 1>(&known, &mut seen), &mut seen),
