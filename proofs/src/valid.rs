@@ -3,7 +3,7 @@
 use crate::any::{earliest, least};
 use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
-use crate::window::{NIL, Window};
+use crate::window::{NIL, Node, Window};
 
 /// What holds of every open timestamp between two inputs, and between two firings.
 pub(crate) fn is_valid(commit: Commit, slot: Slot) -> bool {
@@ -66,6 +66,17 @@ pub(crate) fn in_order<const CLOUDS: usize, const CAPACITY: usize>(
         }
     }
     None
+}
+
+/// Whether two nodes are the same, field by field.
+pub(crate) fn same_node(a: &Node, b: &Node) -> bool {
+    a.timestamp == b.timestamp
+        && a.due == b.due
+        && a.below == b.below
+        && a.left == b.left
+        && a.right == b.right
+        && a.up == b.up
+        && a.height == b.height
 }
 
 /// What holds of the window: a balanced search tree, in which each node knows the earliest due instant at and below it,

@@ -214,7 +214,18 @@ fn with_memory(text: &str) -> Result<(String, Vec<u8>), String> {
     let start = text.find("DEFINE_LOAD(i32_load,").ok_or("no accessors")?;
     let end = text.find("DEFINE_STORE(i64_store32").ok_or("no accessors")?;
     let end = text[end..].find('\n').ok_or("no end of the accessors")? + end + 1;
-    Ok((format!("{}{memory}{}", &text[..start], &text[end..]), data))
+    Ok((cleared(&format!("{}{memory}{}", &text[..start], &text[end..]))?, data))
+}
+
+/// A frame as a function takes it.
+const FRAME: &str = r"= instance->w2c_g0;\s+var_i1 = (\d+)u;\s+var_i0 -= var_i1;";
+
+/// Each frame is filled with zeros when it is taken. Nothing reads what was there; but bytes between fields, which nothing
+/// writes, would hide that the word around them is a constant.
+fn cleared(text: &str) -> Result<String, String> {
+    let frame = Regex::new(FRAME).map_err(|error| error.to_string())?;
+    let fill = "$0\n  memory_fill(&instance->w2c_memory, var_i0, 0, var_i1);";
+    Ok(frame.replace_all(text, fill).into_owned())
 }
 
 /// How many bytes of stack the harness and what it calls can take, each function at most once; whoever takes more is
@@ -223,7 +234,7 @@ fn with_memory(text: &str) -> Result<(String, Vec<u8>), String> {
 fn frames(text: &str) -> Result<u32, String> {
     let head = Regex::new(r"(?m)^\w+ (w2c_proofs_\w+)\(w2c_proofs\* instance[^;{]*\) \{$");
     let call = Regex::new(r"\b(w2c_proofs_\w+)\(instance");
-    let frame = Regex::new(r"= instance->w2c_g0;\s+var_i1 = (\d+)u;\s+var_i0 -= var_i1;");
+    let frame = Regex::new(FRAME);
     let (head, call) = (head.map_err(|e| e.to_string())?, call.map_err(|e| e.to_string())?);
     let frame = frame.map_err(|e| e.to_string())?;
     let mut bodies = BTreeMap::new();
@@ -284,6 +295,12 @@ mod tests {
         assert!(frames(C).is_ok());
         assert!(frames(&C.replace("var_i0 = 1u", "w2c_proofs_f4(instance)")).is_err());
         assert!(frames("").is_err());
+    }
+
+    #[test]
+    fn frame_is_cleared_when_it_is_taken() {
+        let clear = "var_i0 -= var_i1;\n  memory_fill(&instance->w2c_memory, var_i0, 0, var_i1);";
+        assert_eq!(cleared(C), Ok(C.replace("var_i0 -= var_i1;", clear)));
     }
 
     #[test]

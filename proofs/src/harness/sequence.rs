@@ -1,23 +1,28 @@
 //! Short runs from the empty machine: what the steps from any state promise, seen once more from the start.
+//!
+//! Between two steps little of the machine is not known. The machine of each step is put together of this and constants,
+//! and what the step leaves is shown to be of that form again: so no step looks at places that are not known.
 
-use crate::any::{any_commit, any_deadline, any_instant, any_timestamp};
-use crate::clouds::Cloud;
+use crate::any::{any_case, any_commit, any_deadline, any_instant, any_timestamp, earliest, least};
+use crate::clouds::{Cloud, Clouds};
 use crate::fusion::{At, Fusion};
+use crate::gate::Gate;
 use crate::priority::Priority;
+use crate::slot::Commit;
 use crate::time::{Instant, Timestamp};
 use crate::told;
-use crate::{Admission, DropReason, Opening, Outcome};
+use crate::valid::same_node;
+use crate::window::{Entry, NIL, Node, Place, Window};
+use crate::{Admission, DropReason, OpenRefusal, Opening, Outcome};
 
 /// The one cloud. What a set of sources does is proved for all 15 in `slot`.
 const CLOUD: Priority = Priority::new(7);
 
 /// The timestamps: fixed, so that where one lies is known.
-const FIRST: Timestamp = Timestamp::new(5);
-const SECOND: Timestamp = Timestamp::new(u64::MAX);
+const TIMESTAMPS: [Timestamp; 2] = [Timestamp::new(5), Timestamp::new(8)];
 
 /// One timestamp's life as seen from outside.
 struct Seen {
-    timestamp: Timestamp,
     /// The due instants of the limit and of the request, if there are.
     dues: [Option<Instant>; 2],
     /// Whether local's and the cloud's result were held.
@@ -26,14 +31,162 @@ struct Seen {
     ends: u8,
 }
 
-/// A machine just made.
-fn made<const WINDOW: usize>() -> Fusion<1, WINDOW> {
-    let fusion = Fusion::new(WINDOW, any_commit(), &[Cloud::new(CLOUD, 2)]);
-    // F2g: the limit is 1 or more, and the window is the capacity.
-    fusion.unwrap_or_else(|_| unreachable!("the configuration is sound"))
+/// What is not known of a machine in which the first timestamp, or both, were opened.
+#[derive(Clone, Copy)]
+struct Known<const WINDOW: usize> {
+    /// Which are open.
+    open: [bool; WINDOW],
+    entries: [Entry<1>; WINDOW],
+    commit: Commit,
+    now: Instant,
+    is_shut: bool,
 }
 
-/// F1: opens the timestamp after what is due by then.
+/// Where a timestamp lies: the last place is given first.
+const fn place<const WINDOW: usize>(of: usize) -> usize {
+    WINDOW - 1 - of
+}
+
+impl<const WINDOW: usize> Known<WINDOW> {
+    /// Takes a machine apart, and shows that there is nothing else to it.
+    fn of(fusion: &Fusion<1, WINDOW>, newest: Timestamp) -> Self {
+        let known = Self {
+            open: core::array::from_fn(|i| fusion.open.nodes[place::<WINDOW>(i)].height > 0),
+            entries: core::array::from_fn(|i| fusion.open.entries[place::<WINDOW>(i)]),
+            commit: fusion.commit,
+            now: fusion.now,
+            is_shut: fusion.clouds.gates[0].is_shut(),
+        };
+        let is_all = match known.which() {
+            1 => known.is_all::<1>(fusion, newest),
+            2 => known.is_all::<2>(fusion, newest),
+            3 => known.is_all::<3>(fusion, newest),
+            _ if WINDOW == 1 => known.is_all::<0>(fusion, newest),
+            // Which place is the first free one hangs on the order of the two ends, and no step follows.
+            _ => fusion.is_empty() && fusion.open.root == NIL,
+        };
+        kani::assert(is_all, "P9: the window is a tree of those that are open");
+        known
+    }
+
+    /// Whether the machine is what is put together.
+    fn is_all<const OPEN: u8>(&self, fusion: &Fusion<1, WINDOW>, newest: Timestamp) -> bool {
+        let all = self.machine::<OPEN>(self.next::<OPEN>(), newest);
+        fusion.window == all.window
+            && fusion.clouds.priorities[0] == all.clouds.priorities[0]
+            && fusion.clouds.gates[0] == all.clouds.gates[0]
+            && fusion.clouds.len == all.clouds.len
+            && fusion.newest == all.newest
+            && fusion.open.root == all.open.root
+            && fusion.open.last == all.open.last
+            && fusion.open.free == all.open.free
+            && fusion.open.len == all.open.len
+            && (0..WINDOW).all(|i| same_node(&fusion.open.nodes[i], &all.open.nodes[i]))
+    }
+
+    /// Which are open, as bits.
+    fn which(&self) -> u8 {
+        (0..WINDOW).fold(0, |bits, i| bits | u8::from(self.open[i]) << i)
+    }
+
+    /// The earliest due instant of those of `OPEN`.
+    fn next<const OPEN: u8>(&self) -> Option<Instant> {
+        let open = (0..WINDOW).filter(|i| OPEN >> i & 1 == 1);
+        open.fold(None, |next, i| least(next, earliest(&self.entries[i])))
+    }
+
+    /// The machine with those of `OPEN` open, of which `next` is the earliest due instant.
+    fn machine<const OPEN: u8>(
+        &self,
+        next: Option<Instant>,
+        newest: Timestamp,
+    ) -> Fusion<1, WINDOW> {
+        let mut window = Window {
+            nodes: [Node::NIL; WINDOW],
+            entries: core::array::from_fn(|i| self.entries[place::<WINDOW>(i)]),
+            root: NIL,
+            last: NIL,
+            free: NIL,
+            len: 0,
+        };
+        for i in 0..WINDOW {
+            let at = place::<WINDOW>(i);
+            let here = Place(at as u16);
+            if OPEN >> i & 1 == 0 {
+                window.free = here;
+                continue;
+            }
+            let due = earliest(&self.entries[i]);
+            let node = Node { timestamp: TIMESTAMPS[i], due, below: due, height: 1, ..Node::NIL };
+            window.nodes[at] = node;
+            // The second hangs at the right of the first.
+            if window.root == NIL {
+                window.root = here;
+                window.nodes[at].below = next;
+            } else {
+                let root = &mut window.nodes[place::<WINDOW>(0)];
+                (root.right, root.height) = (here, 2);
+                window.nodes[at].up = window.root;
+            }
+            window.last = here;
+            window.len += 1;
+        }
+        let gate = Gate { limit: 2, resume: 1, shut: self.is_shut };
+        Fusion {
+            commit: self.commit,
+            window: WINDOW,
+            clouds: Clouds { priorities: [CLOUD], gates: [gate], len: 1 },
+            now: self.now,
+            newest: Some(newest),
+            open: window,
+        }
+    }
+
+    /// Whether every timestamp but one is as it was.
+    fn is_as(&self, before: &Self, but: usize) -> bool {
+        (0..WINDOW).filter(|i| *i != but).all(|i| {
+            let (a, b) = (&self.entries[i], &before.entries[i]);
+            self.open[i] == before.open[i]
+                && a.slot == b.slot
+                && a.limit_due == b.limit_due
+                && a.dues[0] == b.dues[0]
+        })
+    }
+}
+
+/// A machine just made, at any instant, with the first timestamp opened.
+#[inline(never)]
+fn start<const WINDOW: usize>() -> Option<(Known<WINDOW>, Seen)> {
+    let fusion = Fusion::new(WINDOW, any_commit(), &[Cloud::new(CLOUD, 2)]);
+    // F2g: the limit is 1 or more, and the window is the capacity.
+    let mut fusion = fusion.unwrap_or_else(|_| unreachable!("the configuration is sound"));
+    kani::assert(fusion.is_empty() && fusion.next_due().is_none(), "P9: nothing is open at first");
+    let _ = told::at(&mut fusion, any_instant());
+    let seen = opens(&mut fusion, TIMESTAMPS[0])?;
+    Some((Known::of(&fusion, TIMESTAMPS[0]), seen))
+}
+
+/// F1, P9: the second timestamp is opened too, and no third.
+#[inline(never)]
+fn second(known: &Known<2>) -> Option<(Known<2>, Seen)> {
+    let mut fusion = known.machine::<1>(known.next::<1>(), TIMESTAMPS[0]);
+    let seen = opens(&mut fusion, TIMESTAMPS[1])?;
+    let after = Known::of(&fusion, TIMESTAMPS[1]);
+    kani::assert(after.is_as(known, 1), "P9: only its own timestamp changes");
+    Some((after, seen))
+}
+
+/// P9: no third timestamp is opened.
+#[inline(never)]
+fn third(known: &Known<2>) -> Opening {
+    let mut fusion = known.machine::<3>(known.next::<3>(), TIMESTAMPS[1]);
+    let opening = told::open(&mut fusion, any_timestamp(), None);
+    let is_refused = matches!(opening, Opening::Refused(OpenRefusal::Full | OpenRefusal::Order));
+    kani::assert(is_refused && fusion.len() == 2, "P9: at most the window is open");
+    opening
+}
+
+/// F1: opens the timestamp.
 fn opens<const WINDOW: usize>(
     fusion: &mut Fusion<1, WINDOW>,
     timestamp: Timestamp,
@@ -41,28 +194,12 @@ fn opens<const WINDOW: usize>(
     let limit = if kani::any() { Some(any_deadline()) } else { None };
     let due = limit.map(|limit| fusion.now.saturating_add(limit));
     let is_past = due.is_some_and(|due| due <= fusion.now);
-    let opening = told::open(fusion, timestamp, limit);
-    kani::assert(
-        (opening == Opening::Accepted) != is_past,
-        "F1: it opens unless its limit is past",
-    );
-    if is_past {
+    if told::open(fusion, timestamp, limit) != Opening::Accepted {
+        kani::assert(is_past, "F1: it opens unless its limit is past");
         return None;
     }
-    Some(Seen { timestamp, dues: [due, None], held: [false; 2], ends: 0 })
-}
-
-/// F0, F5: fires what is due by then.
-fn pass<const WINDOW: usize>(fusion: &mut Fusion<1, WINDOW>, seen: &mut Seen, now: Instant) {
-    // There are two timers at most.
-    for _ in 0..2 {
-        let At::Fired(firing) = told::at(fusion, now) else { break };
-        let (due, outcome) = (firing.due, firing.outcome);
-        kani::assert(due <= fusion.now, "F5: no timer fires before its due instant");
-        ended(seen, outcome, None);
-    }
-    let next = fusion.next_due();
-    kani::assert(next.is_none_or(|due| due > fusion.now), "F0: then nothing is due");
+    kani::assert(!is_past, "F1: it opens only before its limit");
+    Some(Seen { dues: [due, None], held: [false; 2], ends: 0 })
 }
 
 /// Counts an end: what goes is in hand, and the best.
@@ -81,11 +218,15 @@ fn ended(seen: &mut Seen, outcome: Outcome<1>, came: Option<Priority>) {
 }
 
 /// F3: a result of either source.
-fn result<const WINDOW: usize>(fusion: &mut Fusion<1, WINDOW>, seen: &mut Seen) {
+fn result<const WINDOW: usize>(
+    fusion: &mut Fusion<1, WINDOW>,
+    timestamp: Timestamp,
+    seen: &mut Seen,
+) {
     let is_cloud: bool = kani::any();
     let priority = if is_cloud { CLOUD } else { Priority::LOCAL };
     let due = if is_cloud { seen.dues[1] } else { seen.dues[0] };
-    let outcome = told::result(fusion, seen.timestamp, priority);
+    let outcome = told::result(fusion, timestamp, priority);
     let is_accepted = matches!(outcome, Outcome::Forwarded { .. } | Outcome::Held);
     let in_time = due.is_none_or(|due| fusion.now < due);
     kani::assert(!is_accepted || in_time, "P2 never late: it came before its due instant");
@@ -102,16 +243,24 @@ fn result<const WINDOW: usize>(fusion: &mut Fusion<1, WINDOW>, seen: &mut Seen) 
 }
 
 /// F4: a failure of either source.
-fn fail<const WINDOW: usize>(fusion: &mut Fusion<1, WINDOW>, seen: &mut Seen) {
+fn fail<const WINDOW: usize>(
+    fusion: &mut Fusion<1, WINDOW>,
+    timestamp: Timestamp,
+    seen: &mut Seen,
+) {
     let priority = if kani::any() { CLOUD } else { Priority::LOCAL };
-    let outcome = told::fail(fusion, seen.timestamp, priority);
+    let outcome = told::fail(fusion, timestamp, priority);
     kani::assert(outcome != Outcome::Held, "F4: a failure is not held");
     ended(seen, outcome, None);
 }
 
 /// F2: an offer of the cloud.
-fn offer<const WINDOW: usize>(fusion: &mut Fusion<1, WINDOW>, seen: &mut Seen) {
-    let admission = told::offer(fusion, seen.timestamp, CLOUD, any_deadline(), kani::any());
+fn offer<const WINDOW: usize>(
+    fusion: &mut Fusion<1, WINDOW>,
+    timestamp: Timestamp,
+    seen: &mut Seen,
+) {
+    let admission = told::offer(fusion, timestamp, CLOUD, any_deadline(), kani::any());
     if let Admission::Admitted { due } = admission {
         let is_first = seen.ends == 0 && seen.dues[1].is_none();
         kani::assert(is_first && due > fusion.now, "P8 timers: it is asked once, while open");
@@ -119,51 +268,107 @@ fn offer<const WINDOW: usize>(fusion: &mut Fusion<1, WINDOW>, seen: &mut Seen) {
     }
 }
 
-/// P1, P2, P3, P5, P6, F0, F5: open, offer, and one input of either source at any instants: one end at most, of what is in
-/// hand, in time.
+/// F0, F5: one firing at most, and whether there was one.
+#[inline(never)]
+fn fires(known: &Known<1>, seen: &mut Seen, now: Instant) -> (Known<1>, bool) {
+    let mut fusion = known.machine::<1>(known.next::<1>(), TIMESTAMPS[0]);
+    let At::Fired(firing) = told::at(&mut fusion, now) else {
+        return (Known::of(&fusion, TIMESTAMPS[0]), false);
+    };
+    let (timestamp, due, outcome) = (firing.timestamp, firing.due, firing.outcome);
+    kani::assert(due <= fusion.now, "F5: no timer fires before its due instant");
+    kani::assert(timestamp == TIMESTAMPS[0], "F5: it is of what is open");
+    ended(seen, outcome, None);
+    (Known::of(&fusion, TIMESTAMPS[0]), true)
+}
+
+/// Any input for a timestamp, open or not.
+#[inline(never)]
+fn input<const WINDOW: usize, const OPEN: u8, const OF: usize>(
+    known: &Known<WINDOW>,
+    seen: &mut [Seen; WINDOW],
+) -> Known<WINDOW> {
+    let next = known.next::<OPEN>();
+    kani::assert(next.is_none_or(|due| due > known.now), "F0: then nothing is due");
+    let mut fusion = known.machine::<OPEN>(next, TIMESTAMPS[WINDOW - 1]);
+    match kani::any_where(|kind: &u8| *kind < 3) {
+        0 => offer(&mut fusion, TIMESTAMPS[OF], &mut seen[OF]),
+        1 => result(&mut fusion, TIMESTAMPS[OF], &mut seen[OF]),
+        _ => fail(&mut fusion, TIMESTAMPS[OF], &mut seen[OF]),
+    }
+    let after = Known::of(&fusion, TIMESTAMPS[WINDOW - 1]);
+    kani::assert(after.is_as(known, OF), "P9: only its own timestamp changes");
+    after
+}
+
+/// How many inputs come after the first, which opens.
+const INPUTS: usize = 3;
+
+/// P1, P2, P3, P5, P6, P9, F0, F5: open, and any inputs at any instants: one end at most, of what is in hand, in time.
 ///
-/// Bounds: window of 1, 1 cloud, 3 inputs, a fixed timestamp.
+/// Bounds: window of 1, 1 cloud, 4 inputs, a fixed timestamp.
 #[kani::proof]
 #[kani::unwind(4)]
 pub fn p1_once_from_the_empty_machine() {
-    let mut fusion = made::<1>();
-    kani::assert(fusion.is_empty() && fusion.next_due().is_none(), "P9: nothing is open at first");
-    let _ = told::at(&mut fusion, any_instant());
-    let Some(mut seen) = opens(&mut fusion, FIRST) else { return };
-    offer(&mut fusion, &mut seen);
-    let asked = seen.dues[1].is_some();
-    pass(&mut fusion, &mut seen, any_instant());
-    if kani::any() {
-        result(&mut fusion, &mut seen);
-    } else {
-        fail(&mut fusion, &mut seen);
+    let Some((mut known, seen)) = start::<1>() else { return };
+    let mut seen = [seen];
+    for _ in 0..INPUTS {
+        let now = any_instant();
+        // There are two timers at most.
+        for _ in 0..2 {
+            let mut fired = false;
+            if known.open[0] {
+                (known, fired) = fires(&known, &mut seen[0], now);
+            }
+            if !fired {
+                break;
+            }
+        }
+        known = if known.open[0] {
+            input::<1, 1, 0>(&known, &mut seen)
+        } else {
+            input::<1, 0, 0>(&known, &mut seen)
+        };
     }
-    let is_open = fusion.slot(FIRST).is_some();
-    kani::assert(is_open == (seen.ends == 0), "P1 once: it is open until it ends");
-    kani::cover!(asked && seen.held[0], "local's result is held");
-    kani::cover!(asked && !is_open, "it is retired");
+    let [seen] = seen;
+    kani::assert(known.open[0] == (seen.ends == 0), "P1 once: it is open until it ends");
+    let asked = seen.dues[1].is_some();
+    kani::cover!(asked && seen.held[0] && known.open[0], "local's result is held");
+    kani::cover!(asked && seen.held[0] && !known.open[0], "it is retired with it");
 }
 
-/// P9, P1, F1, F2: two timestamps open at once, and an input for the first: the second stays as it is, and no third opens.
+/// P9, P1, F1, F2: two timestamps open at once, and inputs for either: the other stays as it is, and no third opens.
 ///
+/// Cases: 4.
 /// Bounds: window of 2, 1 cloud, 5 inputs at one instant, fixed timestamps.
 #[kani::proof]
-#[kani::unwind(4)]
+#[kani::unwind(5)]
 pub fn p9_two_from_the_empty_machine() {
-    let mut fusion = made::<2>();
-    let _ = told::at(&mut fusion, any_instant());
-    let Some(mut seen) = opens(&mut fusion, FIRST) else { return };
-    let opening = told::open(&mut fusion, SECOND, None);
-    kani::assert(opening == Opening::Accepted, "F1: there is room for two");
-    offer(&mut fusion, &mut seen);
-    let third = told::open(&mut fusion, any_timestamp(), None);
-    kani::assert(third != Opening::Accepted, "P9: at most the window is open");
-    let before = fusion.slot(SECOND);
-    result(&mut fusion, &mut seen);
-    kani::assert(fusion.slot(SECOND) == before, "P9: only its own timestamp changes");
-    let is_open = fusion.slot(FIRST).is_some();
-    kani::assert(is_open == (seen.ends == 0), "P1 once: it is open until it ends");
-    kani::assert(fusion.len() == 1 + usize::from(is_open), "P9: as many are open as were left");
-    kani::cover!(is_open && seen.held[0], "local's result is held");
-    kani::cover!(!is_open && seen.dues[1].is_some(), "it is retired");
+    let case = any_case(4);
+    let Some((known, first)) = start() else { return };
+    let Some((known, next)) = second(&known) else { return };
+    let opening = third(&known);
+    let mut seen = [first, next];
+    let known = match case {
+        0 => then::<0>(&input::<2, 3, 0>(&known, &mut seen), &mut seen),
+        1 => then::<1>(&input::<2, 3, 0>(&known, &mut seen), &mut seen),
+        2 => then::<0>(&input::<2, 3, 1>(&known, &mut seen), &mut seen),
+        _ => then::<1>(&input::<2, 3, 1>(&known, &mut seen), &mut seen),
+    };
+    for i in 0..2 {
+        kani::assert(known.open[i] == (seen[i].ends == 0), "P1 once: it is open until it ends");
+    }
+    kani::cover!(opening == Opening::Refused(OpenRefusal::Full), "it is full");
+    kani::cover!(known.open == [true; 2] && seen[0].held[0], "both stay open");
+    kani::cover!(known.open == [false, true] && seen[0].dues[1].is_some(), "one is retired");
+    kani::cover!(known.open == [false; 2], "both are retired");
+}
+
+/// An input for one of the two, of which one at least is open.
+fn then<const OF: usize>(known: &Known<2>, seen: &mut [Seen; 2]) -> Known<2> {
+    match known.which() {
+        3 => input::<2, 3, OF>(known, seen),
+        2 => input::<2, 2, OF>(known, seen),
+        _ => input::<2, 1, OF>(known, seen),
+    }
 }

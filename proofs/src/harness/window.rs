@@ -15,7 +15,7 @@ use crate::slot::Event;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 use crate::told;
-use crate::valid::{in_order, is_tree};
+use crate::valid::{in_order, is_tree, same_node};
 use crate::window::{Entry, Place, Window};
 
 /// The tree knows one due instant of each timestamp, the earliest. The limit's is enough for it to be any, or none; that
@@ -304,6 +304,7 @@ fn set<const SHAPE: usize, const AT: usize>() -> bool {
 ///
 /// That no timer is armed anew is assumed: `p7_no_stall` shows it of every event.
 ///
+/// Cases: 8.
 /// Bounds: trees of 1 to 3.
 #[kani::proof]
 #[kani::unwind(10)]
@@ -361,9 +362,17 @@ pub fn p9_retire_in_four() {
 /// The timestamps of `p9_one_of_four`: fixed, so that where one lies is known. That lookup finds any is `p9_lookup_in_four`.
 const TIMESTAMPS: [u64; 4] = [0, 1, u64::MAX - 1, u64::MAX];
 
-fn one_of<const SHAPE: usize, const AT: usize>() -> (bool, bool) {
+/// A result, a failure or an offer.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Result,
+    Failure,
+    Offer,
+}
+
+fn one_of<const AT: usize>(kind: Kind) -> (bool, bool) {
     let commit = any_commit();
-    let open = crate::any::any_window_at::<1, SHAPE>(commit, TIMESTAMPS);
+    let open = crate::any::any_window_at::<1, 5>(commit, TIMESTAMPS);
     let clouds = Clouds { priorities: [Priority::new(1)], gates: [any_gate()], len: 1 };
     let newest = Some(Timestamp::new(TIMESTAMPS[3]));
     let due = open.next_due();
@@ -371,46 +380,65 @@ fn one_of<const SHAPE: usize, const AT: usize>() -> (bool, bool) {
     let now = Instant::from_nanos(now);
     let mut fusion = Fusion { commit, window: 4, clouds, now, newest, open };
     let before = fusion.open.clone();
-    let slot = before.entries[AT].slot;
+    let mut tree = before.clone();
+    let (slot, place) = (before.entries[AT].slot, Place(AT as u16));
     let (timestamp, source) = (Timestamp::new(TIMESTAMPS[AT]), any_source(1));
     let priority = Priority::new(source.index().into());
-    let (expected, is_offer) = match kani::any_where(|kind: &u8| *kind < 3) {
-        0 => {
+    let mut is_retired = false;
+    let mut is_offer = false;
+    if kind == Kind::Offer {
+        let asked = told::offer(&mut fusion, timestamp, priority, any_deadline(), kani::any());
+        if let Admission::Admitted { due } = asked {
+            is_offer = true;
+            tree.arm(place, slot.offer(source).0, source, due);
+        }
+    } else {
+        let event = if kind == Kind::Result {
             let _ = told::result(&mut fusion, timestamp, priority);
-            (slot.step(commit, Event::Result(source)).0, false)
-        }
-        1 => {
+            Event::Result(source)
+        } else {
             let _ = told::fail(&mut fusion, timestamp, priority);
-            (slot.step(commit, Event::Failure(source)).0, false)
-        }
-        _ => {
-            let asked = told::offer(&mut fusion, timestamp, priority, any_deadline(), kani::any());
-            let is_admitted = matches!(asked, Admission::Admitted { .. });
-            (if is_admitted { slot.offer(source).0 } else { slot }, is_admitted)
-        }
-    };
-    let is_retired = !expected.is_open();
-    kani::assert(is_tree(&fusion.open), "P9: it is a tree");
+            Event::Failure(source)
+        };
+        let after = slot.step(commit, event).0;
+        is_retired = !after.is_open();
+        if is_retired { tree.remove(place) } else { tree.set(place, after) }
+    }
+    kani::assert(same_tree(&fusion.open, &tree), "P9: the tree is changed at its place");
     let same = others_stay(&before, &fusion.open, before.len, AT);
     kani::assert(same, "P9: only its own timestamp changes");
     kani::assert(fusion.len() == 4 - usize::from(is_retired), "P9: as many are open as were left");
-    let own = is_retired || fusion.open.entries[AT].slot == expected;
-    kani::assert(own, "F3: its own is as the step leaves it");
     (is_retired, is_offer)
 }
 
-/// P9, F2, F3, F4, F7: an input to the whole machine for one timestamp of four changes no other.
+/// Whether the trees are the same, node by node and entry by entry.
+fn same_tree<const CLOUDS: usize>(a: &Window<CLOUDS, 4>, b: &Window<CLOUDS, 4>) -> bool {
+    let same = a.root == b.root && a.last == b.last && a.free == b.free && a.len == b.len;
+    same && (0..4)
+        .all(|i| same_node(&a.nodes[i], &b.nodes[i]) && same_entry(&a.entries[i], &b.entries[i]))
+}
+
+/// P9, F2, F3, F4, F7: an input to the whole machine for one timestamp of four does to the tree what `p9_offer_in_four`,
+/// `p9_close_in_four` and `p9_retire_in_four` look at, there and nowhere else.
 ///
-/// Cases: 4.
+/// Cases: 12.
 /// Bounds: window of 4, 1 cloud, one shape of tree, fixed timestamps.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_one_of_four() {
-    let (is_retired, is_offer) = match any_case(4) {
-        0 => one_of::<5, 0>(),
-        1 => one_of::<5, 1>(),
-        2 => one_of::<5, 2>(),
-        _ => one_of::<5, 3>(),
+    let (is_retired, is_offer) = match any_case(12) {
+        0 => one_of::<0>(Kind::Result),
+        1 => one_of::<1>(Kind::Result),
+        2 => one_of::<2>(Kind::Result),
+        3 => one_of::<3>(Kind::Result),
+        4 => one_of::<0>(Kind::Failure),
+        5 => one_of::<1>(Kind::Failure),
+        6 => one_of::<2>(Kind::Failure),
+        7 => one_of::<3>(Kind::Failure),
+        8 => one_of::<0>(Kind::Offer),
+        9 => one_of::<1>(Kind::Offer),
+        10 => one_of::<2>(Kind::Offer),
+        _ => one_of::<3>(Kind::Offer),
     };
     kani::cover!(is_retired, "it is retired");
     kani::cover!(is_offer, "a request is admitted");
