@@ -1,14 +1,17 @@
 // The columns of one trace, decoded, and what follows from them for each timestamp.
 
-export const REFUSALS = ["order", "full", "deadline", "unknown", "closed", "duplicate", "outranked", "queue"];
-export const DROPS = ["unknown", "superseded", "unsolicited", "duplicate", "late"];
-
 /** A timestamp's outcome: the place of the source whose result went out, or one of these. */
 export const MISSED = -1;
 export const OPEN = -2;
 export const REFUSED = -3;
 
 const MORE = { o: 1, f: 2, q: 1, n: 1, d: 1 };
+
+/** Why a message or an offer was refused: the word and a sentence. */
+export const refusal = ({ reasons, p, a }, i) => (p[i] < 0 ? reasons.open : reasons.offer)[a[i]];
+
+/** Why a result or a failure was dropped: the word and a sentence. */
+export const drop = ({ reasons, a }, i) => reasons.dropped[a[i]];
 
 /** Decodes a trace of the page; all instants count from its origin, in nanoseconds. */
 export function decode(told) {

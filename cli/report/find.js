@@ -1,6 +1,6 @@
 // What can be found: timestamps by number, by reason, by violation, by outcome.
 
-import { DROPS, MISSED, OPEN, REFUSALS, find } from "./data.js";
+import { MISSED, OPEN, drop, find, refusal } from "./data.js";
 
 /** All that a trace can be searched for, each with the timestamps that have it, by their beginning. */
 export function filters(trace) {
@@ -18,8 +18,8 @@ export function filters(trace) {
     else if (outcome[k] === OPEN) put(3, "left open", k);
   }
   for (let i = 0; i < length; i++) {
-    if (ev[i] === "d") put(4, `dropped ${DROPS[a[i]]}`, t[i]);
-    else if (ev[i] === "n") put(5, `refused ${REFUSALS[a[i]]}`, t[i]);
+    if (ev[i] === "d") put(4, `dropped ${drop(trace, i)[0]}`, t[i]);
+    else if (ev[i] === "n") put(5, `refused ${refusal(trace, i)[0]}`, t[i]);
     else if (ev[i] === "x" && p[i] >= 0) put(6, `failed ${sources[p[i]].label}`, t[i]);
   }
   const sorted = [...found.values()].sort((x, y) => x.group - y.group || y.hits.size - x.hits.size);

@@ -1,6 +1,6 @@
 // The timeline from near: a block for each timestamp, a lane in it for each source.
 
-import { DROPS, MISSED, REFUSALS, after } from "./data.js";
+import { MISSED, after, drop, refusal } from "./data.js";
 
 const GAP = 5;
 
@@ -93,8 +93,8 @@ function lanesOf(trace, k) {
       case "t": stop(); put("timer", "timer"); break;
       case "c": stop(); put("ring", "cancelled"); break;
       case "e": put("disc", "forwarded", true); break;
-      case "d": put("cross", DROPS[a[i]]); break;
-      case "n": if (p[i] >= 0) put("cross", `refused: ${REFUSALS[a[i]]}`); break;
+      case "d": put("cross", drop(trace, i)[0]); break;
+      case "n": if (p[i] >= 0) put("cross", `refused: ${refusal(trace, i)[0]}`); break;
       default:
     }
   }

@@ -1,6 +1,6 @@
 // What came of the run, in figures and by source.
 
-import { MISSED, REFUSED, DROPS } from "./data.js";
+import { MISSED, REFUSED, drop } from "./data.js";
 import { by, el, swatch } from "./dom.js";
 import { count, counted, share, time } from "./format.js";
 
@@ -32,8 +32,8 @@ export function summarise(trace) {
     else if (kind === "x") of.failed++;
     else if (kind === "d" && !(ev[i - 1] === "x" && p[i - 1] === p[i] && t[i - 1] === t[i])) {
       of.dropped++;
-      if (DROPS[a[i]] === "late") of.late++;
-      if (DROPS[a[i]] === "superseded") of.superseded++;
+      if (drop(trace, i)[0] === "late") of.late++;
+      if (drop(trace, i)[0] === "superseded") of.superseded++;
     }
   }
   for (const of of tally) of.times = Float64Array.from(of.times).sort();

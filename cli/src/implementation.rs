@@ -2,7 +2,7 @@
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 
-use fuseline_operator::Arbiter;
+use fuseline_arbiter::Arbiter;
 use fuseline_traces::{Event, Input, LINE, Line, parse};
 
 use crate::Exit;
@@ -44,7 +44,7 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
             (Ok(Line::Header(header)), arbiter) => {
                 let made = Arbiter::new(&header);
                 let name = "stdin".to_owned();
-                *arbiter = Some(made.map_err(|source| Fault::Config { name, source })?);
+                *arbiter = Some(Box::new(made.map_err(|source| Fault::Config { name, source })?));
             }
             (Ok(Line::Event(Event::Input(input))), Some(arbiter)) => {
                 decide(arbiter, &input, &mut answer);
@@ -69,7 +69,7 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
 
 /// Appends the core's decisions about an input, a line each.
 pub(crate) fn decide(arbiter: &mut Arbiter, input: &Input, answer: &mut Vec<u8>) {
-    arbiter.apply(input, |decision| {
+    arbiter.decide(input, |decision| {
         decision.write(answer);
         answer.push(b'\n');
     });

@@ -3,7 +3,7 @@
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::PathBuf;
 
-use fuseline_operator::Arbiter;
+use fuseline_arbiter::Arbiter;
 use fuseline_traces::{Event, Reader, unpack};
 
 use crate::Exit;
@@ -36,13 +36,14 @@ pub(crate) fn replay(args: &Args) -> Result<Exit, Fault> {
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
     let reader = Reader::new(name.as_str(), BufReader::with_capacity(CHUNK, file))?;
     let arbiter = Arbiter::new(reader.header()).map_err(|source| Fault::Config { name, source })?;
+    let arbiter = Box::new(arbiter);
     answer(reader, arbiter, BufWriter::with_capacity(CHUNK, io::stdout().lock()))?;
     Ok(Exit::Conforms)
 }
 
 fn answer<R: Read>(
     mut reader: Reader<BufReader<R>>,
-    mut arbiter: Arbiter,
+    mut arbiter: Box<Arbiter>,
     mut out: BufWriter<impl Write>,
 ) -> Result<(), Fault> {
     let mut answer = reader.raw().to_vec();

@@ -9,7 +9,7 @@ pub(crate) const SHARED: &str = "core/src/shared";
 /// The other machine does not know it.
 pub(crate) const NO_SHARED: &str = "!core/src/shared";
 /// What turns a trace's inputs into the machine's and its answers into decisions.
-pub(crate) const ARBITER: &str = "adapters/operator/src/arbiter.rs";
+pub(crate) const ARBITER: &str = "adapters/arbiter/src";
 /// The judge of what concurrent machines record, which the strict one does not know.
 pub(crate) const NO_OBSERVED: &str = "!traces/src/observed";
 /// The format, the reference machine, the judge.

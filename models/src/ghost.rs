@@ -5,7 +5,7 @@
 //! instant is kept beyond its timer only while it is the latest that its timestamp had.
 
 use fuseline_core::{Instant, Priority, Timestamp};
-use fuseline_traces::{Commit, Decision, DropReason, Input, Refusal};
+use fuseline_traces::{Commit, Decision, DropReason, Input, OfferRefusal, OpenRefusal};
 
 use crate::claim::{Claim, Claims};
 use crate::config::Config;
@@ -89,12 +89,12 @@ impl Ghost {
             |rest: &[Decision]| rest.iter().all(|d| matches!(d, Decision::Cancel { .. }));
         match (input, own) {
             (Input::Open { .. } | Input::Fail { .. } | Input::Tick { .. }, []) => true,
-            (Input::Open { t, limit, .. }, [Decision::Refuse { t: of, p: None, why, .. }]) => {
+            (Input::Open { t, limit, .. }, [Decision::RefuseOpen { t: of, why, .. }]) => {
                 t == of && self.open_refusal_holds(config, *t, *limit, *why)
             }
             (
                 Input::Offer { t, p, deadline, backlog, .. },
-                [Decision::Refuse { t: of, p: Some(q), why, .. }],
+                [Decision::RefuseOffer { t: of, p: q, why, .. }],
             ) => {
                 (t, p) == (of, q)
                     && self.offer_refusal_holds(config, (*t, *p), *deadline, *backlog, *why)
@@ -121,17 +121,12 @@ impl Ghost {
         config: &Config,
         t: u64,
         limit: Option<u64>,
-        why: Refusal,
+        why: OpenRefusal,
     ) -> bool {
         match why {
-            Refusal::Order => self.was_reached(t),
-            Refusal::Full => self.open.len() >= usize::from(config.window),
-            Refusal::Deadline => limit.is_some_and(|limit| self.is_past(limit)),
-            Refusal::Unknown
-            | Refusal::Closed
-            | Refusal::Duplicate
-            | Refusal::Outranked
-            | Refusal::Queue => false,
+            OpenRefusal::Order => self.was_reached(t),
+            OpenRefusal::Full => self.open.len() >= usize::from(config.window),
+            OpenRefusal::Deadline => limit.is_some_and(|limit| self.is_past(limit)),
         }
     }
 
@@ -141,17 +136,16 @@ impl Ghost {
         (t, p): (u64, u64),
         deadline: u64,
         backlog: u64,
-        why: Refusal,
+        why: OfferRefusal,
     ) -> bool {
         let account = self.account(t);
         match why {
-            Refusal::Unknown => config.cloud(p).is_none() || !self.was_reached(t),
-            Refusal::Closed => account.is_none(),
-            Refusal::Duplicate => account.is_some_and(|account| account.requested.contains(p)),
-            Refusal::Outranked => account.is_some_and(|account| account.held.any_above(p)),
-            Refusal::Deadline => self.is_past(deadline),
-            Refusal::Queue => config.cloud(p).is_some_and(|cloud| backlog > cloud.resume),
-            Refusal::Order | Refusal::Full => false,
+            OfferRefusal::Unknown => config.cloud(p).is_none() || !self.was_reached(t),
+            OfferRefusal::Closed => account.is_none(),
+            OfferRefusal::Duplicate => account.is_some_and(|account| account.requested.contains(p)),
+            OfferRefusal::Outranked => account.is_some_and(|account| account.held.any_above(p)),
+            OfferRefusal::Deadline => self.is_past(deadline),
+            OfferRefusal::Queue => config.cloud(p).is_some_and(|cloud| backlog > cloud.resume),
         }
     }
 
@@ -171,7 +165,12 @@ impl Ghost {
 
     /// Books what came, unless it was refused or dropped.
     fn arrive(&mut self, config: &Config, input: &Input, own: &[Decision]) {
-        if matches!(own.first(), Some(Decision::Refuse { .. } | Decision::Drop { .. })) {
+        if matches!(
+            own.first(),
+            Some(
+                Decision::RefuseOpen { .. } | Decision::RefuseOffer { .. } | Decision::Drop { .. }
+            )
+        ) {
             return;
         }
         let now = self.now;
@@ -247,7 +246,8 @@ impl Ghost {
                 broken.insert_if(Claim::P8, noted != Some(due));
             }
             Decision::Hold { .. }
-            | Decision::Refuse { .. }
+            | Decision::RefuseOpen { .. }
+            | Decision::RefuseOffer { .. }
             | Decision::Drop { .. }
             | Decision::Cancel { .. } => {}
         }
@@ -265,7 +265,7 @@ impl Ghost {
     /// What holds between inputs.
     fn balance(&self, config: &Config, machine: &Machine, broken: &mut Claims) {
         let window = usize::from(config.window);
-        broken.insert_if(Claim::P9, machine.len() > window || self.open.len() > window);
+        broken.insert_if(Claim::P9, machine.fusion().len() > window || self.open.len() > window);
         for account in &self.open {
             let best = account.held.greatest();
             let overripe = best.is_some_and(|best| !account.pending.any_above(best));
@@ -279,14 +279,14 @@ impl Ghost {
             broken.insert_if(Claim::P8, !self.has_timers_of(account, config, machine));
         }
         let next = self.open.iter().flat_map(Account::timers).map(|(_, due)| due).min();
-        broken.insert_if(Claim::P8, machine.next_due().map(Instant::as_nanos) != next);
+        broken.insert_if(Claim::P8, machine.next_due() != next);
     }
 
     /// P8: the machine's timers are those that are owed, and none of them is overdue.
     fn has_timers_of(&self, account: &Account, config: &Config, machine: &Machine) -> bool {
         let mut sources = config.clouds.iter().map(|cloud| cloud.p).chain([0]);
         sources.all(|p| {
-            let due = machine.due(Timestamp::new(account.t), Priority::new(p));
+            let due = machine.fusion().due(Timestamp::new(account.t), Priority::new(p));
             let owed = account.due(p.into());
             due.map(Instant::as_nanos) == owed && owed.is_none_or(|due| due > self.now)
         })

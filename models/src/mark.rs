@@ -1,7 +1,7 @@
 //! What a step can show: the witnesses that the environment reaches every rule, reason and promise.
 
 use fuseline_core::Priority;
-use fuseline_traces::{Commit, Decision, DropReason, Input, Refusal};
+use fuseline_traces::{Commit, Decision, DropReason, Input, OfferRefusal, OpenRefusal};
 
 use crate::config::Config;
 use crate::ghost::Account;
@@ -182,11 +182,11 @@ fn of_input(
     let decision = answer.own.first();
     match *input {
         Input::Open { limit, .. } => {
-            if let Some(Decision::Refuse { why, .. }) = decision {
-                shown.extend(open_refused(*why));
+            if let Some(Decision::RefuseOpen { why, .. }) = decision {
+                shown.insert(open_refused(*why));
             } else {
                 shown.insert(if limit.is_some() { Mark::OpenLimited } else { Mark::OpenFree });
-                let full = before.ghost.open().len() == before.machine.window();
+                let full = before.ghost.open().len() == before.machine.fusion().window();
                 shown.insert_if(Mark::OpenRoom, full);
             }
         }
@@ -222,8 +222,9 @@ fn of_offer(
     shown: &mut Marks,
 ) {
     let cloud = u16::try_from(p).ok().map(Priority::new);
-    let was_shut = cloud.and_then(|p| before.machine.gate(p)).is_some_and(|gate| gate.is_shut());
-    if let Some(Decision::Refuse { why, .. }) = answer.own.first() {
+    let was_shut =
+        cloud.and_then(|p| before.machine.fusion().gate(p)).is_some_and(|gate| gate.is_shut());
+    if let Some(Decision::RefuseOffer { why, .. }) = answer.own.first() {
         let gate = if was_shut { Mark::GateStays } else { Mark::GateShuts };
         let gate = (below_limit || !was_shut).then_some(gate);
         shown.extend(offer_refused(*why, after.ghost.was_reached(t), gate));
@@ -278,31 +279,25 @@ fn of_result(
     }
 }
 
-/// The mark of a refused open, if the reason is one of F1.
-fn open_refused(why: Refusal) -> Option<Mark> {
+/// The mark of a refused open.
+fn open_refused(why: OpenRefusal) -> Mark {
     match why {
-        Refusal::Order => Some(Mark::OpenOrder),
-        Refusal::Full => Some(Mark::OpenFull),
-        Refusal::Deadline => Some(Mark::OpenDeadline),
-        Refusal::Unknown
-        | Refusal::Closed
-        | Refusal::Duplicate
-        | Refusal::Outranked
-        | Refusal::Queue => None,
+        OpenRefusal::Order => Mark::OpenOrder,
+        OpenRefusal::Full => Mark::OpenFull,
+        OpenRefusal::Deadline => Mark::OpenDeadline,
     }
 }
 
-/// The mark of a refused offer, if the reason is one of F2; `gate` is that of its gate.
-fn offer_refused(why: Refusal, reached: bool, gate: Option<Mark>) -> Option<Mark> {
+/// The mark of a refused offer; `gate` is that of its gate.
+fn offer_refused(why: OfferRefusal, reached: bool, gate: Option<Mark>) -> Option<Mark> {
     match why {
-        Refusal::Unknown if reached => Some(Mark::OfferUnknownCloud),
-        Refusal::Unknown => Some(Mark::OfferUnknownTimestamp),
-        Refusal::Closed => Some(Mark::OfferClosed),
-        Refusal::Duplicate => Some(Mark::OfferDuplicate),
-        Refusal::Outranked => Some(Mark::OfferOutranked),
-        Refusal::Deadline => Some(Mark::OfferDeadline),
-        Refusal::Queue => gate,
-        Refusal::Order | Refusal::Full => None,
+        OfferRefusal::Unknown if reached => Some(Mark::OfferUnknownCloud),
+        OfferRefusal::Unknown => Some(Mark::OfferUnknownTimestamp),
+        OfferRefusal::Closed => Some(Mark::OfferClosed),
+        OfferRefusal::Duplicate => Some(Mark::OfferDuplicate),
+        OfferRefusal::Outranked => Some(Mark::OfferOutranked),
+        OfferRefusal::Deadline => Some(Mark::OfferDeadline),
+        OfferRefusal::Queue => gate,
     }
 }
 

@@ -4,7 +4,7 @@ use std::fmt;
 use std::hash::{Hash, Hasher};
 use std::sync::OnceLock;
 
-use fuseline_core::{Instant, Timestamp};
+use fuseline_core::Timestamp;
 use fuseline_traces::{Decision, Demands, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
@@ -84,10 +84,10 @@ impl State {
         let Some(reference) = &mut self.reference else { return };
         let mut demands = Demands::new();
         reference.apply(input, &mut demands);
-        let now = reference.now() == self.machine.now().as_nanos();
-        let alike = reference.next_due() == self.machine.next_due().map(Instant::as_nanos)
+        let now = reference.now() == self.machine.now();
+        let alike = reference.next_due() == self.machine.next_due()
             && config.timestamps.iter().all(|t| {
-                let slot = self.machine.slot(Timestamp::new(*t));
+                let slot = self.machine.fusion().slot(Timestamp::new(*t));
                 reference.is_open(*t) == slot.is_some()
             });
         let claim = difference(input, answer, &demands)
@@ -151,7 +151,8 @@ fn of_decision(decision: &Decision, input: &Input) -> Claim {
         Decision::Timer { .. } => Claim::F5,
         Decision::Emit { .. } | Decision::Miss { .. } => Claim::F6,
         Decision::Cancel { .. } => Claim::F7,
-        Decision::Refuse { .. }
+        Decision::RefuseOpen { .. }
+        | Decision::RefuseOffer { .. }
         | Decision::Request { .. }
         | Decision::Hold { .. }
         | Decision::Drop { .. } => of_input(input),
@@ -189,18 +190,18 @@ impl Hash for State {
 impl fmt::Debug for State {
     /// What the machine says of itself, a line for each open timestamp, and what is broken.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "now {}", self.machine.now().as_nanos())?;
-        match self.machine.newest() {
+        write!(f, "now {}", self.machine.now())?;
+        match self.machine.fusion().newest() {
             Some(newest) => write!(f, ", newest {}", newest.as_u64())?,
             None => f.write_str(", nothing opened")?,
         }
-        for source in self.machine.clouds().iter() {
-            let p = self.machine.priority(source);
-            if self.machine.gate(p).is_some_and(|gate| gate.is_shut()) {
+        for source in self.machine.fusion().clouds().iter() {
+            let p = self.machine.fusion().priority(source);
+            if self.machine.fusion().gate(p).is_some_and(|gate| gate.is_shut()) {
                 write!(f, ", gate {} shut", p.as_u16())?;
             }
         }
-        for (t, slot) in self.machine.open() {
+        for (t, slot) in self.machine.fusion().open() {
             write!(f, "\nt {}:", t.as_u64())?;
             let sets = [
                 ("pending", slot.pending()),
@@ -210,9 +211,9 @@ impl fmt::Debug for State {
             for (name, set) in sets.into_iter().filter(|(_, set)| !set.is_empty()) {
                 write!(f, " {name}")?;
                 for source in set.iter() {
-                    let p = self.machine.priority(source);
+                    let p = self.machine.fusion().priority(source);
                     write!(f, " {}", p.as_u16())?;
-                    if let Some(due) = self.machine.due(t, p) {
+                    if let Some(due) = self.machine.fusion().due(t, p) {
                         write!(f, " (due {})", due.as_nanos())?;
                     }
                 }

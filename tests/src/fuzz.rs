@@ -7,7 +7,7 @@ mod bytes;
 mod edit;
 mod reach;
 
-use fuseline_operator::Arbiter;
+use fuseline_arbiter::Arbiter;
 use fuseline_traces as traces;
 use fuseline_traces::{Event, Fault, LINE, Line, ReadError, Reader, Reference, parse, unpack};
 use serde::de::IgnoredAny;
@@ -97,7 +97,7 @@ fn compare(run: &Run, reach: &mut Reach) -> Check {
         demands.clear();
         reference.apply(input, &mut demands);
         found.clear();
-        arbiter.apply(input, |decision| found.push(decision));
+        arbiter.decide(input, |decision| found.push(decision));
         if !found.iter().eq(demands.iter().map(|(decision, _)| decision)) {
             return Err(format!("input {i}, {input}: {found:?}, the rules say {demands:?}"));
         }
@@ -148,7 +148,7 @@ fn replay(run: &Run) -> Result<Vec<Event>, String> {
     let mut events = Vec::new();
     for input in &run.inputs {
         events.push(Event::Input(*input));
-        arbiter.apply(input, |decision| events.push(Event::Decision(decision)));
+        arbiter.decide(input, |decision| events.push(Event::Decision(decision)));
     }
     Ok(events)
 }
@@ -209,6 +209,9 @@ fn text(run: &Run, events: &[Event]) -> Vec<u8> {
     text
 }
 
-fn arbiter(run: &Run) -> Result<Arbiter, String> {
-    Arbiter::new(&run.header).map_err(|error| format!("a sound configuration is refused: {error}"))
+fn arbiter(run: &Run) -> Result<Box<Arbiter>, String> {
+    match Arbiter::new(&run.header) {
+        Ok(arbiter) => Ok(Box::new(arbiter)),
+        Err(error) => Err(format!("a sound configuration is refused: {error}")),
+    }
 }

@@ -65,9 +65,11 @@ impl Ledger {
 
     /// Books what came, unless it was refused or dropped.
     fn arrive(&mut self, input: &Input, own: &[Decision]) {
-        let refused =
-            own.iter().any(|d| matches!(d, Decision::Refuse { .. } | Decision::Drop { .. }));
-        if refused {
+        let is_refused = |d: &Decision| {
+            use Decision::{Drop, RefuseOffer, RefuseOpen};
+            matches!(d, RefuseOpen { .. } | RefuseOffer { .. } | Drop { .. })
+        };
+        if own.iter().any(is_refused) {
             return;
         }
         let now = self.now;
@@ -129,7 +131,9 @@ impl Ledger {
                     format!("P8: ({t}, {p}) is due at {due} after {input:?}")
                 })
             }
-            Decision::Refuse { .. } | Decision::Drop { .. } => Ok(()),
+            Decision::RefuseOpen { .. } | Decision::RefuseOffer { .. } | Decision::Drop { .. } => {
+                Ok(())
+            }
         }
     }
 
@@ -207,7 +211,7 @@ fn own_begin(input: &Input, decisions: &[Decision]) -> usize {
     let Some(last) = decisions.iter().rposition(is_main) else { return decisions.len() };
     let own = match input {
         Input::Offer { .. } | Input::Result { .. } => true,
-        Input::Open { .. } => matches!(decisions[last], Decision::Refuse { .. }),
+        Input::Open { .. } => matches!(decisions[last], Decision::RefuseOpen { .. }),
         // Had a firing retired the timestamp, the failure would have been dropped after it.
         Input::Fail { t, .. } => match decisions[last] {
             Decision::Drop { .. } => true,
@@ -223,13 +227,14 @@ fn own_begin(input: &Input, decisions: &[Decision]) -> usize {
 fn accounted(input: &Input, own: &[Decision]) -> Check {
     let outputs = own.iter().filter(|d| !matches!(d, Decision::Cancel { .. })).count();
     let all = own.iter().all(|decision| match input {
-        Input::Open { .. } => matches!(decision, Decision::Refuse { p: None, .. }),
+        Input::Open { .. } => matches!(decision, Decision::RefuseOpen { .. }),
         Input::Offer { .. } => {
-            matches!(decision, Decision::Request { .. } | Decision::Refuse { p: Some(_), .. })
+            matches!(decision, Decision::Request { .. } | Decision::RefuseOffer { .. })
         }
         Input::Result { .. } => !matches!(
             decision,
-            Decision::Refuse { .. }
+            Decision::RefuseOpen { .. }
+                | Decision::RefuseOffer { .. }
                 | Decision::Request { .. }
                 | Decision::Miss { .. }
                 | Decision::Timer { .. }

@@ -6,10 +6,11 @@ use std::fs;
 use std::io::BufReader;
 use std::path::Path;
 
-use fuseline_operator::Arbiter;
+use fuseline_arbiter::Arbiter;
 use fuseline_tests::{Ledger, Run, runs};
 use fuseline_traces::{
-    Commit, Decision, DropReason, Event, Header, Input, Reader, Reference, Refusal,
+    Commit, Decision, DropReason, Event, Header, Input, OfferRefusal, OpenRefusal, Reader,
+    Reference,
 };
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestError, TestRunner};
 
@@ -18,13 +19,13 @@ const CASES: u32 = 1024;
 /// Enough where nothing is counted.
 const FEWER: u32 = 256;
 
-fn arbiter(header: &Header) -> Arbiter {
-    Arbiter::new(header).expect("the reader and the strategy make sound configurations")
+fn arbiter(header: &Header) -> Box<Arbiter> {
+    Box::new(Arbiter::new(header).expect("the reader and the strategy make sound configurations"))
 }
 
 fn decisions(arbiter: &mut Arbiter, input: &Input) -> Vec<Decision> {
     let mut decisions = Vec::new();
-    arbiter.apply(input, |decision| decisions.push(decision));
+    arbiter.decide(input, |decision| decisions.push(decision));
     decisions
 }
 
@@ -227,10 +228,10 @@ fn all_outcomes() -> BTreeSet<String> {
     ]
     .map(String::from)
     .into();
-    for why in [Refusal::Order, Refusal::Full, Refusal::Deadline] {
+    for why in OpenRefusal::ALL {
         outcomes.push(format!("open refused {why}"));
     }
-    for why in Refusal::ALL.into_iter().skip(2) {
+    for why in OfferRefusal::ALL {
         outcomes.push(format!("offer refused {why}"));
     }
     for why in DropReason::ALL {

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use fuseline_traces::observed::{Disorder, Judge, Slack, Story, Verdict};
 use fuseline_traces::{
-    Cloud, Commit, Decision, DropReason, Event, Header, Input, Reference, Refusal,
+    Cloud, Commit, Decision, DropReason, Event, Header, Input, OpenRefusal, Reference,
 };
 use proptest::collection::vec;
 use proptest::option;
@@ -60,7 +60,7 @@ fn breaks(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> b
                 is_stranger |= p == 0 || p > 2;
                 story.requests.push((p, at, due));
             }
-            Event::Decision(Decision::Refuse { at, p: None, .. }) => drop(refusals.insert((at, i))),
+            Event::Decision(Decision::RefuseOpen { at, .. }) => drop(refusals.insert((at, i))),
             Event::Decision(Decision::Drop { at, p, why: DropReason::Unknown, .. }) => {
                 unknown.insert((p, at));
             }
@@ -221,7 +221,7 @@ fn event() -> impl Strategy<Value = Event> {
         3 => (n(), n(), n(), n()).prop_map(|(at, t, p, due)| Decision::Request { at, t, p, due }),
         2 => (n(), n(), n()).prop_map(|(at, t, p)| Decision::Emit { at, t, p }),
         1 => (n(), n()).prop_map(|(at, t)| Decision::Miss { at, t }),
-        1 => (n(), n()).prop_map(|(at, t)| Decision::Refuse { at, t, p: None, why: Refusal::Full }),
+        1 => (n(), n()).prop_map(|(at, t)| Decision::RefuseOpen { at, t, why: OpenRefusal::Full }),
         1 => (n(), n(), n(), any::<bool>()).prop_map(|(at, t, p, is_unknown)| {
             let why = if is_unknown { DropReason::Unknown } else { DropReason::Superseded };
             Decision::Drop { at, t, p, why }

@@ -7,11 +7,11 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
+use fuseline_arbiter::{Arbiter, decisions_of};
 use fuseline_core::ConfigError;
 use fuseline_traces::{Decision, Header, Input};
 use tracing::{debug, warn};
 
-use crate::arbiter::Arbiter;
 use crate::effect::{Effect, Local, Opening};
 use crate::item::{Forwarded, Item, Outcome, Rule, Source};
 use crate::lane::{Lane, Waiting};
@@ -34,7 +34,7 @@ const LOCAL: usize = 0;
 /// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
 pub struct Engine<V, R> {
     operator: Arc<str>,
-    arbiter: Arbiter,
+    arbiter: Box<Arbiter>,
     /// Local's, then the clouds' in the header's order.
     lanes: Vec<Lane<R>>,
     local: Local,
@@ -71,7 +71,7 @@ impl<V, R> Engine<V, R> {
     /// # Errors
     /// Why the configuration is refused.
     pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
-        let arbiter = Arbiter::new(header)?;
+        let arbiter = Box::new(Arbiter::new(header)?);
         let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
         let mut lanes =
             vec![Lane::new(Source { priority: 0, name: "local".into() }, local.at_once)];
@@ -114,7 +114,7 @@ impl<V, R> Engine<V, R> {
     /// F1: a message came. `job` goes to local if it is taken on; `limit` is local's.
     pub fn open(&mut self, at: u64, t: u64, limit: Option<Duration>, job: R) -> Opening {
         self.apply(Input::Open { at, t, limit: limit.map(nanos) }, Cargo::Nothing);
-        if self.decisions.iter().any(|decision| matches!(decision, Decision::Refuse { .. })) {
+        if self.decisions.iter().any(|decision| matches!(decision, Decision::RefuseOpen { .. })) {
             self.send();
             return Opening::Refused;
         }
@@ -187,7 +187,7 @@ impl<V, R> Engine<V, R> {
     /// Whether no message is open.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.arbiter.open_len() == 0
+        self.arbiter.fusion().is_empty()
     }
 
     /// The counts, as they go on.
@@ -204,9 +204,11 @@ impl<V, R> Engine<V, R> {
         }
         let mut decisions = std::mem::take(&mut self.decisions);
         decisions.clear();
-        self.arbiter.expire(at, |decision| decisions.push(decision));
+        let answer = self.arbiter.apply(&input, |at, firing| {
+            decisions_of(at, firing, |decision| decisions.push(decision));
+        });
         let fired = decisions.len();
-        self.arbiter.apply(&input, |decision| decisions.push(decision));
+        answer.decisions(self.arbiter.now(), |decision| decisions.push(decision));
         for tape in &mut self.tapes {
             tape.record(&input, &decisions);
         }
@@ -240,12 +242,12 @@ impl<V, R> Engine<V, R> {
                 self.count(p, Event::Timer);
                 self.close(t, p);
             }
-            Decision::Refuse { at, t, p: None, why } => {
+            Decision::RefuseOpen { at, t, why } => {
                 warn!(operator, timestamp = t, %why, "message refused");
                 self.counts.refused(why);
                 self.output(t, at, at, Outcome::Refused(why));
             }
-            Decision::Refuse { t, p: Some(p), why, .. } => {
+            Decision::RefuseOffer { t, p, why, .. } => {
                 debug!(operator, timestamp = t, source = self.name(p), %why, "request refused");
                 self.count(p, Event::Refused(why));
             }

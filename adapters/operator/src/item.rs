@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_traces::Refusal;
+use fuseline_traces::OpenRefusal;
 
 /// What became of one message. Every message taken in leads to exactly one (P1, P11).
 ///
@@ -29,7 +29,7 @@ pub enum Outcome<V> {
     /// No result came and none will (F6).
     Missed,
     /// The message was not taken on, and nothing was computed for it (F1).
-    Refused(Refusal),
+    Refused(OpenRefusal),
 }
 
 /// A result on its way downstream.

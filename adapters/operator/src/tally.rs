@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use fuseline_traces::{DropReason, Refusal};
+use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 
 use crate::item::{Rule, Source};
 use crate::meter::Meters;
@@ -15,7 +15,7 @@ pub struct Tally {
     /// Messages taken on.
     pub messages: u64,
     /// Messages refused, by reason (F1).
-    pub refused: BTreeMap<Refusal, u64>,
+    pub refused: BTreeMap<OpenRefusal, u64>,
     /// Messages that nothing came for (F6).
     pub missed: u64,
     /// Local first, then the clouds as they were registered.
@@ -30,7 +30,7 @@ pub struct SourceTally {
     /// Requests admitted (F2); local's are the messages taken on.
     pub admitted: u64,
     /// Requests refused, by reason (F2).
-    pub refused: BTreeMap<Refusal, u64>,
+    pub refused: BTreeMap<OfferRefusal, u64>,
     /// Messages answered with its result, by what made the result go (F7).
     pub outputs: BTreeMap<Rule, u64>,
     /// Results that were held at first (F3).
@@ -95,7 +95,7 @@ pub(crate) struct Counts {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Event {
     Admitted,
-    Refused(Refusal),
+    Refused(OfferRefusal),
     Output(Rule),
     /// The result that just came goes at once; its message is counted by `Output`.
     Forwarded,
@@ -128,7 +128,7 @@ impl Counts {
         self.meters.messages.increment(1);
     }
 
-    pub(crate) fn refused(&self, why: Refusal) {
+    pub(crate) fn refused(&self, why: OpenRefusal) {
         *self.lock().refused.entry(why).or_default() += 1;
         self.meters.refused(why);
     }

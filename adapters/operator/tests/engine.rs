@@ -6,8 +6,8 @@ use std::io::BufReader;
 use std::time::Duration;
 
 use fuseline_operator::{
-    Cloud, Commit, DropReason, Effect, Engine, Header, Item, Local, Opening, Outcome, Recorder,
-    Recording, Refusal, Rule,
+    Cloud, Commit, DropReason, Effect, Engine, Header, Item, Local, OfferRefusal, Opening, Outcome,
+    Recorder, Recording, Rule,
 };
 use fuseline_traces::judge;
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
@@ -124,7 +124,10 @@ fn the_gate_sees_the_true_length_of_the_queue() {
         engine.offer(t, t, 1, 100 * NS, t);
     }
     // Nothing was offered for an answered message.
-    assert_eq!(engine.counts().tally().sources[2].refused, BTreeMap::from([(Refusal::Closed, 4)]));
+    assert_eq!(
+        engine.counts().tally().sources[2].refused,
+        BTreeMap::from([(OfferRefusal::Closed, 4)])
+    );
     for t in 4..8 {
         assert_eq!(engine.open(t, t, None, 0), Opening::Computing, "{t}");
         engine.offer(t, t, 1, 100 * NS, t);
@@ -132,7 +135,7 @@ fn the_gate_sees_the_true_length_of_the_queue() {
     }
     // One is under way, two wait; the fourth was refused and its local result went at once.
     let west = &engine.counts().tally().sources[2];
-    assert_eq!(west.refused[&Refusal::Queue], 1);
+    assert_eq!(west.refused[&OfferRefusal::Queue], 1);
     assert_eq!(west.admitted, 3);
 }
 

@@ -12,8 +12,8 @@ mod setup;
 mod stream;
 
 pub use fuseline_operator::{
-    Commit, ConfigError, DropReason, Forwarded, Item, Outcome, Recording, Refusal, Rule, Source,
-    SourceTally, Tally,
+    Commit, ConfigError, DropReason, Forwarded, Item, OfferRefusal, OpenRefusal, Outcome,
+    Recording, Rule, Source, SourceTally, Tally,
 };
 pub use local::Local;
 pub use operator::{Config, Items, Operator, Running, SpawnError, Trace, spawn};

@@ -8,7 +8,7 @@ use std::sync::{Arc, Barrier, Mutex};
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Call, Config, Error, Item, Local, Operator, Outcome, Refusal, Setup, SpawnError, Trace,
+    Call, Config, Error, Item, Local, OfferRefusal, Operator, Outcome, Setup, SpawnError, Trace,
     WriteError, spawn, stream,
 };
 use support::Act::{Answers, Never};
@@ -407,7 +407,7 @@ async fn deadlines_of_nothing_and_of_ages_are_decided_by_the_rules() {
     let script = Script::new().cloud(1, 0, |_| Answers(1)).cloud(2, u64::MAX, |_| Answers(30));
     let played = play_default(script, &[0]).await;
     assert_eq!(played.items, "30.000 ms: 0 cloud 2 by arrival from 30 ms\n");
-    assert_eq!(played.tally.sources[1].refused.get(&Refusal::Deadline), Some(&1));
+    assert_eq!(played.tally.sources[1].refused.get(&OfferRefusal::Deadline), Some(&1));
 
     let limit = Some(Duration::ZERO);
     let played = play_default(Script { limit, ..Script::new() }, &[0]).await;

@@ -4,7 +4,7 @@ mod support;
 
 use std::time::Duration;
 
-use fuseline_tokio::{Commit, Config, DropReason, Refusal, Rule};
+use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, Rule};
 use support::Act::{Answers, Fails, Never, Panics};
 use support::{Part, Script, play, play_default};
 
@@ -97,7 +97,7 @@ async fn one_message_more_than_the_window_is_refused_full_and_downstream_learns(
         "10.000 ms: 1 refused full\n20.000 ms: 0 local by arrival from 20 ms\n\
          50.000 ms: 2 local by arrival from 50 ms\n"
     );
-    assert_eq!(played.tally.refused.get(&Refusal::Full), Some(&1));
+    assert_eq!(played.tally.refused.get(&OpenRefusal::Full), Some(&1));
 }
 
 #[tokio::test(start_paused = true)]
@@ -109,7 +109,7 @@ async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
     // the second call starts: the queue is one long, the gate still shut. At 130 ms it is empty.
     let played = play_default(script, &[0, 10, 20, 30, 105, 130]).await;
     let cloud = &played.tally.sources[1];
-    assert_eq!(cloud.refused.get(&Refusal::Queue), Some(&2));
+    assert_eq!(cloud.refused.get(&OfferRefusal::Queue), Some(&2));
     assert_eq!(cloud.admitted, 4);
     assert_eq!(
         played.items,

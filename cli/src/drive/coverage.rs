@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fuseline_traces::{Decision, DropReason, Input, Refusal, Rule};
+use fuseline_traces::{Decision, DropReason, Input, OfferRefusal, OpenRefusal, Rule};
 use serde_json::{Map, Value};
 
 use super::case::Run;
@@ -13,13 +13,13 @@ use super::scene::{Reasons, Scene, Step};
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 enum Mark {
     Rule(Rule),
-    Open(Refusal),
-    Offer(Refusal),
+    Open(OpenRefusal),
+    Offer(OfferRefusal),
     Result(DropReason),
     Fail(DropReason),
     /// The first decides although the second holds as well.
-    Opens(Refusal, Refusal),
-    Offers(Refusal, Refusal),
+    Opens(OpenRefusal, OpenRefusal),
+    Offers(OfferRefusal, OfferRefusal),
     Results(DropReason, DropReason),
     Fails(DropReason, DropReason),
     Edge(Edge),
@@ -48,8 +48,9 @@ impl Coverage {
             let step = scene.apply(input);
             self.edges(Edge::of_step(&scene, input, &step));
             let own = step.own.first().map(|(decision, _)| *decision);
-            if let Some(Decision::Request { .. } | Decision::Refuse { why: Refusal::Queue, .. }) =
-                own
+            if let Some(
+                Decision::Request { .. } | Decision::RefuseOffer { why: OfferRefusal::Queue, .. },
+            ) = own
             {
                 self.edges(gate.into_iter());
             }
@@ -144,9 +145,8 @@ impl Mark {
 /// All that can be reached, by kind.
 fn kinds() -> [(&'static str, Vec<Mark>); 4] {
     use DropReason as Drop;
-    use Refusal::{Closed, Deadline, Duplicate, Full, Order, Outranked, Queue, Unknown};
-    let opens = [Order, Full, Deadline];
-    let offers = [Unknown, Closed, Duplicate, Outranked, Deadline, Queue];
+    let opens = OpenRefusal::ALL;
+    let offers = OfferRefusal::ALL;
     // Who was not asked, or cannot be, has no result in hand.
     let drops = Drop::ALL;
     let can_be = |(first, second): &(Drop, Drop)| {

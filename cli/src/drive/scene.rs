@@ -4,7 +4,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use fuseline_traces::{Cloud, Decision, Demands, DropReason, Header, Input, Reference, Refusal};
+use fuseline_traces::{
+    Cloud, Decision, Demands, DropReason, Header, Input, OfferRefusal, OpenRefusal, Reference,
+};
 
 /// How far back an open timestamp is looked for.
 const RECENT: usize = 16;
@@ -53,8 +55,8 @@ pub(super) struct Step {
 /// Which reasons hold for an input, whether or not an earlier one decides.
 pub(super) enum Reasons {
     None,
-    Open(Vec<Refusal>),
-    Offer(Vec<Refusal>),
+    Open(Vec<OpenRefusal>),
+    Offer(Vec<OfferRefusal>),
     Result(Vec<DropReason>),
     Fail(Vec<DropReason>),
 }
@@ -146,28 +148,28 @@ impl Scene {
     }
 
     /// F1.
-    fn open_reasons(&self, t: u64, limit: Option<u64>) -> Vec<Refusal> {
+    fn open_reasons(&self, t: u64, limit: Option<u64>) -> Vec<OpenRefusal> {
         holding([
-            (Refusal::Order, self.was_reached(t)),
-            (Refusal::Full, self.open.len() >= self.window),
-            (Refusal::Deadline, limit.is_some_and(|limit| self.is_past(limit))),
+            (OpenRefusal::Order, self.was_reached(t)),
+            (OpenRefusal::Full, self.open.len() >= self.window),
+            (OpenRefusal::Deadline, limit.is_some_and(|limit| self.is_past(limit))),
         ])
     }
 
     /// F2. Of a retired timestamp the sets count as they last were: a machine that forgot that it
     /// is closed would look there.
-    fn offer_reasons(&self, t: u64, p: u64, deadline: u64, backlog: u64) -> Vec<Refusal> {
+    fn offer_reasons(&self, t: u64, p: u64, deadline: u64, backlog: u64) -> Vec<OfferRefusal> {
         let (gate, tale) = (self.gates.get(&p), self.tales.get(&t));
         let shut = |gate: &Gate| {
             if gate.is_shut { backlog > gate.resume } else { backlog >= gate.limit }
         };
         holding([
-            (Refusal::Unknown, gate.is_none() || !self.was_reached(t)),
-            (Refusal::Closed, !self.open.contains(&t)),
-            (Refusal::Duplicate, tale.is_some_and(|tale| tale.asked.contains_key(&p))),
-            (Refusal::Outranked, tale.is_some_and(|tale| tale.in_hand.iter().any(|q| *q > p))),
-            (Refusal::Deadline, self.is_past(deadline)),
-            (Refusal::Queue, gate.is_some_and(shut)),
+            (OfferRefusal::Unknown, gate.is_none() || !self.was_reached(t)),
+            (OfferRefusal::Closed, !self.open.contains(&t)),
+            (OfferRefusal::Duplicate, tale.is_some_and(|tale| tale.asked.contains_key(&p))),
+            (OfferRefusal::Outranked, tale.is_some_and(|tale| tale.in_hand.iter().any(|q| *q > p))),
+            (OfferRefusal::Deadline, self.is_past(deadline)),
+            (OfferRefusal::Queue, gate.is_some_and(shut)),
         ])
     }
 
@@ -228,7 +230,7 @@ impl Scene {
                 self.asked.push((t, p));
                 self.turn_gate(p, false);
             }
-            Decision::Refuse { p: Some(p), why: Refusal::Queue, .. } => self.turn_gate(p, true),
+            Decision::RefuseOffer { p, why: OfferRefusal::Queue, .. } => self.turn_gate(p, true),
             Decision::Hold { t, p, .. } => self.take(t, p),
             Decision::Emit { t, p, .. } => {
                 self.take(t, p);
@@ -237,7 +239,10 @@ impl Scene {
             Decision::Miss { t, .. } => {
                 self.open.remove(&t);
             }
-            Decision::Refuse { .. } | Decision::Drop { .. } | Decision::Cancel { .. } => {}
+            Decision::RefuseOpen { .. }
+            | Decision::RefuseOffer { .. }
+            | Decision::Drop { .. }
+            | Decision::Cancel { .. } => {}
         }
     }
 

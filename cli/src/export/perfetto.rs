@@ -118,9 +118,12 @@ impl<W: Write> Tracks<W> {
             Decision::Drop { at, t, p, why } => {
                 self.instant(at, track(p), t, &format!("drop {why}"))
             }
-            Decision::Refuse { at, t, p, why } => {
-                self.instant(at, p.map_or(0, track), t, &format!("refuse {why}"))?;
-                if p.is_none() { self.end(at, t, 0, "refused") } else { Ok(()) }
+            Decision::RefuseOpen { at, t, why } => {
+                self.instant(at, 0, t, &format!("refuse {why}"))?;
+                self.end(at, t, 0, "refused")
+            }
+            Decision::RefuseOffer { at, t, p, why } => {
+                self.instant(at, track(p), t, &format!("refuse {why}"))
             }
             Decision::Emit { at, t, p } => {
                 self.instant(at, OUTPUTS, t, &format!("p {p}"))?;

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use fuseline_traces::{Commit, Decision, DropReason, Event, Header, Input, Refusal};
+use fuseline_traces::{Decision, DropReason, Event, Header, Input, OfferRefusal, OpenRefusal};
 use serde::Serialize;
 use serde::ser::Serializer;
 
@@ -32,6 +32,7 @@ pub(crate) struct Told {
     /// Tolerance and lateness, if judged as observed.
     observed: Option<[u64; 2]>,
     sources: Vec<Source>,
+    reasons: Reasons,
     conforms: bool,
     judged: u64,
     lines: u64,
@@ -52,6 +53,16 @@ pub(crate) struct Told {
     /// What some events have more, in their order; see `more_of`.
     x: Vec<i128>,
 }
+
+/// The reasons by their places: the word and the sentence of each.
+#[derive(Serialize)]
+struct Reasons {
+    open: [Said; OpenRefusal::ALL.len()],
+    offer: [Said; OfferRefusal::ALL.len()],
+    dropped: [Said; DropReason::ALL.len()],
+}
+
+type Said = (&'static str, &'static str);
 
 #[derive(Serialize)]
 struct Source {
@@ -113,12 +124,14 @@ impl Columns {
             file: summary.file.to_owned(),
             operator: header.operator.clone(),
             window: header.window,
-            commit: match header.commit {
-                Commit::Eager => "eager",
-                Commit::Patient => "patient",
-            },
+            commit: header.commit.as_str(),
             observed: manner.map(|slack| [slack.tolerance, slack.lateness]),
             sources: self.named(header),
+            reasons: Reasons {
+                open: OpenRefusal::ALL.map(|why| (why.as_str(), why.sentence())),
+                offer: OfferRefusal::ALL.map(|why| (why.as_str(), why.sentence())),
+                dropped: DropReason::ALL.map(|why| (why.as_str(), why.sentence())),
+            },
             conforms: summary.conforms,
             judged: summary.judged,
             lines: summary.lines,
@@ -197,7 +210,7 @@ const fn letter(event: &Event) -> char {
         Event::Input(Input::Fail { .. }) => 'x',
         Event::Input(Input::Tick { .. }) => '.',
         Event::Decision(Decision::Timer { .. }) => 't',
-        Event::Decision(Decision::Refuse { .. }) => 'n',
+        Event::Decision(Decision::RefuseOpen { .. } | Decision::RefuseOffer { .. }) => 'n',
         Event::Decision(Decision::Request { .. }) => 'q',
         Event::Decision(Decision::Hold { .. }) => 'h',
         Event::Decision(Decision::Drop { .. }) => 'd',
@@ -210,22 +223,22 @@ const fn letter(event: &Event) -> char {
 const fn priority(event: &Event) -> Option<u64> {
     match event {
         Event::Input(Input::Open { .. } | Input::Tick { .. })
-        | Event::Decision(Decision::Miss { .. }) => None,
+        | Event::Decision(Decision::RefuseOpen { .. } | Decision::Miss { .. }) => None,
         Event::Input(Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. })
         | Event::Decision(
             Decision::Timer { p, .. }
+            | Decision::RefuseOffer { p, .. }
             | Decision::Request { p, .. }
             | Decision::Hold { p, .. }
             | Decision::Drop { p, .. }
             | Decision::Emit { p, .. }
             | Decision::Cancel { p, .. },
         ) => Some(*p),
-        Event::Decision(Decision::Refuse { p, .. }) => *p,
     }
 }
 
 /// What an event has more: an open its limit or −1, an offer its deadline and backlog, a request the
-/// time to its due instant, a refusal and a drop the place of their reason.
+/// time to its due instant, a refusal and a drop the place of their reason in its table.
 fn more_of(event: &Event, x: &mut Vec<i128>) {
     match *event {
         Event::Input(Input::Open { limit, .. }) => x.push(limit.map_or(-1, i128::from)),
@@ -235,23 +248,9 @@ fn more_of(event: &Event, x: &mut Vec<i128>) {
         Event::Decision(Decision::Request { at, due, .. }) => {
             x.push(i128::from(due) - i128::from(at));
         }
-        Event::Decision(Decision::Refuse { why, .. }) => x.push(match why {
-            Refusal::Order => 0,
-            Refusal::Full => 1,
-            Refusal::Deadline => 2,
-            Refusal::Unknown => 3,
-            Refusal::Closed => 4,
-            Refusal::Duplicate => 5,
-            Refusal::Outranked => 6,
-            Refusal::Queue => 7,
-        }),
-        Event::Decision(Decision::Drop { why, .. }) => x.push(match why {
-            DropReason::Unknown => 0,
-            DropReason::Superseded => 1,
-            DropReason::Unsolicited => 2,
-            DropReason::Duplicate => 3,
-            DropReason::Late => 4,
-        }),
+        Event::Decision(Decision::RefuseOpen { why, .. }) => x.push(why.index() as i128),
+        Event::Decision(Decision::RefuseOffer { why, .. }) => x.push(why.index() as i128),
+        Event::Decision(Decision::Drop { why, .. }) => x.push(why.index() as i128),
         Event::Input(Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. })
         | Event::Decision(
             Decision::Timer { .. }

@@ -262,7 +262,7 @@ fn since(opened: u64, at: u64) -> Duration {
 
 #[cfg(test)]
 mod tests {
-    use fuseline_operator::Arbiter;
+    use fuseline_arbiter::Arbiter;
     use fuseline_traces::{Cloud, Commit, Header};
 
     use super::*;
@@ -274,10 +274,11 @@ mod tests {
         let cloud = |p| Cloud { p, name: None, limit: 2, resume: 1 };
         let clouds = vec![cloud(7), cloud(3), cloud(5)];
         let header = Header { operator: None, window: 2, commit: Commit::Eager, clouds };
-        let (mut arbiter, mut ledger) = (Arbiter::new(&header).unwrap(), Ledger::new(&[7, 3, 5]));
+        let mut arbiter: Arbiter = Arbiter::new(&header).unwrap();
+        let mut ledger = Ledger::new(&[7, 3, 5]);
         for input in inputs {
             ledger.input(input);
-            arbiter.apply(input, |decision| ledger.decision(&decision));
+            arbiter.decide(input, |decision| ledger.decision(&decision));
         }
         ledger.finish();
         ledger

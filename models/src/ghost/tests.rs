@@ -173,13 +173,15 @@ fn no_outcome_two_outcomes_and_a_false_reason_break_p11() {
         let mut liar = Liar::with_request("2x1-eager");
         assert!(liar.lie(&result, &[drop(why)]).contains(Claim::P11), "{why}");
     }
-    for why in Refusal::ALL {
+    for why in OfferRefusal::ALL {
         let mut liar = Liar::with_request("2x1-eager");
         let offer = Input::Offer { at: 0, t: 0, p: 2, deadline: 1, backlog: 0 };
-        let refuse = [Decision::Refuse { at: 0, t: 0, p: Some(2), why }];
+        let refuse = [Decision::RefuseOffer { at: 0, t: 0, p: 2, why }];
         assert!(liar.lie(&offer, &refuse).contains(Claim::P11), "{why}");
+    }
+    for why in OpenRefusal::ALL {
         let mut liar = Liar::new("1x2w1-eager");
-        let refuse = [Decision::Refuse { at: 0, t: 0, p: None, why }];
+        let refuse = [Decision::RefuseOpen { at: 0, t: 0, why }];
         let open = Input::Open { at: 0, t: 0, limit: None };
         assert!(liar.lie(&open, &refuse).contains(Claim::P11), "{why}");
     }

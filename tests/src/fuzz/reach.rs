@@ -2,7 +2,9 @@
 
 use std::collections::HashSet;
 
-use fuseline_traces::{Commit, Decision, DropReason, Event, Fault, Input, Line, Refusal, Rule};
+use fuseline_traces::{
+    Commit, Decision, DropReason, Event, Fault, Input, Line, OfferRefusal, OpenRefusal, Rule,
+};
 
 /// Something that a check can come to.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -14,9 +16,9 @@ pub enum Mark {
     /// The judge found this rule broken.
     Broken(Rule),
     /// An open was refused.
-    Open(Refusal),
+    Open(OpenRefusal),
     /// An offer was refused.
-    Offer(Refusal),
+    Offer(OfferRefusal),
     /// A result was dropped.
     Result(DropReason),
     /// A failure was dropped.
@@ -73,10 +75,10 @@ impl Reach {
                 self.mark(Mark::Rule(Rule::F0));
             }
             match (decision, input) {
-                (Decision::Refuse { why, p: None, .. }, _) => {
+                (Decision::RefuseOpen { why, .. }, _) => {
                     self.mark(Mark::Open(*why));
                 }
-                (Decision::Refuse { why, .. }, _) => {
+                (Decision::RefuseOffer { why, .. }, _) => {
                     self.mark(Mark::Offer(*why));
                 }
                 (Decision::Drop { why, .. }, _) => {
@@ -105,7 +107,7 @@ impl Reach {
             },
             Line::Event(Event::Decision(decision)) => match decision {
                 Decision::Timer { .. } => "timer",
-                Decision::Refuse { .. } => "refuse",
+                Decision::RefuseOpen { .. } | Decision::RefuseOffer { .. } => "refuse",
                 Decision::Request { .. } => "request",
                 Decision::Hold { .. } => "hold",
                 Decision::Drop { .. } => "drop",
@@ -136,17 +138,8 @@ impl Mark {
     pub fn of_step() -> Vec<Self> {
         let mut all = Vec::from(Commit::ALL.map(Self::Commit));
         all.extend(Rule::ALL.map(Self::Rule));
-        for why in Refusal::ALL {
-            match why {
-                Refusal::Order | Refusal::Full => all.push(Self::Open(why)),
-                Refusal::Deadline => all.extend([Self::Open(why), Self::Offer(why)]),
-                Refusal::Unknown
-                | Refusal::Closed
-                | Refusal::Duplicate
-                | Refusal::Outranked
-                | Refusal::Queue => all.push(Self::Offer(why)),
-            }
-        }
+        all.extend(OpenRefusal::ALL.map(Self::Open));
+        all.extend(OfferRefusal::ALL.map(Self::Offer));
         all.extend(DropReason::ALL.map(Self::Result));
         all.extend(DropReason::ALL.map(Self::Fail));
         all

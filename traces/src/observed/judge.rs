@@ -10,8 +10,9 @@ use super::blame::{Blame, of_account, of_again, of_refused};
 use super::story::Slack;
 use super::verdict::{Verdict, Violation};
 use super::watch::{Account, Watch};
-use crate::event::{Decision, DropReason, Event, Header, Input};
+use crate::event::{Decision, Event, Header, Input};
 use crate::read::{ReadError, Reader};
+use crate::reason::DropReason;
 
 /// How many violations a verdict tells; it counts the rest.
 const VIOLATIONS: usize = 100;
@@ -186,7 +187,7 @@ impl Judge {
             Event::Input(Input::Open { .. })
             | Event::Decision(
                 Decision::Request { .. }
-                | Decision::Refuse { p: None, .. }
+                | Decision::RefuseOpen { .. }
                 | Decision::Emit { .. }
                 | Decision::Miss { .. },
             ) => true,
@@ -199,7 +200,7 @@ impl Judge {
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
             | Event::Decision(
                 Decision::Timer { .. }
-                | Decision::Refuse { .. }
+                | Decision::RefuseOffer { .. }
                 | Decision::Hold { .. }
                 | Decision::Drop { .. }
                 | Decision::Cancel { .. },

@@ -3,7 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::story::{Slack, Story};
-use crate::event::{Decision, DropReason, Event, Input};
+use crate::event::{Decision, Event, Input};
+use crate::reason::DropReason;
 
 /// So many facts are kept before those are left out that decide nothing.
 const MANY: usize = 64;
@@ -96,7 +97,7 @@ impl Watch {
             Event::Decision(Decision::Request { p, .. }) => {
                 self.stranger.get_or_insert((line, p));
             }
-            Event::Decision(Decision::Refuse { at, p: None, .. }) => self.refusals.push(at),
+            Event::Decision(Decision::RefuseOpen { at, .. }) => self.refusals.push(at),
             Event::Decision(Decision::Drop { at, p, why, .. }) => match why {
                 DropReason::Unknown => self.drops(known(p), at, true),
                 DropReason::Superseded if records_opens => self.drops(known(p), at, false),
@@ -110,7 +111,7 @@ impl Watch {
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
             | Event::Decision(
                 Decision::Timer { .. }
-                | Decision::Refuse { p: Some(_), .. }
+                | Decision::RefuseOffer { .. }
                 | Decision::Hold { .. }
                 | Decision::Cancel { .. },
             ) => {}
