@@ -119,8 +119,8 @@ impl Ledger {
                 self.timer_lag = self.timer_lag.max(lag);
                 self.seal(at, t, p, Fate::Late);
             }
-            Decision::Refuse { t, p: None, .. } => self.end(t, End::Refused),
-            Decision::Refuse { at, t, p: Some(p), .. } => self.seal(at, t, p, Fate::Refused),
+            Decision::RefuseOpen { t, .. } => self.end(t, End::Refused),
+            Decision::RefuseOffer { at, t, p, .. } => self.seal(at, t, p, Fate::Refused),
             Decision::Request { at, t, p, due } => {
                 self.with(t, p, |_, source| source.due = due);
                 self.seal(at, t, p, Fate::Pending);
