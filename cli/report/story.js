@@ -57,7 +57,7 @@ function words(trace, i) {
     case "f": return of("input", `Offer to ${name}`, `${time(a[i])} to answer, ${count(b[i])} queued`);
     case "r": return of("input", `Result of ${name}`);
     case "x": return of("input", `Failure of ${name}`);
-    case "t": return of("timer", `Timer of ${name} fired`, place === 0 ? "local's limit" : "its deadline ended");
+    case "t": return of("timer", `Timer of ${name} fired`, "its deadline ended");
     case "q": return of("request", `Requested of ${name}`, a[i] < 2 ** 63 ? `due ${time(a[i])} from here` : "due at the end of time");
     case "h": return of("hold", "Held", "something better is pending");
     case "e": return of("emit", `Forwarded: ${name}`);

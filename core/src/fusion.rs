@@ -237,8 +237,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
-    /// F1: a message with this timestamp came. `limit`, if any, is how long the local computation may take.
-    pub fn open(&mut self, timestamp: Timestamp, limit: Option<Deadline>) -> Opening {
+    /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
+    pub fn open(&mut self, timestamp: Timestamp, deadline: Option<Deadline>) -> Opening {
         let fusion = &mut *self.fusion;
         if fusion.was_reached(timestamp) {
             return Opening::Refused(OpenRefusal::Order);
@@ -247,9 +247,9 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
             return Opening::Refused(OpenRefusal::Full);
         }
         let mut entry = Entry::EMPTY;
-        entry.slot = Slot::open(limit.is_some());
-        if let Some(limit) = limit {
-            let due = fusion.now.saturating_add(limit);
+        entry.slot = Slot::open(deadline.is_some());
+        if let Some(deadline) = deadline {
+            let due = fusion.now.saturating_add(deadline);
             if due <= fusion.now {
                 return Opening::Refused(OpenRefusal::Deadline);
             }

@@ -31,7 +31,7 @@ pub(crate) struct Account {
     pub(crate) held: Set,
     /// Those of the held that came when their time was over.
     late: Set,
-    /// The due instants of the live timers by priority; local's is the limit.
+    /// The due instants of the live timers by priority; local's is the deadline.
     live: [Option<u64>; PRIORITIES],
     /// The latest due instant of timers live no more, while it is to come and no live one is later.
     stale: Option<u64>,
@@ -89,8 +89,8 @@ impl Ghost {
             |rest: &[Decision]| rest.iter().all(|d| matches!(d, Decision::Cancel { .. }));
         match (input, own) {
             (Input::Open { .. } | Input::Fail { .. } | Input::Tick { .. }, []) => true,
-            (Input::Open { t, limit, .. }, [Decision::RefuseOpen { t: of, why, .. }]) => {
-                t == of && self.open_refusal_holds(config, *t, *limit, *why)
+            (Input::Open { t, deadline, .. }, [Decision::RefuseOpen { t: of, why, .. }]) => {
+                t == of && self.open_refusal_holds(config, *t, *deadline, *why)
             }
             (
                 Input::Offer { t, p, deadline, backlog, .. },
@@ -120,13 +120,13 @@ impl Ghost {
         &self,
         config: &Config,
         t: u64,
-        limit: Option<u64>,
+        deadline: Option<u64>,
         why: OpenRefusal,
     ) -> bool {
         match why {
             OpenRefusal::Order => self.was_reached(t),
             OpenRefusal::Full => self.open.len() >= usize::from(config.window),
-            OpenRefusal::Deadline => limit.is_some_and(|limit| self.is_past(limit)),
+            OpenRefusal::Deadline => deadline.is_some_and(|deadline| self.is_past(deadline)),
         }
     }
 
@@ -177,11 +177,11 @@ impl Ghost {
         match *input {
             // P1: what is opened again is no new timestamp; its second output is one too many.
             Input::Open { t, .. } if self.was_reached(t) => {}
-            Input::Open { t, limit, .. } => {
+            Input::Open { t, deadline, .. } => {
                 self.newest = Some(t);
                 let mut account = Account::new(t);
-                account.limited = limit.is_some();
-                account.live[0] = limit.map(|limit| now.saturating_add(limit));
+                account.limited = deadline.is_some();
+                account.live[0] = deadline.map(|deadline| now.saturating_add(deadline));
                 self.open.push(account);
             }
             Input::Offer { t, p, deadline, .. } => {

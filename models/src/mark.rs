@@ -19,11 +19,11 @@ properties! {
     sometimes: Operator::shows;
     ClockBack = "F0 witness: a clock that goes back stays",
     TimerFirst = "F0 witness: a timer due at a result's instant is served before it",
-    OpenLimited = "F1 witness: accepted with a limit",
-    OpenFree = "F1 witness: accepted without a limit",
+    OpenLimited = "F1 witness: accepted with a deadline",
+    OpenFree = "F1 witness: accepted without a deadline",
     OpenOrder = "F1 witness: refused for order",
     OpenFull = "F1 witness: refused for a full window",
-    OpenDeadline = "F1 witness: refused for its limit",
+    OpenDeadline = "F1 witness: refused for its deadline",
     OpenRoom = "F1 witness: accepted for the room that a timer makes at its instant",
     OfferAdmitted = "F2 witness: admitted",
     OfferJoins = "F2 witness: admitted above what is held",
@@ -53,11 +53,11 @@ properties! {
     FailMisses = "F4 witness: accepted, and the timestamp is missed",
     TimersTogether = "F5 witness: several timers of a timestamp fire as one",
     TimestampsTogether = "F5 witness: several timestamps are due at one instant",
-    LimitAlone = "F5 witness: the limit fires alone",
-    LimitWithCloud = "F5 witness: the limit fires with a cloud's timer",
+    LimitAlone = "F5 witness: the deadline fires alone",
+    LimitWithCloud = "F5 witness: the deadline fires with a cloud's timer",
     EagerOverPending = "F6 witness: eager, a timer commits although a better one is pending",
     EagerOwn = "F6 witness: eager, a held result's own timer commits it",
-    LimitHolds = "F6 witness: eager, the limit's timer commits nothing",
+    LimitHolds = "F6 witness: eager, the deadline's timer commits nothing",
     PatientWaits = "F6 witness: patient, a timer commits nothing while a better one is pending",
     TimerForwards = "F6 witness: a timer closes the last that outranked the best in hand",
     TimerWaits = "F6 witness: a timer finds nothing in hand, and others are pending",
@@ -72,7 +72,7 @@ properties! {
     Prompt = "P4 witness: something is held under something pending",
     Floor = "P5 witness: local's held result is forwarded by the latest due instant",
     Free = "P6 witness: local's result is forwarded at once without a request",
-    LimitRetires = "P7 witness: a timestamp with a limit is retired by its latest due instant",
+    LimitRetires = "P7 witness: a timestamp with a deadline is retired by its latest due instant",
     StaysArmed = "P8 witness: eager, a held result's timer stays live",
     Disarmed = "P8 witness: patient, a held result's timer is disarmed",
     Retired = "P8 witness: a live timer goes with its timestamp",
@@ -181,11 +181,11 @@ fn of_input(
 ) {
     let decision = answer.own.first();
     match *input {
-        Input::Open { limit, .. } => {
+        Input::Open { deadline, .. } => {
             if let Some(Decision::RefuseOpen { why, .. }) = decision {
                 shown.insert(open_refused(*why));
             } else {
-                shown.insert(if limit.is_some() { Mark::OpenLimited } else { Mark::OpenFree });
+                shown.insert(if deadline.is_some() { Mark::OpenLimited } else { Mark::OpenFree });
                 let full = before.ghost.open().len() == before.machine.fusion().window();
                 shown.insert_if(Mark::OpenRoom, full);
             }

@@ -131,7 +131,7 @@ fn files() -> io::Result<Vec<(&'static str, Vec<u8>)>> {
         ("key-twice", with("{\"ev\":\"tick\",\"at\":1,\"at\":1}\n")),
         ("key-unknown", with("{\"ev\":\"tick\",\"at\":1,\"y\":1}\n")),
         ("no-header", tick.into()),
-        ("null", with("{\"ev\":\"open\",\"at\":1,\"t\":1,\"limit\":null}\n")),
+        ("null", with("{\"ev\":\"open\",\"at\":1,\"t\":1,\"deadline\":null}\n")),
         ("number-too-great", with("{\"ev\":\"tick\",\"at\":18446744073709551616}\n")),
         ("odd-tick", with(odd)),
         (

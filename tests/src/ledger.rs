@@ -19,7 +19,7 @@ pub struct Ledger {
 /// One open timestamp.
 #[derive(Default)]
 struct Account {
-    /// Every request's due instant, and the limit's at 0.
+    /// Every request's due instant, and the deadline's at 0.
     dues: BTreeMap<u64, u64>,
     /// What was asked of whom, and nothing came yet; local always is asked.
     pending: BTreeSet<u64>,
@@ -74,11 +74,11 @@ impl Ledger {
         }
         let now = self.now;
         match *input {
-            Input::Open { t, limit, .. } => {
-                let mut account = Account { limited: limit.is_some(), ..Account::default() };
+            Input::Open { t, deadline, .. } => {
+                let mut account = Account { limited: deadline.is_some(), ..Account::default() };
                 account.pending.insert(0);
-                if let Some(limit) = limit {
-                    account.dues.insert(0, now.saturating_add(limit));
+                if let Some(deadline) = deadline {
+                    account.dues.insert(0, now.saturating_add(deadline));
                     account.timers.insert(0);
                 }
                 self.open.insert(t, account);

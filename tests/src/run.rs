@@ -171,9 +171,9 @@ impl Writer {
     fn step(&mut self, (time, act): Step) {
         let at = self.time(time);
         match act {
-            Act::Open(moment, limit) => {
-                let (t, limit) = (self.moment(moment), limit.map(|span| self.span(span)));
-                self.open(at, t, limit);
+            Act::Open(moment, deadline) => {
+                let (t, deadline) = (self.moment(moment), deadline.map(|span| self.span(span)));
+                self.open(at, t, deadline);
             }
             Act::Offer(moment, whose, span, backlog) => {
                 let (t, p, deadline) = (self.moment(moment), self.whose(whose), self.span(span));
@@ -189,19 +189,19 @@ impl Writer {
                 self.push(Input::Fail { at, t, p });
             }
             Act::Tick => self.push(Input::Tick { at }),
-            Act::Message(limit, spans, mask) => {
-                let (t, limit) = (self.next_t, limit.map(|span| self.span(span)));
-                self.open(at, t, limit);
+            Act::Message(deadline, spans, mask) => {
+                let (t, deadline) = (self.next_t, deadline.map(|span| self.span(span)));
+                self.open(at, t, deadline);
                 let clouds = (0..self.header.clouds.len()).filter(|i| mask >> i & 1 == 1);
                 for (i, span) in clouds.zip(spans.iter().cycle()) {
                     let (p, deadline) = (self.whose(Whose::Cloud(i)), self.span(*span));
                     self.push(Input::Offer { at, t, p, deadline, backlog: 0 });
                 }
             }
-            Act::Flood(count, stride, limit) => {
+            Act::Flood(count, stride, deadline) => {
                 for i in 0..count {
-                    let (t, limit) = (self.next_t, limit.map(|span| self.span(span)));
-                    self.open(at, t, limit);
+                    let (t, deadline) = (self.next_t, deadline.map(|span| self.span(span)));
+                    self.open(at, t, deadline);
                     self.next_t = self.next_t.saturating_add(stride);
                     let (p, deadline) = (self.whose(Whose::Cloud(i.into())), u64::from(i % 7) * 20);
                     self.push(Input::Offer { at, t, p, deadline, backlog: 0 });
@@ -210,10 +210,10 @@ impl Writer {
         }
     }
 
-    fn open(&mut self, at: u64, t: u64, limit: Option<u64>) {
+    fn open(&mut self, at: u64, t: u64, deadline: Option<u64>) {
         self.tried.push(t);
         self.next_t = self.next_t.max(t.saturating_add(1));
-        self.push(Input::Open { at, t, limit });
+        self.push(Input::Open { at, t, deadline });
     }
 
     fn push(&mut self, input: Input) {
@@ -385,16 +385,16 @@ fn act() -> impl Strategy<Value = Act> {
     ];
     let flood = prop_oneof![40 => 1_u16..40, 1 => 1000_u16..1100];
     prop_oneof![
-        10 => (fresh, prop::option::of(span())).prop_map(|(t, limit)| Act::Open(t, limit)),
+        10 => (fresh, prop::option::of(span())).prop_map(|(t, deadline)| Act::Open(t, deadline)),
         20 => (prop::option::of(span()), [span(), span(), span()], mask())
-            .prop_map(|(limit, spans, mask)| Act::Message(limit, spans, mask)),
+            .prop_map(|(deadline, spans, mask)| Act::Message(deadline, spans, mask)),
         28 => (moment(), whose(), span(), backlog())
             .prop_map(|(t, p, span, backlog)| Act::Offer(t, p, span, backlog)),
         30 => call().prop_map(Act::Result),
         16 => call().prop_map(Act::Fail),
         36 => Just(Act::Tick),
         1 => (flood, 1_u64..=9, prop::option::of(span()))
-            .prop_map(|(count, stride, limit)| Act::Flood(count, stride, limit)),
+            .prop_map(|(count, stride, deadline)| Act::Flood(count, stride, deadline)),
     ]
 }
 

@@ -183,7 +183,7 @@ fn note(commit: Commit, input: &Input, found: &[Decision], seen: &mut BTreeMap<S
     let kind = kind(input);
     for decision in found {
         let what = match decision {
-            Decision::Timer { p: 0, .. } => "the limit fires".into(),
+            Decision::Timer { p: 0, .. } => "the deadline fires".into(),
             Decision::Timer { .. } => "a cloud's timer fires".into(),
             Decision::Refuse { why, .. } => format!("{kind} refused {why}"),
             Decision::Request { .. } => "request".into(),
@@ -206,7 +206,7 @@ fn note(commit: Commit, input: &Input, found: &[Decision], seen: &mut BTreeMap<S
 /// All that `note` can note, but what F5 does before an input of another kind than a tick.
 fn all_outcomes() -> BTreeSet<String> {
     let mut outcomes: Vec<String> = [
-        "the limit fires",
+        "the deadline fires",
         "a cloud's timer fires",
         "request",
         "local held",

@@ -71,7 +71,7 @@ pub enum Input {
         /// The timestamp.
         t: u64,
         /// How long the local computation may take.
-        limit: Option<u64>,
+        deadline: Option<u64>,
     },
     /// The message handler wants a request sent (F2).
     Offer {
@@ -114,7 +114,7 @@ pub enum Input {
 /// What the operator did. `at` is the `now` that F0 used.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Decision {
-    /// The timer of `(t, p)` fired; `p` 0 is the local limit's.
+    /// The timer of `(t, p)` fired; `p` 0 is the local deadline's.
     Timer {
         /// When it was served.
         at: u64,

@@ -126,7 +126,7 @@ impl<'a> Fields<'a> {
 
     fn value(&mut self, key: Key, scan: &mut Scan<'a>) -> Result<(), ParseError> {
         match key {
-            Key::At | Key::T | Key::P | Key::Limit | Key::Deadline | Key::Backlog | Key::Due => {
+            Key::At | Key::T | Key::P | Key::Deadline | Key::Backlog | Key::Due => {
                 self.numbers[key as usize] = scan.number()?;
             }
             Key::Ev => self.kind = Some(choice(scan, "ev", Kind::named, Kind::EVENTS)?),
@@ -197,7 +197,7 @@ impl<'a> Fields<'a> {
                     clouds: self.clouds,
                 }));
             }
-            Kind::Open => return Ok(input(Input::Open { at, t, limit: given(Key::Limit) })),
+            Kind::Open => return Ok(input(Input::Open { at, t, deadline: given(Key::Deadline) })),
             Kind::Offer => {
                 let (deadline, backlog) = (number(Key::Deadline), number(Key::Backlog));
                 return Ok(input(Input::Offer { at, t, p, deadline, backlog }));

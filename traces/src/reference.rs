@@ -78,7 +78,7 @@ impl Reference {
         self.now = self.now.max(input.at());
         self.expire(out);
         match *input {
-            Input::Open { t, limit, .. } => self.open(t, limit, out),
+            Input::Open { t, deadline, .. } => self.open(t, deadline, out),
             Input::Offer { t, p, deadline, backlog, .. } => {
                 self.offer(t, p, deadline, backlog, out);
             }
@@ -89,8 +89,8 @@ impl Reference {
     }
 
     /// F1.
-    fn open(&mut self, t: u64, limit: Option<u64>, out: &mut Demands) {
-        let due = limit.map(|limit| self.now.saturating_add(limit));
+    fn open(&mut self, t: u64, deadline: Option<u64>, out: &mut Demands) {
+        let due = deadline.map(|deadline| self.now.saturating_add(deadline));
         let why = if self.was_reached(t) {
             Some(OpenRefusal::Order)
         } else if self.open.len() >= self.window {

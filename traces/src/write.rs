@@ -67,9 +67,9 @@ impl Input {
     /// Appends the line, without its `\n`.
     pub fn write(&self, out: &mut Vec<u8>) {
         match *self {
-            Self::Open { at, t, limit: None } => event(out, "open", at, &[("t", t)]),
-            Self::Open { at, t, limit: Some(limit) } => {
-                event(out, "open", at, &[("t", t), ("limit", limit)]);
+            Self::Open { at, t, deadline: None } => event(out, "open", at, &[("t", t)]),
+            Self::Open { at, t, deadline: Some(deadline) } => {
+                event(out, "open", at, &[("t", t), ("deadline", deadline)]);
             }
             Self::Offer { at, t, p, deadline, backlog } => {
                 let more = [("t", t), ("p", p), ("deadline", deadline), ("backlog", backlog)];

@@ -126,7 +126,7 @@ fn keys_that_do_not_fit_the_event_are_refused() {
         (
             b"{\"ev\":\"open\",\"at\":1}",
             20,
-            "key \"t\" is missing in an open line; it takes ev, at, t, limit, x",
+            "key \"t\" is missing in an open line; it takes ev, at, t, deadline, x",
         ),
         (
             b"{\"ev\":\"refuse\",\"at\":1,\"t\":2,\"p\":1}",
@@ -349,7 +349,7 @@ fn headers() -> impl Strategy<Value = Header> {
 fn inputs() -> impl Strategy<Value = Input> {
     let n = any::<u64>;
     prop_oneof![
-        (n(), n(), option::of(n())).prop_map(|(at, t, limit)| Input::Open { at, t, limit }),
+        (n(), n(), option::of(n())).prop_map(|(at, t, deadline)| Input::Open { at, t, deadline }),
         (n(), n(), n(), n(), n()).prop_map(|(at, t, p, deadline, backlog)| Input::Offer {
             at,
             t,

@@ -22,7 +22,7 @@ fn record(recorder: &mut Recorder, messages: u64) {
     for t in 0..messages {
         let at = 10 * t;
         let inputs = [
-            Input::Open { at, t, limit: None },
+            Input::Open { at, t, deadline: None },
             Input::Offer { at, t, p: 1, deadline: 5, backlog: 0 },
             Input::Result { at: at + 1, t, p: 0 },
             Input::Tick { at: at + 5 },

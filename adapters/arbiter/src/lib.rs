@@ -54,10 +54,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         &mut self,
         at: u64,
         t: u64,
-        limit: Option<u64>,
+        deadline: Option<u64>,
         fired: impl FnMut(u64, &Firing<CLOUDS>),
     ) -> Opening {
-        self.ready(at, fired).open(Timestamp::new(t), limit.map(Deadline::from_nanos))
+        self.ready(at, fired).open(Timestamp::new(t), deadline.map(Deadline::from_nanos))
     }
 
     /// F2: a message handler wants a request sent to cloud `p`.
@@ -119,8 +119,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         fired: impl FnMut(u64, &Firing<CLOUDS>),
     ) -> Answer<CLOUDS> {
         match *input {
-            Input::Open { at, t, limit } => {
-                Answer::Open { t, opening: self.open(at, t, limit, fired) }
+            Input::Open { at, t, deadline } => {
+                Answer::Open { t, opening: self.open(at, t, deadline, fired) }
             }
             Input::Offer { at, t, p, deadline, backlog } => {
                 let admission = self.offer(at, (t, p), deadline, backlog, fired);

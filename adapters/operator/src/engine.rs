@@ -111,9 +111,9 @@ impl<V, R> Engine<V, R> {
         Ok(())
     }
 
-    /// F1: a message came. `job` goes to local if it is taken on; `limit` is local's.
-    pub fn open(&mut self, at: u64, t: u64, limit: Option<Duration>, job: R) -> Opening {
-        self.apply(Input::Open { at, t, limit: limit.map(nanos) }, Cargo::Nothing);
+    /// F1: a message came. `job` goes to local if it is taken on; `deadline` is local's.
+    pub fn open(&mut self, at: u64, t: u64, deadline: Option<Duration>, job: R) -> Opening {
+        self.apply(Input::Open { at, t, deadline: deadline.map(nanos) }, Cargo::Nothing);
         if self.decisions.iter().any(|decision| matches!(decision, Decision::RefuseOpen { .. })) {
             self.send();
             return Opening::Refused;

@@ -41,7 +41,7 @@ pub struct SourceTally {
     pub failed: u64,
     /// Failures that no longer mattered, by reason (F4).
     pub failures_dropped: BTreeMap<DropReason, u64>,
-    /// Timers that fired (F5); local's is the limit.
+    /// Timers that fired (F5); local's is its deadline's.
     pub timers: u64,
     /// Requests cancelled because something better or timelier was forwarded (F7).
     pub cancelled: u64,

@@ -213,7 +213,7 @@ fn meters_say_what_the_tally_says() {
 enum Step {
     Wait(u64),
     Open {
-        limit: Option<u64>,
+        deadline: Option<u64>,
     },
     Offer {
         back: u64,
@@ -236,7 +236,7 @@ enum Step {
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
         (0..20_u64).prop_map(Step::Wait),
-        proptest::option::of(1..60_u64).prop_map(|limit| Step::Open { limit }),
+        proptest::option::of(1..60_u64).prop_map(|deadline| Step::Open { deadline }),
         (0..4_u64, 1..=2_u16, 0..60_u64).prop_map(|(back, p, deadline)| Step::Offer {
             back,
             p,
@@ -275,8 +275,8 @@ proptest! {
                     now += nanos;
                     engine.tick(now);
                 }
-                Step::Open { limit } => {
-                    if engine.open(now, next, limit.map(Duration::from_nanos), next)
+                Step::Open { deadline } => {
+                    if engine.open(now, next, deadline.map(Duration::from_nanos), next)
                         == Opening::NoRoom
                     {
                         engine.fail(now, next, 0, &"no room");

@@ -95,7 +95,7 @@ pub enum SpawnError {
 ///
 /// When `input` ends, the operator runs on until every open message is answered, then ends its
 /// output and its trace. Timers see to that, except for a message whose local computation never
-/// ends and has no limit.
+/// ends and has no deadline.
 ///
 /// # Errors
 /// If the operator cannot be started as it is configured; nothing was started then.
@@ -125,7 +125,7 @@ pub fn spawn<P: Operator>(
     let counting = engine.counts();
     let (writer, output) = stream(config.output_len);
     let stop = Arc::new(Notify::new());
-    let run = Run::new(engine, setup.clouds, workers, local.limit, arrived, writer);
+    let run = Run::new(engine, setup.clouds, workers, local.deadline, arrived, writer);
     let task = run.run(input, arrivals, Arc::clone(&stop));
     let task = runtime.spawn(task.instrument(info_span!("operator", name = config.name)));
     Ok((Running { task, stop, counting }, output))

@@ -22,7 +22,7 @@ pub(crate) struct Run<I, O> {
     engine: Engine<O, Work<I, O>>,
     clouds: Vec<Registered<I, O>>,
     workers: Workers<I, O>,
-    limit: Option<Duration>,
+    deadline: Option<Duration>,
     start: Instant,
     arrived: Arrived<O>,
     calls: Calls,
@@ -58,13 +58,13 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
         engine: Engine<O, Work<I, O>>,
         clouds: Vec<Registered<I, O>>,
         workers: Workers<I, O>,
-        limit: Option<Duration>,
+        deadline: Option<Duration>,
         arrived: Arrived<O>,
         output: Writer<Item<O>>,
     ) -> Self {
         let counting = engine.counts();
         let (start, calls, outbox) = (Instant::now(), Calls::default(), VecDeque::new());
-        Self { engine, clouds, workers, limit, start, arrived, calls, output, outbox, counting }
+        Self { engine, clouds, workers, deadline, start, arrived, calls, output, outbox, counting }
     }
 
     /// Runs until the input has ended and every message is answered, or until told to stop.
@@ -118,7 +118,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
         // One instant for all of it: deadlines count from the message, and equal ones end together.
         let now = self.now();
         let job = Work::Local(Arc::clone(message));
-        let opening = self.engine.open(now, timestamp, self.limit, job);
+        let opening = self.engine.open(now, timestamp, self.deadline, job);
         if opening == Opening::Refused {
             return;
         }

@@ -409,7 +409,7 @@ async fn deadlines_of_nothing_and_of_ages_are_decided_by_the_rules() {
     assert_eq!(played.items, "30.000 ms: 0 cloud 2 by arrival from 30 ms\n");
     assert_eq!(played.tally.sources[1].refused.get(&OfferRefusal::Deadline), Some(&1));
 
-    let limit = Some(Duration::ZERO);
-    let played = play_default(Script { limit, ..Script::new() }, &[0]).await;
+    let deadline = Some(Duration::ZERO);
+    let played = play_default(Script { deadline, ..Script::new() }, &[0]).await;
     assert_eq!(played.items, "0.000 ms: 0 refused deadline\n");
 }

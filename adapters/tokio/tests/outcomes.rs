@@ -63,8 +63,11 @@ async fn panics_of_local_and_of_a_call_are_failures() {
 
 #[tokio::test(start_paused = true)]
 async fn local_past_its_limit_is_late_and_never_aborted() {
-    let script =
-        Script { local: |_| Answers(80), limit: Some(Duration::from_millis(50)), ..Script::new() };
+    let script = Script {
+        local: |_| Answers(80),
+        deadline: Some(Duration::from_millis(50)),
+        ..Script::new()
+    };
     let played = play_default(script.cloud(1, 100, |_| Answers(90)), &[0]).await;
     assert_eq!(played.items, "90.000 ms: 0 cloud 1 by arrival from 90 ms\n");
     assert_eq!(played.tally.sources[0].dropped.get(&DropReason::Late), Some(&1));
@@ -137,7 +140,7 @@ async fn every_message_of_a_long_run_with_everything_going_wrong_is_answered_onc
         7 => Panics(5),
         _ => Answers(20 + t % 40),
     };
-    let script = Script { local, limit: Some(Duration::from_millis(55)), ..Script::new() }
+    let script = Script { local, deadline: Some(Duration::from_millis(55)), ..Script::new() }
         .cloud(5, 60, |t| if t % 3 == 0 { Never } else { Answers(t * 7 % 90) })
         .cloud(9, 45, |t| if t % 5 == 0 { Fails(t * 3 % 50) } else { Answers(t * 13 % 70) })
         .cloud(2, 80, |t| if t % 7 == 0 { Panics(t % 20) } else { Answers(t * 11 % 120) });

@@ -18,14 +18,13 @@ const KEYS: [(&str, bool); 9] = [
     ("p", false),
     ("due", true),
     ("deadline", true),
-    ("limit", true),
     ("backlog", false),
     ("why", false),
 ];
 
 /// Events, with the keys that each may have beside `ev` and `at`.
 const EVENTS: [(&str, &[&str]); 13] = [
-    ("open", &["t", "limit"]),
+    ("open", &["t", "deadline"]),
     ("offer", &["t", "p", "deadline", "backlog"]),
     ("result", &["t", "p"]),
     ("fail", &["t", "p"]),

@@ -18,7 +18,7 @@ use crate::whole;
 #[derive(clap::Args)]
 #[command(after_help = "\
 A CSV file has a row an event and names its columns in its first row. The columns at, ev, t, p, due,
-deadline, limit, backlog and why are read, those that a row's event has; --column gives one another
+deadline, backlog and why are read, those that a row's event has; --column gives one another
 name. An MCAP file has a JSON channel, /fuseline/trace, each message a line of a trace; a message
 without at has its log time. Its first message may be the header.
 

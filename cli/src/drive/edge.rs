@@ -120,8 +120,8 @@ impl Edge {
             (Input::Offer { deadline, .. }, Some((Decision::Request { at, .. }, _))) => {
                 at.checked_add(*deadline).is_none()
             }
-            (Input::Open { limit: Some(limit), .. }, None) => {
-                scene.now().checked_add(*limit).is_none()
+            (Input::Open { deadline: Some(deadline), .. }, None) => {
+                scene.now().checked_add(*deadline).is_none()
             }
             _ => false,
         };

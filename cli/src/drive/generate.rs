@@ -127,8 +127,8 @@ impl Writer {
     fn flood(&mut self, header: &Header) {
         for i in 0..u64::from(GREATEST) + 6 {
             let (at, t) = (self.scene.now(), self.next_t);
-            let limit = i.is_multiple_of(3).then_some(20 + i % 7);
-            self.open(at, t, limit);
+            let deadline = i.is_multiple_of(3).then_some(20 + i % 7);
+            self.open(at, t, deadline);
             let p = self.cloud(header);
             self.push(Input::Offer { at, t, p, deadline: 20 + i % 5, backlog: 0 });
             if i.is_multiple_of(2) {
@@ -153,8 +153,8 @@ impl Writer {
         match self.draw.weighed(&ACTS) {
             Act::Message => self.message(at, header),
             Act::Open => {
-                let (t, limit) = (self.fresh(), self.limit());
-                self.open(at, t, limit);
+                let (t, deadline) = (self.fresh(), self.deadline_of_local());
+                self.open(at, t, deadline);
             }
             Act::Offer => {
                 let (t, p) = (self.timestamp(), self.priority(header));
@@ -177,8 +177,8 @@ impl Writer {
     }
 
     fn message(&mut self, at: u64, header: &Header) {
-        let (t, limit) = (self.next_t, self.limit());
-        self.open(at, t, limit);
+        let (t, deadline) = (self.next_t, self.deadline_of_local());
+        self.open(at, t, deadline);
         let lowest = header.clouds.iter().map(|cloud| cloud.p).min();
         let spared = lowest.filter(|_| self.draw.one_in(3));
         for cloud in &header.clouds {
@@ -222,10 +222,10 @@ impl Writer {
         self.push(if is_failure { Input::Fail { at, t, p } } else { Input::Result { at, t, p } });
     }
 
-    fn open(&mut self, at: u64, t: u64, limit: Option<u64>) {
+    fn open(&mut self, at: u64, t: u64, deadline: Option<u64>) {
         self.tried.push(t);
         self.next_t = self.next_t.max(t.saturating_add(1));
-        self.push(Input::Open { at, t, limit });
+        self.push(Input::Open { at, t, deadline });
     }
 
     fn push(&mut self, input: Input) {
@@ -326,7 +326,7 @@ impl Writer {
         }
     }
 
-    fn limit(&mut self) -> Option<u64> {
+    fn deadline_of_local(&mut self) -> Option<u64> {
         (!self.draw.one_in(3)).then(|| self.span())
     }
 

@@ -137,7 +137,7 @@ impl Scene {
     /// Which reasons hold for an input now that all that is due has fired.
     fn reasons(&self, input: &Input) -> Reasons {
         match *input {
-            Input::Open { t, limit, .. } => Reasons::Open(self.open_reasons(t, limit)),
+            Input::Open { t, deadline, .. } => Reasons::Open(self.open_reasons(t, deadline)),
             Input::Offer { t, p, deadline, backlog, .. } => {
                 Reasons::Offer(self.offer_reasons(t, p, deadline, backlog))
             }
@@ -148,11 +148,11 @@ impl Scene {
     }
 
     /// F1.
-    fn open_reasons(&self, t: u64, limit: Option<u64>) -> Vec<OpenRefusal> {
+    fn open_reasons(&self, t: u64, deadline: Option<u64>) -> Vec<OpenRefusal> {
         holding([
             (OpenRefusal::Order, self.was_reached(t)),
             (OpenRefusal::Full, self.open.len() >= self.window),
-            (OpenRefusal::Deadline, limit.is_some_and(|limit| self.is_past(limit))),
+            (OpenRefusal::Deadline, deadline.is_some_and(|deadline| self.is_past(deadline))),
         ])
     }
 
@@ -195,8 +195,8 @@ impl Scene {
     /// Notes what was accepted, of which no decision speaks.
     fn accept(&mut self, input: &Input, own: &Demands) {
         match *input {
-            Input::Open { t, limit, .. } if own.is_empty() => {
-                let due = limit.map(|limit| self.now().saturating_add(limit));
+            Input::Open { t, deadline, .. } if own.is_empty() => {
+                let due = deadline.map(|deadline| self.now().saturating_add(deadline));
                 let mut tale = Tale::default();
                 tale.asked.insert(0, due);
                 tale.pending.insert(0);

@@ -21,9 +21,9 @@ pub(super) fn told(line: &str) -> String {
 
 fn input(input: &Input) -> String {
     match *input {
-        Input::Open { t, limit: None, .. } => format!("message {t} comes; local works on it"),
-        Input::Open { t, limit: Some(limit), .. } => {
-            format!("message {t} comes; local works on it for {limit} ns at most")
+        Input::Open { t, deadline: None, .. } => format!("message {t} comes; local works on it"),
+        Input::Open { t, deadline: Some(deadline), .. } => {
+            format!("message {t} comes; local works on it for {deadline} ns at most")
         }
         Input::Offer { t, p, deadline, backlog, .. } => format!(
             "{} might be asked about message {t}, for {deadline} ns; {backlog} in its queue",
@@ -38,7 +38,7 @@ fn input(input: &Input) -> String {
 fn decision(decision: &Decision) -> String {
     match *decision {
         Decision::Timer { t, p: 0, .. } => {
-            format!("local is not waited for any more on message {t}: its limit is over")
+            format!("local is not waited for any more on message {t}: its deadline is over")
         }
         Decision::Timer { t, p, .. } => {
             format!("cloud {p} is not waited for any more on message {t}: its deadline is over")

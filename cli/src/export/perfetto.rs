@@ -145,8 +145,8 @@ impl<W: Write> super::Writer for Tracks<W> {
         };
         self.latest = self.latest.max(at);
         match event {
-            Event::Input(Input::Open { at, t, limit }) => {
-                self.begin(*at, *t, 0, limit.map(|limit| at.saturating_add(limit)))
+            Event::Input(Input::Open { at, t, deadline }) => {
+                self.begin(*at, *t, 0, deadline.map(|deadline| at.saturating_add(deadline)))
             }
             Event::Input(Input::Result { at, t, p }) => self.end(*at, *t, *p, "result"),
             Event::Input(Input::Fail { at, t, p }) => self.end(*at, *t, *p, "failure"),

@@ -237,11 +237,11 @@ const fn priority(event: &Event) -> Option<u64> {
     }
 }
 
-/// What an event has more: an open its limit or −1, an offer its deadline and backlog, a request the
+/// What an event has more: an open its deadline or −1, an offer its deadline and backlog, a request the
 /// time to its due instant, a refusal and a drop the place of their reason in its table.
 fn more_of(event: &Event, x: &mut Vec<i128>) {
     match *event {
-        Event::Input(Input::Open { limit, .. }) => x.push(limit.map_or(-1, i128::from)),
+        Event::Input(Input::Open { deadline, .. }) => x.push(deadline.map_or(-1, i128::from)),
         Event::Input(Input::Offer { deadline, backlog, .. }) => {
             x.extend([i128::from(deadline), i128::from(backlog)]);
         }

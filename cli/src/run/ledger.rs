@@ -96,10 +96,10 @@ impl Ledger {
     pub(crate) fn input(&mut self, input: &Input) {
         self.settle();
         match *input {
-            Input::Open { at, t, limit } => {
+            Input::Open { at, t, deadline } => {
                 let mut sources: Box<[Source]> =
                     vec![Source::default(); self.clouds.len() + 1].into();
-                sources[0].due = at.saturating_add(limit.unwrap_or(u64::MAX));
+                sources[0].due = at.saturating_add(deadline.unwrap_or(u64::MAX));
                 self.messages.insert(t, Story { opened: at, end: End::Open, sources });
             }
             Input::Offer { .. } | Input::Tick { .. } => {}
@@ -285,7 +285,7 @@ mod tests {
     }
 
     fn open(at: u64, t: u64) -> Input {
-        Input::Open { at: at * MS, t, limit: None }
+        Input::Open { at: at * MS, t, deadline: None }
     }
 
     fn offer(at: u64, t: u64, p: u64) -> Input {

@@ -18,10 +18,10 @@ impl Liar {
         Self { config, ghost: Ghost::default(), machine }
     }
 
-    /// Opens 0 without a limit at 0 and asks 5 for it by 3.
+    /// Opens 0 without a deadline at 0 and asks 5 for it by 3.
     fn with_request(config: &str) -> Self {
         let mut liar = Self::new(config);
-        liar.honest(&Input::Open { at: 0, t: 0, limit: None });
+        liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
         liar.honest(&Input::Offer { at: 0, t: 0, p: 5, deadline: 3, backlog: 0 });
         liar
     }
@@ -50,12 +50,12 @@ impl Liar {
 #[test]
 fn a_second_output_breaks_p1() {
     let mut liar = Liar::new("2x1-eager");
-    liar.honest(&Input::Open { at: 0, t: 0, limit: None });
+    liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     let again = Input::Result { at: 1, t: 0, p: 0 };
     assert!(liar.lie(&again, &[Decision::Emit { at: 1, t: 0, p: 0 }]).contains(Claim::P1));
     let mut liar = Liar::new("2x1-eager");
-    liar.honest(&Input::Open { at: 0, t: 0, limit: None });
+    liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     assert!(liar.fire(2, 2, &[Decision::Miss { at: 2, t: 0 }]).contains(Claim::P1));
 }
@@ -118,7 +118,7 @@ fn a_failed_request_binds_p5_until_its_due_instant() {
 #[test]
 fn holding_local_without_a_request_breaks_p6() {
     let mut liar = Liar::new("2x1-eager");
-    liar.honest(&Input::Open { at: 0, t: 0, limit: None });
+    liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
     let hold = [Decision::Hold { at: 1, t: 0, p: 0 }];
     assert!(liar.lie(&Input::Result { at: 1, t: 0, p: 0 }, &hold).contains(Claim::P6));
 }
@@ -126,14 +126,14 @@ fn holding_local_without_a_request_breaks_p6() {
 #[test]
 fn waiting_for_nothing_breaks_p7() {
     let mut liar = Liar::new("2x1-eager");
-    liar.honest(&Input::Open { at: 0, t: 0, limit: None });
+    liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
     assert!(liar.lie(&Input::Fail { at: 1, t: 0, p: 0 }, &[]).contains(Claim::P7));
 }
 
 #[test]
 fn outliving_the_limit_breaks_p7() {
     let mut liar = Liar::new("2x1-eager");
-    liar.honest(&Input::Open { at: 0, t: 0, limit: Some(2) });
+    liar.honest(&Input::Open { at: 0, t: 0, deadline: Some(2) });
     assert!(!liar.fire(1, 2, &[]).contains(Claim::P7));
     assert!(liar.fire(2, 2, &[Decision::Timer { at: 2, t: 0, p: 0 }]).contains(Claim::P7));
 }
@@ -156,8 +156,8 @@ fn a_timer_that_is_not_owed_or_not_kept_breaks_p8() {
 #[test]
 fn an_open_beyond_the_window_breaks_p9() {
     let mut liar = Liar::new("1x2w1-eager");
-    liar.honest(&Input::Open { at: 0, t: 0, limit: None });
-    assert!(liar.lie(&Input::Open { at: 0, t: 1, limit: None }, &[]).contains(Claim::P9));
+    liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
+    assert!(liar.lie(&Input::Open { at: 0, t: 1, deadline: None }, &[]).contains(Claim::P9));
 }
 
 #[test]
@@ -182,7 +182,7 @@ fn no_outcome_two_outcomes_and_a_false_reason_break_p11() {
     for why in OpenRefusal::ALL {
         let mut liar = Liar::new("1x2w1-eager");
         let refuse = [Decision::RefuseOpen { at: 0, t: 0, why }];
-        let open = Input::Open { at: 0, t: 0, limit: None };
+        let open = Input::Open { at: 0, t: 0, deadline: None };
         assert!(liar.lie(&open, &refuse).contains(Claim::P11), "{why}");
     }
 }

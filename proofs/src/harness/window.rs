@@ -101,7 +101,7 @@ macro_rules! any_node_of_four {
 }
 
 fn same_entry<const CLOUDS: usize>(a: &Entry<CLOUDS>, b: &Entry<CLOUDS>) -> bool {
-    a.slot == b.slot && a.limit_due == b.limit_due && (0..CLOUDS).all(|i| a.dues[i] == b.dues[i])
+    a.slot == b.slot && a.local_due == b.local_due && (0..CLOUDS).all(|i| a.dues[i] == b.dues[i])
 }
 
 /// Whether every timestamp but that of `place` is in both trees, at the same place, with the same entry.

@@ -181,11 +181,11 @@ pub(crate) fn came_to<const CLOUDS: usize, const WINDOW: usize>(at: &At<'_, CLOU
 pub(crate) fn open<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
     timestamp: Timestamp,
-    limit: Option<Deadline>,
+    deadline: Option<Deadline>,
 ) {
     machine(fusion);
     let (at, t) = (fusion.now.as_nanos(), timestamp.as_u64());
-    input(trace::Input::Open { at, t, limit: limit.map(Deadline::as_nanos) });
+    input(trace::Input::Open { at, t, deadline: deadline.map(Deadline::as_nanos) });
 }
 
 pub(crate) fn opened(timestamp: Timestamp, opening: Opening) {
