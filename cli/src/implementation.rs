@@ -44,7 +44,7 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
             (Ok(Line::Header(header)), arbiter) => {
                 let made = Arbiter::new(&header);
                 let name = "stdin".to_owned();
-                *arbiter = Some(Box::new(made.map_err(|source| Fault::Config { name, source })?));
+                *arbiter = Some(made.map_err(|source| Fault::Config { name, source })?);
             }
             (Ok(Line::Event(Event::Input(input))), Some(arbiter)) => {
                 decide(arbiter, &input, &mut answer);

@@ -36,14 +36,13 @@ pub(crate) fn replay(args: &Args) -> Result<Exit, Fault> {
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
     let reader = Reader::new(name.as_str(), BufReader::with_capacity(CHUNK, file))?;
     let arbiter = Arbiter::new(reader.header()).map_err(|source| Fault::Config { name, source })?;
-    let arbiter = Box::new(arbiter);
     answer(reader, arbiter, BufWriter::with_capacity(CHUNK, io::stdout().lock()))?;
     Ok(Exit::Conforms)
 }
 
 fn answer<R: Read>(
     mut reader: Reader<BufReader<R>>,
-    mut arbiter: Box<Arbiter>,
+    mut arbiter: Arbiter,
     mut out: BufWriter<impl Write>,
 ) -> Result<(), Fault> {
     let mut answer = reader.raw().to_vec();

@@ -209,9 +209,6 @@ fn text(run: &Run, events: &[Event]) -> Vec<u8> {
     text
 }
 
-fn arbiter(run: &Run) -> Result<Box<Arbiter>, String> {
-    match Arbiter::new(&run.header) {
-        Ok(arbiter) => Ok(Box::new(arbiter)),
-        Err(error) => Err(format!("a sound configuration is refused: {error}")),
-    }
+fn arbiter(run: &Run) -> Result<Arbiter, String> {
+    Arbiter::new(&run.header).map_err(|error| format!("a sound configuration is refused: {error}"))
 }

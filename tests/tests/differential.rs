@@ -19,8 +19,8 @@ const CASES: u32 = 1024;
 /// Enough where nothing is counted.
 const FEWER: u32 = 256;
 
-fn arbiter(header: &Header) -> Box<Arbiter> {
-    Box::new(Arbiter::new(header).expect("the reader and the strategy make sound configurations"))
+fn arbiter(header: &Header) -> Arbiter {
+    Arbiter::new(header).expect("the reader and the strategy make sound configurations")
 }
 
 fn decisions(arbiter: &mut Arbiter, input: &Input) -> Vec<Decision> {
@@ -185,7 +185,8 @@ fn note(commit: Commit, input: &Input, found: &[Decision], seen: &mut BTreeMap<S
         let what = match decision {
             Decision::Timer { p: 0, .. } => "the deadline fires".into(),
             Decision::Timer { .. } => "a cloud's timer fires".into(),
-            Decision::Refuse { why, .. } => format!("{kind} refused {why}"),
+            Decision::RefuseOpen { why, .. } => format!("{kind} refused {why}"),
+            Decision::RefuseOffer { why, .. } => format!("{kind} refused {why}"),
             Decision::Request { .. } => "request".into(),
             Decision::Hold { p: 0, .. } => "local held".into(),
             Decision::Hold { .. } => "a cloud held".into(),

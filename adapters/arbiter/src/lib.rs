@@ -16,9 +16,8 @@ pub use reason::{drop_reason, offer_refusal, open_refusal};
 /// One operator's machine, asked in the numbers of a trace and answering in the core's types.
 ///
 /// Instants and durations are nanoseconds. Each input first gives every firing (F5), as it fires
-/// and with the instant at which it is served, to `fired`. An arbiter is as large as its machine:
-/// box it for great capacities. The default ones hold whatever a [`Header`] may ask for. Two are
-/// equal if their machines are.
+/// and with the instant at which it is served, to `fired`. The default capacities hold whatever a
+/// [`Header`] may ask for. Two are equal if their machines are.
 ///
 /// - constructor: [`new`](Self::new)
 /// - inputs: [`open`](Self::open), [`offer`](Self::offer), [`result`](Self::result),
@@ -27,7 +26,8 @@ pub use reason::{drop_reason, offer_refusal, open_refusal};
 /// - questions: [`next_due`](Self::next_due), [`now`](Self::now), [`fusion`](Self::fusion)
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Arbiter<const CLOUDS: usize = 15, const WINDOW: usize = 1024> {
-    fusion: Fusion<CLOUDS, WINDOW>,
+    /// Boxed: the greatest has 185 KiB.
+    fusion: Box<Fusion<CLOUDS, WINDOW>>,
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
@@ -46,7 +46,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
             trace::Commit::Eager => Commit::Eager,
             trace::Commit::Patient => Commit::Patient,
         };
-        Ok(Self { fusion: Fusion::new(usize::from(header.window), commit, &clouds)? })
+        Ok(Self { fusion: Box::new(Fusion::new(usize::from(header.window), commit, &clouds)?) })
     }
 
     /// F1: a message came.
@@ -153,13 +153,13 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
 
     /// The machine's clock, the instant of the latest decisions.
     #[must_use]
-    pub const fn now(&self) -> u64 {
+    pub fn now(&self) -> u64 {
         self.fusion.now().as_nanos()
     }
 
     /// The machine, for further questions.
     #[must_use]
-    pub const fn fusion(&self) -> &Fusion<CLOUDS, WINDOW> {
+    pub fn fusion(&self) -> &Fusion<CLOUDS, WINDOW> {
         &self.fusion
     }
 

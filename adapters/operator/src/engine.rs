@@ -34,7 +34,7 @@ const LOCAL: usize = 0;
 /// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
 pub struct Engine<V, R> {
     operator: Arc<str>,
-    arbiter: Box<Arbiter>,
+    arbiter: Arbiter,
     /// Local's, then the clouds' in the header's order.
     lanes: Vec<Lane<R>>,
     local: Local,
@@ -71,7 +71,7 @@ impl<V, R> Engine<V, R> {
     /// # Errors
     /// Why the configuration is refused.
     pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
-        let arbiter = Box::new(Arbiter::new(header)?);
+        let arbiter = Arbiter::new(header)?;
         let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
         let mut lanes =
             vec![Lane::new(Source { priority: 0, name: "local".into() }, local.at_once)];
