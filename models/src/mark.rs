@@ -53,11 +53,11 @@ properties! {
     FailMisses = "F4 witness: accepted, and the timestamp is missed",
     TimersTogether = "F5 witness: several timers of a timestamp fire as one",
     TimestampsTogether = "F5 witness: several timestamps are due at one instant",
-    LimitAlone = "F5 witness: the deadline fires alone",
-    LimitWithCloud = "F5 witness: the deadline fires with a cloud's timer",
+    LimitAlone = "F5 witness: local's timer fires alone",
+    LimitWithCloud = "F5 witness: local's timer fires with a cloud's timer",
     EagerOverPending = "F6 witness: eager, a timer commits although a better one is pending",
     EagerOwn = "F6 witness: eager, a held result's own timer commits it",
-    LimitHolds = "F6 witness: eager, the deadline's timer commits nothing",
+    LimitHolds = "F6 witness: eager, local's timer commits nothing",
     PatientWaits = "F6 witness: patient, a timer commits nothing while a better one is pending",
     TimerForwards = "F6 witness: a timer closes the last that outranked the best in hand",
     TimerWaits = "F6 witness: a timer finds nothing in hand, and others are pending",
@@ -124,14 +124,14 @@ fn of_firing(config: &Config, account: &Account, fired: &Fired, shown: &mut Mark
             _ => None,
         })
     };
-    let limit = timers().any(|p| p == 0);
+    let local = timers().any(|p| p == 0);
     let cloud = timers().any(|p| p > 0);
     let better = account.held.greatest().is_some_and(|best| {
         account.pending.iter().any(|p| p > best && timers().all(|timer| timer != p))
     });
     shown.insert_if(Mark::TimersTogether, timers().count() > 1);
-    shown.insert_if(Mark::LimitAlone, limit && !cloud);
-    shown.insert_if(Mark::LimitWithCloud, limit && cloud);
+    shown.insert_if(Mark::LimitAlone, local && !cloud);
+    shown.insert_if(Mark::LimitWithCloud, local && cloud);
     let last = account.timers().all(|(_, due)| due <= fired.due);
     let output = fired
         .decisions

@@ -24,7 +24,7 @@ pub(super) enum Edge {
     CounterEnd,
     DueSaturates,
     CloudsDueTogether,
-    LimitDueWithCloud,
+    LocalDueWithCloud,
     TimestampsDueTogether,
     ManyDue,
     WindowFull,
@@ -53,7 +53,7 @@ impl Edge {
         (Self::CounterEnd, "greatest timestamp opened"),
         (Self::DueSaturates, "due instant beyond the clock's end"),
         (Self::CloudsDueTogether, "two clouds due together"),
-        (Self::LimitDueWithCloud, "limit and cloud due together"),
+        (Self::LocalDueWithCloud, "local and cloud due together"),
         (Self::TimestampsDueTogether, "two timestamps due together"),
         (Self::ManyDue, "several due instants passed at one input"),
         (Self::WindowFull, "window full"),
@@ -127,7 +127,7 @@ impl Edge {
         };
         holding([
             (Self::CloudsDueTogether, together(|a, b| a.t == b.t && a.p > 0)),
-            (Self::LimitDueWithCloud, together(|a, b| a.t == b.t && a.p == 0)),
+            (Self::LocalDueWithCloud, together(|a, b| a.t == b.t && a.p == 0)),
             (Self::TimestampsDueTogether, together(|a, b| a.t != b.t)),
             (Self::ManyDue, dues.windows(2).any(|pair| pair[0].at != pair[1].at)),
             (Self::WindowFull, full),

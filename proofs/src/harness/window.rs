@@ -18,7 +18,7 @@ use crate::told;
 use crate::valid::{in_order, is_tree, same_node};
 use crate::window::{Entry, Place, Window};
 
-/// The tree knows one due instant of each timestamp, the earliest. The limit's is enough for it to be any, or none; that
+/// The tree knows one due instant of each timestamp, the earliest. Local's is enough for it to be any, or none; that
 /// it is the earliest of several, `fusion` shows.
 type Tree = Window<0, 4>;
 
