@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::tree::Tree;
 
 /// Where the code that meets the rules is.
-const CODE: [&str; 4] = [
+const CODE: [&str; 5] = [
     "core/src",
     "adapters/arbiter/src",
     "adapters/operator/src",

@@ -11,7 +11,7 @@ use crate::convert::{ConvertError, Recorded};
 use crate::fault::Fault;
 
 /// The keys that an event may have, with those that are instants and durations.
-const KEYS: [(&str, bool); 9] = [
+const KEYS: [(&str, bool); 8] = [
     ("ev", false),
     ("at", true),
     ("t", false),
