@@ -1,15 +1,18 @@
 //! `fuseline run` and `fuseline serve`, run as a user runs them: real sockets, real time.
 
 mod common;
+#[path = "common/signal.rs"]
+mod signal;
 
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Output, Stdio};
 
-use common::{err, fuseline, interrupt, out, run};
+use common::{err, fuseline, out, run};
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use serde_json::Value;
+use signal::interrupt;
 use tempfile::{TempDir, tempdir};
 
 /// Runs it in a directory of its own.

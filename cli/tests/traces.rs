@@ -1,6 +1,8 @@
 //! `fuseline replay` and `fuseline check`, run as a user runs them.
 
 mod common;
+#[path = "common/signal.rs"]
+mod signal;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -10,7 +12,8 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
 
-use common::{err, fuseline, interrupt, out, run};
+use common::{err, fuseline, out, run};
+use signal::interrupt;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;

@@ -3,20 +3,20 @@
 mod columns;
 mod page;
 
-use std::io::BufReader;
+use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::unpack;
 use thiserror::Error;
 
-use crate::Exit;
-use crate::check::open;
+use crate::exit::Exit;
 use crate::fault::Fault;
-use crate::judging::{How, Judging, Manner, reader};
+use crate::input::open;
+use crate::judging::{How, Judging, next_event, reader};
+use crate::output::Output;
 use crate::report::columns::{Columns, Told};
 use crate::sink::Sink;
 use crate::verdict::Found;
-use crate::whole;
 
 /// How many events a page may hold; a browser takes no text much longer than theirs.
 const EVENTS: usize = 10_000_000;
@@ -38,7 +38,7 @@ pub(crate) struct Args {
     /// The traces, plain or gzipped; - is standard input.
     #[arg(value_name = "TRACE", required = true)]
     traces: Vec<PathBuf>,
-    /// The page.
+    /// The page; - is standard output.
     #[arg(short, long, value_name = "FILE", default_value = "report.html")]
     output: PathBuf,
     #[command(flatten)]
@@ -52,24 +52,35 @@ pub(crate) enum ReportError {
     TooLong { file: String },
 }
 
+impl From<ReportError> for Fault {
+    fn from(error: ReportError) -> Self {
+        Self::own(error)
+    }
+}
+
 /// Judges each trace and writes the page once all are read.
 pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
+    let inputs: Vec<&Path> = args.traces.iter().map(PathBuf::as_path).collect();
+    let output = Output::new(&args.output, &inputs)?;
     let (mut told, mut exit, mut room) = (Vec::new(), Exit::Conforms, EVENTS);
-    let mut out = Sink::new(anstream::stdout());
+    let mut out: Box<dyn Write> = if output.is_stdout() {
+        Box::new(Sink::new(anstream::stderr()))
+    } else {
+        Box::new(Sink::new(anstream::stdout()))
+    };
     for path in &args.traces {
-        let (one, verdict) = read(args.how.manner(), path, &mut room)?;
+        let (one, verdict) = read(&args.how, path, &mut room)?;
         verdict.summary().tell(&mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict.exit());
         told.push(one);
     }
-    let name = args.output.display().to_string();
-    let fault = |source| Fault::Create { name, source };
-    whole::write(&args.output, |out| page::write(out, &told).map_err(fault))?;
+    output.write(|out| page::write(out, &told).map_err(Fault::Output))?;
     Ok(exit)
 }
 
 /// Reads and judges one trace; `room` is how many events more the page can hold.
-fn read(manner: Manner, path: &Path, room: &mut usize) -> Result<(Told, Found), Fault> {
+fn read(how: &How, path: &Path, room: &mut usize) -> Result<(Told, Found), Fault> {
+    let (manner, end) = (how.manner(), how.end());
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
@@ -77,11 +88,11 @@ fn read(manner: Manner, path: &Path, room: &mut usize) -> Result<(Told, Found), 
     let header = reader.header().clone();
     let mut judging = Judging::new(manner, &name, &header);
     let mut columns = Columns::new(&header);
-    while let Some(event) = reader.next_event()? {
+    while let Some(event) = next_event(&mut reader, end)? {
         *room = room.checked_sub(1).ok_or_else(|| ReportError::TooLong { file: name.clone() })?;
         judging.line(reader.line(), &event)?;
         columns.push(event);
     }
-    let verdict = judging.finish();
+    let verdict = judging.finish(end);
     Ok((columns.told(&header, manner, &verdict), verdict))
 }
