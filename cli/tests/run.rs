@@ -7,7 +7,10 @@ mod signal;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::Duration;
 
 use common::{err, fuseline, out, run};
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
@@ -141,6 +144,129 @@ fn ctrl_c_ends_a_run_with_its_tables_and_a_whole_trace() {
     assert_eq!(names(dir.path()), ["fuseline-trace.jsonl"]);
 }
 
+/// Frames come much faster than before while the operator makes up for three seconds: neither a
+/// frame nor an output may wait for the other.
+#[cfg(unix)]
+#[test]
+fn a_run_that_stood_still_goes_on_and_ctrl_c_ends_it() {
+    for presses in [false, true] {
+        let dir = tempdir().unwrap();
+        let seconds = if presses { "3600" } else { "5" };
+        let args = ["run", "--rate", "100", "--seconds", seconds, "--window", "128"];
+        let mut child = fuseline(&args)
+            .current_dir(dir.path())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+        assert!(lines.next().unwrap().contains("takes 100 frames"));
+        thread::sleep(Duration::from_secs(1));
+        signal::send(&child, "STOP");
+        thread::sleep(Duration::from_secs(3));
+        signal::send(&child, "CONT");
+        if presses {
+            thread::sleep(Duration::from_secs(1));
+            interrupt(&child);
+        }
+        let told = ended(child, lines);
+        assert!(told.last().unwrap().contains("fuseline-trace.jsonl: conforms"), "{told:?}");
+    }
+}
+
+/// What it still prints; a command that does not end within a minute is ended, and fails the test.
+#[cfg(unix)]
+fn ended(mut child: Child, lines: impl Iterator<Item = String>) -> Vec<String> {
+    let (id, (done, is_done)) = (child.id(), channel());
+    let guard = thread::spawn(move || {
+        let hangs = is_done.recv_timeout(Duration::from_secs(60)).is_err();
+        if hangs {
+            let killed = Command::new("kill").args(["-9", &id.to_string()]).status();
+            assert!(killed.unwrap().success());
+        }
+        hangs
+    });
+    let told: Vec<String> = lines.collect();
+    drop(done.send(()));
+    assert!(!guard.join().unwrap(), "it hangs: {told:?}");
+    assert_eq!(child.wait().unwrap().code(), Some(0), "{told:?}");
+    told
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_lost_when_a_run_is_killed_is_its_last_second() {
+    let dir = tempdir().unwrap();
+    let mut child = fuseline(&["run", "--seconds", "3600", "--trace", "t.jsonl"])
+        .current_dir(dir.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    thread::sleep(Duration::from_secs(4));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_eq!(names(dir.path()), ["t.jsonl"]);
+    let trace = dir.path().join("t.jsonl");
+    let checked = run(&["check", "--truncated", "--json", trace.to_str().unwrap()], "");
+    assert_eq!(checked.status.code(), Some(0), "{}", err(&checked));
+    let verdict: Value = serde_json::from_str(out(&checked)).unwrap();
+    // Ten frames a second; the machine may be slow to start it.
+    assert!(verdict["judged"].as_u64().unwrap() >= 10, "{verdict}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_under_way_is_followed() {
+    let dir = tempdir().unwrap();
+    let mut run = fuseline(&["run", "--seconds", "3600", "--trace", "t.jsonl"])
+        .current_dir(dir.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    thread::sleep(Duration::from_secs(1));
+    let follower = fuseline(&["check", "--follow", "--json", "t.jsonl"])
+        .current_dir(dir.path())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    thread::sleep(Duration::from_secs(3));
+    interrupt(&follower);
+    let followed = follower.wait_with_output().unwrap();
+    interrupt(&run);
+    run.wait().unwrap();
+    assert_eq!(followed.status.code(), Some(0), "{}", out(&followed));
+    let verdict: Value = serde_json::from_str(out(&followed)).unwrap();
+    assert!(verdict["judged"].as_u64().unwrap() >= 5, "{verdict}");
+}
+
+/// No file may be longer than 16 KiB here: the disk is full then.
+#[cfg(unix)]
+#[test]
+fn a_full_disk_is_told_and_the_run_goes_on_to_its_tables() {
+    let dir = tempdir().unwrap();
+    let script = "trap '' XFSZ; ulimit -f 32; exec \"$0\" \"$@\"";
+    let ran = Command::new("sh")
+        .args(["-c", script, env!("CARGO_BIN_EXE_fuseline")])
+        .args(["run", "--seconds", "8", "--rate", "20", "--trace", "t.jsonl"])
+        .current_dir(dir.path())
+        .env_remove("RUST_LOG")
+        .output()
+        .unwrap();
+    assert_eq!(ran.status.code(), Some(2), "{}", err(&ran));
+    assert!(out(&ran).contains("superseded") && out(&ran).contains("mean AP"), "{}", out(&ran));
+    let told: Vec<&str> = err(&ran).lines().collect();
+    let when = told.iter().position(|line| line.starts_with("warning: t.jsonl: File too large"));
+    let progress = told.iter().rposition(|line| line.contains(" of 8 s"));
+    assert!(when.unwrap() < progress.unwrap(), "{told:?}");
+    assert!(told.last().unwrap().starts_with("error: t.jsonl: File too large; "), "{told:?}");
+    let trace = dir.path().join("t.jsonl");
+    assert!(fs::metadata(&trace).unwrap().len() > 8192);
+    let checked = run(&["check", trace.to_str().unwrap()], "");
+    assert_eq!(checked.status.code(), Some(0), "{}{}", out(&checked), err(&checked));
+}
+
 #[test]
 fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
     let dir = tempdir().unwrap();
@@ -164,9 +290,10 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--cloud", &format!("{remote}ftp://h")], "the cloud's URL must be http"),
         (&["--cloud", &format!("{remote}https://h")], "needs the certificate of the CA"),
         (&["--cloud", &format!("{remote}https://h,ca=none.pem")], "none.pem: No such file"),
-        (&["--trace", "."], "error: .: is a directory"),
-        (&["--trace", "none/t.jsonl"], "error: none/t.jsonl: entity not found"),
-        (&["--trace", "/dev/null"], "error: /dev/null: entity already exists"),
+        (&["--trace", "."], "error: .: a directory; name a file in it"),
+        (&["--trace", "none/t.jsonl"], "error: none/t.jsonl: No such file or directory; "),
+        (&["--trace", "/dev/null"], "error: /dev/null: a device or a pipe; "),
+        (&["--trace", "-"], "error: --trace -: "),
     ] {
         let refused = run_in(dir.path(), args);
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", out(&refused));
@@ -201,9 +328,15 @@ mod serve {
 
     impl Server {
         fn start(directory: &Path, args: &[&str]) -> Self {
+            Self::start_with(directory, args, "".as_ref())
+        }
+
+        /// With a token in its environment.
+        fn start_with(directory: &Path, args: &[&str], token: &std::ffi::OsStr) -> Self {
             let all = [&["serve", "--listen", "127.0.0.1:0"], args].concat();
             let mut child = fuseline(&all)
                 .current_dir(directory)
+                .env("FUSELINE_TOKEN", token)
                 .stdout(Stdio::piped())
                 .stderr(Stdio::piped())
                 .spawn()
@@ -298,6 +431,32 @@ mod serve {
         ] {
             let requests = requests(dir.path(), &server.cloud("https", &rest));
             assert_eq!(requests[fate], 5, "{rest}: {requests}");
+        }
+    }
+
+    #[test]
+    fn a_token_of_the_environment_is_asked_for() {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt;
+
+        let dir = tempdir().unwrap();
+        fs::write(dir.path().join("token"), "open-sesame").unwrap();
+        let locked = Server::start_with(dir.path(), &[], "open-sesame".as_ref());
+        assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["on_time"], 5);
+        assert_eq!(requests(dir.path(), &locked.cloud("http", ""))["failed"], 5);
+        // Nothing is asked for where nothing is set.
+        let open = Server::start_with(dir.path(), &[], "".as_ref());
+        assert_eq!(requests(dir.path(), &open.cloud("http", ""))["on_time"], 5);
+        for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {
+            let mut serve = fuseline(&["serve", "--listen", "127.0.0.1:0"]);
+            let serve = serve.env("FUSELINE_TOKEN", OsStr::from_bytes(unreadable));
+            let mut child = serve.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+            let mut told = String::new();
+            BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
+            drop(child.kill());
+            let refused = child.wait_with_output().unwrap();
+            assert_eq!((told.as_str(), refused.status.code()), ("", Some(2)), "{unreadable:?}");
+            assert!(err(&refused).starts_with("error: FUSELINE_TOKEN: "), "{}", err(&refused));
         }
     }
 
