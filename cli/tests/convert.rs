@@ -1,6 +1,8 @@
 //! `fuseline convert`, run as a user runs it.
 
 mod common;
+#[path = "common/signal.rs"]
+mod signal;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,7 +11,8 @@ use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{err, fuseline, interrupt, out, run};
+use common::{err, fuseline, out, run};
+use signal::interrupt;
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 use tempfile::{TempDir, tempdir};

@@ -187,84 +187,11 @@ fn ended(mut child: Child, lines: impl Iterator<Item = String>) -> Vec<String> {
         hangs
     });
     let told: Vec<String> = lines.collect();
-    drop(done.send(()));
+    // Who guards has given up where nobody listens.
+    let _ = done.send(());
     assert!(!guard.join().unwrap(), "it hangs: {told:?}");
     assert_eq!(child.wait().unwrap().code(), Some(0), "{told:?}");
     told
-}
-
-#[cfg(unix)]
-#[test]
-fn what_is_lost_when_a_run_is_killed_is_its_last_second() {
-    let dir = tempdir().unwrap();
-    let mut child = fuseline(&["run", "--seconds", "3600", "--trace", "t.jsonl"])
-        .current_dir(dir.path())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    thread::sleep(Duration::from_secs(4));
-    child.kill().unwrap();
-    child.wait().unwrap();
-    assert_eq!(names(dir.path()), ["t.jsonl"]);
-    let trace = dir.path().join("t.jsonl");
-    let checked = run(&["check", "--truncated", "--json", trace.to_str().unwrap()], "");
-    assert_eq!(checked.status.code(), Some(0), "{}", err(&checked));
-    let verdict: Value = serde_json::from_str(out(&checked)).unwrap();
-    // Ten frames a second; the machine may be slow to start it.
-    assert!(verdict["judged"].as_u64().unwrap() >= 10, "{verdict}");
-}
-
-#[cfg(unix)]
-#[test]
-fn a_run_under_way_is_followed() {
-    let dir = tempdir().unwrap();
-    let mut run = fuseline(&["run", "--seconds", "3600", "--trace", "t.jsonl"])
-        .current_dir(dir.path())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    thread::sleep(Duration::from_secs(1));
-    let follower = fuseline(&["check", "--follow", "--json", "t.jsonl"])
-        .current_dir(dir.path())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    thread::sleep(Duration::from_secs(3));
-    interrupt(&follower);
-    let followed = follower.wait_with_output().unwrap();
-    interrupt(&run);
-    run.wait().unwrap();
-    assert_eq!(followed.status.code(), Some(0), "{}", out(&followed));
-    let verdict: Value = serde_json::from_str(out(&followed)).unwrap();
-    assert!(verdict["judged"].as_u64().unwrap() >= 5, "{verdict}");
-}
-
-/// No file may be longer than 16 KiB here: the disk is full then.
-#[cfg(unix)]
-#[test]
-fn a_full_disk_is_told_and_the_run_goes_on_to_its_tables() {
-    let dir = tempdir().unwrap();
-    let script = "trap '' XFSZ; ulimit -f 32; exec \"$0\" \"$@\"";
-    let ran = Command::new("sh")
-        .args(["-c", script, env!("CARGO_BIN_EXE_fuseline")])
-        .args(["run", "--seconds", "8", "--rate", "20", "--trace", "t.jsonl"])
-        .current_dir(dir.path())
-        .env_remove("RUST_LOG")
-        .output()
-        .unwrap();
-    assert_eq!(ran.status.code(), Some(2), "{}", err(&ran));
-    assert!(out(&ran).contains("superseded") && out(&ran).contains("mean AP"), "{}", out(&ran));
-    let told: Vec<&str> = err(&ran).lines().collect();
-    let when = told.iter().position(|line| line.starts_with("warning: t.jsonl: File too large"));
-    let progress = told.iter().rposition(|line| line.contains(" of 8 s"));
-    assert!(when.unwrap() < progress.unwrap(), "{told:?}");
-    assert!(told.last().unwrap().starts_with("error: t.jsonl: File too large; "), "{told:?}");
-    let trace = dir.path().join("t.jsonl");
-    assert!(fs::metadata(&trace).unwrap().len() > 8192);
-    let checked = run(&["check", trace.to_str().unwrap()], "");
-    assert_eq!(checked.status.code(), Some(0), "{}{}", out(&checked), err(&checked));
 }
 
 #[test]

@@ -9,8 +9,8 @@ use std::{future, io};
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{
-    Config, Items, Local, Operator, Recording, Rule, Running, Setup, SourceTally, Trace, Writer,
-    spawn, stream,
+    Config, Items, Local, Operator, Recording, Rule, Running, Setup, SourceTally, SpawnError,
+    Trace, Writer, spawn, stream,
 };
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
@@ -112,7 +112,7 @@ pub(crate) async fn start(plan: &Plan) -> Result<Camera<'_>, Fault> {
         ..Config::default()
     };
     let (frames, input) = stream(1);
-    let (running, output) = spawn(detector, config, input).map_err(RunError::from)?;
+    let (running, output) = spawn(detector, config, input).map_err(cannot_spawn)?;
     began.get_or_init(Instant::now);
     Ok(Camera { plan, frames, running, output, sent, _servers: servers })
 }
@@ -178,6 +178,16 @@ impl Camera<'_> {
             _ = timeout(grace, caught_up) => {}
             () = reading => {}
         }
+    }
+}
+
+/// Why the operator could not be started.
+fn cannot_spawn(error: SpawnError) -> Fault {
+    match error {
+        SpawnError::Trace { path, error } => {
+            Fault::Create { name: path.display().to_string(), source: error }
+        }
+        error => RunError::from(error).into(),
     }
 }
 
