@@ -9,12 +9,13 @@ import { axis, count, counted, time } from "./format.js";
 import { overview } from "./overview.js";
 import { redrawSpread, resizeSpread, showSpread } from "./spread.js";
 import { breach, showStory } from "./story.js";
-import { showLegend, showSummary, summarise } from "./summary.js";
+import { showLegend, showSummary } from "./summary.js";
 import { timeline } from "./timeline.js";
+import { markTrace, showTraces } from "./traces.js";
 
 const PAN = 0.2;
 
-const told = JSON.parse(by("data").textContent);
+const { traces: told, ...words } = JSON.parse(by("data").textContent);
 by("data").remove();
 
 let number = -1;
@@ -33,13 +34,13 @@ function show(which) {
   strip?.destroy();
   number = which;
   // One trace is decoded at a time.
-  trace = decode(told[which]);
+  trace = decode(told[which], words);
+  markTrace(which);
   by("name").textContent = trace.operator ? `${trace.operator} · ${trace.file}` : trace.file;
   document.title = `${trace.file} – Fuseline report`;
-  const summary = summarise(trace);
-  showSummary(trace, summary);
-  showLegend(trace, summary);
-  showSpread(trace, summary);
+  showSummary(trace);
+  showLegend(trace);
+  showSpread(trace);
   selected = -1;
   before = undefined;
   lines = timeline(trace, { choose: visit, seen });
@@ -47,21 +48,22 @@ function show(which) {
   strip.paint();
   all = filters(trace);
   by("queries").replaceChildren(...all.map(({ label }) => el("option", { value: label })));
-  by("filters").replaceChildren(...all.map(chip));
+  by("filters").replaceChildren(...all.filter(({ quiet }) => !quiet).map(chip));
   by("story").hidden = true;
   showViolations();
   look("");
   seen(lines.view());
 }
 
-function chip({ group, label, title, hits }) {
+function chip({ group, label, title, count: whole, hits }) {
   const act = () => {
     const again = by("query").value === label;
     by("query").value = again ? "" : label;
     look(by("query").value);
   };
-  return el("button", { type: "button", class: group < 2 ? "bad" : "", title, "aria-pressed": "false", "data-label": label, onclick: act },
-    label, " ", el("span", {}, count(hits.length)));
+  const apart = whole === hits.length ? "" : `${count(whole)} at ${counted(hits.length, "timestamp")}`;
+  return el("button", { type: "button", class: group < 2 ? "bad" : "", title: [title, apart].filter(Boolean).join("; ") || false, "aria-pressed": "false", "data-label": label, onclick: act },
+    label, " ", el("span", {}, count(whole)));
 }
 
 function showViolations() {
@@ -102,7 +104,7 @@ function look(query) {
 function say(query) {
   const { hits, at } = found;
   by("hits").textContent = !query.trim() ? "" : hits.length === 0 ? "nothing found"
-    : at < 0 ? `${count(hits.length)} found` : `${count(at + 1)} of ${count(hits.length)}`;
+    : at < 0 ? `${counted(hits.length, "timestamp")} found` : `${count(at + 1)} of ${count(hits.length)}`;
 }
 
 /** Goes to the next timestamp found, or to the one before. */
@@ -172,7 +174,7 @@ function end(way) {
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const inside = event.target instanceof Element ? event.target : document.body;
-  if (inside.matches("input, select")) {
+  if (inside.matches("input")) {
     if (event.key === "Escape") by("timeline").focus();
     return;
   }
@@ -203,16 +205,13 @@ const acts = { left: () => lines.pan(-PAN), right: () => lines.pan(PAN), closer:
   whole: () => lines.whole(), previous: () => neighbour(-1), next: () => neighbour(1), close: back };
 for (const [id, act] of Object.entries(acts)) by(id).addEventListener("click", act);
 
-by("traces").hidden = told.length < 2;
-by("traces").replaceChildren(...told.map(({ file, conforms }, i) => el("option", { value: i }, `${conforms ? "✓" : "✕"} ${file}`)));
-by("traces").addEventListener("change", () => {
-  show(Number(by("traces").value));
+showTraces(told, (which) => {
+  show(which);
   remember();
 });
 
 const address = new URLSearchParams(location.hash.slice(1));
 const wanted = Number(address.get("trace") ?? 0);
-by("traces").value = told[wanted] ? wanted : 0;
 show(told[wanted] ? wanted : 0);
 if (address.has("q")) {
   by("query").value = address.get("q");

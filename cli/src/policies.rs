@@ -155,7 +155,7 @@ const fn key(arrival: Arrival) -> (Duration, u8) {
 }
 
 /// Nearest ranks. An unknown response that may exceed its place makes all later ones lower bounds.
-fn quantiles(responses: &mut [Arrival]) -> [Option<Quantile>; 3] {
+pub(crate) fn quantiles(responses: &mut [Arrival]) -> [Option<Quantile>; 3] {
     responses.sort_unstable_by_key(|arrival| key(*arrival));
     let unknown = responses
         .iter()
