@@ -88,9 +88,15 @@ function seen(view) {
     const some = after(trace, view.to) - after(trace, view.from);
     const span = view.to - view.from;
     const part = span >= trace.duration ? `${time(0)} to ${time(trace.duration)}`
-      : `${time(span)} from ${axis([Math.max(0, view.from)], span / 50)[0]} on`;
+      : `${time(span)} from ${from(view.from, span)} on`;
     by("view").textContent = `${part}, ${counted(some, "timestamp")} of ${count(trace.order.length)}`;
   }, 150);
+}
+
+/** An instant, as exactly as a view of this span needs. */
+function from(instant, span) {
+  const step = 10 ** Math.max(0, Math.floor(Math.log10(span / 50)));
+  return axis([Math.max(0, Math.round(instant / step) * step)], step)[0];
 }
 
 /** Looks for what was typed; goes nowhere yet. */

@@ -8,11 +8,12 @@ import { verdictOf, violationsOf } from "./summary.js";
 export function showTraces(traces, choose) {
   by("several").hidden = traces.length < 2;
   const bad = traces.filter(({ conforms }) => !conforms).length;
-  by("several-title").textContent = `${count(traces.length)} traces: ${bad ? `${count(bad)} of them do not conform` : "all conform"}`;
+  by("several-title").textContent = `${count(traces.length)} traces: ${bad ? `${count(bad)} ${bad === 1 ? "does" : "do"} not conform` : "all conform"}`;
+  const folder = common(traces.map(({ file }) => file));
   const head = ["Trace", "Verdict", "Messages", "Served by", "p50", "p90", "p99", "Worst violation"];
   by("traces").replaceChildren(
     el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
-    el("tbody", {}, ...traces.map((trace, number) => row(trace, () => choose(number)))),
+    el("tbody", {}, ...traces.map((trace, number) => row(trace, folder, () => choose(number)))),
   );
 }
 
@@ -24,18 +25,26 @@ export function markTrace(number) {
   }
 }
 
-function row(trace, act) {
+function row(trace, folder, act) {
   const { file, operator, conforms, account: { messages, response } } = trace;
-  const button = el("button", { type: "button", title: verdictOf(trace), onclick: act }, operator ? `${operator} · ${file}` : file);
+  const name = file.slice(folder);
+  const button = el("button", { type: "button", title: `${file}: ${verdictOf(trace)}`, onclick: act }, operator ? `${operator} · ${name}` : name);
   const verdict = conforms ? "✓ conforms" : violationsOf(trace) ? `✕ ${count(violationsOf(trace))}` : "✕ nothing judged";
   const breach = worst(trace.violations);
   return el("tr", {},
     el("th", { scope: "row" }, button),
     el("td", { class: conforms ? "good" : "bad" }, verdict),
     el("td", {}, count(messages)),
-    el("td", { class: "served" }, ...served(trace)),
+    el("td", {}, ...served(trace)),
     ...response.map((ns) => el("td", {}, quantile(ns))),
-    el("td", { class: "worst", title: breach?.sentence }, breach ? `${breach.rule}, line ${count(breach.line)}` : "–"));
+    el("td", { title: breach?.sentence }, breach ? `${breach.rule}, line ${count(breach.line)}` : "–"));
+}
+
+/** How long the folders are that all paths begin with. */
+function common([first, ...others]) {
+  let at = first.lastIndexOf("/") + 1;
+  while (at > 0 && !others.every((other) => other.startsWith(first.slice(0, at)))) at = first.lastIndexOf("/", at - 2) + 1;
+  return at;
 }
 
 /** The one that is latest, if lateness is told; else the first, from which others may follow. */

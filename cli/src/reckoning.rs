@@ -93,6 +93,14 @@ pub(crate) enum Outcome {
 }
 
 impl Row {
+    pub(crate) const fn requests(&self) -> u64 {
+        self.counts[0]
+    }
+
+    pub(crate) const fn refused(&self) -> u64 {
+        self.counts[7]
+    }
+
     pub(crate) const fn forwarded(&self) -> u64 {
         self.counts[Fate::Forwarded as usize]
     }

@@ -5,6 +5,7 @@ mod camera;
 mod cloud;
 mod live;
 mod plan;
+mod queue;
 mod report;
 mod table;
 

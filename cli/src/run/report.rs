@@ -15,6 +15,7 @@ use crate::policies::{Arrival, Policy, Quantile, Score};
 use crate::reckoning::{Account, COLUMNS, Reckoning, Row};
 use crate::run::camera::Driven;
 use crate::run::plan::{Cloud, Plan};
+use crate::run::queue::Queues;
 use crate::verdict::Found;
 
 /// What a run came to.
@@ -29,6 +30,8 @@ pub(crate) struct Report {
     pub(crate) deadline_ms: u64,
     pub(crate) commit: &'static str,
     pub(crate) window: u16,
+    /// Calls at once to one cloud.
+    pub(crate) calls: usize,
     pub(crate) seed: u64,
     /// Local first, then the clouds.
     pub(crate) sources: Vec<SourceReport>,
@@ -82,6 +85,7 @@ pub(crate) struct PolicyReport {
 /// What the trace tells and what the judge says of it.
 pub(crate) struct Reading {
     pub(crate) reckoning: Reckoning,
+    pub(crate) queues: Queues,
     pub(crate) verdict: Verdict,
 }
 
@@ -95,12 +99,15 @@ impl Reading {
             File::open(trace).map_err(|source| Fault::Open { name: name.to_owned(), source })?;
         let mut reader = Reader::new(name, BufReader::new(file))?;
         let mut judge = Judge::new(name, reader.header());
-        let mut reckoning = Reckoning::new(plan.clouds.iter().map(|cloud| cloud.priority), false);
+        let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
+        let mut queues = Queues::new(priorities.iter().copied(), plan.calls);
+        let mut reckoning = Reckoning::new(priorities, false);
         while let Some(event) = reader.next_event()? {
             judge.line(reader.line(), &event);
             reckoning.event(&event);
+            queues.event(&event);
         }
-        Ok(Self { reckoning, verdict: judge.finish() })
+        Ok(Self { reckoning, queues, verdict: judge.finish() })
     }
 
     /// Puts everything together.
@@ -131,35 +138,39 @@ impl Reading {
             deadline_ms: plan.deadline_ms,
             commit: plan.commit.as_str(),
             window: plan.window,
+            calls: plan.calls,
             seed: plan.seed,
             sources,
             missed: account.missed,
             refused: account.refused,
             open: account.open,
             timer_lag_ms: self.reckoning.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
-            policies: self.policies(plan, sent.iter().sum()),
+            policies: self.policies(plan, &account, sent.iter().sum()),
             account,
             trace: Found::Strict(self.verdict),
         }
     }
 
-    /// Each policy's score over the same messages.
-    fn policies(&self, plan: &Plan, sent: u64) -> Vec<PolicyReport> {
+    /// Each policy's score over the same messages and the same requests.
+    fn policies(&self, plan: &Plan, account: &Account, sent: u64) -> Vec<PolicyReport> {
+        // Local's result either came or is not known; a cloud's call may have been ended.
         let planned = |source: usize, opened: u64, t: u64| {
-            let opened = Duration::from_nanos(opened);
-            // Local's result either came or is not known; a cloud's call may have been ended.
-            let emulation = plan.clouds.get(source.checked_sub(1)?)?.emulation()?;
-            Some(emulation.reply_after(opened, t).map_or(Arrival::Never, Arrival::At))
+            let place = source.checked_sub(1)?;
+            let emulation = plan.clouds.get(place)?.emulation()?;
+            let sent = self.queues.sent(place, t)?;
+            let waited = Duration::from_nanos(sent.saturating_sub(opened));
+            let reply = emulation.reply_after(Duration::from_nanos(sent), t);
+            Some(reply.map_or(Arrival::Never, |reply| Arrival::At(waited + reply)))
         };
         let messages = self.reckoning.messages(planned);
         let ap = |cloud: &Cloud| cloud.model.as_ref().and_then(|model| model.ap);
         let aps: Vec<Option<f64>> =
             [plan.local.ap].into_iter().chain(plan.clouds.iter().map(ap)).collect();
         let deadline = plan.deadline();
-        let clouds = plan.clouds.len() as u64;
+        let admitted: Vec<u64> = account.rows.iter().map(Row::requests).collect();
         let report = |policy: Policy, name: String| {
             let Score { ap, in_time, quantiles } = policy.score(&messages, &aps, deadline);
-            let requests = policy.requests(messages.len() as u64, clouds);
+            let requests = policy.requests(&admitted);
             let sent_bytes = requests.map_or(sent, |requests| requests * REQUEST_BYTES as u64);
             PolicyReport { policy: name, mean_ap: ap, in_time, response_ms: quantiles, sent_bytes }
         };

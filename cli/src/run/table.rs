@@ -92,6 +92,18 @@ impl fmt::Display for Report {
              more, counts 0.",
             self.deadline_ms
         )?;
+        let refused: u64 = self.account.rows.iter().map(Row::refused).sum();
+        if self.refused + refused > 0 {
+            writeln!(
+                f,
+                "All policies have the same limits: of {} and {}, refused for a window of {} or \
+                 for a\nqueue behind {} a cloud, none has anything.",
+                counted(self.refused, "message"),
+                counted(refused, "request"),
+                self.window,
+                counted(self.calls as u64, "call"),
+            )?;
+        }
         if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
             writeln!(
                 f,
@@ -115,8 +127,8 @@ struct Messages<'a>(&'a Account);
 impl fmt::Display for Messages<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Account { messages, forwarded, missed, refused, open, .. } = *self.0;
-        let plural = if messages == 1 { "" } else { "s" };
-        write!(f, "{messages} message{plural}: {forwarded} forwarded, {missed} missed")?;
+        let messages = counted(messages, "message");
+        write!(f, "{messages}: {forwarded} forwarded, {missed} missed")?;
         write!(f, ", {refused} refused")?;
         if open > 0 { write!(f, ", {open} open") } else { Ok(()) }
     }
@@ -221,6 +233,10 @@ fn align(table: &mut Table) {
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
     }
+}
+
+fn counted(count: u64, what: &str) -> String {
+    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }
 
 /// Whole milliseconds.
