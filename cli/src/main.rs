@@ -19,6 +19,7 @@ mod judging;
 mod models;
 mod output;
 mod policies;
+mod reckoning;
 mod replay;
 mod report;
 mod run;

@@ -12,9 +12,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use common::{err, fuseline, out, run};
-use signal::interrupt;
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
+use signal::interrupt;
 use tempfile::{TempDir, tempdir};
 
 const HEADER: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"name":"west","limit":31}]}"#;

@@ -94,12 +94,11 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
         None => own,
     };
     let header = header.ok_or_else(|| ConvertError::NoHeader { file: name.clone() })?;
-    match output {
-        Some(output) => output.write(|out| write(out, &header, &mut *recorded, args.sort))?,
-        None => {
-            let mut out = BufWriter::new(io::stdout().lock());
-            write(&mut out, &header, &mut *recorded, args.sort)?;
-        }
+    let mut write = |out: &mut dyn Write| write(out, &header, &mut *recorded, args.sort);
+    if let Some(output) = output {
+        output.write(|out| write(out))?;
+    } else {
+        write(&mut BufWriter::new(io::stdout().lock()))?;
     }
     Ok(Exit::Conforms)
 }
@@ -113,7 +112,7 @@ fn format_of(path: &Path) -> Option<Format> {
 }
 
 fn write(
-    out: &mut impl Write,
+    out: &mut dyn Write,
     header: &Header,
     recorded: &mut dyn Recorded,
     sort: bool,

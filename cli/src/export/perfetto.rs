@@ -25,8 +25,8 @@ pub(super) struct Tracks<W> {
     /// The slices that have not ended, by timestamp and priority.
     open: BTreeMap<(u64, u64), Slice>,
     latest: u64,
-    /// How many tracks there are.
-    tracks: u32,
+    /// The number of the latest track.
+    latest_track: u32,
     is_first: bool,
 }
 
@@ -69,7 +69,7 @@ impl<W: Write> Tracks<W> {
             sources: named.map(source).collect(),
             open: BTreeMap::new(),
             latest: 0,
-            tracks: OUTPUTS,
+            latest_track: OUTPUTS,
             is_first: true,
         };
         let operator = header.operator.as_deref().unwrap_or("operator");
@@ -104,8 +104,8 @@ impl<W: Write> Tracks<W> {
 
     /// One more track for a source.
     fn add(&mut self, p: Option<u64>) -> io::Result<()> {
-        self.tracks += 1;
-        let number = self.tracks;
+        self.latest_track += 1;
+        let number = self.latest_track;
         let Some(source) = self.sources.get_mut(&p) else { return Ok(()) };
         source.tracks.push(Track { number, free: Some(0) });
         let name = match source.tracks.len() {

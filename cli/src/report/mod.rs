@@ -2,8 +2,9 @@
 
 mod columns;
 mod page;
+mod reasons;
 
-use std::io::{BufReader, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::unpack;
@@ -12,14 +13,17 @@ use thiserror::Error;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
-use crate::judging::{How, Judging, next_event, reader};
+use crate::judging::{End, How, Judging, Manner, next_event, reader};
 use crate::output::Output;
-use crate::report::columns::{Columns, Told};
+use crate::report::columns::Columns;
 use crate::sink::Sink;
 use crate::verdict::Found;
 
+pub(crate) use crate::report::columns::Told;
+pub(crate) use crate::report::page::Data;
+
 /// How many events a page may hold; a browser takes no text much longer than theirs.
-const EVENTS: usize = 10_000_000;
+pub(crate) const EVENTS: usize = 10_000_000;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -69,27 +73,38 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
         Box::new(Sink::new(anstream::stdout()))
     };
     for path in &args.traces {
-        let (one, verdict) = read(&args.how, path, &mut room)?;
+        let (name, file) = open(path)?;
+        let trace = unpack(BufReader::new(file))
+            .map_err(|source| Fault::Open { name: name.clone(), source })?;
+        let (one, verdict) = read(args.how.manner(), args.how.end(), &name, trace, &mut room)?;
         verdict.summary().tell(&mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict.exit());
         told.push(one);
     }
-    output.write(|out| page::write(out, &told).map_err(Fault::Output))?;
+    write(&output, &told)?;
     Ok(exit)
 }
 
+/// Writes the page of what was told.
+pub(crate) fn write(output: &Output, told: &[Told]) -> Result<(), Fault> {
+    output.write(|out| page::write(out, &Data::new(told)).map_err(Fault::Output))
+}
+
 /// Reads and judges one trace; `room` is how many events more the page can hold.
-fn read(how: &How, path: &Path, room: &mut usize) -> Result<(Told, Found), Fault> {
-    let (manner, end) = (how.manner(), how.end());
-    let (name, file) = open(path)?;
-    let trace = unpack(BufReader::new(file))
-        .map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let mut reader = reader(manner, &name, trace)?;
+pub(crate) fn read(
+    manner: Manner,
+    end: End,
+    name: &str,
+    trace: impl BufRead,
+    room: &mut usize,
+) -> Result<(Told, Found), Fault> {
+    let mut reader = reader(manner, name, trace)?;
     let header = reader.header().clone();
-    let mut judging = Judging::new(manner, &name, &header);
-    let mut columns = Columns::new(&header);
+    let mut judging = Judging::new(manner, name, &header);
+    let mut columns = Columns::new(&header, manner.is_some());
     while let Some(event) = next_event(&mut reader, end)? {
-        *room = room.checked_sub(1).ok_or_else(|| ReportError::TooLong { file: name.clone() })?;
+        let too_long = || ReportError::TooLong { file: name.to_owned() };
+        *room = room.checked_sub(1).ok_or_else(too_long)?;
         judging.line(reader.line(), &event)?;
         columns.push(event);
     }

@@ -21,22 +21,13 @@ use crate::fault::Fault;
 use crate::files;
 use crate::interrupt::Interrupt;
 use crate::run::cloud::Remote;
+use crate::run::driven::Driven;
 use crate::run::error::RunError;
 use crate::run::live::Live;
 use crate::run::plan::{Plan, Server};
 
 /// How often it is asked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
-
-/// What came of driving the camera.
-pub(crate) struct Driven {
-    /// Requests sent to each cloud.
-    pub(crate) sent: Vec<u64>,
-    /// Whether the user ended it.
-    pub(crate) interrupted: bool,
-    /// Why the trace ends before the run does, if so.
-    pub(crate) unrecorded: Option<io::Error>,
-}
 
 /// A camera, its operator and its clouds, started.
 pub(crate) struct Camera<'a> {
@@ -82,6 +73,7 @@ impl Operator for Detector<'_> {
             let registered =
                 setup.use_cloud(handle, message_handler, response_handler, cloud.priority);
             registered.name.clone_from(&cloud.name);
+            registered.calls = self.plan.calls;
         }
         let (model, seed) = (self.plan.local.clone(), self.plan.seed);
         Local::futures(self.plan.workers, move |_, timestamp| {

@@ -3,10 +3,11 @@
 
 mod camera;
 mod cloud;
+mod driven;
 mod error;
-mod ledger;
 mod live;
 mod plan;
+mod queue;
 mod report;
 mod table;
 
@@ -25,6 +26,8 @@ use crate::run::table::Introduction;
 use crate::sink::Sink;
 
 pub(crate) use crate::run::plan::Args;
+#[cfg(test)]
+pub(crate) use crate::run::table::sources_table;
 
 /// Runs what the options say, reports it, and keeps its trace.
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {

@@ -67,6 +67,10 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value = "4", value_parser = workers,
         allow_negative_numbers = true)]
     workers: NonZero<usize>,
+    /// How many calls to one cloud may be under way at once, 1 to 1024; more wait.
+    #[arg(long, value_name = "N", default_value = "8", value_parser = workers,
+        allow_negative_numbers = true)]
+    calls: NonZero<usize>,
     /// A cloud instead of the two there are; repeatable. Keys: name, priority and model with drive
     /// and start, or with url, ca, cert, key and token (the last four are files) for a server
     /// elsewhere.
@@ -108,6 +112,8 @@ pub(crate) struct Plan {
     pub(crate) seed: u64,
     pub(crate) local: Model,
     pub(crate) workers: usize,
+    /// How many calls to one cloud may be under way at once.
+    pub(crate) calls: usize,
     /// In the order asked for.
     pub(crate) clouds: Vec<Cloud>,
     pub(crate) trace: PathBuf,
@@ -182,6 +188,7 @@ impl Plan {
             seed: args.seed,
             local: args.local.clone(),
             workers: args.workers.get(),
+            calls: args.calls.get(),
             clouds: clouds.collect::<Result<_, CloudsError>>().map_err(PlanError::from)?,
             trace,
         })
