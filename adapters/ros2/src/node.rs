@@ -136,6 +136,7 @@ fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, ConfigError> 
         at_once: settings.local.in_flight.into(),
         waiting: settings.local.waiting.into(),
         skip_answered: false,
+        lossy: true,
     };
     Engine::new(&header(settings), &at_once, local)
 }

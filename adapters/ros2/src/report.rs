@@ -118,6 +118,8 @@ impl Reporter {
             (ERROR, format!("{missed} messages missed"))
         } else if unsent > 0 {
             (ERROR, format!("{unsent} outputs not sent: a subscriber is too far behind"))
+        } else if let Some(why) = &tally.unrecorded {
+            (ERROR, format!("the recording has ended: {why}"))
         } else if refused > 0 {
             (WARN, format!("{refused} messages refused"))
         } else if unread > 0 {
@@ -150,6 +152,7 @@ impl Reporter {
         let asked = now.admitted - before.admitted;
         let without = (now.timers + now.failed) - (before.timers + before.failed);
         let refused = total(&now.refused) - total(&before.refused);
+        let lost = now.lost - before.lost;
         let strange = (source.strays.unknown_stamp + source.strays.malformed)
             - (stray.unknown_stamp + stray.malformed);
         let heard = heard(now) - heard(before);
@@ -161,8 +164,12 @@ impl Reporter {
             (ERROR, format!("missing: {who}{unfit}"))
         } else if asked > 0 && without >= asked && heard == 0 {
             (ERROR, format!("missing: no result to {without} requests"))
+        } else if lost > 0 && heard == 0 {
+            (ERROR, format!("missing: no word of {lost} computations"))
         } else if without > 0 {
             (WARN, format!("falling back: {without} requests without a result in time"))
+        } else if lost > 0 {
+            (WARN, format!("no word of {lost} computations"))
         } else if refused > 0 {
             (WARN, format!("falling back: {refused} requests refused"))
         } else if strange > 0 {
@@ -179,6 +186,8 @@ impl Reporter {
             value("held", &now.held),
             value("timers", &now.timers),
             value("failed", &now.failed),
+            value("reasons", &now.reasons),
+            value("lost", &now.lost),
             value("cancelled", &now.cancelled),
             value("unknown_stamp", &source.strays.unknown_stamp),
             value("malformed", &source.strays.malformed),

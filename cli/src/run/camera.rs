@@ -10,8 +10,8 @@ use std::{future, io};
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{
-    Config, Items, Local, Operator, Recording, Rule, Running, Setup, SourceTally, Trace, Writer,
-    spawn, stream,
+    Config, Items, JoinError, Local, Operator, Recording, Rule, Running, Setup, SourceTally, Trace,
+    WriteError, Writer, spawn, stream,
 };
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
@@ -109,7 +109,7 @@ pub(crate) async fn start<'a>(plan: &'a Plan, trace: &Path) -> Result<Camera<'a>
         trace: Some(Trace { path: trace.to_owned(), recording: Recording::default() }),
         ..Config::default()
     };
-    let (frames, input) = stream(1);
+    let (frames, input) = stream(plan.window.into());
     let (running, output) = spawn(detector, config, input)?;
     began.get_or_init(Instant::now);
     Ok(Camera { plan, frames, running, output, sent, _servers: servers })
@@ -129,7 +129,13 @@ impl Camera<'_> {
         self.catch_up(live).await;
         // Without frames to come the operator ends once all is answered.
         drop((self.frames, self.output));
-        let tally = self.running.join().await.map_err(Fault::Trace)?;
+        let tally = match self.running.join().await {
+            Ok(tally) => tally,
+            Err(JoinError::Trace { error, .. }) => return Err(Fault::Trace(error)),
+            Err(error @ JoinError::Stopped { .. }) => {
+                return Err(Fault::Trace(io::Error::other(error)));
+            }
+        };
         live.show(&tally);
         let sent = self.sent.iter().map(|sent| sent.load(Ordering::Relaxed)).collect();
         Ok(Driven { sent, interrupted })
@@ -144,10 +150,11 @@ impl Camera<'_> {
             tokio::select! {
                 () = interrupt.wait() => return true,
                 _ = frames.tick() => {
-                    if self.frames.write(Frame(image.clone())).await.is_err() {
-                        break;
+                    match self.frames.write(Frame(image.clone())) {
+                        // A camera does not wait: a frame that finds no room is lost.
+                        Ok(_) | Err(WriteError::Full(_)) => written += 1,
+                        Err(WriteError::Closed(_)) => break,
                     }
-                    written += 1;
                 }
                 Some(item) = self.output.read() => live.item(&item),
                 _ = looks.tick() => live.show(&self.running.tally()),

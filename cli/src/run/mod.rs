@@ -30,12 +30,16 @@ pub(crate) use crate::run::plan::{Args, PlanError};
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let plan = Plan::new(args)?;
     let name = plan.trace.display().to_string();
-    let trace = beside(&plan.trace)
-        .map_err(|error| Fault::Create { name: name.clone(), source: error.kind().into() })?;
+    // The trace is written under its own name from the start: a run can be followed, and one that is
+    // killed leaves it. Whether it can be written is asked before anything is started.
+    drop(
+        beside(&plan.trace)
+            .map_err(|error| Fault::Create { name: name.clone(), source: error.kind().into() })?,
+    );
     let interrupt = Interrupt::watch();
     let mut out = Sink::new(anstream::stdout());
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
-    let camera = runtime.block_on(camera::start(&plan, trace.path()))?;
+    let camera = runtime.block_on(camera::start(&plan, &plan.trace))?;
     if !args.json {
         writeln!(out, "{}", Introduction(&plan)).map_err(Fault::Output)?;
     }
@@ -46,8 +50,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     // Whatever still runs belongs to calls that were given up.
     runtime.shutdown_background();
 
-    let reading = Reading::new(trace.path(), &name, &plan)?;
-    trace.persist(&plan.trace).map_err(|error| Fault::Create { name, source: error.error })?;
+    let reading = Reading::new(&plan.trace, &name, &plan)?;
     let report = reading.report(&plan, &driven);
     if args.json {
         serde_json::to_writer(&mut out, &report)
