@@ -191,7 +191,7 @@ fn an_observed_trace_without_decisions_tells_each_fate_by_its_facts() {
 fn operate(run: &Run) -> (Tally, Vec<u8>) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("trace.jsonl");
-    let local = Local { at_once: 1, waiting: usize::MAX, skip_answered: false };
+    let local = Local { at_once: 1, waiting: usize::MAX, skip_answered: false, lossy: false };
     let mut engine: Engine<(), ()> = Engine::new(&run.header, &[1; 15], local).unwrap();
     engine.record(Recorder::create(&path, &run.header, Recording::default()).unwrap()).unwrap();
     for input in &run.inputs {
