@@ -113,6 +113,7 @@ fn all_policies_have_the_same_limits() {
     // Fusion has in hand whatever comes first, so that nothing is in time without it.
     let [fusion, .., first] = &report["policies"].as_array().unwrap()[..] else { unreachable!() };
     let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
+    let sent = |policy: &Value| policy["sent_bytes"].as_u64().unwrap();
     assert!(in_time(fusion) >= in_time(first), "{report}");
     let ap = |policy: &Value| policy["mean_ap"].as_f64().unwrap();
     assert!(ap(fusion) >= ap(first), "{report}");
@@ -121,7 +122,32 @@ fn all_policies_have_the_same_limits() {
         let requests = cloud["requests"].as_object().unwrap();
         let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
         assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
+        assert_eq!(sent(&report["policies"][place + 2]), admitted * 33_300, "{report}");
     }
+}
+
+#[test]
+fn a_run_leaves_its_page_if_wanted_and_never_in_place_of_its_trace() {
+    let dir = tempdir().unwrap();
+    let short = ["--seconds", "0.3", "--trace", "t.jsonl"];
+    let ran = run_in(dir.path(), &[&short[..], &["--report"]].concat());
+    assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+    assert_eq!(out(&ran).lines().last(), Some("report.html: the page of this run"));
+    let page = fs::read_to_string(dir.path().join("report.html")).unwrap();
+    assert!(page.contains(r#""file":"t.jsonl""#));
+    let named = run_in(dir.path(), &[&short[..], &["--json", "--report=mine.html"]].concat());
+    report(&named);
+    assert!(dir.path().join("mine.html").is_file());
+
+    let trace = fs::read(dir.path().join("t.jsonl")).unwrap();
+    for same in ["--report=t.jsonl", "--report=./t.jsonl"] {
+        let refused = run_in(dir.path(), &[&short[..], &[same]].concat());
+        assert_eq!(refused.status.code(), Some(2), "{}", out(&refused));
+        assert!(err(&refused).contains("that is the trace; give the page another name"));
+    }
+    assert_eq!(fs::read(dir.path().join("t.jsonl")).unwrap(), trace);
+    let alone = run_in(dir.path(), &["--open"]);
+    assert!(err(&alone).contains("--report"), "{}", err(&alone));
 }
 
 #[test]

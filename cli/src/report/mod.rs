@@ -14,16 +14,17 @@ use crate::Exit;
 use crate::check::open;
 use crate::fault::Fault;
 use crate::judging::{How, Judging, Manner, reader};
-use crate::report::columns::Columns;
+use crate::report::columns::{Columns, Told};
+use crate::report::page::Data;
 use crate::sink::Sink;
 use crate::verdict::Found;
 use crate::whole;
 
-pub(crate) use crate::report::columns::Told;
-pub(crate) use crate::report::page::Data;
+#[cfg(test)]
+pub(crate) use crate::report::tests::data;
 
 /// How many events a page may hold; a browser takes no text much longer than theirs.
-pub(crate) const EVENTS: usize = 10_000_000;
+const EVENTS: usize = 10_000_000;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -61,10 +62,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     let (mut told, mut exit, mut room) = (Vec::new(), Exit::Conforms, EVENTS);
     let mut out = Sink::new(anstream::stdout());
     for path in &args.traces {
-        let (name, file) = open(path)?;
-        let trace = unpack(BufReader::new(file))
-            .map_err(|source| Fault::Open { name: name.clone(), source })?;
-        let (one, verdict) = read(args.how.manner(), &name, trace, &mut room)?;
+        let (one, verdict) = read_file(args.how.manner(), path, &mut room)?;
         verdict.summary().tell(&mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict.exit());
         told.push(one);
@@ -73,15 +71,28 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     Ok(exit)
 }
 
+/// Makes the page of one trace, judged strictly.
+pub(crate) fn of(trace: &Path, output: &Path) -> Result<(), Fault> {
+    let (told, _) = read_file(None, trace, &mut EVENTS.clone())?;
+    write(output, &[told])
+}
+
 /// Writes the page of what was told.
-pub(crate) fn write(output: &Path, told: &[Told]) -> Result<(), Fault> {
+fn write(output: &Path, told: &[Told]) -> Result<(), Fault> {
     let name = output.display().to_string();
     let fault = |source| Fault::Create { name, source };
     whole::write(output, |out| page::write(out, &Data::new(told)).map_err(fault))
 }
 
+fn read_file(manner: Manner, path: &Path, room: &mut usize) -> Result<(Told, Found), Fault> {
+    let (name, file) = open(path)?;
+    let trace = unpack(BufReader::new(file))
+        .map_err(|source| Fault::Open { name: name.clone(), source })?;
+    read(manner, &name, trace, room)
+}
+
 /// Reads and judges one trace; `room` is how many events more the page can hold.
-pub(crate) fn read(
+fn read(
     manner: Manner,
     name: &str,
     trace: impl BufRead,
@@ -99,4 +110,19 @@ pub(crate) fn read(
     }
     let verdict = judging.finish();
     Ok((columns.told(&header, manner, &verdict), verdict))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Value;
+
+    use super::*;
+
+    /// What the page of this trace is told.
+    pub(crate) fn data(trace: &[u8]) -> Value {
+        let (told, found) = read(None, "trace", trace, &mut EVENTS.clone()).unwrap();
+        assert!(found.summary().conforms);
+        let data = serde_json::to_vec(&Data::new(&[told])).unwrap();
+        serde_json::from_slice(&data).unwrap()
+    }
 }

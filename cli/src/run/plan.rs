@@ -1,7 +1,8 @@
 //! The plan of a run: its options, checked, with models and drives at hand.
 
+use std::io;
 use std::num::NonZero;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::ValueEnum;
@@ -29,6 +30,7 @@ sent then waits for it. A drive that is over starts again.
 
 Examples:
   fuseline run --seconds 10 --commit patient
+  fuseline run --report --open
   fuseline run --drive west=vnperf/downtown:verizon --start west=300
   fuseline run --cloud name=a,priority=1,model=DINO-SWIN-Small,drive=my.csv,start=5
   fuseline run --cloud name=b,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051")]
@@ -76,6 +78,13 @@ pub(crate) struct Args {
     /// Where the trace is written once it is whole.
     #[arg(long, value_name = "FILE", default_value = "fuseline-trace.jsonl")]
     trace: PathBuf,
+    /// Make the trace's page too, as fuseline report does, and tell where it is.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true,
+        default_missing_value = "report.html")]
+    report: Option<PathBuf>,
+    /// Open the page in a browser.
+    #[arg(long, requires = "report")]
+    open: bool,
     /// Print the report as one JSON object.
     #[arg(long)]
     pub(crate) json: bool,
@@ -108,6 +117,10 @@ pub(crate) struct Plan {
     /// In the order asked for.
     pub(crate) clouds: Vec<Cloud>,
     pub(crate) trace: PathBuf,
+    /// Where the trace's page is wanted.
+    pub(crate) page: Option<PathBuf>,
+    /// Whether it is to be opened in a browser.
+    pub(crate) open: bool,
 }
 
 /// One cloud of a run.
@@ -134,6 +147,8 @@ pub(crate) enum PlanError {
     Clouds(#[from] CloudsError),
     #[error("{frames} frames are too many; choose --seconds and --rate for at most {MESSAGES}")]
     Frames { frames: u64 },
+    #[error("--report={0}: that is the trace; give the page another name")]
+    Page(String),
 }
 
 impl Plan {
@@ -152,6 +167,9 @@ impl Plan {
         let frames = (args.seconds.as_secs_f64() * args.rate - 1e-6).ceil() as u64;
         if frames > MESSAGES {
             return Err(PlanError::Frames { frames });
+        }
+        if let Some(page) = args.report.as_ref().filter(|page| is_same(page, &args.trace)) {
+            return Err(PlanError::Page(page.display().to_string()));
         }
         let mut wanted = args.clouds.clone();
         cloud::adjust(&mut wanted, &args.drives, &args.starts)?;
@@ -173,6 +191,8 @@ impl Plan {
             calls: args.calls.get(),
             clouds: clouds.collect::<Result<_, CloudsError>>()?,
             trace: args.trace.clone(),
+            page: args.report.clone(),
+            open: args.open,
         })
     }
 
@@ -203,6 +223,14 @@ impl Cloud {
             Server::Remote(_) => None,
         }
     }
+}
+
+/// Whether two paths name one file, by a link too.
+fn is_same(one: &Path, other: &Path) -> bool {
+    let is_equal = |by: fn(&Path) -> io::Result<PathBuf>| {
+        by(one).is_ok_and(|one| by(other).is_ok_and(|other| one == other))
+    };
+    is_equal(|path| std::path::absolute(path)) || is_equal(Path::canonicalize)
 }
 
 /// Up to a day.
