@@ -453,7 +453,9 @@ impl TopicCache {
       ChangesInRange::Reliable(self.get_changes_in_range_reliable(last_read_sn))
     } else {
       ChangesInRange::BestEffort(
-        self.get_changes_in_range_best_effort(latest_instant, Timestamp::now()),
+        // fuseline: not up to `Timestamp::now()`, which keys of `changes` are ahead of
+        // after the clock stepped back.
+        self.get_changes_in_range_best_effort(latest_instant, self.last_added_instant),
       )
     }
   }
