@@ -14,6 +14,7 @@ mod interrupt;
 mod judging;
 mod models;
 mod policies;
+mod reckoning;
 mod replay;
 mod report;
 mod run;

@@ -31,11 +31,14 @@ fn adds_up(report: &Value) {
     let messages = report["messages"].as_u64().unwrap();
     let sources = report["sources"].as_array().unwrap();
     let forwarded = sum(sources.iter().map(|source| &source["forwarded"]));
-    assert_eq!(forwarded + sum([&report["missed"], &report["refused"]]), messages, "{report}");
-    for cloud in &sources[1..] {
-        let fates = cloud["requests"].as_object().unwrap();
+    let ends = [&report["missed"], &report["refused"], &report["open"]];
+    assert_eq!(forwarded + sum(ends), messages, "{report}");
+    for source in sources {
+        let fates = source["requests"].as_object().unwrap();
         let refused = report["refused"].as_u64().unwrap();
-        assert_eq!(sum(fates.values()), messages - refused, "{cloud}");
+        // Each message taken on was offered once to each cloud, and given to local.
+        assert_eq!(sum(fates.values()), messages - refused, "{source}");
+        assert_eq!(fates["forwarded"], source["forwarded"]);
     }
     assert_eq!(report["policies"].as_array().unwrap().len(), sources.len() + 2, "{report}");
 }
@@ -99,6 +102,29 @@ fn what_a_full_window_refuses_is_counted() {
 }
 
 #[test]
+fn all_policies_have_the_same_limits() {
+    let dir = tempdir().unwrap();
+    let full = ["--seconds", "2", "--rate", "100", "--window", "256", "--workers", "64"];
+    let ran = run_in(dir.path(), &[&full[..], &["--calls", "1", "--json"]].concat());
+    let report = report(&ran);
+    adds_up(&report);
+    assert_eq!(report["calls"], 1);
+    assert_ne!(report["sources"][2]["requests"]["refused"], 0, "{report}");
+    // Fusion has in hand whatever comes first, so that nothing is in time without it.
+    let [fusion, .., first] = &report["policies"].as_array().unwrap()[..] else { unreachable!() };
+    let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
+    assert!(in_time(fusion) >= in_time(first), "{report}");
+    let ap = |policy: &Value| policy["mean_ap"].as_f64().unwrap();
+    assert!(ap(fusion) >= ap(first), "{report}");
+    // No cloud answered what it was never asked.
+    for (place, cloud) in report["sources"].as_array().unwrap()[1..].iter().enumerate() {
+        let requests = cloud["requests"].as_object().unwrap();
+        let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
+        assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
+    }
+}
+
+#[test]
 fn people_read_tables_of_at_most_100_columns() {
     let dir = tempdir().unwrap();
     let ran = run_in(dir.path(), &["--seconds", "1", "--trace", "mine.jsonl"]);
@@ -106,7 +132,8 @@ fn people_read_tables_of_at_most_100_columns() {
         "DETR-ResNet-50 on Orin",
         "pipelined over 4 workers",
         "emulated",
-        "superseded",
+        "requests   forwarded   discarded   late   failed   superseded   refused",
+        "10 messages: ",
         "fusion",
         "local only",
         "cloud only: west",
@@ -262,7 +289,7 @@ mod serve {
     fn a_server_elsewhere_answers_a_run() {
         let dir = tempdir().unwrap();
         let server = Server::start(dir.path(), &["--model", "DINO-SWIN-Tiny"]);
-        assert_eq!(requests(dir.path(), &server.cloud("http", ""))["on_time"], 5);
+        assert_eq!(requests(dir.path(), &server.cloud("http", ""))["forwarded"], 5);
     }
 
     #[test]
@@ -287,7 +314,7 @@ mod serve {
         let server = Server::start(dir.path(), &[&locks[..], &["--token-file", "token"]].concat());
         let client = ",ca=ca.pem,cert=client.pem,key=client.key";
         for (rest, fate) in [
-            (format!("{client},token=token"), "on_time"),
+            (format!("{client},token=token"), "forwarded"),
             (format!("{client},token=wrong"), "failed"),
             (client.to_owned(), "failed"),
             (client.replace("client.", "stranger.") + ",token=token", "failed"),

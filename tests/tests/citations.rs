@@ -185,8 +185,13 @@ fn identifiers_are_defined_once_and_without_gaps() {
 #[test]
 fn every_rule_and_ambiguity_names_what_of_the_paper_it_answers() {
     let spec = spec();
-    let marks = ["abstract", "authors", "prototype", "second hand", "silent"];
+    let marks = ["design", "techniques", "feasibility", "scenarios", "conclusion", "silent"];
     let is_marked = |text: &str| marks.iter().any(|mark| text.contains(mark));
+    let table = spec.split("\n## 1 ").next().unwrap_or_default();
+    assert!(
+        marks.iter().all(|mark| table.contains(&format!("*{mark}"))),
+        "a mark is not explained"
+    );
     let rules = spec.split("\n### ").filter(|section| section.starts_with('F'));
     for section in rules {
         let paper = section.split_once("\n*Paper, ").map(|(_, paper)| paper);

@@ -2,8 +2,9 @@
 
 mod columns;
 mod page;
+mod reasons;
 
-use std::io::BufReader;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::unpack;
@@ -13,13 +14,16 @@ use crate::Exit;
 use crate::check::open;
 use crate::fault::Fault;
 use crate::judging::{How, Judging, Manner, reader};
-use crate::report::columns::{Columns, Told};
+use crate::report::columns::Columns;
 use crate::sink::Sink;
 use crate::verdict::Found;
 use crate::whole;
 
+pub(crate) use crate::report::columns::Told;
+pub(crate) use crate::report::page::Data;
+
 /// How many events a page may hold; a browser takes no text much longer than theirs.
-const EVENTS: usize = 10_000_000;
+pub(crate) const EVENTS: usize = 10_000_000;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -57,28 +61,39 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     let (mut told, mut exit, mut room) = (Vec::new(), Exit::Conforms, EVENTS);
     let mut out = Sink::new(anstream::stdout());
     for path in &args.traces {
-        let (one, verdict) = read(args.how.manner(), path, &mut room)?;
+        let (name, file) = open(path)?;
+        let trace = unpack(BufReader::new(file))
+            .map_err(|source| Fault::Open { name: name.clone(), source })?;
+        let (one, verdict) = read(args.how.manner(), &name, trace, &mut room)?;
         verdict.summary().tell(&mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict.exit());
         told.push(one);
     }
-    let name = args.output.display().to_string();
-    let fault = |source| Fault::Create { name, source };
-    whole::write(&args.output, |out| page::write(out, &told).map_err(fault))?;
+    write(&args.output, &told)?;
     Ok(exit)
 }
 
+/// Writes the page of what was told.
+pub(crate) fn write(output: &Path, told: &[Told]) -> Result<(), Fault> {
+    let name = output.display().to_string();
+    let fault = |source| Fault::Create { name, source };
+    whole::write(output, |out| page::write(out, &Data::new(told)).map_err(fault))
+}
+
 /// Reads and judges one trace; `room` is how many events more the page can hold.
-fn read(manner: Manner, path: &Path, room: &mut usize) -> Result<(Told, Found), Fault> {
-    let (name, file) = open(path)?;
-    let trace = unpack(BufReader::new(file))
-        .map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let mut reader = reader(manner, &name, trace)?;
+pub(crate) fn read(
+    manner: Manner,
+    name: &str,
+    trace: impl BufRead,
+    room: &mut usize,
+) -> Result<(Told, Found), Fault> {
+    let mut reader = reader(manner, name, trace)?;
     let header = reader.header().clone();
-    let mut judging = Judging::new(manner, &name, &header);
-    let mut columns = Columns::new(&header);
+    let mut judging = Judging::new(manner, name, &header);
+    let mut columns = Columns::new(&header, manner.is_some());
     while let Some(event) = reader.next_event()? {
-        *room = room.checked_sub(1).ok_or_else(|| ReportError::TooLong { file: name.clone() })?;
+        let too_long = || ReportError::TooLong { file: name.to_owned() };
+        *room = room.checked_sub(1).ok_or_else(too_long)?;
         judging.line(reader.line(), &event)?;
         columns.push(event);
     }

@@ -80,6 +80,7 @@ impl Operator for Detector<'_> {
             let registered =
                 setup.use_cloud(handle, message_handler, response_handler, cloud.priority);
             registered.name.clone_from(&cloud.name);
+            registered.calls = self.plan.calls;
         }
         let (model, seed) = (self.plan.local.clone(), self.plan.seed);
         Local::futures(self.plan.workers, move |_, timestamp| {

@@ -3,9 +3,9 @@
 
 mod camera;
 mod cloud;
-mod ledger;
 mod live;
 mod plan;
+mod queue;
 mod report;
 mod table;
 
@@ -25,6 +25,8 @@ use crate::whole::beside;
 
 pub(crate) use crate::run::cloud::{CloudError, seconds};
 pub(crate) use crate::run::plan::{Args, PlanError};
+#[cfg(test)]
+pub(crate) use crate::run::table::sources_table;
 
 /// Runs what the options say, reports it, and keeps its trace.
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {

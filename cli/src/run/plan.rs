@@ -59,6 +59,9 @@ pub(crate) struct Args {
     /// How many messages local computes at once.
     #[arg(long, value_name = "N", default_value = "4", value_parser = workers)]
     workers: NonZero<usize>,
+    /// How many calls to one cloud may be under way at once; more wait.
+    #[arg(long, value_name = "N", default_value = "8", value_parser = workers)]
+    calls: NonZero<usize>,
     /// A cloud instead of the two there are; repeatable. Keys: name, priority and model with drive
     /// and start, or with url, ca, cert, key and token (the last four are files) for a server
     /// elsewhere.
@@ -100,6 +103,8 @@ pub(crate) struct Plan {
     pub(crate) seed: u64,
     pub(crate) local: Model,
     pub(crate) workers: usize,
+    /// How many calls to one cloud may be under way at once.
+    pub(crate) calls: usize,
     /// In the order asked for.
     pub(crate) clouds: Vec<Cloud>,
     pub(crate) trace: PathBuf,
@@ -165,6 +170,7 @@ impl Plan {
             seed: args.seed,
             local: args.local.clone(),
             workers: args.workers.get(),
+            calls: args.calls.get(),
             clouds: clouds.collect::<Result<_, CloudsError>>()?,
             trace: args.trace.clone(),
         })
