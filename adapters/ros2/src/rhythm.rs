@@ -68,7 +68,9 @@ mod tests {
     /// A topic with a message at each of these instants.
     fn heard(patience: Option<Duration>, start: Instant, at_ms: &[u64]) -> Rhythm {
         let mut rhythm = Rhythm::new(patience);
-        at_ms.iter().for_each(|at| rhythm.beat(start + ms(*at)));
+        for at in at_ms {
+            rhythm.beat(start + ms(*at));
+        }
         rhythm
     }
 

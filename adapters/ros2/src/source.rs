@@ -186,8 +186,8 @@ mod tests {
             Self { folder, server }
         }
 
-        fn file(&self, name: &str) -> Option<PathBuf> {
-            Some(self.folder.path().join(name))
+        fn file(&self, name: &str) -> PathBuf {
+            self.folder.path().join(name)
         }
     }
 
@@ -212,10 +212,10 @@ mod tests {
         let server = tokio::spawn(server);
         let all = Grpc {
             url,
-            ca: secrets.file("ca"),
-            certificate: secrets.file("ours"),
-            key: secrets.file("key"),
-            token_file: secrets.file("token"),
+            ca: Some(secrets.file("ca")),
+            certificate: Some(secrets.file("ours")),
+            key: Some(secrets.file("key")),
+            token_file: Some(secrets.file("token")),
             server_name: None,
         };
         let echoed = ask(&all).await.unwrap();
@@ -238,7 +238,7 @@ mod tests {
         write("lines", b"a-token\nanother");
         let plain = Grpc {
             url: "https://localhost:1".into(),
-            ca: secrets.file("ca"),
+            ca: Some(secrets.file("ca")),
             certificate: None,
             key: None,
             token_file: None,
@@ -247,14 +247,22 @@ mod tests {
         assert!(call(&plain).is_ok());
         for file in ["none", ".", "not-unicode", "empty", "lines"] {
             let path = secrets.file(file);
-            let shown = path.as_ref().unwrap().display().to_string();
-            let refused = call(&Grpc { token_file: path, ..plain.clone() }).err().unwrap();
+            let shown = path.display().to_string();
+            let refused = call(&Grpc { token_file: Some(path), ..plain.clone() }).err().unwrap();
             assert!(refused.to_string().starts_with(&shown), "{refused}");
         }
         for none in [
-            Grpc { ca: secrets.file("none"), ..plain.clone() },
-            Grpc { certificate: secrets.file("none"), key: secrets.file("key"), ..plain.clone() },
-            Grpc { certificate: secrets.file("ours"), key: secrets.file("none"), ..plain.clone() },
+            Grpc { ca: Some(secrets.file("none")), ..plain.clone() },
+            Grpc {
+                certificate: Some(secrets.file("none")),
+                key: Some(secrets.file("key")),
+                ..plain.clone()
+            },
+            Grpc {
+                certificate: Some(secrets.file("ours")),
+                key: Some(secrets.file("none")),
+                ..plain.clone()
+            },
         ] {
             assert!(matches!(call(&none), Err(GrpcError::File { .. })));
         }

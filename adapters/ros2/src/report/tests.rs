@@ -12,6 +12,11 @@ use tokio::time::Instant;
 use super::*;
 use crate::source::Way;
 
+/// What happened to the node, then the level and the message of it.
+type NodeCase = (fn(&mut Tally, &mut Intake), u8, &'static str);
+/// The same of a source.
+type SourceCase = (fn(&mut SourceTally, &mut Source), u8, &'static str);
+
 /// The counts of a node with one cloud, at its start.
 fn none() -> Tally {
     let west = shared::Cloud { p: 1, name: Some("west".into()), limit: 31, resume: 0 };
@@ -68,7 +73,7 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
     let fusion = |happened: fn(&mut Tally, &mut Intake)| {
         said(0, |tally, intake, _, _| happened(tally, intake))
     };
-    let cases: [(fn(&mut Tally, &mut Intake), _, _); 9] = [
+    let cases: [NodeCase; 9] = [
         (|tally, _| tally.messages = 5, OK, "each message answered"),
         (|tally, _| tally.missed = 2, ERROR, "2 messages missed"),
         (
@@ -136,7 +141,7 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
     let west = |happened: fn(&mut SourceTally, &mut Source)| {
         said(2, |tally, _, sources, _| happened(&mut tally.sources[1], &mut sources[1]))
     };
-    let cases: [(fn(&mut SourceTally, &mut Source), _, _); 9] = [
+    let cases: [SourceCase; 9] = [
         (|_, _| {}, OK, "in time"),
         (|_, west| west.enabled = false, OK, "not enabled"),
         (
