@@ -1,5 +1,6 @@
 //! Small files that options name: certificates, keys and tokens.
 
+use std::env;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -7,13 +8,15 @@ use std::path::{Path, PathBuf};
 use fuseline_tokio::grpc::{Identity, InvalidToken, Token};
 use thiserror::Error;
 
+use crate::fault::{Fault, plain};
+
 /// Certificates and tokens are far smaller, in bytes.
 const BYTES: u64 = 1 << 20;
 
 /// Why such a file is of no use.
 #[derive(Debug, Error)]
 pub(crate) enum FileError {
-    #[error("{path}: {source}; give a file that can be read")]
+    #[error("{path}: {}; give a file that can be read", plain(.source))]
     Read { path: PathBuf, source: io::Error },
     #[error("{path}: more than 1 MiB; give a certificate, a key or a token")]
     TooLarge { path: PathBuf },
@@ -21,6 +24,12 @@ pub(crate) enum FileError {
     Token { path: PathBuf, source: InvalidToken },
     #[error("a certificate needs its key and a key its certificate; give both")]
     Half,
+}
+
+impl From<FileError> for Fault {
+    fn from(error: FileError) -> Self {
+        Self::own(error)
+    }
 }
 
 /// The bytes of a small file.
@@ -47,6 +56,17 @@ pub(crate) fn token(path: &Path) -> Result<Token, FileError> {
     let bytes = bytes(path)?;
     let text = str::from_utf8(&bytes).unwrap_or_default().trim();
     Token::new(text).map_err(|source| FileError::Token { path: path.to_owned(), source })
+}
+
+/// The bearer token in the environment's `FUSELINE_TOKEN`, if it is set and not empty.
+///
+/// # Errors
+/// If it is set to something that no token can be: whoever set it wants it asked for.
+pub(crate) fn token_of_environment() -> Result<Option<Token>, FileError> {
+    const NAME: &str = "FUSELINE_TOKEN";
+    let Some(value) = env::var_os(NAME).filter(|value| !value.is_empty()) else { return Ok(None) };
+    let token = Token::new(value.to_str().unwrap_or_default());
+    token.map(Some).map_err(|source| FileError::Token { path: NAME.into(), source })
 }
 
 /// The identity that a certificate and its key make, if both are there.

@@ -1,6 +1,5 @@
 //! `fuseline report`, run as a user runs it. What the page does with its data is tried by `.ci/report`.
 
-#[expect(dead_code, reason = "no test here presses Ctrl-C")]
 mod common;
 
 use std::fs;

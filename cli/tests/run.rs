@@ -1,15 +1,21 @@
 //! `fuseline run` and `fuseline serve`, run as a user runs them: real sockets, real time.
 
 mod common;
+#[path = "common/signal.rs"]
+mod signal;
 
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::Duration;
 
-use common::{err, fuseline, interrupt, out, run};
+use common::{err, fuseline, out, run};
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use serde_json::Value;
+use signal::interrupt;
 use tempfile::{TempDir, tempdir};
 
 /// Runs it in a directory of its own.
@@ -165,6 +171,56 @@ fn ctrl_c_ends_a_run_with_its_tables_and_a_whole_trace() {
     assert_eq!(names(dir.path()), ["fuseline-trace.jsonl"]);
 }
 
+/// Frames come much faster than before while the operator makes up for three seconds: neither a
+/// frame nor an output may wait for the other.
+#[cfg(unix)]
+#[test]
+fn a_run_that_stood_still_goes_on_and_ctrl_c_ends_it() {
+    for presses in [false, true] {
+        let dir = tempdir().unwrap();
+        let seconds = if presses { "3600" } else { "5" };
+        let args = ["run", "--rate", "100", "--seconds", seconds, "--window", "128"];
+        let mut child = fuseline(&args)
+            .current_dir(dir.path())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+        assert!(lines.next().unwrap().contains("takes 100 frames"));
+        thread::sleep(Duration::from_secs(1));
+        signal::send(&child, "STOP");
+        thread::sleep(Duration::from_secs(3));
+        signal::send(&child, "CONT");
+        if presses {
+            thread::sleep(Duration::from_secs(1));
+            interrupt(&child);
+        }
+        let told = ended(child, lines);
+        assert!(told.last().unwrap().contains("fuseline-trace.jsonl: conforms"), "{told:?}");
+    }
+}
+
+/// What it still prints; a command that does not end within a minute is ended, and fails the test.
+#[cfg(unix)]
+fn ended(mut child: Child, lines: impl Iterator<Item = String>) -> Vec<String> {
+    let (id, (done, is_done)) = (child.id(), channel());
+    let guard = thread::spawn(move || {
+        let hangs = is_done.recv_timeout(Duration::from_secs(60)).is_err();
+        if hangs {
+            let killed = Command::new("kill").args(["-9", &id.to_string()]).status();
+            assert!(killed.unwrap().success());
+        }
+        hangs
+    });
+    let told: Vec<String> = lines.collect();
+    // Who guards has given up where nobody listens.
+    let _ = done.send(());
+    assert!(!guard.join().unwrap(), "it hangs: {told:?}");
+    assert_eq!(child.wait().unwrap().code(), Some(0), "{told:?}");
+    told
+}
+
 #[test]
 fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
     let dir = tempdir().unwrap();
@@ -188,9 +244,10 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--cloud", &format!("{remote}ftp://h")], "the cloud's URL must be http"),
         (&["--cloud", &format!("{remote}https://h")], "needs the certificate of the CA"),
         (&["--cloud", &format!("{remote}https://h,ca=none.pem")], "none.pem: No such file"),
-        (&["--trace", "."], "error: .: is a directory"),
-        (&["--trace", "none/t.jsonl"], "error: none/t.jsonl: entity not found"),
-        (&["--trace", "/dev/null"], "error: /dev/null: entity already exists"),
+        (&["--trace", "."], "error: .: a directory; name a file in it"),
+        (&["--trace", "none/t.jsonl"], "error: none/t.jsonl: No such file or directory; "),
+        (&["--trace", "/dev/null"], "error: /dev/null: a device or a pipe; "),
+        (&["--trace", "-"], "error: --trace -: "),
     ] {
         let refused = run_in(dir.path(), args);
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", out(&refused));
@@ -225,9 +282,15 @@ mod serve {
 
     impl Server {
         fn start(directory: &Path, args: &[&str]) -> Self {
+            Self::start_with(directory, args, "".as_ref())
+        }
+
+        /// With a token in its environment.
+        fn start_with(directory: &Path, args: &[&str], token: &std::ffi::OsStr) -> Self {
             let all = [&["serve", "--listen", "127.0.0.1:0"], args].concat();
             let mut child = fuseline(&all)
                 .current_dir(directory)
+                .env("FUSELINE_TOKEN", token)
                 .stdout(Stdio::piped())
                 .stderr(Stdio::piped())
                 .spawn()
@@ -322,6 +385,32 @@ mod serve {
         ] {
             let requests = requests(dir.path(), &server.cloud("https", &rest));
             assert_eq!(requests[fate], 5, "{rest}: {requests}");
+        }
+    }
+
+    #[test]
+    fn a_token_of_the_environment_is_asked_for() {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt;
+
+        let dir = tempdir().unwrap();
+        fs::write(dir.path().join("token"), "open-sesame").unwrap();
+        let locked = Server::start_with(dir.path(), &[], "open-sesame".as_ref());
+        assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["on_time"], 5);
+        assert_eq!(requests(dir.path(), &locked.cloud("http", ""))["failed"], 5);
+        // Nothing is asked for where nothing is set.
+        let open = Server::start_with(dir.path(), &[], "".as_ref());
+        assert_eq!(requests(dir.path(), &open.cloud("http", ""))["on_time"], 5);
+        for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {
+            let mut serve = fuseline(&["serve", "--listen", "127.0.0.1:0"]);
+            let serve = serve.env("FUSELINE_TOKEN", OsStr::from_bytes(unreadable));
+            let mut child = serve.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+            let mut told = String::new();
+            BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
+            drop(child.kill());
+            let refused = child.wait_with_output().unwrap();
+            assert_eq!((told.as_str(), refused.status.code()), ("", Some(2)), "{unreadable:?}");
+            assert!(err(&refused).starts_with("error: FUSELINE_TOKEN: "), "{}", err(&refused));
         }
     }
 

@@ -7,7 +7,7 @@ use std::io::Read;
 use csv::{Position, Reader, ReaderBuilder, StringRecord, Trim};
 use fuseline_traces::{Event, Header, Line, observed};
 
-use crate::convert::{ConvertError, Recorded};
+use crate::convert::recorded::{ConvertError, Recorded};
 use crate::fault::Fault;
 
 /// The keys that an event may have, with those that are instants and durations.

@@ -9,8 +9,8 @@ use fuseline_traces::{Event, Header, Input, Reader, unpack};
 use sha2::{Digest, Sha256};
 
 use super::generate::Generator;
-use crate::check::open;
 use crate::fault::Fault;
+use crate::input::open;
 
 /// A configuration and what happens to its operator.
 #[derive(Clone, PartialEq, Eq, Debug)]

@@ -15,7 +15,7 @@ use super::coverage::Coverage;
 use super::peer::Misbehaviour;
 use super::shrink::{Finding, What};
 use super::words;
-use crate::Exit;
+use crate::exit::Exit;
 use crate::verdict::{BAD, Breach, GOOD};
 
 /// So many failed cases are named.

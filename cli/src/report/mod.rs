@@ -4,20 +4,20 @@ mod columns;
 mod page;
 mod reasons;
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::unpack;
 use thiserror::Error;
 
-use crate::Exit;
-use crate::check::open;
+use crate::exit::Exit;
 use crate::fault::Fault;
-use crate::judging::{How, Judging, Manner, reader};
+use crate::input::open;
+use crate::judging::{End, How, Judging, Manner, next_event, reader};
+use crate::output::Output;
 use crate::report::columns::Columns;
 use crate::sink::Sink;
 use crate::verdict::Found;
-use crate::whole;
 
 pub(crate) use crate::report::columns::Told;
 pub(crate) use crate::report::page::Data;
@@ -42,7 +42,7 @@ pub(crate) struct Args {
     /// The traces, plain or gzipped; - is standard input.
     #[arg(value_name = "TRACE", required = true)]
     traces: Vec<PathBuf>,
-    /// The page.
+    /// The page; - is standard output.
     #[arg(short, long, value_name = "FILE", default_value = "report.html")]
     output: PathBuf,
     #[command(flatten)]
@@ -56,33 +56,44 @@ pub(crate) enum ReportError {
     TooLong { file: String },
 }
 
+impl From<ReportError> for Fault {
+    fn from(error: ReportError) -> Self {
+        Self::own(error)
+    }
+}
+
 /// Judges each trace and writes the page once all are read.
 pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
+    let inputs: Vec<&Path> = args.traces.iter().map(PathBuf::as_path).collect();
+    let output = Output::new(&args.output, &inputs)?;
     let (mut told, mut exit, mut room) = (Vec::new(), Exit::Conforms, EVENTS);
-    let mut out = Sink::new(anstream::stdout());
+    let mut out: Box<dyn Write> = if output.is_stdout() {
+        Box::new(Sink::new(anstream::stderr()))
+    } else {
+        Box::new(Sink::new(anstream::stdout()))
+    };
     for path in &args.traces {
         let (name, file) = open(path)?;
         let trace = unpack(BufReader::new(file))
             .map_err(|source| Fault::Open { name: name.clone(), source })?;
-        let (one, verdict) = read(args.how.manner(), &name, trace, &mut room)?;
+        let (one, verdict) = read(args.how.manner(), args.how.end(), &name, trace, &mut room)?;
         verdict.summary().tell(&mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict.exit());
         told.push(one);
     }
-    write(&args.output, &told)?;
+    write(&output, &told)?;
     Ok(exit)
 }
 
 /// Writes the page of what was told.
-pub(crate) fn write(output: &Path, told: &[Told]) -> Result<(), Fault> {
-    let name = output.display().to_string();
-    let fault = |source| Fault::Create { name, source };
-    whole::write(output, |out| page::write(out, &Data::new(told)).map_err(fault))
+pub(crate) fn write(output: &Output, told: &[Told]) -> Result<(), Fault> {
+    output.write(|out| page::write(out, &Data::new(told)).map_err(Fault::Output))
 }
 
 /// Reads and judges one trace; `room` is how many events more the page can hold.
 pub(crate) fn read(
     manner: Manner,
+    end: End,
     name: &str,
     trace: impl BufRead,
     room: &mut usize,
@@ -91,12 +102,12 @@ pub(crate) fn read(
     let header = reader.header().clone();
     let mut judging = Judging::new(manner, name, &header);
     let mut columns = Columns::new(&header, manner.is_some());
-    while let Some(event) = reader.next_event()? {
+    while let Some(event) = next_event(&mut reader, end)? {
         let too_long = || ReportError::TooLong { file: name.to_owned() };
         *room = room.checked_sub(1).ok_or_else(too_long)?;
         judging.line(reader.line(), &event)?;
         columns.push(event);
     }
-    let verdict = judging.finish();
+    let verdict = judging.finish(end);
     Ok((columns.told(&header, manner, &verdict), verdict))
 }

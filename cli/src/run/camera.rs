@@ -1,7 +1,6 @@
 //! The camera: a detector operator fed with frames, its clouds behind gRPC.
 
 use std::net::Ipv4Addr;
-use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -10,8 +9,8 @@ use std::{future, io};
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{
-    Config, Items, Local, Operator, Recording, Rule, Running, Setup, SourceTally, Trace, Writer,
-    spawn, stream,
+    Config, Items, Local, Operator, Recording, Rule, Running, Setup, SourceTally, SpawnError,
+    Trace, Writer, spawn, stream,
 };
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
@@ -22,19 +21,13 @@ use crate::fault::Fault;
 use crate::files;
 use crate::interrupt::Interrupt;
 use crate::run::cloud::Remote;
+use crate::run::driven::Driven;
+use crate::run::error::RunError;
 use crate::run::live::Live;
 use crate::run::plan::{Plan, Server};
 
 /// How often it is asked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
-
-/// What came of driving the camera.
-pub(crate) struct Driven {
-    /// Requests sent to each cloud.
-    pub(crate) sent: Vec<u64>,
-    /// Whether the user ended it.
-    pub(crate) interrupted: bool,
-}
 
 /// A camera, its operator and its clouds, started.
 pub(crate) struct Camera<'a> {
@@ -97,7 +90,7 @@ impl Operator for Detector<'_> {
 ///
 /// # Errors
 /// If something cannot be started.
-pub(crate) async fn start<'a>(plan: &'a Plan, trace: &Path) -> Result<Camera<'a>, Fault> {
+pub(crate) async fn start(plan: &Plan) -> Result<Camera<'_>, Fault> {
     let began = Arc::new(OnceLock::new());
     let mut servers = JoinSet::new();
     let connections = connect(plan, &began, &mut servers).await?;
@@ -107,54 +100,57 @@ pub(crate) async fn start<'a>(plan: &'a Plan, trace: &Path) -> Result<Camera<'a>
         name: "detector".to_owned(),
         window: plan.window,
         commit: plan.commit,
-        trace: Some(Trace { path: trace.to_owned(), recording: Recording::default() }),
+        trace: Some(Trace { path: plan.trace.clone(), recording: Recording::default() }),
         ..Config::default()
     };
     let (frames, input) = stream(1);
-    let (running, output) = spawn(detector, config, input)?;
+    let (running, output) = spawn(detector, config, input).map_err(cannot_spawn)?;
     began.get_or_init(Instant::now);
     Ok(Camera { plan, frames, running, output, sent, _servers: servers })
 }
 
 impl Camera<'_> {
     /// Feeds the operator until the plan is done or the user ends it.
-    ///
-    /// # Errors
-    /// If the trace cannot be written.
-    pub(crate) async fn drive(
-        mut self,
-        live: &mut Live<'_>,
-        interrupt: &Interrupt,
-    ) -> Result<Driven, Fault> {
+    pub(crate) async fn drive(mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> Driven {
         let interrupted = self.shoot(live, interrupt).await;
         self.catch_up(live).await;
         // Without frames to come the operator ends once all is answered.
         drop((self.frames, self.output));
-        let tally = self.running.join().await.map_err(Fault::Trace)?;
+        let so_far = self.running.tally();
+        let (tally, unrecorded) = match self.running.join().await {
+            Ok(tally) => (tally, None),
+            Err(error) => (so_far, Some(error)),
+        };
         live.show(&tally);
         let sent = self.sent.iter().map(|sent| sent.load(Ordering::Relaxed)).collect();
-        Ok(Driven { sent, interrupted })
+        Driven { sent, interrupted, unrecorded }
     }
 
     /// Writes a frame every period; says whether the user ended it.
     async fn shoot(&mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> bool {
-        let image = Bytes::from(vec![0; REQUEST_BYTES]);
-        let (mut frames, mut looks) = (interval(self.plan.period), interval(live.period()));
-        let mut written = 0;
-        while written < self.plan.frames {
+        let Self { plan, frames, running, output, .. } = self;
+        let mut looks = interval(live.period());
+        // Where the operator lags behind, a frame waits until outputs were read: it must not hinder
+        // their being read.
+        let shooting = async {
+            let image = Bytes::from(vec![0; REQUEST_BYTES]);
+            let mut period = interval(plan.period);
+            for _ in 0..plan.frames {
+                period.tick().await;
+                if frames.write(Frame(image.clone())).await.is_err() {
+                    break;
+                }
+            }
+        };
+        tokio::pin!(shooting);
+        loop {
             tokio::select! {
                 () = interrupt.wait() => return true,
-                _ = frames.tick() => {
-                    if self.frames.write(Frame(image.clone())).await.is_err() {
-                        break;
-                    }
-                    written += 1;
-                }
-                Some(item) = self.output.read() => live.item(&item),
-                _ = looks.tick() => live.show(&self.running.tally()),
+                () = &mut shooting => return false,
+                Some(item) = output.read() => live.item(&item),
+                _ = looks.tick() => live.show(&running.tally()),
             }
         }
-        false
     }
 
     /// Waits for local's last results: the policies want to know when they came.
@@ -174,6 +170,16 @@ impl Camera<'_> {
             _ = timeout(grace, caught_up) => {}
             () = reading => {}
         }
+    }
+}
+
+/// Why the operator could not be started.
+fn cannot_spawn(error: SpawnError) -> Fault {
+    match error {
+        SpawnError::Trace { path, error } => {
+            Fault::Create { name: path.display().to_string(), source: error }
+        }
+        error => RunError::from(error).into(),
     }
 }
 
@@ -198,7 +204,7 @@ async fn connect(
         let remote = match &cloud.server {
             Server::Remote(remote) => describe(remote)?,
             Server::Emulated(emulation) => {
-                let (listener, url) = listen().await.map_err(Fault::Loopback)?;
+                let (listener, url) = listen().await.map_err(RunError::Loopback)?;
                 let infer = answer(emulation.clone(), Arc::clone(began));
                 servers.spawn(grpc::serve(
                     infer,
@@ -211,7 +217,7 @@ async fn connect(
         };
         let connection = remote.connect();
         connections.push(
-            connection.map_err(|source| Fault::Remote { cloud: cloud.name.clone(), source })?,
+            connection.map_err(|source| RunError::Remote { cloud: cloud.name.clone(), source })?,
         );
     }
     Ok(connections)

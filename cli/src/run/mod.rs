@@ -3,6 +3,8 @@
 
 mod camera;
 mod cloud;
+mod driven;
+mod error;
 mod live;
 mod plan;
 mod queue;
@@ -13,18 +15,17 @@ use std::io::{self, Write};
 
 use tokio::runtime::Runtime;
 
-use crate::Exit;
+use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
+use crate::run::error::RunError;
 use crate::run::live::Live;
 use crate::run::plan::Plan;
 use crate::run::report::Reading;
 use crate::run::table::Introduction;
 use crate::sink::Sink;
-use crate::whole::beside;
 
-pub(crate) use crate::run::cloud::{CloudError, seconds};
-pub(crate) use crate::run::plan::{Args, PlanError};
+pub(crate) use crate::run::plan::Args;
 #[cfg(test)]
 pub(crate) use crate::run::table::sources_table;
 
@@ -32,24 +33,20 @@ pub(crate) use crate::run::table::sources_table;
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let plan = Plan::new(args)?;
     let name = plan.trace.display().to_string();
-    let trace = beside(&plan.trace)
-        .map_err(|error| Fault::Create { name: name.clone(), source: error.kind().into() })?;
     let interrupt = Interrupt::watch();
     let mut out = Sink::new(anstream::stdout());
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
-    let camera = runtime.block_on(camera::start(&plan, trace.path()))?;
+    let camera = runtime.block_on(camera::start(&plan))?;
     if !args.json {
         writeln!(out, "{}", Introduction(&plan)).map_err(Fault::Output)?;
     }
     let mut live = Live::new(&plan);
     let driven = runtime.block_on(camera.drive(&mut live, &interrupt));
     live.end();
-    let driven = driven?;
     // Whatever still runs belongs to calls that were given up.
     runtime.shutdown_background();
 
-    let reading = Reading::new(trace.path(), &name, &plan)?;
-    trace.persist(&plan.trace).map_err(|error| Fault::Create { name, source: error.error })?;
+    let reading = Reading::new(&plan.trace, &name, &plan)?;
     let report = reading.report(&plan, &driven);
     if args.json {
         serde_json::to_writer(&mut out, &report)
@@ -59,5 +56,8 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
         writeln!(out, "{report}").and_then(|()| report.trace.tell(&mut out, 0, false))
     }
     .map_err(Fault::Output)?;
-    Ok(report.trace.exit())
+    match driven.unrecorded {
+        Some(source) => Err(RunError::Unrecorded { trace: name, source }.into()),
+        None => Ok(report.trace.exit()),
+    }
 }

@@ -13,7 +13,7 @@ use crate::emulation::REQUEST_BYTES;
 use crate::fault::Fault;
 use crate::policies::{Arrival, Policy, Quantile, Score};
 use crate::reckoning::{Account, COLUMNS, Reckoning, Row};
-use crate::run::camera::Driven;
+use crate::run::driven::Driven;
 use crate::run::plan::{Cloud, Plan};
 use crate::run::queue::Queues;
 use crate::verdict::Found;

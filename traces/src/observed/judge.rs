@@ -154,9 +154,21 @@ impl Judge {
 
     /// Ends the trace.
     #[must_use]
-    pub fn finish(mut self) -> Verdict {
+    pub fn finish(self) -> Verdict {
+        let end = self.greatest;
+        self.finish_at(end)
+    }
+
+    /// Ends a trace that goes on, or was cut short: what may come yet is not missing.
+    #[must_use]
+    pub fn finish_early(self) -> Verdict {
+        let end = self.certain();
+        self.finish_at(end)
+    }
+
+    fn finish_at(mut self, end: u64) -> Verdict {
         while let Some((t, watch)) = self.watched.pop_first() {
-            self.close(t, &watch, &self.account(t, &watch), self.greatest);
+            self.close(t, &watch, &self.account(t, &watch), end);
         }
         self.verdict.conforms &= self.verdict.judged > 0;
         self.verdict
@@ -227,9 +239,7 @@ impl Judge {
                 self.close(t, &watch, &account, self.greatest);
                 continue;
             }
-            // What may come yet has its true instant after this.
-            let since = self.slack.tolerance.saturating_mul(3).saturating_add(1);
-            let end = self.greatest.saturating_sub(since);
+            let end = self.certain();
             if !watch.is_overdue && !account.story.is_explained(self.header.commit, self.slack, end)
             {
                 watch.is_overdue = true;
@@ -243,6 +253,11 @@ impl Judge {
                 self.close(t, &watch, &self.account(t, &watch), self.greatest);
             }
         }
+    }
+
+    /// What may come yet has its true instant after this.
+    const fn certain(&self) -> u64 {
+        self.greatest.saturating_sub(self.slack.tolerance.saturating_mul(3).saturating_add(1))
     }
 
     /// Whether a timestamp is not open, nothing having come out: it was refused, never opened, or retired before.
