@@ -2,9 +2,9 @@
 
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
-use super::case::Run;
-use super::draw::Draw;
-use super::scene::Scene;
+use crate::draw::Draw;
+use crate::run::Run;
+use crate::scene::Scene;
 
 /// How far back a step reaches for a timestamp or a request.
 const RECENT: usize = 12;
@@ -17,17 +17,19 @@ const GREATEST: u16 = 1024;
 
 /// What all generated runs have in common.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Generator {
-    pub(super) seed: u64,
+pub struct Generator {
+    /// Another seed makes other runs.
+    pub seed: u64,
     /// The commit rule, if it is to be but one.
-    pub(super) commit: Option<Commit>,
-    /// The most clouds that a run registers.
-    pub(super) clouds: u8,
+    pub commit: Option<Commit>,
+    /// The most clouds that a run registers, up to 15.
+    pub clouds: u8,
 }
 
 impl Generator {
     /// The run so numbered, always the same.
-    pub(super) fn run(&self, number: u64) -> Run {
+    #[must_use]
+    pub fn run(&self, number: u64) -> Run {
         let mut draw = Draw::new(self.seed, number);
         let is_flood = number % FLOODS == FLOODS / 2;
         let steps = match number % LONGS {
@@ -40,7 +42,8 @@ impl Generator {
             Writer { scene: Scene::new(&header), draw, inputs: vec![], tried: vec![], next_t: 0 };
         writer.start();
         if is_flood {
-            writer.flood(&header);
+            // More than the greatest window holds.
+            writer.flood(u64::from(GREATEST) + 6, &header);
         }
         for _ in 0..steps {
             writer.step(&header);
@@ -55,8 +58,8 @@ impl Generator {
             most => u16::try_from(draw.between(1, most)).unwrap_or(GREATEST),
         };
         let commit = draw.weighed(&[(1, Commit::Eager), (1, Commit::Patient)]);
-        let most = u64::from(self.clouds);
-        let count = if draw.one_in(12) { 0 } else { draw.between(most.min(1), most) };
+        let most = draw.weighed(&[(1, 0), (3, 2), (7, 5), (1, 15)]).min(u64::from(self.clouds));
+        let count = draw.between(most.min(1), most);
         let mut clouds: Vec<Cloud> = Vec::new();
         while (clouds.len() as u64) < count {
             let p = draw.weighed(&[(16, 9), (1, u64::from(u16::MAX))]);
@@ -98,6 +101,8 @@ enum Act {
     /// A result or a failure around its own due instant.
     Arrival,
     Tick,
+    /// Many messages at once.
+    Flood,
 }
 
 /// Makes inputs, with the reference machine to know where the edges are.
@@ -123,9 +128,9 @@ impl Writer {
         }
     }
 
-    /// Opens more timestamps than the greatest window holds, with an offer each.
-    fn flood(&mut self, header: &Header) {
-        for i in 0..u64::from(GREATEST) + 6 {
+    /// Opens so many timestamps at one instant, with an offer each, so that many are due together.
+    fn flood(&mut self, count: u64, header: &Header) {
+        for i in 0..count {
             let (at, t) = (self.scene.now(), self.next_t);
             let limit = i.is_multiple_of(3).then_some(20 + i % 7);
             self.open(at, t, limit);
@@ -138,7 +143,7 @@ impl Writer {
     }
 
     fn step(&mut self, header: &Header) {
-        const ACTS: [(u64, Act); 9] = [
+        const ACTS: [(u64, Act); 10] = [
             (20, Act::Message),
             (10, Act::Open),
             (22, Act::Offer),
@@ -148,6 +153,7 @@ impl Writer {
             (14, Act::Fail),
             (16, Act::Arrival),
             (26, Act::Tick),
+            (1, Act::Flood),
         ];
         let at = self.instant();
         match self.draw.weighed(&ACTS) {
@@ -173,6 +179,10 @@ impl Writer {
             }
             Act::Arrival => self.arrival(),
             Act::Tick => self.push(Input::Tick { at }),
+            Act::Flood => {
+                let count = self.draw.between(2, 40);
+                self.flood(count, header);
+            }
         }
     }
 
@@ -192,7 +202,7 @@ impl Writer {
     }
 
     fn hold(&mut self) {
-        let asked = &self.scene.asked;
+        let asked = self.scene.asked();
         let waits = |(t, p): &&(u64, u64)| *p > 0 && asked.iter().any(|(u, q)| u == t && q > p);
         let Some((t, p)) = asked.iter().rev().take(2 * RECENT).find(waits).copied() else { return };
         let at = self.scene.now();
@@ -200,7 +210,19 @@ impl Writer {
         match self.draw.between(0, 9) {
             0 => self.push(Input::Result { at, t, p }),
             1 => self.push(Input::Fail { at, t, p }),
+            // It goes then, although lower ones are pending.
+            2 => self.fail_above(t, p),
             _ => {}
+        }
+    }
+
+    /// All that outrank a request fail.
+    fn fail_above(&mut self, t: u64, p: u64) {
+        let at = self.scene.now();
+        let asked = self.scene.asked().iter().copied();
+        let above: Vec<_> = asked.filter(|(u, q)| *u == t && *q > p).collect();
+        for (t, p) in above {
+            self.push(Input::Fail { at, t, p });
         }
     }
 
@@ -214,9 +236,9 @@ impl Writer {
     }
 
     fn arrival(&mut self) {
-        let place = self.recent(self.scene.asked.len());
-        let Some((t, p)) = self.scene.asked.get(place).copied() else { return };
-        let due = self.scene.tale(t).and_then(|tale| tale.asked.get(&p).copied().flatten());
+        let place = self.recent(self.scene.asked().len());
+        let Some((t, p)) = self.scene.asked().get(place).copied() else { return };
+        let due = self.scene.due(t, p);
         let at = self.edge(due.unwrap_or(self.scene.now()));
         let is_failure = self.draw.one_in(3);
         self.push(if is_failure { Input::Fail { at, t, p } } else { Input::Result { at, t, p } });
@@ -317,9 +339,9 @@ impl Writer {
     /// Whose result or failure it is.
     fn call(&mut self, header: &Header) -> (u64, u64) {
         match self.draw.between(0, 10) {
-            0..5 if !self.scene.asked.is_empty() => {
-                let place = self.recent(self.scene.asked.len());
-                self.scene.asked[place]
+            0..5 if !self.scene.asked().is_empty() => {
+                let place = self.recent(self.scene.asked().len());
+                self.scene.asked()[place]
             }
             5..8 => (self.timestamp(), 0),
             _ => (self.timestamp(), self.priority(header)),
@@ -362,3 +384,6 @@ impl Writer {
         len.saturating_sub(1).saturating_sub(back)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,80 +4,96 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use fuseline_traces::{Cloud, Decision, Demands, DropReason, Header, Input, Reference, Refusal};
+use fuseline_traces::{
+    Cloud, Commit, Decision, Demands, DropReason, Header, Input, Reference, Refusal,
+};
+
+use crate::history::History;
 
 /// How far back an open timestamp is looked for.
 const RECENT: usize = 16;
 
 /// The reference machine with all that it was told and decided.
-pub(super) struct Scene {
+#[derive(Clone, Debug)]
+pub struct Scene {
     reference: Reference,
-    pub(super) window: usize,
+    commit: Commit,
+    window: usize,
     gates: BTreeMap<u64, Gate>,
     /// The greatest timestamp ever opened.
     newest: Option<u64>,
-    /// Every timestamp ever opened.
-    tales: BTreeMap<u64, Tale>,
+    /// Every timestamp ever opened; a retired one as it last was.
+    histories: BTreeMap<u64, History>,
     open: BTreeSet<u64>,
-    /// Requests that are pending, the latest last.
-    pub(super) asked: Vec<(u64, u64)>,
-}
-
-/// One timestamp, as it is or was when it was retired.
-#[derive(Default)]
-pub(super) struct Tale {
-    /// Each source asked, local too, and its due instant if it had one.
-    pub(super) asked: BTreeMap<u64, Option<u64>>,
-    pending: BTreeSet<u64>,
-    /// Those whose result came in time.
-    in_hand: BTreeSet<u64>,
+    asked: Vec<(u64, u64)>,
 }
 
 /// One cloud's gate.
-pub(super) struct Gate {
-    pub(super) limit: u64,
-    pub(super) resume: u64,
-    pub(super) is_shut: bool,
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Gate {
+    /// The backlog that shuts it.
+    pub limit: u64,
+    /// The backlog that opens it again.
+    pub resume: u64,
+    /// Whether it is shut.
+    pub is_shut: bool,
 }
 
 /// What the rules decide about an input.
-pub(super) struct Step {
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Step {
     /// What was due first.
-    pub(super) fired: Demands,
+    pub fired: Demands,
     /// About the input itself.
-    pub(super) own: Demands,
+    pub own: Demands,
     /// The reasons that hold for it, in the order in which they are asked for.
-    pub(super) reasons: Reasons,
+    pub reasons: Reasons,
 }
 
 /// Which reasons hold for an input, whether or not an earlier one decides.
-pub(super) enum Reasons {
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Reasons {
+    /// A tick has none.
     None,
+    /// To refuse an open.
     Open(Vec<Refusal>),
+    /// To refuse an offer.
     Offer(Vec<Refusal>),
+    /// To drop a result.
     Result(Vec<DropReason>),
+    /// To drop a failure.
     Fail(Vec<DropReason>),
 }
 
+impl Step {
+    /// All decisions, in the order of the trace.
+    pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
+        self.fired.iter().chain(&self.own).map(|(decision, _)| decision)
+    }
+}
+
 impl Scene {
-    pub(super) fn new(header: &Header) -> Self {
+    /// The scene of an operator so configured, before anything happens.
+    #[must_use]
+    pub fn new(header: &Header) -> Self {
         let gate = |cloud: &Cloud| {
             let Cloud { limit, resume, .. } = *cloud;
             (u64::from(cloud.p), Gate { limit, resume, is_shut: false })
         };
         Self {
             reference: Reference::new(header),
+            commit: header.commit,
             window: header.window.into(),
             gates: header.clouds.iter().map(gate).collect(),
             newest: None,
-            tales: BTreeMap::new(),
+            histories: BTreeMap::new(),
             open: BTreeSet::new(),
             asked: Vec::new(),
         }
     }
 
     /// Lets an input happen.
-    pub(super) fn apply(&mut self, input: &Input) -> Step {
+    pub fn apply(&mut self, input: &Input) -> Step {
         let (mut fired, mut own) = (Demands::new(), Demands::new());
         // P10: a tick just before changes nothing, and tells the timers' decisions from the input's.
         self.reference.apply(&Input::Tick { at: input.at() }, &mut fired);
@@ -91,44 +107,71 @@ impl Scene {
             self.follow(decision);
         }
         if !matches!(input, Input::Open { .. } | Input::Offer { .. }) || !fired.is_empty() {
-            let (open, tales) = (&self.open, &self.tales);
+            let (open, histories) = (&self.open, &self.histories);
             self.asked.retain(|(t, p)| {
-                open.contains(t) && tales.get(t).is_some_and(|tale| tale.pending.contains(p))
+                let is_pending = |history: &History| history.is_pending(*p);
+                open.contains(t) && histories.get(t).is_some_and(is_pending)
             });
         }
         Step { fired, own, reasons }
     }
 
-    pub(super) const fn now(&self) -> u64 {
+    /// The greatest instant seen.
+    #[must_use]
+    pub const fn now(&self) -> u64 {
         self.reference.now()
     }
 
-    pub(super) fn next_due(&self) -> Option<u64> {
+    /// The next due instant.
+    #[must_use]
+    pub fn next_due(&self) -> Option<u64> {
         self.reference.next_due()
     }
 
+    /// The commit rule.
+    #[must_use]
+    pub const fn commit(&self) -> Commit {
+        self.commit
+    }
+
+    /// How many timestamps may be open.
+    #[must_use]
+    pub const fn window(&self) -> usize {
+        self.window
+    }
+
     /// The timestamps that are open, ascending.
-    pub(super) const fn open(&self) -> &BTreeSet<u64> {
+    #[must_use]
+    pub const fn open(&self) -> &BTreeSet<u64> {
         &self.open
     }
 
+    /// The requests that are pending, local's included, each by timestamp and priority, the latest last.
+    #[must_use]
+    pub fn asked(&self) -> &[(u64, u64)] {
+        &self.asked
+    }
+
     /// A request that is outranked by what is in hand, and was not made before.
-    pub(super) fn outranked(&self) -> Option<(u64, u64)> {
+    #[must_use]
+    pub fn outranked(&self) -> Option<(u64, u64)> {
         self.open.iter().rev().take(RECENT).find_map(|t| {
-            let tale = self.tales.get(t)?;
-            let best = tale.in_hand.last()?;
+            let history = self.histories.get(t)?;
+            let best = history.best()?;
             let below = self.gates.range(..best).map(|(p, _)| *p);
-            Some((*t, below.rev().find(|p| !tale.asked.contains_key(p))?))
+            Some((*t, below.rev().find(|p| !history.is_requested(*p))?))
         })
     }
 
-    /// A timestamp that was opened.
-    pub(super) fn tale(&self, t: u64) -> Option<&Tale> {
-        self.tales.get(&t)
+    /// When the request `(t, p)` is due, or was; of local, when the limit ends.
+    #[must_use]
+    pub fn due(&self, t: u64, p: u64) -> Option<u64> {
+        self.histories.get(&t)?.asked_for(p)
     }
 
     /// The gate of a registered cloud.
-    pub(super) fn gate(&self, p: u64) -> Option<&Gate> {
+    #[must_use]
+    pub fn gate(&self, p: u64) -> Option<&Gate> {
         self.gates.get(&p)
     }
 
@@ -157,15 +200,15 @@ impl Scene {
     /// F2. Of a retired timestamp the sets count as they last were: a machine that forgot that it
     /// is closed would look there.
     fn offer_reasons(&self, t: u64, p: u64, deadline: u64, backlog: u64) -> Vec<Refusal> {
-        let (gate, tale) = (self.gates.get(&p), self.tales.get(&t));
+        let (gate, history) = (self.gates.get(&p), self.histories.get(&t));
         let shut = |gate: &Gate| {
             if gate.is_shut { backlog > gate.resume } else { backlog >= gate.limit }
         };
         holding([
             (Refusal::Unknown, gate.is_none() || !self.was_reached(t)),
             (Refusal::Closed, !self.open.contains(&t)),
-            (Refusal::Duplicate, tale.is_some_and(|tale| tale.asked.contains_key(&p))),
-            (Refusal::Outranked, tale.is_some_and(|tale| tale.in_hand.iter().any(|q| *q > p))),
+            (Refusal::Duplicate, history.is_some_and(|history| history.is_requested(p))),
+            (Refusal::Outranked, history.and_then(History::best).is_some_and(|best| best > p)),
             (Refusal::Deadline, self.is_past(deadline)),
             (Refusal::Queue, gate.is_some_and(shut)),
         ])
@@ -178,13 +221,12 @@ impl Scene {
             (DropReason::Unknown, !known),
             (DropReason::Superseded, !self.open.contains(&t)),
         ]);
-        if let Some(tale) = self.tales.get(&t) {
-            let due = tale.asked.get(&p).copied().flatten();
-            let is_over = due.is_some_and(|due| due <= self.now());
+        if let Some(history) = self.histories.get(&t) {
+            let is_over = history.asked_for(p).is_some_and(|due| due <= self.now());
             reasons.extend(holding([
-                (DropReason::Unsolicited, !tale.asked.contains_key(&p)),
-                (DropReason::Duplicate, tale.in_hand.contains(&p)),
-                (DropReason::Late, !tale.pending.contains(&p) || is_over),
+                (DropReason::Unsolicited, !history.is_requested(p)),
+                (DropReason::Duplicate, history.is_held(p)),
+                (DropReason::Late, !history.is_pending(p) || is_over),
             ]));
         }
         reasons
@@ -195,10 +237,7 @@ impl Scene {
         match *input {
             Input::Open { t, limit, .. } if own.is_empty() => {
                 let due = limit.map(|limit| self.now().saturating_add(limit));
-                let mut tale = Tale::default();
-                tale.asked.insert(0, due);
-                tale.pending.insert(0);
-                self.tales.insert(t, tale);
+                self.histories.insert(t, History::new(due));
                 self.open.insert(t);
                 self.asked.push((t, 0));
                 self.newest = Some(t);
@@ -221,9 +260,8 @@ impl Scene {
         match *decision {
             Decision::Timer { t, p, .. } => self.close(t, p),
             Decision::Request { t, p, due, .. } => {
-                if let Some(tale) = self.tales.get_mut(&t) {
-                    tale.asked.insert(p, Some(due));
-                    tale.pending.insert(p);
+                if let Some(history) = self.histories.get_mut(&t) {
+                    history.ask(p, Some(due));
                 }
                 self.asked.push((t, p));
                 self.turn_gate(p, false);
@@ -242,15 +280,14 @@ impl Scene {
     }
 
     fn close(&mut self, t: u64, p: u64) {
-        if let Some(tale) = self.tales.get_mut(&t) {
-            tale.pending.remove(&p);
+        if let Some(history) = self.histories.get_mut(&t) {
+            history.close(p);
         }
     }
 
     fn take(&mut self, t: u64, p: u64) {
-        self.close(t, p);
-        if let Some(tale) = self.tales.get_mut(&t) {
-            tale.in_hand.insert(p);
+        if let Some(history) = self.histories.get_mut(&t) {
+            history.hold(p, false);
         }
     }
 

@@ -2,8 +2,8 @@
 
 use fuseline_traces::{Decision, Input};
 
-use super::case::Run;
-use super::scene::{Scene, Step};
+use crate::run::Run;
+use crate::scene::{Scene, Step};
 
 /// A run as long as this is a long one, in inputs.
 const LONG: usize = 400;
@@ -11,8 +11,9 @@ const LONG: usize = 400;
 const GREATEST: usize = 1024;
 
 /// A place where implementations go wrong.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub(super) enum Edge {
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[expect(missing_docs, reason = "each has its name in ALL")]
+pub enum Edge {
     ArrivalBeforeDue,
     ArrivalAtDue,
     ArrivalAfterDue,
@@ -41,7 +42,7 @@ pub(super) enum Edge {
 
 impl Edge {
     /// All of them, with what to call them.
-    pub(super) const ALL: [(Self, &str); 24] = [
+    pub const ALL: [(Self, &str); 24] = [
         (Self::ArrivalBeforeDue, "arrival just before its due instant"),
         (Self::ArrivalAtDue, "arrival at its due instant"),
         (Self::ArrivalAfterDue, "arrival just after its due instant"),
@@ -68,8 +69,14 @@ impl Edge {
         (Self::LongRun, "run of 400 inputs and more"),
     ];
 
+    /// What to call it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(edge, _)| *edge == self).map_or("", |(_, name)| name)
+    }
+
     /// What a whole run is.
-    pub(super) fn of_run(run: &Run) -> impl Iterator<Item = Self> {
+    pub(crate) fn of_run(run: &Run) -> impl Iterator<Item = Self> {
         holding([
             (Self::NoCloud, run.header.clouds.is_empty()),
             (Self::LongRun, run.inputs.len() >= LONG),
@@ -77,12 +84,12 @@ impl Edge {
     }
 
     /// Where an input stands before it happens.
-    pub(super) fn of_input(scene: &Scene, input: &Input) -> impl Iterator<Item = Self> {
+    pub(crate) fn of_input(scene: &Scene, input: &Input) -> impl Iterator<Item = Self> {
         let at = input.at();
         let beyond = |p: u64| p > u64::from(u16::MAX);
         let (place, due) = match *input {
             Input::Result { t, p, .. } | Input::Fail { t, p, .. } => {
-                let due = scene.tale(t).and_then(|tale| tale.asked.get(&p).copied().flatten());
+                let due = scene.due(t, p);
                 ([Self::ArrivalBeforeDue, Self::ArrivalAtDue, Self::ArrivalAfterDue], due)
             }
             Input::Open { .. } | Input::Offer { .. } | Input::Tick { .. } => {
@@ -107,14 +114,14 @@ impl Edge {
         ])
     }
 
-    /// What became of an input; `shut` says for each cloud's gate whether it was shut before.
-    pub(super) fn of_step(scene: &Scene, input: &Input, step: &Step) -> impl Iterator<Item = Self> {
+    /// What became of an input, seen after it.
+    pub(crate) fn of_step(scene: &Scene, input: &Input, step: &Step) -> impl Iterator<Item = Self> {
         let dues: Vec<_> =
             step.fired.iter().filter_map(|(decision, _)| due(scene, decision)).collect();
         let together = |of: fn(&Due, &Due) -> bool| {
             dues.windows(2).any(|pair| pair[0].at == pair[1].at && of(&pair[0], &pair[1]))
         };
-        let full = scene.open().len() == scene.window;
+        let full = scene.open().len() == scene.window();
         let opened = matches!(input, Input::Open { .. }) && step.own.is_empty();
         let saturates = match (input, step.own.first()) {
             (Input::Offer { deadline, .. }, Some((Decision::Request { at, .. }, _))) => {
@@ -131,14 +138,14 @@ impl Edge {
             (Self::TimestampsDueTogether, together(|a, b| a.t != b.t)),
             (Self::ManyDue, dues.windows(2).any(|pair| pair[0].at != pair[1].at)),
             (Self::WindowFull, full),
-            (Self::GreatestWindowFull, full && scene.window == GREATEST),
+            (Self::GreatestWindowFull, full && scene.window() == GREATEST),
             (Self::CounterEnd, opened && input.t() == Some(u64::MAX)),
             (Self::DueSaturates, saturates),
         ])
     }
 
     /// How a backlog stands to the gate that is asked about it, before it is asked.
-    pub(super) fn of_gate(scene: &Scene, input: &Input) -> impl Iterator<Item = Self> {
+    pub(crate) fn of_gate(scene: &Scene, input: &Input) -> impl Iterator<Item = Self> {
         let (gate, backlog) = match *input {
             Input::Offer { p, backlog, .. } => (scene.gate(p), backlog),
             Input::Open { .. } | Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. } => {
@@ -166,7 +173,7 @@ struct Due {
 
 fn due(scene: &Scene, decision: &Decision) -> Option<Due> {
     let Decision::Timer { t, p, .. } = *decision else { return None };
-    let at = scene.tale(t)?.asked.get(&p).copied().flatten()?;
+    let at = scene.due(t, p)?;
     Some(Due { at, t, p })
 }
 
