@@ -119,6 +119,7 @@ fn all_policies_have_the_same_limits() {
     // Fusion has in hand whatever comes first, so that nothing is in time without it.
     let [fusion, .., first] = &report["policies"].as_array().unwrap()[..] else { unreachable!() };
     let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
+    let sent = |policy: &Value| policy["sent_bytes"].as_u64().unwrap();
     assert!(in_time(fusion) >= in_time(first), "{report}");
     let ap = |policy: &Value| policy["mean_ap"].as_f64().unwrap();
     assert!(ap(fusion) >= ap(first), "{report}");
@@ -127,7 +128,32 @@ fn all_policies_have_the_same_limits() {
         let requests = cloud["requests"].as_object().unwrap();
         let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
         assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
+        assert_eq!(sent(&report["policies"][place + 2]), admitted * 33_300, "{report}");
     }
+}
+
+#[test]
+fn a_run_leaves_its_page_if_wanted_and_never_in_place_of_its_trace() {
+    let dir = tempdir().unwrap();
+    let short = ["--seconds", "0.3", "--trace", "t.jsonl"];
+    let ran = run_in(dir.path(), &[&short[..], &["--report"]].concat());
+    assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+    assert_eq!(out(&ran).lines().last(), Some("report.html: the page of this run"));
+    let page = fs::read_to_string(dir.path().join("report.html")).unwrap();
+    assert!(page.contains(r#""file":"t.jsonl""#));
+    let named = run_in(dir.path(), &[&short[..], &["--json", "--report=mine.html"]].concat());
+    report(&named);
+    assert!(dir.path().join("mine.html").is_file());
+
+    let trace = fs::read(dir.path().join("t.jsonl")).unwrap();
+    for same in ["--report=t.jsonl", "--report=./t.jsonl"] {
+        let refused = run_in(dir.path(), &[&short[..], &[same]].concat());
+        assert_eq!(refused.status.code(), Some(2), "{}", out(&refused));
+        assert!(err(&refused).contains("give the page"));
+    }
+    assert_eq!(fs::read(dir.path().join("t.jsonl")).unwrap(), trace);
+    let alone = run_in(dir.path(), &["--open"]);
+    assert!(err(&alone).contains("--report"), "{}", err(&alone));
 }
 
 #[test]
@@ -396,11 +422,11 @@ mod serve {
         let dir = tempdir().unwrap();
         fs::write(dir.path().join("token"), "open-sesame").unwrap();
         let locked = Server::start_with(dir.path(), &[], "open-sesame".as_ref());
-        assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["on_time"], 5);
+        assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["forwarded"], 5);
         assert_eq!(requests(dir.path(), &locked.cloud("http", ""))["failed"], 5);
         // Nothing is asked for where nothing is set.
         let open = Server::start_with(dir.path(), &[], "".as_ref());
-        assert_eq!(requests(dir.path(), &open.cloud("http", ""))["on_time"], 5);
+        assert_eq!(requests(dir.path(), &open.cloud("http", ""))["forwarded"], 5);
         for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {
             let mut serve = fuseline(&["serve", "--listen", "127.0.0.1:0"]);
             let serve = serve.env("FUSELINE_TOKEN", OsStr::from_bytes(unreadable));

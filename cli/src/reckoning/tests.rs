@@ -7,8 +7,7 @@ use proptest::prelude::*;
 use serde_json::Value;
 
 use super::*;
-use crate::judging::End;
-use crate::report::{Data, EVENTS, read};
+use crate::report::data;
 use crate::run::sources_table;
 
 const MS: u64 = 1_000_000;
@@ -283,10 +282,7 @@ proptest! {
         let table = sources_table(&account, |row| format!("source-{}", row.p)).to_string();
         let shown: Vec<&str> = table.lines().filter(|line| line.contains("source-")).collect();
         prop_assert_eq!(shown.len(), account.rows.len());
-        let (told, found) = read(None, End::Whole, "trace", &trace[..], &mut EVENTS.clone()).unwrap();
-        prop_assert!(found.summary().conforms);
-        let page = serde_json::to_vec(&Data::new(&[told])).unwrap();
-        let page: Value = serde_json::from_slice(&page).unwrap();
+        let page = data(&trace);
         let told = &page["traces"][0]["account"];
         for (row, line) in account.rows.iter().zip(shown) {
             let mut counts = row.counts.to_vec();
