@@ -89,6 +89,7 @@ pub async fn run(
         let taken = taken.clone();
         async move { drop(taken.send(sample).await) }
     })?;
+    input_end.patience(settings.silence);
     let (decided, deadlines) = mpsc::channel(1);
     if let Some(topic) = &settings.deadline_topic {
         let qos = settings.qos(topic, Role::Subscription);

@@ -113,6 +113,7 @@ impl Reporter {
         let unread = intake.unread() - self.intake.unread();
         let unsent = intake.unsent - self.intake.unsent;
         let unfit = ends.iter().find_map(|end| unfit(end));
+        let silent = ends.iter().find_map(|end| silent(end));
         let nobody = ends.iter().find(|end| end.matched() == 0);
         let (level, message) = if missed > 0 {
             (ERROR, format!("{missed} messages missed"))
@@ -126,6 +127,8 @@ impl Reporter {
             (WARN, format!("{unread} inputs not taken: no key, or one that is taken"))
         } else if let Some(unfit) = unfit {
             (WARN, unfit)
+        } else if let Some(silent) = silent {
+            (WARN, silent)
         } else if let Some(end) = nobody {
             (OK, format!("nobody on {}", end.topic))
         } else {
@@ -263,6 +266,13 @@ fn unfit(end: &End) -> Option<String> {
     quality.or_else(|| Some(format!("another type on {topic}: {}", end.other_type()?)))
 }
 
+/// That messages came on a topic and come no longer.
+fn silent(end: &End) -> Option<String> {
+    let (topic, silence) = (&end.topic, end.silence()?);
+    let (matched, silence) = (end.matched(), silence.as_secs_f64());
+    Some(format!("nothing came on {topic} for {silence:.1} s; matched publishers: {matched}"))
+}
+
 fn end_values(end: &End) -> Vec<KeyValue> {
     let mut values = vec![value(&format!("matched {}", end.topic), &end.matched())];
     if let Some(unfit) = end.incompatible() {
@@ -283,3 +293,6 @@ fn value(key: &str, value: &dyn ToString) -> KeyValue {
 fn seconds(key: &str, duration: Duration) -> KeyValue {
     value(key, &format!("{:.6}", duration.as_secs_f64()))
 }
+
+#[cfg(test)]
+mod tests;

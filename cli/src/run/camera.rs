@@ -235,7 +235,7 @@ async fn listen() -> io::Result<(TcpListener, String)> {
 fn describe(remote: &Remote) -> Result<grpc::Remote, Fault> {
     let Remote { url, ca, cert, key, token } = remote;
     Ok(grpc::Remote {
-        ca: ca.as_deref().map(files::bytes).transpose()?,
+        ca: ca.as_deref().map(files::certificates).transpose()?,
         identity: files::identity(cert.as_deref(), key.as_deref())?,
         token: token.as_deref().map(files::token).transpose()?,
         ..grpc::Remote::new(url)
