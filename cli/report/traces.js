@@ -4,13 +4,16 @@ import { by, el, swatch } from "./dom.js";
 import { count, quantile, share } from "./format.js";
 import { verdictOf, violationsOf } from "./summary.js";
 
+/** Of a longer path the end is told. */
+const LONG = 36;
+
 /** Shows the rows; `choose` takes the number of a trace. */
 export function showTraces(traces, choose) {
   by("several").hidden = traces.length < 2;
   const bad = traces.filter(({ conforms }) => !conforms).length;
   by("several-title").textContent = `${count(traces.length)} traces: ${bad ? `${count(bad)} ${bad === 1 ? "does" : "do"} not conform` : "all conform"}`;
   const folder = common(traces.map(({ file }) => file));
-  const head = ["Trace", "Verdict", "Messages", "Served by", "p50", "p90", "p99", "Worst violation"];
+  const head = ["Trace", "Verdict", "Worst violation", "Messages", "Served by", "p50", "p90", "p99"];
   by("traces").replaceChildren(
     el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
     el("tbody", {}, ...traces.map((trace, number) => row(trace, folder, () => choose(number)))),
@@ -27,17 +30,18 @@ export function markTrace(number) {
 
 function row(trace, folder, act) {
   const { file, operator, conforms, account: { messages, response } } = trace;
-  const name = file.slice(folder);
+  const path = file.slice(folder);
+  const name = path.length > LONG ? `…${path.slice(1 - LONG)}` : path;
   const button = el("button", { type: "button", title: `${file}: ${verdictOf(trace)}`, onclick: act }, operator ? `${operator} · ${name}` : name);
   const verdict = conforms ? "✓ conforms" : violationsOf(trace) ? `✕ ${count(violationsOf(trace))}` : "✕ nothing judged";
   const breach = worst(trace.violations);
   return el("tr", {},
     el("th", { scope: "row" }, button),
     el("td", { class: conforms ? "good" : "bad" }, verdict),
+    el("td", { title: breach?.sentence }, breach ? `${breach.rule}, line ${count(breach.line)}` : "–"),
     el("td", {}, count(messages)),
     el("td", {}, ...served(trace)),
-    ...response.map((ns) => el("td", {}, quantile(ns))),
-    el("td", { title: breach?.sentence }, breach ? `${breach.rule}, line ${count(breach.line)}` : "–"));
+    ...response.map((ns) => el("td", {}, quantile(ns))));
 }
 
 /** How long the folders are that all paths begin with. */

@@ -119,6 +119,7 @@ fn all_policies_have_the_same_limits() {
     // Fusion has in hand whatever comes first, so that nothing is in time without it.
     let [fusion, .., first] = &report["policies"].as_array().unwrap()[..] else { unreachable!() };
     let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
+    let sent = |policy: &Value| policy["sent_bytes"].as_u64().unwrap();
     assert!(in_time(fusion) >= in_time(first), "{report}");
     let ap = |policy: &Value| policy["mean_ap"].as_f64().unwrap();
     assert!(ap(fusion) >= ap(first), "{report}");
@@ -127,7 +128,32 @@ fn all_policies_have_the_same_limits() {
         let requests = cloud["requests"].as_object().unwrap();
         let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
         assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
+        assert_eq!(sent(&report["policies"][place + 2]), admitted * 33_300, "{report}");
     }
+}
+
+#[test]
+fn a_run_leaves_its_page_if_wanted_and_never_in_place_of_its_trace() {
+    let dir = tempdir().unwrap();
+    let short = ["--seconds", "0.3", "--trace", "t.jsonl"];
+    let ran = run_in(dir.path(), &[&short[..], &["--report"]].concat());
+    assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+    assert_eq!(out(&ran).lines().last(), Some("report.html: the page of this run"));
+    let page = fs::read_to_string(dir.path().join("report.html")).unwrap();
+    assert!(page.contains(r#""file":"t.jsonl""#));
+    let named = run_in(dir.path(), &[&short[..], &["--json", "--report=mine.html"]].concat());
+    report(&named);
+    assert!(dir.path().join("mine.html").is_file());
+
+    let trace = fs::read(dir.path().join("t.jsonl")).unwrap();
+    for same in ["--report=t.jsonl", "--report=./t.jsonl"] {
+        let refused = run_in(dir.path(), &[&short[..], &[same]].concat());
+        assert_eq!(refused.status.code(), Some(2), "{}", out(&refused));
+        assert!(err(&refused).contains("give the page"));
+    }
+    assert_eq!(fs::read(dir.path().join("t.jsonl")).unwrap(), trace);
+    let alone = run_in(dir.path(), &["--open"]);
+    assert!(err(&alone).contains("--report"), "{}", err(&alone));
 }
 
 #[test]
@@ -396,11 +422,11 @@ mod serve {
         let dir = tempdir().unwrap();
         fs::write(dir.path().join("token"), "open-sesame").unwrap();
         let locked = Server::start_with(dir.path(), &[], "open-sesame".as_ref());
-        assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["on_time"], 5);
+        assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["forwarded"], 5);
         assert_eq!(requests(dir.path(), &locked.cloud("http", ""))["failed"], 5);
         // Nothing is asked for where nothing is set.
         let open = Server::start_with(dir.path(), &[], "".as_ref());
-        assert_eq!(requests(dir.path(), &open.cloud("http", ""))["on_time"], 5);
+        assert_eq!(requests(dir.path(), &open.cloud("http", ""))["forwarded"], 5);
         for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {
             let mut serve = fuseline(&["serve", "--listen", "127.0.0.1:0"]);
             let serve = serve.env("FUSELINE_TOKEN", OsStr::from_bytes(unreadable));
@@ -411,6 +437,24 @@ mod serve {
             let refused = child.wait_with_output().unwrap();
             assert_eq!((told.as_str(), refused.status.code()), ("", Some(2)), "{unreadable:?}");
             assert!(err(&refused).starts_with("error: FUSELINE_TOKEN: "), "{}", err(&refused));
+        }
+    }
+
+    #[test]
+    fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
+        let dir = certificates();
+        fs::write(dir.path().join("empty"), "\n").unwrap();
+        for (files, what) in [
+            ("ca=empty", "error: empty: no certificate in it"),
+            ("ca=client.key", "error: client.key: no certificate in it; give one as PEM (this is"),
+            ("ca=ca.pem,cert=client.key,key=client.pem", "error: client.key: no certificate"),
+            ("ca=ca.pem,cert=client.pem,key=ca.pem", "error: ca.pem: no private key in it"),
+        ] {
+            let cloud = format!("name=a,priority=1,url=https://localhost:1,{files}");
+            let refused = run_in(dir.path(), &["--cloud", &cloud]);
+            assert_eq!(refused.status.code(), Some(2), "{files}");
+            assert!(err(&refused).starts_with(what), "{}", err(&refused));
+            assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""));
         }
     }
 
@@ -437,7 +481,19 @@ mod serve {
             (&["--cert", "server.pem"], "--key"),
             (&["--client-ca", "ca.pem"], "--cert"),
             (&["--cert", "none.pem", "--key", "server.key"], "none.pem: No such file"),
-            (&["--cert", "empty", "--key", "server.key"], "the server's certificates"),
+            (&["--cert", "empty", "--key", "server.key"], "error: empty: no certificate in it"),
+            (
+                &["--cert", "server.key", "--key", "server.pem"],
+                "error: server.key: no certificate in it; give one as PEM (this is a private key)",
+            ),
+            (
+                &["--cert", "server.pem", "--key", "ca.pem"],
+                "error: ca.pem: no private key in it; give one as PEM (this is a certificate)",
+            ),
+            (
+                &["--cert", "server.pem", "--key", "server.key", "--client-ca", "empty"],
+                "error: empty: no certificate in it",
+            ),
             (&["--token-file", "empty"], "visible ASCII"),
         ] {
             let listen = if args[0] == "--listen" { &[][..] } else { &["--listen", "127.0.0.1:0"] };

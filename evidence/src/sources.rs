@@ -15,5 +15,8 @@ pub(crate) const NO_OBSERVED: &str = "!traces/src/observed";
 /// The format, the reference machine, the judge.
 pub(crate) const TRACES: &str = "traces/src";
 pub(crate) const CORPUS: &str = "traces/corpus";
-/// The strategies, the driver and the ledger.
+/// The generator, the ledger of promises and the account of what was reached.
+pub(crate) const KIT: &str = "kit/src";
+pub(crate) const NO_LIST_OF_KIT: &str = "!kit/src/lib.rs";
+/// The driver, and what the fuzz targets check.
 pub(crate) const TESTS: &str = "tests/src";

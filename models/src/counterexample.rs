@@ -60,7 +60,7 @@ fn breaks(config: &Config, claim: Claim, inputs: &[Input]) -> Option<usize> {
             return None;
         }
         state = state.step(config, input).0;
-        if state.broken().contains(claim) {
+        if state.violated().contains(claim) {
             return Some(place + 1);
         }
     }

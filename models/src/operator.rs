@@ -116,7 +116,7 @@ impl Model for Operator {
         if !state.goes_on() {
             return;
         }
-        let now = state.ghost.now();
+        let now = state.ledger.now();
         let clock = self.config.clock;
         let later = clock.iter().copied().filter(|at| *at > now);
         let earlier = clock.iter().copied().rev().find(|at| *at < now);

@@ -71,6 +71,13 @@ fn core_is_not_reached_from_traces() {
 }
 
 #[test]
+fn core_is_not_reached_from_the_kit() {
+    let reached = reached_from("fuseline-kit", &graph());
+    assert!(reached.contains("fuseline-traces"), "the packages behind fuseline-kit were not read");
+    assert!(!reached.contains("fuseline-core"), "the ledger could share the core's faults");
+}
+
+#[test]
 fn core_behind_a_package_that_traces_uses_is_seen() {
     let mut graph = graph();
     graph.get_mut("serde_json").expect("a package").insert("fuseline-core".into());

@@ -105,7 +105,7 @@ fn suite(report: &Report) -> String {
 
 /// What the runs reached, kind by kind, with what they did not.
 fn reached(report: &Report) -> Vec<(String, String)> {
-    let shares = report.coverage.shares().into_iter();
+    let shares = report.reach.shares().into_iter();
     let line = shares.map(|share| {
         let missing = if share.missing.is_empty() {
             String::new()

@@ -1,15 +1,10 @@
 //! `fuseline drive`: another implementation, driven through cases and judged.
 
 mod case;
-mod coverage;
-mod draw;
-mod edge;
-mod generate;
 mod junit;
 mod matrix;
 mod peer;
 mod report;
-mod scene;
 mod shrink;
 #[cfg(test)]
 mod tests;
@@ -23,13 +18,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
+use fuseline_kit::{Generator, Reach};
 use fuseline_traces::Commit;
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use thiserror::Error;
 
 use self::case::{Case, Suite};
-use self::coverage::Coverage;
-use self::generate::Generator;
 use self::report::{Found, Mark, Report};
 use self::shrink::{Finding, What, shrink};
 use self::trial::{Bench, Stop};
@@ -255,7 +249,7 @@ impl<'a> Driver<'a> {
             was_interrupted: false,
             inputs: 0,
             took: Duration::ZERO,
-            coverage: Coverage::default(),
+            reach: Reach::default(),
         };
         let now = Instant::now();
         Self { args, bench, bar, since: now, told: now, report }
@@ -309,7 +303,7 @@ impl<'a> Driver<'a> {
     fn run(&mut self, case: &Case) -> Result<Option<Finding>, Stop> {
         let finding = Finding::of(self.bench.try_run(&case.run)?);
         if finding.is_none() {
-            self.report.coverage.watch(&case.run);
+            self.report.reach.watch(&case.run);
         }
         self.bar.inc(1);
         if self.bar.is_hidden() && self.told.elapsed() >= TELL {

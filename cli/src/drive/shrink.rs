@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::mem::discriminant;
 use std::time::{Duration, Instant};
 
+use fuseline_kit::Run;
 use fuseline_traces::{Cloud, Header, Input, Rule};
 
-use super::case::Run;
 use super::peer::Misbehaviour;
 use super::trial::{Bench, Outcome, Stop, Told};
 

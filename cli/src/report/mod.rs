@@ -15,15 +15,16 @@ use crate::fault::Fault;
 use crate::input::open;
 use crate::judging::{End, How, Judging, Manner, next_event, reader};
 use crate::output::Output;
-use crate::report::columns::Columns;
+use crate::report::columns::{Columns, Told};
+use crate::report::page::Data;
 use crate::sink::Sink;
 use crate::verdict::Found;
 
-pub(crate) use crate::report::columns::Told;
-pub(crate) use crate::report::page::Data;
+#[cfg(test)]
+pub(crate) use crate::report::tests::data;
 
 /// How many events a page may hold; a browser takes no text much longer than theirs.
-pub(crate) const EVENTS: usize = 10_000_000;
+const EVENTS: usize = 10_000_000;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -73,10 +74,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
         Box::new(Sink::new(anstream::stdout()))
     };
     for path in &args.traces {
-        let (name, file) = open(path)?;
-        let trace = unpack(BufReader::new(file))
-            .map_err(|source| Fault::Open { name: name.clone(), source })?;
-        let (one, verdict) = read(args.how.manner(), args.how.end(), &name, trace, &mut room)?;
+        let (one, verdict) = read_file(args.how.manner(), args.how.end(), path, &mut room)?;
         verdict.summary().tell(&mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict.exit());
         told.push(one);
@@ -85,13 +83,32 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     Ok(exit)
 }
 
+/// Makes the page of one trace, judged strictly.
+pub(crate) fn of(trace: &Path, page: &Path) -> Result<(), Fault> {
+    let output = Output::new(page, &[trace])?;
+    let (told, _) = read_file(None, End::Whole, trace, &mut EVENTS.clone())?;
+    write(&output, &[told])
+}
+
 /// Writes the page of what was told.
-pub(crate) fn write(output: &Output, told: &[Told]) -> Result<(), Fault> {
+fn write(output: &Output, told: &[Told]) -> Result<(), Fault> {
     output.write(|out| page::write(out, &Data::new(told)).map_err(Fault::Output))
 }
 
+fn read_file(
+    manner: Manner,
+    end: End,
+    path: &Path,
+    room: &mut usize,
+) -> Result<(Told, Found), Fault> {
+    let (name, file) = open(path)?;
+    let trace = unpack(BufReader::new(file))
+        .map_err(|source| Fault::Open { name: name.clone(), source })?;
+    read(manner, end, &name, trace, room)
+}
+
 /// Reads and judges one trace; `room` is how many events more the page can hold.
-pub(crate) fn read(
+fn read(
     manner: Manner,
     end: End,
     name: &str,
@@ -110,4 +127,19 @@ pub(crate) fn read(
     }
     let verdict = judging.finish(end);
     Ok((columns.told(&header, manner, &verdict), verdict))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Value;
+
+    use super::*;
+
+    /// What the page of this trace is told.
+    pub(crate) fn data(trace: &[u8]) -> Value {
+        let (told, found) = read(None, End::Whole, "trace", trace, &mut EVENTS.clone()).unwrap();
+        assert!(found.summary().conforms);
+        let data = serde_json::to_vec(&Data::new(&[told])).unwrap();
+        serde_json::from_slice(&data).unwrap()
+    }
 }

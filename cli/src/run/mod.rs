@@ -12,6 +12,7 @@ mod report;
 mod table;
 
 use std::io::{self, Write};
+use std::path::Path;
 
 use tokio::runtime::Runtime;
 
@@ -56,8 +57,25 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
         writeln!(out, "{report}").and_then(|()| report.trace.tell(&mut out, 0, false))
     }
     .map_err(Fault::Output)?;
+    if let Some(page) = plan.page.as_ref().filter(|_| driven.unrecorded.is_none()) {
+        make(page, &plan)?;
+        if !args.json {
+            writeln!(out, "{}: the page of this run", page.display()).map_err(Fault::Output)?;
+        }
+    }
     match driven.unrecorded {
         Some(source) => Err(RunError::Unrecorded { trace: name, source }.into()),
         None => Ok(report.trace.exit()),
     }
+}
+
+/// Makes the page of the run's trace, and opens it if that is wanted and can be done.
+fn make(page: &Path, plan: &Plan) -> Result<(), Fault> {
+    crate::report::of(&plan.trace, page)?;
+    if plan.open
+        && let Err(error) = open::that_detached(page)
+    {
+        eprintln!("warning: no browser opens {}: {error}", page.display());
+    }
+    Ok(())
 }

@@ -33,6 +33,7 @@ sent then waits for it. A drive that is over starts again.
 
 Examples:
   fuseline run --seconds 10 --commit patient
+  fuseline run --report --open
   fuseline run --drive west=vnperf/downtown:verizon --start west=300
   fuseline run --cloud name=a,priority=1,model=DINO-SWIN-Small,drive=my.csv,start=5
   fuseline run --cloud name=b,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051")]
@@ -85,6 +86,13 @@ pub(crate) struct Args {
     /// Where the trace is written, from the start of the run on.
     #[arg(long, value_name = "FILE", default_value = "fuseline-trace.jsonl")]
     trace: PathBuf,
+    /// Make the trace's page too, as fuseline report does, and tell where it is.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true,
+        default_missing_value = "report.html")]
+    report: Option<PathBuf>,
+    /// Open the page in a browser.
+    #[arg(long, requires = "report")]
+    open: bool,
     /// Print the report as one JSON object.
     #[arg(long)]
     pub(crate) json: bool,
@@ -117,6 +125,10 @@ pub(crate) struct Plan {
     /// In the order asked for.
     pub(crate) clouds: Vec<Cloud>,
     pub(crate) trace: PathBuf,
+    /// Where the trace's page is wanted.
+    pub(crate) page: Option<PathBuf>,
+    /// Whether it is to be opened in a browser.
+    pub(crate) open: bool,
 }
 
 /// One cloud of a run.
@@ -143,6 +155,8 @@ pub(crate) enum PlanError {
     Clouds(#[from] CloudsError),
     #[error("{frames} frames are too many; choose --seconds and --rate for at most {MESSAGES}")]
     Frames { frames: u64 },
+    #[error("--report={0}: that is the trace or standard output; give the page a name of its own")]
+    Page(String),
     #[error("--trace -: a trace is read again once it is written; name a file")]
     Stdout,
 }
@@ -173,6 +187,7 @@ impl Plan {
         let mut wanted = args.clouds.clone();
         cloud::adjust(&mut wanted, &args.drives, &args.starts).map_err(PlanError::from)?;
         let trace = trace(&args.trace, &wanted)?;
+        let page = args.report.as_ref().map(|path| page(path, &args.trace, &wanted)).transpose()?;
         let clouds = wanted.into_iter().map(|cloud| Cloud::new(cloud, args.seed));
         Ok(Self {
             span: args.seconds,
@@ -191,6 +206,8 @@ impl Plan {
             calls: args.calls.get(),
             clouds: clouds.collect::<Result<_, CloudsError>>().map_err(PlanError::from)?,
             trace,
+            page,
+            open: args.open,
         })
     }
 
@@ -230,6 +247,17 @@ fn trace(path: &Path, clouds: &[Wanted]) -> Result<PathBuf, Fault> {
     }
     let read: Vec<&Path> = clouds.iter().flat_map(Wanted::files).collect();
     output::file(path, &read)
+}
+
+/// The page, which is neither the trace nor standard output.
+fn page(page: &Path, trace: &Path, clouds: &[Wanted]) -> Result<PathBuf, Fault> {
+    let absolute = [page, trace].map(|path| std::path::absolute(path).ok());
+    if is_standard(page) || absolute[0].is_some() && absolute[0] == absolute[1] {
+        return Err(PlanError::Page(page.display().to_string()).into());
+    }
+    let read: Vec<&Path> = clouds.iter().flat_map(Wanted::files).chain([trace]).collect();
+    output::file(page, &read)?;
+    Ok(page.to_owned())
 }
 
 /// Up to a day.

@@ -96,12 +96,12 @@ impl fmt::Display for Report {
         if self.refused + refused > 0 {
             writeln!(
                 f,
-                "All policies have the same limits: of {} and {}, refused for a window of {} or \
-                 for a\nqueue behind {} a cloud, none has anything.",
-                counted(self.refused, "message"),
-                counted(refused, "request"),
+                "All policies have the same limits: a window of {}, gates, {} to a cloud at once.\n\
+                 What they refused, {} and {}, no policy has.",
                 self.window,
                 counted(self.calls as u64, "call"),
+                counted(self.refused, "message"),
+                counted(refused, "request"),
             )?;
         }
         if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {

@@ -1,9 +1,8 @@
 //! A run as bytes, in a form that suits a fuzzer: any bytes are a run, and small changes of them
 //! make a run that is close.
 
+use fuseline_kit::Run;
 use fuseline_traces::{Cloud, Commit, Header, Input};
-
-use crate::Run;
 
 /// Eight bytes follow, least first.
 const LONG: u8 = u8::MAX;
