@@ -195,7 +195,7 @@ mod tests {
     async fn ask(grpc: &Grpc) -> Result<Payload, Error> {
         let header =
             Header { operator: None, window: 1, commit: Commit::Eager, clouds: Vec::new() };
-        let local = Local { at_once: 1, waiting: 0, skip_answered: false };
+        let local = Local { at_once: 1, waiting: 0, skip_answered: false, lossy: true };
         let engine = Engine::<Payload, Payload>::new(&header, &[], local).unwrap();
         let call_of = Call::new(7, Duration::from_secs(60), 0, engine.counts());
         let message = Payload { big_endian: true, body: b"message".as_slice().into() };

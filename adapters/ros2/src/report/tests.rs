@@ -22,7 +22,7 @@ fn none() -> Tally {
     let west = shared::Cloud { p: 1, name: Some("west".into()), limit: 31, resume: 0 };
     let header =
         Header { operator: None, window: 4, commit: shared::Commit::Eager, clouds: vec![west] };
-    let local = Local { at_once: 1, waiting: 1, skip_answered: false };
+    let local = Local { at_once: 1, waiting: 1, skip_answered: false, lossy: true };
     Engine::<Payload, Payload>::new(&header, &[1], local).unwrap().counts().tally()
 }
 
@@ -188,7 +188,8 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
 fn the_status_of_a_message_names_its_source_and_warns_without_one() {
     let ms = Duration::from_millis;
     let of = |outcome| {
-        let item = Item { timestamp: 3, opened: ms(10), decided: ms(40), outcome };
+        let item =
+            Item { timestamp: 3, opened: ms(10), decided: ms(40), outcome, failures: Vec::new() };
         of_item("/fuseline", None, &item)
     };
     let source = shared::Source { priority: 1, name: "west".into() };
