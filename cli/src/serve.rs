@@ -92,7 +92,7 @@ pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
     };
     let server = grpc::Server {
         identity: files::identity(args.cert.as_deref(), args.key.as_deref())?,
-        client_ca: args.client_ca.as_deref().map(files::bytes).transpose()?,
+        client_ca: args.client_ca.as_deref().map(files::certificates).transpose()?,
         token: token(args)?,
     };
     let interrupt = Interrupt::watch();

@@ -441,6 +441,24 @@ mod serve {
     }
 
     #[test]
+    fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
+        let dir = certificates();
+        fs::write(dir.path().join("empty"), "\n").unwrap();
+        for (files, what) in [
+            ("ca=empty", "error: empty: no certificate in it"),
+            ("ca=client.key", "error: client.key: no certificate in it; give one as PEM (this is"),
+            ("ca=ca.pem,cert=client.key,key=client.pem", "error: client.key: no certificate"),
+            ("ca=ca.pem,cert=client.pem,key=ca.pem", "error: ca.pem: no private key in it"),
+        ] {
+            let cloud = format!("name=a,priority=1,url=https://localhost:1,{files}");
+            let refused = run_in(dir.path(), &["--cloud", &cloud]);
+            assert_eq!(refused.status.code(), Some(2), "{files}");
+            assert!(err(&refused).starts_with(what), "{}", err(&refused));
+            assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""));
+        }
+    }
+
+    #[test]
     fn ctrl_c_ends_a_server() {
         let dir = tempdir().unwrap();
         let mut server = Server::start(dir.path(), &[]);
@@ -463,7 +481,19 @@ mod serve {
             (&["--cert", "server.pem"], "--key"),
             (&["--client-ca", "ca.pem"], "--cert"),
             (&["--cert", "none.pem", "--key", "server.key"], "none.pem: No such file"),
-            (&["--cert", "empty", "--key", "server.key"], "the server's certificates"),
+            (&["--cert", "empty", "--key", "server.key"], "error: empty: no certificate in it"),
+            (
+                &["--cert", "server.key", "--key", "server.pem"],
+                "error: server.key: no certificate in it; give one as PEM (this is a private key)",
+            ),
+            (
+                &["--cert", "server.pem", "--key", "ca.pem"],
+                "error: ca.pem: no private key in it; give one as PEM (this is a certificate)",
+            ),
+            (
+                &["--cert", "server.pem", "--key", "server.key", "--client-ca", "empty"],
+                "error: empty: no certificate in it",
+            ),
             (&["--token-file", "empty"], "visible ASCII"),
         ] {
             let listen = if args[0] == "--listen" { &[][..] } else { &["--listen", "127.0.0.1:0"] };

@@ -19,6 +19,17 @@ pub struct Item<V> {
     pub decided: Duration,
     /// What was decided.
     pub outcome: Outcome<V>,
+    /// Why sources sent no result, as far as that was known and mattered by then (F4).
+    pub failures: Vec<Failure>,
+}
+
+/// A source that sent no result for a message, and why.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Failure {
+    /// Whose.
+    pub source: Source,
+    /// In words, at most 200 bytes of them.
+    pub why: Arc<str>,
 }
 
 /// Forwarded, missed or refused.

@@ -9,6 +9,7 @@ mod lane;
 #[cfg(feature = "mcap")]
 mod mcap;
 mod meter;
+mod reasons;
 mod tally;
 mod tape;
 
@@ -17,8 +18,9 @@ pub use effect::{Effect, Local, Opening};
 pub use engine::Engine;
 pub use fuseline_core::ConfigError;
 pub use fuseline_traces::{Cloud, Commit, DropReason, Header, Recorder, Recording, Refusal};
-pub use item::{Forwarded, Item, Outcome, Rule, Source};
+pub use item::{Failure, Forwarded, Item, Outcome, Rule, Source};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
+pub use reasons::Reasons;
 pub use tally::{Counting, SourceTally, Tally};
 pub use tape::Sink;

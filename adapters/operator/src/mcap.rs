@@ -72,6 +72,14 @@ impl<W: Write + Seek> Mcap<W> {
         Ok(())
     }
 
+    /// Writes what was gathered, so that it can be recovered if the process is killed.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn flush(&mut self) -> Result<(), McapError> {
+        self.inner.flush()
+    }
+
     /// Ends the file; without it, readers must recover what is there.
     ///
     /// # Errors

@@ -5,9 +5,11 @@ use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use fuseline_traces::{DropReason, Refusal};
+use tracing::error;
 
 use crate::item::{Rule, Source};
 use crate::meter::Meters;
+use crate::reasons::Reasons;
 
 /// An operator's counts since its start.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -20,6 +22,8 @@ pub struct Tally {
     pub missed: u64,
     /// Local first, then the clouds as they were registered.
     pub sources: Vec<SourceTally>,
+    /// Why a recording ended before the operator did, if one did: the first reason.
+    pub unrecorded: Option<Arc<str>>,
 }
 
 /// One source's counts.
@@ -39,6 +43,10 @@ pub struct SourceTally {
     pub dropped: BTreeMap<DropReason, u64>,
     /// Failures accepted (F4).
     pub failed: u64,
+    /// Why they were.
+    pub reasons: Reasons,
+    /// Computations of which no word came: they gave their places back.
+    pub lost: u64,
     /// Failures that no longer mattered, by reason (F4).
     pub failures_dropped: BTreeMap<DropReason, u64>,
     /// Timers that fired (F5); local's is the limit.
@@ -64,7 +72,7 @@ impl SourceTally {
         self.outputs.values().sum()
     }
 
-    const fn new(source: Source) -> Self {
+    fn new(source: Source) -> Self {
         Self {
             source,
             admitted: 0,
@@ -73,6 +81,8 @@ impl SourceTally {
             held: 0,
             dropped: BTreeMap::new(),
             failed: 0,
+            reasons: Reasons::default(),
+            lost: 0,
             failures_dropped: BTreeMap::new(),
             timers: 0,
             cancelled: 0,
@@ -102,6 +112,7 @@ pub(crate) enum Event {
     Held,
     Dropped(DropReason),
     Failed,
+    Lost,
     FailureDropped(DropReason),
     Timer,
     Cancelled,
@@ -146,6 +157,20 @@ impl Counts {
         }
     }
 
+    /// Keeps why the source at `index` sent no result.
+    pub(crate) fn reason(&self, index: usize, why: &str) -> Arc<str> {
+        match self.lock().sources.get_mut(index) {
+            Some(tally) => tally.reasons.count(why),
+            None => why.into(),
+        }
+    }
+
+    /// Tells that a recording ends here.
+    pub(crate) fn unrecorded(&self, why: &str) {
+        error!(why, "the recording ends here; the operator goes on");
+        self.lock().unrecorded.get_or_insert_with(|| why.into());
+    }
+
     /// Counts an event of the source at `index`; local has 0.
     pub(crate) fn source(&self, index: usize, event: Event) {
         if let Some(tally) = self.lock().sources.get_mut(index) {
@@ -157,6 +182,7 @@ impl Counts {
                 Event::Held => tally.held += 1,
                 Event::Dropped(why) => *tally.dropped.entry(why).or_default() += 1,
                 Event::Failed => tally.failed += 1,
+                Event::Lost => tally.lost += 1,
                 Event::FailureDropped(why) => {
                     *tally.failures_dropped.entry(why).or_default() += 1;
                 }

@@ -16,6 +16,7 @@ use crate::Error;
 use crate::local::{Workers, guarded};
 use crate::setup::{Call, Registered, Request};
 use crate::stream::{Reader, WriteError, Writer};
+use crate::words::Words;
 
 /// An operator's state while it runs.
 pub(crate) struct Run<I, O> {
@@ -144,7 +145,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
         let now = self.now();
         match result {
             Ok(value) => self.engine.result(now, timestamp, priority, value),
-            Err(error) => self.engine.fail(now, timestamp, priority, &error),
+            Err(error) => self.engine.fail(now, timestamp, priority, &Words(&*error)),
         }
     }
 
@@ -185,7 +186,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
     /// Hands items to the output while its readers have room.
     fn deliver(&mut self) {
         while let Some(item) = self.outbox.pop_front() {
-            match self.output.try_write(item) {
+            match self.output.write(item) {
                 // An output that nobody reads is no reason to end: traces and counts go on.
                 Ok(_) | Err(WriteError::Closed(_)) => {}
                 Err(WriteError::Full(item)) => {

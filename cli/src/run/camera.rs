@@ -9,8 +9,8 @@ use std::{future, io};
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{
-    Config, Items, Local, Operator, Recording, Rule, Running, Setup, SourceTally, SpawnError,
-    Trace, Writer, spawn, stream,
+    Config, Items, JoinError, Local, Operator, Recording, Rule, Running, Setup, SourceTally,
+    SpawnError, Trace, WriteError, Writer, spawn, stream,
 };
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
@@ -28,6 +28,8 @@ use crate::run::plan::{Plan, Server};
 
 /// How often it is asked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
+/// How often it is asked whether there is room for a frame that waits.
+const ROOM: Duration = Duration::from_millis(1);
 
 /// A camera, its operator and its clouds, started.
 pub(crate) struct Camera<'a> {
@@ -119,7 +121,8 @@ impl Camera<'_> {
         let so_far = self.running.tally();
         let (tally, unrecorded) = match self.running.join().await {
             Ok(tally) => (tally, None),
-            Err(error) => (so_far, Some(error)),
+            Err(JoinError::Trace { error, tally }) => (*tally, Some(error)),
+            Err(error @ JoinError::Stopped { .. }) => (so_far, Some(io::Error::other(error))),
         };
         live.show(&tally);
         let sent = self.sent.iter().map(|sent| sent.load(Ordering::Relaxed)).collect();
@@ -129,28 +132,27 @@ impl Camera<'_> {
     /// Writes a frame every period; says whether the user ended it.
     async fn shoot(&mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> bool {
         let Self { plan, frames, running, output, .. } = self;
-        let mut looks = interval(live.period());
-        // Where the operator lags behind, a frame waits until outputs were read: it must not hinder
-        // their being read.
-        let shooting = async {
-            let image = Bytes::from(vec![0; REQUEST_BYTES]);
-            let mut period = interval(plan.period);
-            for _ in 0..plan.frames {
-                period.tick().await;
-                if frames.write(Frame(image.clone())).await.is_err() {
-                    break;
-                }
-            }
-        };
-        tokio::pin!(shooting);
-        loop {
+        let image = Bytes::from(vec![0; REQUEST_BYTES]);
+        let (mut period, mut looks) = (interval(plan.period), interval(live.period()));
+        // Where the operator lags behind, a frame waits until outputs were read.
+        let (mut shot, mut waiting) = (0, None);
+        while shot < plan.frames {
             tokio::select! {
                 () = interrupt.wait() => return true,
-                () = &mut shooting => return false,
+                _ = period.tick(), if waiting.is_none() => waiting = Some(Frame(image.clone())),
+                () = sleep(ROOM), if waiting.is_some() => {}
                 Some(item) = output.read() => live.item(&item),
                 _ = looks.tick() => live.show(&running.tally()),
             }
+            if let Some(frame) = waiting.take() {
+                match frames.write(frame) {
+                    Ok(_) => shot += 1,
+                    Err(WriteError::Full(frame)) => waiting = Some(frame),
+                    Err(WriteError::Closed(_)) => break,
+                }
+            }
         }
+        false
     }
 
     /// Waits for local's last results: the policies want to know when they came.
@@ -233,7 +235,7 @@ async fn listen() -> io::Result<(TcpListener, String)> {
 fn describe(remote: &Remote) -> Result<grpc::Remote, Fault> {
     let Remote { url, ca, cert, key, token } = remote;
     Ok(grpc::Remote {
-        ca: ca.as_deref().map(files::bytes).transpose()?,
+        ca: ca.as_deref().map(files::certificates).transpose()?,
         identity: files::identity(cert.as_deref(), key.as_deref())?,
         token: token.as_deref().map(files::token).transpose()?,
         ..grpc::Remote::new(url)

@@ -6,12 +6,12 @@ use fuseline_tokio::SpawnError;
 use fuseline_tokio::grpc::RemoteError;
 use thiserror::Error;
 
-use crate::fault::{Fault, plain};
+use crate::fault::{Fault, chain, plain};
 
 /// Why a run cannot begin, or has no whole trace.
 #[derive(Debug, Error)]
 pub(super) enum RunError {
-    #[error("cloud {cloud:?}: {source}")]
+    #[error("cloud {cloud:?}: {}", chain(.source))]
     Remote { cloud: String, source: RemoteError },
     #[error("{0}; choose other options for the clouds or the window")]
     Spawn(#[from] SpawnError),

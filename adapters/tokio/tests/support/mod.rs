@@ -114,7 +114,7 @@ where
     tokio::spawn(async move {
         for (i, ms) in messages_ms.into_iter().enumerate() {
             sleep_until(start + Duration::from_millis(ms)).await;
-            writer.write(i as u64).await.unwrap();
+            writer.write(i as u64).unwrap();
         }
     });
     let mut items = String::new();
