@@ -3,6 +3,7 @@
 mod check;
 mod complain;
 mod convert;
+mod deadline;
 mod decide;
 #[cfg(unix)]
 mod drive;
@@ -79,6 +80,8 @@ enum Command {
     Drive(drive::Args),
     /// Answer the inputs that `fuseline drive` sends, as the core does.
     Impl(implementation::Args),
+    /// Tell which deadlines are safe for a vehicle at some speeds, and which is worth it.
+    Deadline(deadline::Args),
     /// Make a page of traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
 }
@@ -127,6 +130,7 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         #[cfg(unix)]
         Command::Drive(args) => drive::drive(&args),
         Command::Impl(args) => implementation::answer(&args),
+        Command::Deadline(args) => deadline::tell(&args),
         Command::Report(args) => report::report(&args),
     }
 }
