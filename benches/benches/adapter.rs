@@ -142,7 +142,7 @@ async fn with_adapter(pace: Pace) {
     match pace.period {
         None => {
             for t in 0..pace.messages {
-                writer.write(t).await.expect("the operator reads");
+                writer.write(t).expect("the operator reads");
                 sum += best(&mut output).await;
             }
         }
@@ -166,7 +166,7 @@ async fn feed(mut writer: Writer<u64>, messages: u64, period: Duration) {
     let mut ticks = interval(period);
     for t in 0..messages {
         ticks.tick().await;
-        writer.write(t).await.expect("the operator reads");
+        writer.write(t).expect("the operator reads");
     }
 }
 

@@ -58,7 +58,7 @@ fn trace() -> (Vec<u8>, u64) {
     for t in 0.. {
         let at = t * PERIOD;
         run.until(at);
-        run.take(&Input::Open { at, t, limit: None });
+        run.take(&Input::Open { at, t, deadline: None });
         for p in 1..=3 {
             run.take(&Input::Offer { at, t, p, deadline: DEADLINE, backlog: 0 });
         }

@@ -116,9 +116,9 @@ impl Load {
         }
         let limited = matches!(kind, Kind::ExpireWaiting);
         for (i, t) in &self.timestamps {
-            // A limit long after every cloud's due.
-            let limit = limited.then_some(Deadline::from_nanos(1_000_000_000));
-            assert_eq!(ready(&mut machines[*i], 0).open(*t, limit), Opening::Accepted);
+            // A deadline long after every cloud's due.
+            let deadline = limited.then_some(Deadline::from_nanos(1_000_000_000));
+            assert_eq!(ready(&mut machines[*i], 0).open(*t, deadline), Opening::Accepted);
         }
         for (nth, (i, t, deadline)) in self.touched.iter().enumerate() {
             let mut ready = ready(&mut machines[*i], 0);

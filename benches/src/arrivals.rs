@@ -56,7 +56,7 @@ pub fn inputs(messages: usize, commit: Commit) -> Vec<Input> {
     for message in 0..messages {
         let t = message as u64;
         let at = t * PERIOD;
-        arrivals.insert((at, t, 0), Input::Open { at, t, limit: None });
+        arrivals.insert((at, t, 0), Input::Open { at, t, deadline: None });
         arrivals
             .insert((at + LOCAL_RUNTIME, t, 4), Input::Result { at: at + LOCAL_RUNTIME, t, p: 0 });
         for ((cloud, rtts), runtime) in (1..).zip(&round_trips).zip(RUNTIMES) {

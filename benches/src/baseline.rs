@@ -123,18 +123,18 @@ impl<S: BuildHasher + Default> Baseline<S> {
         Some(())
     }
 
-    fn open(&mut self, t: u64, limit: Option<u64>) -> Option<()> {
+    fn open(&mut self, t: u64, deadline: Option<u64>) -> Option<()> {
         if self.newest.is_some_and(|newest| t <= newest) || self.open.len() >= self.window {
             return None;
         }
-        if let Some(limit) = limit {
-            let due = self.now.saturating_add(limit);
+        if let Some(deadline) = deadline {
+            let due = self.now.saturating_add(deadline);
             if due <= self.now {
                 return None;
             }
             self.timers.push(Reverse((due, t, 0)));
         }
-        self.open.insert(t, Slot::open(limit.is_some()));
+        self.open.insert(t, Slot::open(deadline.is_some()));
         self.newest = Some(t);
         Some(())
     }
@@ -146,7 +146,7 @@ impl<S: BuildHasher + Default> Machine for Baseline<S> {
         self.now = self.now.max(input.at());
         self.expire(tally);
         let admitted = match *input {
-            Input::Open { t, limit, .. } => self.open(t, limit),
+            Input::Open { t, deadline, .. } => self.open(t, deadline),
             Input::Offer { t, p, deadline, backlog, .. } => self.offer(t, p, deadline, backlog),
             Input::Result { t, p, .. } => return self.arrival(t, p, Event::Result, tally),
             Input::Fail { t, p, .. } => return self.arrival(t, p, Event::Failure, tally),

@@ -43,8 +43,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Machine for Fusion<CLOUDS, WINDOW
             }
         };
         match *input {
-            Input::Open { t, limit, .. } => {
-                match ready.open(Timestamp::new(t), limit.map(Deadline::from_nanos)) {
+            Input::Open { t, deadline, .. } => {
+                match ready.open(Timestamp::new(t), deadline.map(Deadline::from_nanos)) {
                     Opening::Accepted => tally.admitted += 1,
                     Opening::Refused(_) => tally.refused += 1,
                 }

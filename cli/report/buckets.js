@@ -1,21 +1,25 @@
 // The timeline from afar: one bucket for each pixel, so that a frame costs what the screen holds.
 
-import { MISSED, REFUSED, after } from "./data.js";
-import { time } from "./format.js";
+import { MISSED, UNOPENED, after } from "./data.js";
+import { axis, time } from "./format.js";
 
 const CELL = 2;
 const DOT = 1.6;
 
-/** Draws response times and whose results went out, into a box of the width and height given. */
+/**
+ * Draws response times and whose results were forwarded, into a box of the width and height given. Answers the labels
+ * of its lines, which stand beside the box, where no point is.
+ */
 export function drawBuckets(ctx, trace, view, width, height, colours) {
   const chart = { top: 16, height: Math.round(height * 0.62) - 16 };
   const band = { top: Math.round(height * 0.62) + 22, height: height - Math.round(height * 0.62) - 24 };
-  drawResponses(ctx, trace, view, width, chart, colours);
+  const labels = drawResponses(ctx, trace, view, width, chart, colours);
   ctx.fillStyle = colours.soft;
   ctx.font = "11px system-ui";
   ctx.textBaseline = "alphabetic";
-  ctx.fillText("whose result went out", 2, band.top - 5);
+  ctx.fillText("whose result was forwarded", 2, band.top - 5);
   drawShares(ctx, trace, view, width, band, colours);
+  return labels;
 }
 
 /** Whose results went out: in each bucket the shares, stacked. */
@@ -35,7 +39,7 @@ export function drawShares(ctx, trace, view, width, box, colours) {
   // From the bucket's beginning, also where that is out of sight.
   for (let n = after(trace, base * bucket); n < high; n++) {
     const k = order[n];
-    if (outcome[k] === REFUSED) continue;
+    if (outcome[k] === UNOPENED) continue;
     const at = Math.floor(start[k] / bucket) - base;
     if (at < 0 || at >= number) continue;
     const kind = outcome[k] >= 0 ? outcome[k] : outcome[k] === MISSED ? kinds - 2 : kinds - 1;
@@ -62,10 +66,11 @@ function drawResponses(ctx, trace, view, width, box, colours) {
   const { order, start, outcome, response, sources } = trace;
   const low = after(trace, view.from);
   const high = after(trace, view.to);
-  let top = 0;
-  for (let n = low; n < high; n++) if (response[order[n]] > top) top = response[order[n]];
-  const label = grid(ctx, width, box, (top || trace.longest || 1) * 1.05, colours);
-  const y = box.height / ((top || trace.longest || 1) * 1.05);
+  let most = Math.max(0, ...trace.deadlines);
+  for (let n = low; n < high; n++) if (response[order[n]] > most) most = response[order[n]];
+  const top = (most || trace.longest || 1) * 1.05;
+  const labels = grid(ctx, width, box, top, trace.deadlines, colours);
+  const y = box.height / top;
   const x = width / (view.to - view.from);
   const dots = high - low < width;
   const cells = dots ? undefined : density(width, box.height, sources.map(({ place }) => colours.source(place)));
@@ -91,7 +96,7 @@ function drawResponses(ctx, trace, view, width, box, colours) {
   });
   ctx.fillStyle = colours.bad;
   for (const px of missed) ctx.fillRect(px - 1, box.top, 2, 10);
-  label();
+  return labels;
 }
 
 /** Points by the cell: a picture as large as the screen's part, however many they are. */
@@ -120,29 +125,27 @@ function density(width, height, tints) {
   };
 }
 
-/** Lines for the response times; what it answers writes their labels. */
-function grid(ctx, width, box, top, colours) {
+/** Lines for the response times and the deadlines; answers their labels. */
+function grid(ctx, width, box, top, deadlines, colours) {
   const power = 10 ** Math.floor(Math.log10(top / 3));
   const step = [1, 2, 5, 10].map((n) => n * power).find((n) => top / n <= 4.5) ?? 10 * power;
   const y = (at) => Math.round(box.top + box.height - (at / top) * box.height) + 0.5;
-  ctx.lineWidth = 1;
-  ctx.strokeStyle = colours.line;
-  for (let at = 0; at <= top; at += step) {
+  const line = (at, width) => {
     ctx.beginPath();
     ctx.moveTo(0, y(at));
     ctx.lineTo(width, y(at));
     ctx.stroke();
-  }
-  return () => {
-    ctx.font = "11px system-ui";
-    ctx.textBaseline = "alphabetic";
-    ctx.lineWidth = 3;
-    ctx.lineJoin = "round";
-    ctx.strokeStyle = colours.panel;
-    ctx.fillStyle = colours.soft;
-    for (let at = step; at <= top; at += step) {
-      ctx.strokeText(time(at), 2, y(at) - 3);
-      ctx.fillText(time(at), 2, y(at) - 3);
-    }
   };
+  const steps = Array.from({ length: Math.floor(top / step) + 1 }, (_, n) => n * step);
+  ctx.lineWidth = 1;
+  ctx.strokeStyle = colours.line;
+  for (const at of steps) line(at, width);
+  ctx.lineWidth = 1.5;
+  ctx.strokeStyle = colours.ink;
+  ctx.setLineDash([5, 4]);
+  for (const at of deadlines) line(at, width);
+  ctx.setLineDash([]);
+  const strong = deadlines.map((at) => ({ y: y(at), text: time(at), strong: true }));
+  const named = axis(steps, step).map((text, n) => ({ y: y(steps[n]), text, strong: false }));
+  return [...strong, ...named.filter((one) => strong.every((other) => Math.abs(one.y - other.y) > 12))];
 }

@@ -1,17 +1,17 @@
 // The columns of one trace, decoded, and what follows from them for each timestamp.
 
-export const REFUSALS = ["order", "full", "deadline", "unknown", "closed", "duplicate", "outranked", "queue"];
-export const DROPS = ["unknown", "superseded", "unsolicited", "duplicate", "late"];
-
-/** A timestamp's outcome: the place of the source whose result went out, or one of these. */
+/** A timestamp's outcome: the place of the source whose result was forwarded, or one of these. */
 export const MISSED = -1;
 export const OPEN = -2;
-export const REFUSED = -3;
+export const UNOPENED = -3;
 
 const MORE = { o: 1, f: 2, q: 1, n: 1, d: 1 };
 
-/** Decodes a trace of the page; all instants count from its origin, in nanoseconds. */
-export function decode(told) {
+/**
+ * Decodes a trace of the page; all instants count from its origin, in nanoseconds. `words` has the columns and the
+ * reasons, each with its word and its meaning.
+ */
+export function decode(told, words) {
   const length = told.ev.length;
   const at = Float64Array.from(told.at);
   const t = Int32Array.from(told.t);
@@ -32,7 +32,9 @@ export function decode(told) {
   const timestamps = BigUint64Array.from(told.timestamps, BigInt);
   for (let i = 1; i < timestamps.length; i++) timestamps[i] += timestamps[i - 1];
   const trace = {
-    ...told, at, t, p, a, b, timestamps, length,
+    ...told, ...words, at, t, p, a, b, timestamps, length,
+    outcome: Int32Array.from(told.outcome),
+    deadlines: told.deadlines.map(Number),
     sources: told.sources.map((source, place) => ({ ...source, place, label: label(source) })),
   };
   delete trace.x;
@@ -65,14 +67,13 @@ function group(trace) {
   Object.assign(trace, { first, events });
 }
 
-/** When each timestamp began and ended, and how; and the timestamps by their beginning. */
+/** When each timestamp began and ended; and the timestamps by their beginning. */
 function outcomes(trace) {
-  const { ev, at, p, first, events, timestamps } = trace;
+  const { ev, at, p, first, events, timestamps, outcome } = trace;
   const size = timestamps.length;
   const start = new Float64Array(size);
   const end = new Float64Array(size);
   const last = new Float64Array(size);
-  const outcome = new Int32Array(size).fill(OPEN);
   const response = new Float64Array(size).fill(NaN);
   let finish = 0;
   let longest = 0;
@@ -90,14 +91,10 @@ function outcomes(trace) {
       else if (kind === "n" && p[i] < 0) offered = NaN;
       // What comes after an open says that it was not refused.
       else if (Number.isNaN(opened)) opened = offered;
-      if ((kind === "e" || kind === "m") && Number.isNaN(ended)) {
-        ended = at[i];
-        outcome[k] = kind === "e" ? p[i] : MISSED;
-      }
+      if ((kind === "e" || kind === "m") && Number.isNaN(ended)) ended = at[i];
       last[k] = Math.max(n > first[k] ? last[k] : -Infinity, at[i]);
     }
     if (Number.isNaN(opened)) opened = offered;
-    if (Number.isNaN(opened) && Number.isNaN(ended)) outcome[k] = REFUSED;
     start[k] = Number.isNaN(opened) ? at[events[first[k]]] : opened;
     end[k] = Number.isNaN(ended) ? last[k] : ended;
     if (outcome[k] >= 0) response[k] = ended - opened;
@@ -112,9 +109,14 @@ function outcomes(trace) {
   const broken = new Uint8Array(size);
   for (const violation of trace.violations) if (violation.t !== null) broken[violation.t] = 1;
   const row = rows(order, start, end);
-  Object.assign(trace, { start, end, last, outcome, response, order, rank, broken, row, span, longest });
+  Object.assign(trace, { start, end, last, response, order, rank, broken, row, span, longest });
   trace.duration = Math.max(finish, 1);
+  // One that is far beyond all responses would press them into a line.
+  trace.deadlines = trace.deadlines.filter((deadline) => deadline <= 4 * (longest || deadline));
 }
+
+/** The fate of a source's request for a timestamp, as its place among the columns; 0 without a request. */
+export const fate = ({ fates, sources }, k, place) => fates.charCodeAt(k * sources.length + place) - 48;
 
 /** A row for each timestamp, so that those open at once stand in different ones. */
 function rows(order, start, end) {

@@ -1,28 +1,44 @@
 // What can be found: timestamps by number, by reason, by violation, by outcome.
 
-import { DROPS, MISSED, OPEN, REFUSALS, find } from "./data.js";
+import { MISSED, OPEN, fate, find } from "./data.js";
 
-/** All that a trace can be searched for, each with the timestamps that have it, by their beginning. */
+/** Fates that are no trouble: found when asked for, without a chip. */
+const QUIET = new Set(["forwarded", "discarded", "superseded", "open"]);
+
+/**
+ * All that a trace can be searched for, each with the timestamps that have it, by their beginning, and with how often
+ * there is one in all.
+ */
 export function filters(trace) {
-  const { ev, p, a, t, outcome, order, rank, sources, violations, length } = trace;
+  const { ev, p, a, t, outcome, order, rank, sources, columns, refusals, drops, violations, more } = trace;
   const found = new Map();
-  const put = (group, label, k, title = "") => {
-    const entry = found.get(label) ?? { group, label, title, hits: new Set() };
-    entry.hits.add(k);
+  const put = (group, label, k, title = "", quiet = false) => {
+    const entry = found.get(label) ?? { group, label, title, quiet, count: 0, hits: new Set() };
+    entry.count++;
+    if (k !== null) entry.hits.add(k);
     found.set(label, entry);
   };
-  for (const { t: k, rule, sentence } of violations) if (k !== null) put(0, `violation ${rule}`, k, sentence);
+  // Of violations beyond those told the page knows the number and no more.
+  for (const { t: k, rule, sentence } of violations) put(0, more ? "violation" : `violation ${rule}`, k, more ? "" : sentence);
+  if (more) {
+    const all = found.get("violation");
+    all.title = `${all.count} are told here`;
+    all.count += more;
+  }
   for (const k of order) {
     if (outcome[k] >= 0) put(2, `forwarded ${sources[outcome[k]].label}`, k);
     else if (outcome[k] === MISSED) put(1, "missed", k);
-    else if (outcome[k] === OPEN) put(3, "left open", k);
+    else if (outcome[k] === OPEN) put(3, "open", k);
+    for (const { place, label } of sources) {
+      const [word, meaning] = columns[fate(trace, k, place)];
+      if (word !== "requests" && word !== "forwarded") put(4, `${word} ${label}`, k, meaning, QUIET.has(word));
+    }
   }
-  for (let i = 0; i < length; i++) {
-    if (ev[i] === "d") put(4, `dropped ${DROPS[a[i]]}`, t[i]);
-    else if (ev[i] === "n") put(5, `refused ${REFUSALS[a[i]]}`, t[i]);
-    else if (ev[i] === "x" && p[i] >= 0) put(6, `failed ${sources[p[i]].label}`, t[i]);
+  for (let i = 0; i < ev.length; i++) {
+    if (ev[i] === "d") put(5, `dropped ${drops[a[i]].word}`, t[i], drops[a[i]].sentence);
+    else if (ev[i] === "n") put(6, `refused ${refusals[a[i]].word}`, t[i], refusals[a[i]].sentence);
   }
-  const sorted = [...found.values()].sort((x, y) => x.group - y.group || y.hits.size - x.hits.size);
+  const sorted = [...found.values()].sort((x, y) => x.group - y.group || y.count - x.count);
   return sorted.map((filter) => ({ ...filter, hits: ordered(filter.hits, rank) }));
 }
 

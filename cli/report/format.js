@@ -8,6 +8,9 @@ export const count = (n) => grouped.format(n);
 /** A count with what it counts. */
 export const counted = (n, what) => `${count(n)} ${what}${n === 1 ? "" : "s"}`;
 
+/** A quantile of response times; `never` where so many messages have no output. */
+export const quantile = (ns) => (typeof ns === "string" ? ns : time(ns ?? NaN));
+
 /** A share in percent. */
 export const share = (part, whole) => (whole ? `${((100 * part) / whole).toFixed(1)} %` : "–");
 
@@ -18,8 +21,9 @@ export function time(ns) {
   if (!Number.isFinite(ns)) return "–";
   if (ns === 0) return "0";
   const size = Math.abs(ns);
+  // What is rounded to 1000 of a unit is 1 of the next one.
   if (size >= 3.6e12) return `${trim(ns / 3.6e12, 2)}\u00a0h`;
-  const [unit, name] = UNITS.find(([unit]) => size >= unit) ?? UNITS[1];
+  const [unit, name] = UNITS.find(([unit]) => size >= 0.9995 * unit) ?? UNITS[3];
   const digits = size / unit >= 100 || unit === 1 ? 0 : size / unit >= 10 ? 1 : 2;
   return `${trim(ns / unit, digits)}\u00a0${name}`;
 }
@@ -27,9 +31,15 @@ export function time(ns) {
 /** Labels of an axis with these steps, all in one unit. */
 export function axis(values, step) {
   if (step >= 6e10) return values.map((v) => clock(Math.round(v / 6e10)));
-  const [unit, name] = UNITS.find(([unit]) => step >= unit * 0.0999 && unit <= 1e9) ?? UNITS[3];
-  const exact = (digits) => Math.abs((step / unit) * 10 ** digits - Math.round((step / unit) * 10 ** digits)) < 1e-6;
-  const digits = [0, 1, 2].find(exact) ?? 3;
+  const digitsOf = (unit) => [0, 1, 2, 3].find((digits) => {
+    const last = (step / unit) * 10 ** digits;
+    return last > 0.5 && Math.abs(last - Math.round(last)) < 1e-6;
+  });
+  // The greatest unit that the greatest value reaches and that tells the steps apart.
+  const most = Math.max(...values.map(Math.abs));
+  const [unit, name] = UNITS.find(([unit]) => most >= unit && digitsOf(unit) !== undefined)
+    ?? UNITS.find(([unit]) => step >= unit) ?? UNITS[3];
+  const digits = digitsOf(unit) ?? 3;
   return values.map((v) => `${grouped.format(trim(v / unit, digits))} ${name}`);
 }
 

@@ -9,12 +9,13 @@ import { axis, count, counted, time } from "./format.js";
 import { overview } from "./overview.js";
 import { redrawSpread, resizeSpread, showSpread } from "./spread.js";
 import { breach, showStory } from "./story.js";
-import { showLegend, showSummary, summarise } from "./summary.js";
+import { showLegend, showSummary } from "./summary.js";
 import { timeline } from "./timeline.js";
+import { markTrace, showTraces } from "./traces.js";
 
 const PAN = 0.2;
 
-const told = JSON.parse(by("data").textContent);
+const { traces: told, ...words } = JSON.parse(by("data").textContent);
 by("data").remove();
 
 let number = -1;
@@ -33,13 +34,13 @@ function show(which) {
   strip?.destroy();
   number = which;
   // One trace is decoded at a time.
-  trace = decode(told[which]);
+  trace = decode(told[which], words);
+  markTrace(which);
   by("name").textContent = trace.operator ? `${trace.operator} · ${trace.file}` : trace.file;
   document.title = `${trace.file} – Fuseline report`;
-  const summary = summarise(trace);
-  showSummary(trace, summary);
-  showLegend(trace, summary);
-  showSpread(trace, summary);
+  showSummary(trace);
+  showLegend(trace);
+  showSpread(trace);
   selected = -1;
   before = undefined;
   lines = timeline(trace, { choose: visit, seen });
@@ -47,21 +48,22 @@ function show(which) {
   strip.paint();
   all = filters(trace);
   by("queries").replaceChildren(...all.map(({ label }) => el("option", { value: label })));
-  by("filters").replaceChildren(...all.map(chip));
+  by("filters").replaceChildren(...all.filter(({ quiet }) => !quiet).map(chip));
   by("story").hidden = true;
   showViolations();
   look("");
   seen(lines.view());
 }
 
-function chip({ group, label, title, hits }) {
+function chip({ group, label, title, count: whole, hits }) {
   const act = () => {
     const again = by("query").value === label;
     by("query").value = again ? "" : label;
     look(by("query").value);
   };
-  return el("button", { type: "button", class: group < 2 ? "bad" : "", title, "aria-pressed": "false", "data-label": label, onclick: act },
-    label, " ", el("span", {}, count(hits.length)));
+  const apart = whole === hits.length ? "" : `${count(whole)} at ${counted(hits.length, "timestamp")}`;
+  return el("button", { type: "button", class: group < 2 ? "bad" : "", title: [title, apart].filter(Boolean).join("; ") || false, "aria-pressed": "false", "data-label": label, onclick: act },
+    label, " ", el("span", {}, count(whole)));
 }
 
 function showViolations() {
@@ -86,9 +88,15 @@ function seen(view) {
     const some = after(trace, view.to) - after(trace, view.from);
     const span = view.to - view.from;
     const part = span >= trace.duration ? `${time(0)} to ${time(trace.duration)}`
-      : `${time(span)} from ${axis([Math.max(0, view.from)], span / 50)[0]} on`;
+      : `${time(span)} from ${from(view.from, span)} on`;
     by("view").textContent = `${part}, ${counted(some, "timestamp")} of ${count(trace.order.length)}`;
   }, 150);
+}
+
+/** An instant, as exactly as a view of this span needs. */
+function from(instant, span) {
+  const step = 10 ** Math.max(0, Math.floor(Math.log10(span / 50)));
+  return axis([Math.max(0, Math.round(instant / step) * step)], step)[0];
 }
 
 /** Looks for what was typed; goes nowhere yet. */
@@ -102,7 +110,7 @@ function look(query) {
 function say(query) {
   const { hits, at } = found;
   by("hits").textContent = !query.trim() ? "" : hits.length === 0 ? "nothing found"
-    : at < 0 ? `${count(hits.length)} found` : `${count(at + 1)} of ${count(hits.length)}`;
+    : at < 0 ? `${counted(hits.length, "timestamp")} found` : `${count(at + 1)} of ${count(hits.length)}`;
 }
 
 /** Goes to the next timestamp found, or to the one before. */
@@ -172,7 +180,7 @@ function end(way) {
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const inside = event.target instanceof Element ? event.target : document.body;
-  if (inside.matches("input, select")) {
+  if (inside.matches("input")) {
     if (event.key === "Escape") by("timeline").focus();
     return;
   }
@@ -203,16 +211,13 @@ const acts = { left: () => lines.pan(-PAN), right: () => lines.pan(PAN), closer:
   whole: () => lines.whole(), previous: () => neighbour(-1), next: () => neighbour(1), close: back };
 for (const [id, act] of Object.entries(acts)) by(id).addEventListener("click", act);
 
-by("traces").hidden = told.length < 2;
-by("traces").replaceChildren(...told.map(({ file, conforms }, i) => el("option", { value: i }, `${conforms ? "✓" : "✕"} ${file}`)));
-by("traces").addEventListener("change", () => {
-  show(Number(by("traces").value));
+showTraces(told, (which) => {
+  show(which);
   remember();
 });
 
 const address = new URLSearchParams(location.hash.slice(1));
 const wanted = Number(address.get("trace") ?? 0);
-by("traces").value = told[wanted] ? wanted : 0;
 show(told[wanted] ? wanted : 0);
 if (address.has("q")) {
   by("query").value = address.get("q");

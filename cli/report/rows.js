@@ -1,6 +1,6 @@
 // The timeline from near: a block for each timestamp, a lane in it for each source.
 
-import { DROPS, MISSED, REFUSALS, after } from "./data.js";
+import { MISSED, after } from "./data.js";
 
 const GAP = 5;
 
@@ -71,7 +71,7 @@ function drawBlock(ctx, trace, { k, top, height, story }, x, width, { selected, 
 
 /** What happened to each source's result for one timestamp. */
 function lanesOf(trace, k) {
-  const { ev, at, p, a, first, events, start } = trace;
+  const { ev, at, p, a, first, events, start, refusals, drops } = trace;
   const lanes = new Map();
   const of = (place) => {
     if (!lanes.has(place)) lanes.set(place, { from: NaN, due: NaN, stop: NaN, held: NaN, marks: [] });
@@ -93,8 +93,8 @@ function lanesOf(trace, k) {
       case "t": stop(); put("timer", "timer"); break;
       case "c": stop(); put("ring", "cancelled"); break;
       case "e": put("disc", "forwarded", true); break;
-      case "d": put("cross", DROPS[a[i]]); break;
-      case "n": if (p[i] >= 0) put("cross", `refused: ${REFUSALS[a[i]]}`); break;
+      case "d": put("cross", drops[a[i]].word); break;
+      case "n": if (p[i] >= 0) put("cross", `refused: ${refusals[a[i]].word}`); break;
       default:
     }
   }

@@ -3,14 +3,15 @@
 import uPlot from "uplot";
 import { by, colours } from "./dom.js";
 import { axis, count, counted, time } from "./format.js";
-import { quantile } from "./summary.js";
 
 const BINS = 60;
+const HEIGHT = 220;
 const STEPS = [1, 2, 2.5, 5, 10];
 
 let plot;
 
-export function showSpread(trace, { tally, all }) {
+export function showSpread(trace) {
+  const { tally, all } = times(trace);
   const host = by("spread");
   plot?.destroy();
   plot = undefined;
@@ -19,7 +20,7 @@ export function showSpread(trace, { tally, all }) {
   if (all.length === 0) return;
   // A long tail goes into the last bin, so that the rest can be seen.
   const longest = all[all.length - 1];
-  const top = Math.max(Math.min(longest, 3 * quantile(all, 0.99)), 1);
+  const top = Math.max(Math.min(longest, 3 * part(all, 0.99)), 1, ...trace.deadlines);
   const bin = step(top / BINS);
   const bins = Math.floor(top / bin) + 1;
   const tail = longest >= bins * bin;
@@ -36,7 +37,7 @@ export function showSpread(trace, { tally, all }) {
   const tint = (place) => () => colours().source(place);
   const legend = (i) => (self, _, __, at) => count(at == null ? shown[i].times.length : counts[i][at]);
   plot = new uPlot({
-    width: host.clientWidth, height: 200, padding: [8, 24, 0, 0],
+    width: host.clientWidth, height: HEIGHT, padding: [20, 24, 0, 0],
     scales: { x: { time: false, range: [0, bins * bin] }, y: { range: (_, __, max) => [0, Math.max(1, max * 1.08)] } },
     cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
     legend: { live: true },
@@ -53,13 +54,55 @@ export function showSpread(trace, { tally, all }) {
       { stroke: () => colours().soft, grid: { stroke: () => colours().line, width: 1 }, ticks: { show: false }, font: "12px system-ui", size: 48,
         incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 1e6], values: (_, values) => values.map(count) },
     ],
+    hooks: { draw: [(self) => drawDeadlines(self, trace.deadlines)] },
   }, [centres, ...order.map((i) => stacked[i])], host);
-  host.setAttribute("aria-label", `Histogram of ${counted(all.length, "response time")}: half within ${time(quantile(all, 0.5))}, `
-    + `99 % within ${time(quantile(all, 0.99))}, the longest ${time(longest)}.`);
+  host.setAttribute("aria-label", `Histogram of ${counted(all.length, "response time")}: half within ${time(part(all, 0.5))}, `
+    + `99 % within ${time(part(all, 0.99))}, the longest ${time(longest)}.`);
 }
 
-export const resizeSpread = () => plot?.setSize({ width: by("spread").clientWidth, height: 200 });
+export const resizeSpread = () => plot?.setSize({ width: by("spread").clientWidth, height: HEIGHT });
 export const redrawSpread = () => plot?.redraw(false);
+
+/** The p-th part of sorted numbers, by the nearest rank. */
+const part = (sorted, p) => sorted[Math.max(0, Math.ceil(p * sorted.length) - 1)] ?? NaN;
+
+/** The response times that each source's results had, and all, sorted. */
+function times({ sources, outcome, response }) {
+  const tally = sources.map((source) => ({ source, times: [] }));
+  for (let k = 0; k < outcome.length; k++) if (outcome[k] >= 0 && !Number.isNaN(response[k])) tally[outcome[k]].times.push(response[k]);
+  return { tally, all: Float64Array.from(tally.flatMap(({ times }) => times)).sort() };
+}
+
+/** A line for each deadline, named above the plot. */
+function drawDeadlines(self, deadlines) {
+  const { ctx, bbox: { left, top, width, height } } = self;
+  const tint = colours();
+  const ratio = uPlot.pxRatio;
+  ctx.save();
+  ctx.font = `${11 * ratio}px system-ui`;
+  ctx.textBaseline = "alphabetic";
+  ctx.lineWidth = 1.5 * ratio;
+  ctx.strokeStyle = tint.ink;
+  ctx.fillStyle = tint.ink;
+  ctx.setLineDash([5 * ratio, 4 * ratio]);
+  let until = left + width;
+  for (const deadline of [...deadlines].sort((a, b) => b - a)) {
+    const x = self.valToPos(deadline, "x", true);
+    if (!(x >= left && x <= left + width)) continue;
+    ctx.beginPath();
+    ctx.moveTo(x, top - 3 * ratio);
+    ctx.lineTo(x, top + height);
+    ctx.stroke();
+    const text = `deadline ${time(deadline)}`;
+    const size = ctx.measureText(text).width;
+    const at = Math.min(x - size / 2, until - size);
+    if (at < left) continue;
+    ctx.textAlign = "left";
+    ctx.fillText(text, at, top - 8 * ratio);
+    until = at - 8 * ratio;
+  }
+  ctx.restore();
+}
 
 const range = (at, bin, bins, tail) =>
   tail && at === bins - 1 ? `${time(at * bin)} and more` : `${time(at * bin)} to ${time((at + 1) * bin)}`;

@@ -1,27 +1,8 @@
 // What happened to one timestamp, event by event, and what breaks a rule.
 
-import { DROPS, MISSED, OPEN, REFUSALS } from "./data.js";
+import { MISSED, OPEN } from "./data.js";
 import { by, el, swatch } from "./dom.js";
 import { count, time } from "./format.js";
-
-/** Why, in the words of SPEC.md. */
-const REFUSED = {
-  order: "this timestamp or a later one was opened before",
-  full: "as many timestamps are open as the window allows",
-  deadline: "its due instant has passed already",
-  unknown: "no such cloud, or no timestamp as great was ever opened",
-  closed: "the timestamp is not open",
-  duplicate: "this cloud was asked before",
-  outranked: "something better is in hand",
-  queue: "the cloud's gate is shut",
-};
-const DROPPED = {
-  unknown: "no such source, or no timestamp as great was ever opened",
-  superseded: "the timestamp is not open any more",
-  unsolicited: "this cloud was never asked",
-  duplicate: "its result is held already",
-  late: "its timer fired before, or its failure was accepted",
-};
 
 export function showStory(trace, k) {
   const { first, events, start, violations, timestamps } = trace;
@@ -59,14 +40,14 @@ function ending({ outcome, response, start, end, sources, observed }, k) {
   const came = `${time(start[k])} into the run`;
   if (outcome[k] >= 0) {
     const after = Number.isNaN(response[k]) ? "" : `, ${time(response[k])} after its message`;
-    return `The result of ${sources[outcome[k]].label} went out${after}; it came ${came}.`;
+    return `The result of ${sources[outcome[k]].label} was forwarded${after}; it came ${came}.`;
   }
   if (outcome[k] === MISSED) return `Missed ${time(end[k] - start[k])} after its message, which came ${came}: nothing was in hand, and nothing would come.`;
   if (outcome[k] === OPEN) return `Still open as the trace ends; its message came ${came}.`;
   return observed ? "It was not opened." : `Never opened; first heard of ${came}.`;
 }
 
-function words({ ev, p, a, b, sources }, i) {
+function words({ ev, p, a, b, sources, refusals, drops }, i) {
   const place = p[i];
   const name = sources[place]?.label;
   const of = (kind, what, why) => ({ kind, what, why, place });
@@ -75,13 +56,16 @@ function words({ ev, p, a, b, sources }, i) {
     case "f": return of("input", `Offer to ${name}`, `${time(a[i])} to answer, ${count(b[i])} queued`);
     case "r": return of("input", `Result of ${name}`);
     case "x": return of("input", `Failure of ${name}`);
-    case "t": return of("timer", `Timer of ${name} fired`, place === 0 ? "local's limit" : "its deadline ended");
+    case "t": return of("timer", `Timer of ${name} fired`, place === 0 ? "local's deadline" : "its deadline ended");
     case "q": return of("request", `Requested of ${name}`, a[i] < 2 ** 63 ? `due ${time(a[i])} from here` : "due at the end of time");
     case "h": return of("hold", "Held", "something better is pending");
     case "e": return of("emit", `Forwarded: ${name}`);
     case "m": return of("miss", "Missed", "nothing in hand, nothing pending");
     case "c": return of("cancel", `Call of ${name} cancelled`, "no longer wanted");
-    case "n": return of("drop", place < 0 ? `Refused: ${REFUSALS[a[i]]}` : `Offer to ${name} refused: ${REFUSALS[a[i]]}`, REFUSED[REFUSALS[a[i]]]);
-    default: return of("drop", `Dropped: ${DROPS[a[i]]}`, DROPPED[DROPS[a[i]]]);
+    case "n": {
+      const { word, sentence } = refusals[a[i]];
+      return of("drop", place < 0 ? `Refused: ${word}` : `Offer to ${name} refused: ${word}`, sentence);
+    }
+    default: return of("drop", `Dropped: ${drops[a[i]].word}`, drops[a[i]].sentence);
   }
 }

@@ -1,105 +1,75 @@
-// What came of the run, in figures and by source.
+// What came of the run, in figures and by source, as the command reckoned it.
 
-import { MISSED, REFUSED, DROPS } from "./data.js";
 import { by, el, swatch } from "./dom.js";
-import { count, counted, share, time } from "./format.js";
+import { count, counted, quantile, share, time } from "./format.js";
 
-/** The p-th part of sorted numbers, by the nearest rank. */
-export const quantile = (sorted, p) => sorted[Math.max(0, Math.ceil(p * sorted.length) - 1)] ?? NaN;
+const SUMMED = 1;
+const OPEN = 6;
 
-export function summarise(trace) {
-  const { outcome, response, sources, ev, p, a, t, length } = trace;
-  const tally = sources.map((source) => ({
-    source, outputs: 0, requests: 0, refused: 0, results: 0, late: 0, superseded: 0, dropped: 0, failed: 0, times: [],
-  }));
-  const ends = { forwarded: 0, missed: 0, open: 0, refused: 0 };
-  for (let k = 0; k < outcome.length; k++) {
-    if (outcome[k] >= 0) {
-      ends.forwarded++;
-      tally[outcome[k]].outputs++;
-      if (!Number.isNaN(response[k])) tally[outcome[k]].times.push(response[k]);
-    } else if (outcome[k] === MISSED) ends.missed++;
-    else if (outcome[k] === REFUSED) ends.refused++;
-    else ends.open++;
-  }
-  for (let i = 0; i < length; i++) {
-    const of = tally[p[i]];
-    if (!of) continue;
-    const kind = ev[i];
-    if (kind === "q") of.requests++;
-    else if (kind === "n") of.refused++;
-    else if (kind === "r") of.results++;
-    else if (kind === "x") of.failed++;
-    else if (kind === "d" && !(ev[i - 1] === "x" && p[i - 1] === p[i] && t[i - 1] === t[i])) {
-      of.dropped++;
-      if (DROPS[a[i]] === "late") of.late++;
-      if (DROPS[a[i]] === "superseded") of.superseded++;
-    }
-  }
-  for (const of of tally) of.times = Float64Array.from(of.times).sort();
-  const all = new Float64Array(tally.reduce((sum, of) => sum + of.times.length, 0));
-  let put = 0;
-  for (const { times } of tally) {
-    all.set(times, put);
-    put += times.length;
-  }
-  return { tally, ends, all: all.sort() };
-}
+export const violationsOf = ({ violations, more }) => violations.length + more;
 
-export function showSummary(trace, { tally, ends, all }) {
-  const violations = trace.violations.length + trace.more;
+/** A verdict in words. */
+export const verdictOf = (trace) =>
+  trace.conforms ? "✓ conforms"
+    : violationsOf(trace) ? `✕ does not conform: ${counted(violationsOf(trace), "violation")}` : "✕ does not conform: nothing to judge";
+
+export function showSummary(trace) {
+  const { account } = trace;
+  const { messages, forwarded, missed, refused, open, response } = account;
   const verdict = by("verdict");
   verdict.className = `verdict ${trace.conforms ? "good" : "bad"}`;
-  verdict.textContent = trace.conforms
-    ? "✓ conforms"
-    : violations ? `✕ does not conform: ${counted(violations, "violation")}` : "✕ does not conform: nothing to judge";
-  const messages = ends.forwarded + ends.missed + ends.open;
+  verdict.textContent = verdictOf(trace);
+  const [half, most, nearly] = response.map(quantile);
   by("figures").replaceChildren(
     ...[
       ["Messages", count(messages), `${count(trace.judged)} judged`],
-      ["Forwarded", count(ends.forwarded), share(ends.forwarded, messages)],
-      ["Missed", count(ends.missed), share(ends.missed, messages), ends.missed > 0],
-      ends.open > 0 && ["Left open", count(ends.open), "as the trace ends"],
-      ends.refused > 0 && ["Not opened", count(ends.refused), "refused or never opened"],
-      ["Response", time(quantile(all, 0.5)), `p90 ${time(quantile(all, 0.9))}, p99 ${time(quantile(all, 0.99))}`],
+      ["Forwarded", count(forwarded), share(forwarded, messages)],
+      ["Missed", count(missed), share(missed, messages), missed > 0],
+      refused > 0 && ["Refused", count(refused), share(refused, messages), true],
+      open > 0 && ["Open", count(open), "as the trace ends"],
+      ["Response", half, `p90 ${most}, p99 ${nearly}`],
       ["Run", time(trace.duration), `${trace.commit}, window ${count(trace.window)}`],
       trace.observed && ["Observed", `± ${time(trace.observed[0])}`, `late by up to ${time(trace.observed[1])}`],
     ].filter(Boolean).map(([name, value, more, bad]) =>
       el("div", { class: bad ? "bad" : "" }, el("dt", {}, name), el("dd", {}, value), el("dd", { class: "more" }, more))),
   );
-  const head = ["Source", "Forwarded", "Share", "p50", "p90", "p99", "Requests", "In time", "Late", "Superseded", "Failed", "Refused"];
+  const columns = trace.columns.map(([word, meaning], at) => ({ word, meaning, at }))
+    .filter(({ at }) => at !== OPEN || account.rows.some(({ counts }) => counts[at] > 0));
+  const head = [["Source"], ["Share"], ...columns.map(({ word, meaning }) => [capital(word), meaning]), ["p50"], ["p90"], ["p99"]];
   by("sources").replaceChildren(
-    el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
-    el("tbody", {}, ...[...tally].sort((a, b) => a.source.place - b.source.place).map((of) => line(of, messages))),
+    el("thead", {}, el("tr", {}, ...head.map(([name, title]) => el("th", { scope: "col", title }, name)))),
+    el("tbody", {}, ...account.rows.map((row) => line(trace, row, columns))),
   );
+  const summed = columns.slice(SUMMED, -1).map(({ word }) => word).join(" + ");
+  by("meanings").replaceChildren(
+    el("p", {}, `A row adds up: requests = ${summed}.`),
+    el("dl", {}, ...columns.flatMap(({ word, meaning }) => [el("dt", {}, word), el("dd", {}, meaning)])));
 }
 
-function line(of, messages) {
-  const { source } = of;
+const capital = (word) => word[0].toUpperCase() + word.slice(1);
+
+function line({ sources, account: { messages } }, { place, counts, response }, columns) {
+  const source = sources[place];
   const bar = el("span", { class: "share", "aria-hidden": "true" });
-  bar.style.width = `${messages ? (100 * of.outputs) / messages : 0}%`;
-  const local = source.place === 0;
-  const cells = [
-    ...[0.5, 0.9, 0.99].map((p) => time(quantile(of.times, p))),
-    local ? "–" : count(of.requests), count(Math.max(0, of.results - of.dropped)),
-    count(of.late), count(of.superseded), count(of.failed), local ? "–" : count(of.refused),
-  ];
-  const square = swatch(source.place);
+  bar.style.width = `${messages ? (100 * counts[SUMMED]) / messages : 0}%`;
+  const square = swatch(place);
   bar.style.background = square.style.getPropertyValue("--of");
   return el("tr", {},
     el("th", { scope: "row" }, square, `${source.p} `, el("span", { class: "label" }, source.label)),
-    el("td", {}, count(of.outputs)),
-    el("td", { class: "shares" }, el("span", { class: "track" }, bar), el("b", {}, share(of.outputs, messages))),
-    ...cells.map((cell) => el("td", {}, cell)));
+    el("td", { class: "shares" }, el("span", { class: "track" }, bar), el("b", {}, share(counts[SUMMED], messages))),
+    ...columns.map(({ at, word }) => el("td", { "data-of": word }, count(counts[at]))),
+    ...response.map((ns) => el("td", {}, quantile(ns))));
 }
 
-export function showLegend(trace, { tally, ends }) {
+export function showLegend(trace) {
+  const { account, sources } = trace;
   const item = (square, text) => el("span", {}, square, text);
   const mark = (name) => el("span", { class: `mark ${name}`, "aria-hidden": "true" });
   by("legend").replaceChildren(
-    ...tally.filter((of) => of.outputs > 0 || of.source.known).map(({ source }) => item(swatch(source.place), source.label)),
-    ...(ends.missed ? [item(mark("missed"), "missed")] : []),
-    ...(ends.open ? [item(mark("open"), "open")] : []),
+    ...account.rows.map(({ place }) => item(swatch(place), sources[place].label)),
+    ...trace.deadlines.map((deadline) => item(mark("deadline"), `deadline ${time(deadline)}`)),
+    ...(account.missed ? [item(mark("missed"), "missed")] : []),
+    ...(account.open ? [item(mark("open"), "open")] : []),
     ...(trace.violations.length ? [item(mark("violation"), "violation")] : []),
     item(mark("hit"), "found"),
   );

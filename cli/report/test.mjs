@@ -2,11 +2,12 @@
 
 import assert from "node:assert/strict";
 import { execFileSync, spawnSync } from "node:child_process";
-import { mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
+import { mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import puppeteer from "puppeteer-core";
+import { axis, time } from "./format.js";
 
 const { CHROMIUM, FUSELINE, SHOTS, CORPUS } = process.env;
 const MESSAGES = 100_000;
@@ -62,18 +63,22 @@ async function press(page, ...keys) {
   await settle(page);
 }
 
-/** How many pixels of the timeline have this colour, given as #rrggbb. */
-const pixels = (page, colour) =>
-  page.$eval("#timeline canvas", (canvas, name) => {
+/** How many pixels have this colour, given as #rrggbb, of a plot's canvas or of its part up to a distance from the left. */
+const pixels = (page, colour, plot = "#timeline", to = Infinity) =>
+  page.$eval(`${plot} canvas`, (canvas, name, to) => {
     const colour = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
     const rgb = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
     const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
     copy.drawImage(canvas, 0, 0);
-    const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+    const { data } = copy.getImageData(0, 0, Math.min(canvas.width, to * devicePixelRatio), canvas.height);
     let n = 0;
     for (let i = 0; i < data.length; i += 4) if (rgb.every((part, at) => data[i + at] === part)) n++;
     return n;
-  }, colour);
+  }, colour, to);
+
+/** What the command told the page. */
+const toldOf = (file) => JSON.parse(/id="data">(.*?)<\/script>/s.exec(readFileSync(file, "utf8"))[1]);
+const parse = (shown) => Number(shown.replaceAll(",", ""));
 
 const bad = () => report("bad", join(CORPUS, "bad/f3-first-response-wins.jsonl"));
 
@@ -113,13 +118,54 @@ test("the summary counts what came out of the run", async (t) => {
   assert.equal(number("Messages"), MESSAGES);
   assert.ok(number("Missed") > 0);
   assert.equal(number("Forwarded") + number("Missed"), MESSAGES);
-  const outputs = await page.$$eval("#sources tbody tr td:first-of-type", (cells) => cells.map((cell) => Number(cell.innerText.replaceAll(",", ""))));
-  assert.equal(outputs.length, 3);
-  assert.equal(outputs.reduce((sum, n) => sum + n), number("Forwarded"));
+  const { columns, traces: [{ account }] } = toldOf(camera());
+  assert.equal(number("Messages"), account.messages);
+  const rows = await page.$$eval("#sources tbody tr", (all) =>
+    all.map((row) => Object.fromEntries([...row.querySelectorAll("[data-of]")].map((cell) => [cell.dataset.of, cell.innerText]))));
+  assert.equal(rows.length, 3);
+  for (const [at, row] of rows.entries()) {
+    for (const [n, [word]] of columns.entries()) assert.equal(parse(row[word] ?? "0"), account.rows[at].counts[n], word);
+    const { requests, refused, ...fates } = Object.fromEntries(Object.entries(row).map(([word, shown]) => [word, parse(shown)]));
+    assert.equal(Object.values(fates).reduce((sum, n) => sum + n), requests);
+    if (at > 0) assert.ok(refused > 0);
+  }
+  assert.equal(rows.reduce((sum, row) => sum + parse(row.forwarded), 0), number("Forwarded"));
+  // A chip counts what the table counts.
+  const chips = Object.fromEntries(await page.$$eval("#filters button", (all) => all.map((one) => [one.dataset.label, one.querySelector("span").innerText])));
+  assert.equal(chips["forwarded east"], rows[2].forwarded);
+  assert.equal(chips["late west"], rows[1].late);
+  assert.equal(chips["failed local"], rows[0].failed);
   assert.match(await text(page, "#verdict"), /^✓ conforms$/);
   for (const source of [0, 1, 2]) assert.ok((await pixels(page, `--source-${source}`)) > 500, `source ${source}`);
   assert.ok((await pixels(page, "--bad")) > 10);
   await shot(page, "whole-run");
+});
+
+test("the deadline is a line in both plots, and no point is where the labels are", async (t) => {
+  const page = await open(t, camera());
+  for (const plot of ["#timeline", "#spread"]) assert.ok((await pixels(page, "--ink", plot)) > 100, plot);
+  for (const source of [0, 1, 2]) assert.equal(await pixels(page, `--source-${source}`, "#timeline", 55), 0);
+  assert.match(await text(page, "#legend"), /deadline 500\sµs/);
+});
+
+test("a duration has the unit that its rounded number wants", () => {
+  for (const [ns, shown] of [[999, "999 ns"], [1000, "1 µs"], [999_499, "999 µs"], [999_500, "1 ms"], [999_999, "1 ms"],
+    [1e6, "1 ms"], [999_949_999, "1 s"], [12_340_000, "12.3 ms"], [0, "0"]]) {
+    assert.equal(time(ns).replace("\u00a0", " "), shown, String(ns));
+  }
+  assert.deepEqual(axis([0, 500_000, 1e6, 1.5e6], 500_000), ["0 ms", "0.5 ms", "1 ms", "1.5 ms"]);
+  assert.deepEqual(axis([0, 200_000, 400_000], 200_000), ["0 µs", "200 µs", "400 µs"]);
+});
+
+test("a chip counts all violations, though the page is told of the first", async (t) => {
+  const lines = ['{"fuseline":1,"window":9,"clouds":[]}'];
+  for (let n = 0; n < 250; n++) lines.push(`{"ev":"open","at":${n},"t":${n}}`, `{"ev":"miss","at":${n},"t":${n}}`);
+  const trace = join(folder, "many.jsonl");
+  writeFileSync(trace, `${lines.join("\n")}\n`);
+  const page = await open(t, report("many", trace));
+  const whole = /(\d+) violations/.exec(await text(page, "#verdict"))[1];
+  assert.ok(Number(whole) > 100, whole);
+  assert.equal(await text(page, "#filters .bad span"), whole);
 });
 
 test("a violation is found and told with its rule", async (t) => {
@@ -128,7 +174,7 @@ test("a violation is found and told with its rule", async (t) => {
   await press(page, "/");
   await page.keyboard.type("violation");
   await settle(page);
-  assert.equal(await text(page, "#hits"), "1 found");
+  assert.equal(await text(page, "#hits"), "1 timestamp found");
   await press(page, "Enter");
   assert.equal(await text(page, "#hits"), "1 of 1");
   assert.equal(await text(page, "#story-title"), "Timestamp 1");
@@ -149,13 +195,13 @@ test("timestamps are found by number and by reason", async (t) => {
     await settle(page);
     return text(page, "#hits");
   };
-  assert.equal(await find("4711"), "1 found");
+  assert.equal(await find("4711"), "1 timestamp found");
   await press(page, "Enter");
   assert.equal(await text(page, "#story-title"), "Timestamp 4711");
   assert.match(await text(page, "#events"), /Message/);
   assert.match(await text(page, "#events"), /Forwarded|Missed/);
   assert.equal(await find(String(MESSAGES)), "nothing found");
-  assert.match(await find("superseded"), /^[\d,]+ found$/);
+  assert.match(await find("dropped superseded"), /^[\d,]+ timestamps found$/);
   await press(page, "Enter");
   assert.match(await text(page, "#events .drop"), /Dropped: superseded – the timestamp is not open any more/);
   const before = await text(page, "#story-title");
@@ -249,9 +295,13 @@ test("names are texts", async (t) => {
 test("several traces stand side by side", async (t) => {
   const file = report("both", join(CORPUS, "f3-forwarded-at-once.jsonl"), join(CORPUS, "bad/f3-first-response-wins.jsonl"));
   const page = await open(t, file);
+  await shot(page, "several");
   assert.match(await text(page, "#verdict"), /conforms$/);
-  await page.select("#traces", "1");
+  const rows = await page.$$eval("#traces tbody tr", (all) => all.map((row) => [...row.cells].map((cell) => cell.innerText)));
+  assert.deepEqual(rows.map((row) => row.slice(1, 4)), [["✓ conforms", "–", "1"], ["✕ 1", "F3, line 8", "1"]]);
+  await page.click("#traces tbody tr:nth-child(2) button");
   await settle(page);
+  assert.equal(await page.evaluate(() => location.hash), "#trace=1");
   assert.match(await text(page, "#verdict"), /does not conform/);
   assert.match(await text(page, "#violations"), /F3 timestamp 1, line 8/);
 });
@@ -261,11 +311,10 @@ test("every trace of the corpus can be shown, and each of its timestamps", async
   const page = await open(t, report("corpus", ...traces));
   const told = await page.evaluate(async () => {
     const press = (key) => document.dispatchEvent(new KeyboardEvent("keydown", { key }));
-    const select = document.getElementById("traces");
     const told = [];
-    for (const { value } of [...select.options]) {
-      select.value = value;
-      select.dispatchEvent(new Event("change"));
+    for (const row of document.getElementById("traces").tBodies[0].rows) {
+      const choice = row.querySelector("button");
+      choice.click();
       press("Escape");
       for (let i = 0, title; i < 40; i++) {
         press(i === 0 ? "Home" : "j");
@@ -274,7 +323,7 @@ test("every trace of the corpus can be shown, and each of its timestamps", async
         title = document.getElementById("story-title").textContent;
       }
       const [verdict, violations] = ["verdict", "violations"].map((id) => document.getElementById(id));
-      told.push([select.selectedOptions[0].textContent, verdict.textContent, violations.children.length]);
+      told.push([choice.title, verdict.textContent, violations.children.length]);
     }
     return told;
   });
@@ -303,6 +352,9 @@ for (const scheme of ["light", "dark"]) {
     });
     for (const [pair, ratio] of ratios) assert.ok(ratio >= 4.5, `${pair}: ${ratio}`);
     await shot(page, `phone-${scheme}`);
+    const run = await open(t, camera(), { scheme, width: 390, height: 840 });
+    assert.ok(await run.$eval("#sources", (table) => table.scrollWidth > table.parentElement.clientWidth));
+    await shot(run, `phone-run-${scheme}`);
   });
 }
 

@@ -16,13 +16,16 @@ const STEPS = [
   ...Array.from({ length: 5 }, (_, power) => 1e17 * 10 ** power),
 ];
 
+/** The room for the labels of the response times, beside the plot; the strip above leaves it too. */
+const SIDE = 56;
+
 /** The axis's labels, but those that the rim would cut. */
 function labels(self, values) {
   const { width } = self.over.getBoundingClientRect();
   return axis(values, values[1] - values[0] || 1).map((label, i) => {
     const at = self.valToPos(values[i], "x");
     const half = label.length * 3.6;
-    return at < half || at > width - half ? "" : label;
+    return at < half - SIDE || at > width - half ? "" : label;
   });
 }
 
@@ -39,7 +42,7 @@ export function timeline(trace, { choose, seen }) {
   const height = () => (window.innerWidth < 640 ? 300 : 340);
 
   const plot = new uPlot({
-    width: host.clientWidth, height: height(), padding: [0, 0, 0, 0],
+    width: host.clientWidth, height: height(), padding: [0, 0, 0, SIDE],
     scales: { x: { time: false, auto: false, min: view.from, max: view.to }, y: { auto: false, min: 0, max: 1 } },
     cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
     legend: { show: false },
@@ -66,10 +69,26 @@ export function timeline(trace, { choose, seen }) {
     ctx.scale(ratio, ratio);
     ctx.textAlign = "left";
     blocks = layout(trace, view, wide, high, marked.selected);
+    let names = [];
     if (blocks) drawRows(ctx, trace, view, wide, blocks, marked, tint);
-    else drawBuckets(ctx, trace, view, wide, high, tint);
+    else names = drawBuckets(ctx, trace, view, wide, high, tint);
     flags(ctx, wide, high);
     ctx.restore();
+    ctx.save();
+    ctx.translate(left, top);
+    ctx.scale(ratio, ratio);
+    beside(ctx, names);
+    ctx.restore();
+  }
+
+  function beside(ctx, names) {
+    ctx.textAlign = "right";
+    ctx.textBaseline = "middle";
+    for (const { text, y, strong } of names) {
+      ctx.font = strong ? "600 11px system-ui" : "11px system-ui";
+      ctx.fillStyle = strong ? tint.ink : tint.soft;
+      ctx.fillText(text, -7, y, SIDE - 8);
+    }
   }
 
   /** Marks on the upper rim: what was found, and what is broken. */

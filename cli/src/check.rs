@@ -1,17 +1,20 @@
 //! `fuseline check`: traces against the rules.
 
 use std::fs::File;
-use std::io::{self, BufReader, IsTerminal, Read, Write};
+use std::io::{self, BufReader, IsTerminal, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::unpack;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
+use thiserror::Error;
 
-use crate::Exit;
+use crate::complain::complain;
+use crate::exit::Exit;
 use crate::fault::Fault;
+use crate::input::open;
 use crate::interrupt::Interrupt;
-use crate::judging::{How, Judging, Manner, judge, reader};
+use crate::judging::{End, How, Judging, judge, next_event, reader};
 use crate::sink::Sink;
 use crate::tail::Tail;
 use crate::verdict::Found;
@@ -20,6 +23,8 @@ use crate::verdict::Found;
 const LONG: u64 = 16 << 20;
 /// How much of a file is read at once, in bytes.
 const CHUNK: usize = 64 * 1024;
+/// The byte that gzip begins with and no trace does.
+const GZIP: u8 = 0x1f;
 /// How many files a thread gets before their verdicts are told.
 const FILES: usize = 4;
 
@@ -38,7 +43,8 @@ Examples:
   fuseline check trace.jsonl
   fuseline check --observed --tolerance 2ms --lateness 5ms node.jsonl
   fuseline check --json traces/*.jsonl
-  fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict")]
+  fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict
+  fuseline check --truncated crashed.jsonl")]
 pub(crate) struct Args {
     /// The traces; - or none is standard input.
     #[arg(value_name = "FILE")]
@@ -48,9 +54,24 @@ pub(crate) struct Args {
     /// Print one JSON object a file: file, conforms, judged, lines, violations.
     #[arg(long)]
     json: bool,
-    /// Keep judging one file as it grows, until Ctrl-C.
+    /// Keep judging one file as it grows, until Ctrl-C; what is not answered by then is not judged.
     #[arg(long)]
     follow: bool,
+}
+
+/// Why a file cannot be followed.
+#[derive(Debug, Error)]
+enum FollowError {
+    #[error("--follow watches one file; give it one that is not standard input")]
+    NotOne,
+    #[error("{0}: gzipped; --follow watches a plain file, check it without --follow")]
+    Gzipped(String),
+}
+
+impl From<FollowError> for Fault {
+    fn from(error: FollowError) -> Self {
+        Self::own(error)
+    }
 }
 
 /// Judges each file; what cannot be read outweighs what does not conform.
@@ -61,11 +82,14 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     }
     let input = [PathBuf::from("-")];
     let files = if args.files.is_empty() { &input[..] } else { &args.files };
-    let (manner, bars) = (args.how.manner(), MultiProgress::new());
+    let bars = MultiProgress::new();
     let mut exit = Exit::Conforms;
     for some in files.chunks(FILES * rayon::current_num_threads()) {
-        let judged: Vec<Result<Found, Fault>> =
-            some.par_iter().with_max_len(1).map(|file| judge_file(manner, file, &bars)).collect();
+        let judged: Vec<Result<Found, Fault>> = some
+            .par_iter()
+            .with_max_len(1)
+            .map(|file| judge_file(&args.how, file, &bars))
+            .collect();
         for found in judged {
             exit = exit.max(match found {
                 Ok(found) => {
@@ -73,7 +97,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
                     found.exit()
                 }
                 Err(fault) => {
-                    eprintln!("error: {fault}");
+                    complain(format_args!("error: {fault}"));
                     Exit::BadInput
                 }
             });
@@ -83,7 +107,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
 }
 
 /// Judges a file that is read to its end.
-fn judge_file(manner: Manner, path: &Path, bars: &MultiProgress) -> Result<Found, Fault> {
+fn judge_file(how: &How, path: &Path, bars: &MultiProgress) -> Result<Found, Fault> {
     let (name, file) = open(path)?;
     let len = path.metadata().map_or(0, |metadata| metadata.len());
     let bar = if len >= LONG && io::stderr().is_terminal() {
@@ -96,31 +120,34 @@ fn judge_file(manner: Manner, path: &Path, bars: &MultiProgress) -> Result<Found
     };
     let trace = BufReader::with_capacity(CHUNK, bar.wrap_read(file));
     let trace = unpack(trace).map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let judged = judge(manner, &name, trace);
+    let judged = judge(how, &name, trace);
     bar.finish_and_clear();
     judged
 }
 
-/// Opens a file, or standard input for `-`, with the name to call it.
-pub(crate) fn open(path: &Path) -> Result<(String, Box<dyn Read>), Fault> {
-    if path.as_os_str() == "-" {
-        return Ok(("stdin".to_owned(), Box::new(io::stdin())));
-    }
-    let name = path.display().to_string();
-    match File::open(path) {
-        Ok(file) => Ok((name, Box::new(file))),
-        Err(source) => Err(Fault::Open { name, source }),
+/// Opens a file to be followed.
+fn plain_file(path: &Path, name: &str) -> Result<File, Fault> {
+    let opened = || {
+        let mut file = File::open(path)?;
+        let mut first = [0];
+        let is_gzipped = file.read(&mut first)? > 0 && first == [GZIP];
+        file.rewind()?;
+        Ok((file, is_gzipped))
+    };
+    match opened().map_err(|source| Fault::Open { name: name.to_owned(), source })? {
+        (file, false) => Ok(file),
+        (_, true) => Err(FollowError::Gzipped(name.to_owned()).into()),
     }
 }
 
 /// Judges a growing file until the interrupt, and tells each violation when it is found.
 fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
-    let [path] = &args.files[..] else { return Err(Fault::Follow) };
+    let [path] = &args.files[..] else { return Err(FollowError::NotOne.into()) };
     if path.as_os_str() == "-" {
-        return Err(Fault::Follow);
+        return Err(FollowError::NotOne.into());
     }
     let name = path.display().to_string();
-    let file = File::open(path).map_err(|source| Fault::Open { name: name.clone(), source })?;
+    let file = plain_file(path, &name)?;
     let bar = ProgressBar::no_length();
     bar.set_style(
         ProgressStyle::with_template("{prefix:.dim} {pos} lines judged, Ctrl-C for the verdict")
@@ -131,7 +158,7 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
     let mut reader = reader(manner, &name, Tail::new(file, Interrupt::watch()))?;
     let mut judging = Judging::new(manner, &name, reader.header());
     let mut told = 0;
-    while let Some(event) = reader.next_event()? {
+    while let Some(event) = next_event(&mut reader, End::Early)? {
         judging.line(reader.line(), &event)?;
         bar.set_position(reader.line());
         if args.json {
@@ -143,7 +170,7 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
         }
     }
     bar.finish_and_clear();
-    let found = judging.finish();
+    let found = judging.finish(End::Early);
     found.tell(out, told, args.json).map_err(Fault::Output)?;
     Ok(found.exit())
 }

@@ -9,6 +9,7 @@ use fuseline_tokio::grpc::{Infer, Reply, Request};
 use tokio::time::{Instant, sleep};
 
 use crate::drives::{Drive, DriveError};
+use crate::fault::Fault;
 use crate::models::Model;
 
 /// Bytes of a request in the paper's drive: one compressed camera image.
@@ -39,6 +40,12 @@ pub(crate) enum EmulationError {
     Drive(#[from] DriveError),
     #[error("the start of {start:?} is beyond the drive {drive}, which lasts {length:?}")]
     Start { start: Duration, drive: String, length: Duration },
+}
+
+impl From<EmulationError> for Fault {
+    fn from(error: EmulationError) -> Self {
+        Self::own(error)
+    }
 }
 
 impl Emulation {

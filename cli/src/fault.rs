@@ -1,106 +1,90 @@
-//! What can go wrong, told in one line: what and where, and a remedy.
+//! What stops a command, told in one line: what and where, and a remedy.
 
-use std::error;
-#[cfg(unix)]
-use std::ffi::OsString;
+use std::error::Error;
 use std::io;
-use std::net::SocketAddr;
 
 use fuseline_operator::ConfigError;
-use fuseline_tokio::SpawnError;
-use fuseline_tokio::grpc::{RemoteError, ServeError};
 use fuseline_traces::ReadError;
 use fuseline_traces::observed::{Disorder, JudgeError};
 use thiserror::Error;
 
-use crate::convert::ConvertError;
-use crate::emulation::EmulationError;
-use crate::export::ExportError;
-use crate::files::FileError;
-use crate::report::ReportError;
-use crate::run::PlanError;
-
-/// Why a command stopped.
+/// Why a command stopped. What can stop several commands stands here; what stops one alone is an
+/// error of its own module.
 #[derive(Debug, Error)]
 pub(crate) enum Fault {
-    #[error("{name}: {source}; give a file that can be read, or - for standard input")]
+    #[error("{name}: {}; give a file that can be read, or - for standard input", plain(.source))]
     Open { name: String, source: io::Error },
     #[error(transparent)]
     Read(#[from] ReadError),
     #[error(transparent)]
-    Convert(#[from] ConvertError),
-    #[error("{name}: {source}")]
-    Export { name: String, source: ExportError },
-    #[error(transparent)]
-    Report(#[from] ReportError),
-    #[error(transparent)]
     Judge(#[from] JudgeError),
     #[error(transparent)]
     Disorder(#[from] Disorder),
-    #[error("{name}: {source}; give a file in a directory that can be written to")]
+    #[error("{name}: {}; give a file in a directory that can be written to", plain(.source))]
     Create { name: String, source: io::Error },
+    #[error("{output}: it is what is read as {input}; name another file for the output")]
+    Same { output: String, input: String },
     #[error("{name}:1: {source}; mend the header")]
     Config { name: String, source: ConfigError },
-    #[error("standard output: {0}")]
+    #[error("standard output: {}", plain(.0))]
     Output(io::Error),
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    #[error(transparent)]
-    Emulation(#[from] EmulationError),
-    #[error(transparent)]
-    File(#[from] FileError),
-    #[error("cloud {cloud:?}: {source}")]
-    Remote { cloud: String, source: RemoteError },
-    #[error("{0}; choose other options for the clouds or the window")]
-    Spawn(#[from] SpawnError),
-    #[error("the trace was not written whole: {0}; make room for it, or name another --trace")]
-    Trace(io::Error),
-    #[error("no port on 127.0.0.1: {0}; free some")]
-    Loopback(io::Error),
-    #[error("--listen {address}: {source}; choose an address of this machine and a free port")]
-    Listen { address: SocketAddr, source: io::Error },
-    #[error("{}", one_line(&chain(.0)))]
-    Serve(ServeError),
-    #[error("the system gives no threads: {0}; end something else")]
+    #[error("cannot start a thread: {}; end other programs first", plain(.0))]
     Runtime(io::Error),
-    #[error("stdin:{line}:{column}: {message}")]
-    Line { line: u64, column: u64, message: String },
-    #[cfg(unix)]
-    #[error("{command:?}: {source}; give a program that can be started")]
-    Start { command: OsString, source: io::Error },
-    #[error("--follow watches one file; give it one that is not standard input")]
-    Follow,
+    #[error(transparent)]
+    Own(Box<dyn Error + Send + Sync>),
 }
 
 impl Fault {
+    /// An error of one command alone.
+    pub(crate) fn own(error: impl Error + Send + Sync + 'static) -> Self {
+        Self::Own(Box::new(error))
+    }
+
     /// Whether whoever read the output has gone, which is no one's fault.
     pub(crate) fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
     }
 }
 
-/// A mistake on the command line as one line.
-pub(crate) fn usage(error: &clap::Error) -> String {
-    let text = error.render().to_string();
-    let mut paragraphs = text.split("\n\n").map(one_line);
-    let what = paragraphs.next().unwrap_or_default();
-    let what = what.strip_prefix("error: ").unwrap_or(&what).to_owned();
-    let remedy = paragraphs.find_map(|paragraph| Some(paragraph.strip_prefix("tip: ")?.to_owned()));
-    format!("{what}; {}", remedy.as_deref().unwrap_or("see --help"))
+/// What caused an error, in words: without the system's number, and without the path of a file that
+/// the user does not know.
+pub(crate) fn plain(error: &(dyn Error + 'static)) -> String {
+    let mut innermost = error;
+    while let Some(source) = innermost.source() {
+        innermost = source;
+    }
+    let Some(io) = innermost.downcast_ref::<io::Error>().or_else(|| error.downcast_ref()) else {
+        return innermost.to_string();
+    };
+    let text = match (io.raw_os_error(), io.kind()) {
+        (Some(code), _) => io::Error::from_raw_os_error(code).to_string(),
+        // A temporary file's path would follow.
+        (None, io::ErrorKind::NotFound) => "No such file or directory".to_owned(),
+        (None, io::ErrorKind::PermissionDenied) => "Permission denied".to_owned(),
+        (None, io::ErrorKind::StorageFull) => "No space left on device".to_owned(),
+        (None, io::ErrorKind::ReadOnlyFilesystem) => "Read-only file system".to_owned(),
+        (None, _) => io.to_string(),
+    };
+    text.split(" (os error").next().unwrap_or_default().to_owned()
 }
 
-fn one_line(paragraph: &str) -> String {
-    paragraph.split_whitespace().collect::<Vec<_>>().join(" ")
+/// A text as one line.
+pub(crate) fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// An error with what caused it.
-fn chain(error: &dyn error::Error) -> String {
+/// An error with what caused it, as one line.
+pub(crate) fn chain(error: &dyn Error) -> String {
     let mut text = error.to_string();
     let mut source = error.source();
     while let Some(error) = source {
-        text.push_str(": ");
-        text.push_str(&error.to_string());
+        let cause = error.to_string();
+        // Some errors tell their cause themselves.
+        if !text.ends_with(&cause) {
+            text.push_str(": ");
+            text.push_str(&cause);
+        }
         source = error.source();
     }
-    text
+    one_line(&text)
 }

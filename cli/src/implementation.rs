@@ -2,10 +2,12 @@
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 
-use fuseline_operator::Arbiter;
-use fuseline_traces::{Event, Input, LINE, Line, parse};
+use fuseline_arbiter::Arbiter;
+use fuseline_traces::{Event, LINE, Line, parse};
+use thiserror::Error;
 
-use crate::Exit;
+use crate::decide::decide;
+use crate::exit::Exit;
 use crate::fault::Fault;
 
 /// What ends an answer.
@@ -23,6 +25,15 @@ Examples:
   fuseline impl < traces/corpus/f3-forwarded-at-once.jsonl     decisions are refused: inputs only")]
 pub(crate) struct Args {}
 
+/// A line that cannot be answered.
+#[derive(Debug, Error)]
+#[error("stdin:{line}:{column}: {message}")]
+struct LineError {
+    line: u64,
+    column: u64,
+    message: String,
+}
+
 /// Answers standard input until it ends.
 pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
     let mut input = BufReader::with_capacity(CHUNK, io::stdin().lock());
@@ -35,7 +46,7 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
         if read.map_err(|source| Fault::Open { name: "stdin".to_owned(), source })? == 0 {
             break;
         }
-        let fault = |message: String, column| Fault::Line { line: number, column, message };
+        let fault = |message, column| Fault::own(LineError { line: number, column, message });
         let Some(text) = line.strip_suffix(b"\n") else {
             let message = "a line that does not end in LF, or is over 64 KiB".to_owned();
             return Err(fault(message, line.len() as u64 + 1));
@@ -65,12 +76,4 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
         }
     }
     Ok(Exit::Conforms)
-}
-
-/// Appends the core's decisions about an input, a line each.
-pub(crate) fn decide(arbiter: &mut Arbiter, input: &Input, answer: &mut Vec<u8>) {
-    arbiter.apply(input, |decision| {
-        decision.write(answer);
-        answer.push(b'\n');
-    });
 }

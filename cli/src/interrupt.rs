@@ -1,9 +1,13 @@
 //! Ctrl-C and termination: asked for once, seen by whoever polls or waits.
 
+use std::process;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use tokio::sync::Notify;
+
+use crate::complain::complain;
+use crate::exit::INTERRUPTED;
 
 /// Whether the user wants the command to end.
 #[derive(Clone, Default)]
@@ -28,8 +32,15 @@ impl Interrupt {
             .get_or_init(|| {
                 let interrupt = Self::default();
                 let seen = interrupt.clone();
-                if ctrlc::set_handler(move || seen.set()).is_err() {
-                    eprintln!("warning: Ctrl-C will end the command at once");
+                let handler = move || {
+                    // Who asks twice does not want to wait for what is under way.
+                    if seen.came() {
+                        process::exit(INTERRUPTED);
+                    }
+                    seen.set();
+                };
+                if ctrlc::set_handler(handler).is_err() {
+                    complain("warning: Ctrl-C will end the command at once");
                 }
                 interrupt
             })

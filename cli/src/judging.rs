@@ -1,13 +1,24 @@
 //! Either judge, line by line.
 
-use std::io::BufRead;
+use std::io::{self, BufRead};
 use std::time::Duration;
 
 use fuseline_traces::observed::{self, Slack};
-use fuseline_traces::{Event, Header, Judge, Reader};
+use fuseline_traces::{Event, Header, Judge, ReadError, Reader, Verdict};
+use thiserror::Error;
 
+use crate::complain::complain;
 use crate::fault::Fault;
 use crate::verdict::{Breach, Found};
+
+/// What happens where a trace ends.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum End {
+    /// All that it lacks there is missing.
+    Whole,
+    /// It may go on, or was cut short: what it lacks there may have come.
+    Early,
+}
 
 /// How a trace is judged: strictly, or as observed within this.
 pub(crate) type Manner = Option<Slack>;
@@ -19,11 +30,17 @@ pub(crate) struct How {
     #[arg(long, requires = "tolerance", requires = "lateness")]
     observed: bool,
     /// How far a recorded instant may be off either way, such as 2ms or 500us.
-    #[arg(long, value_name = "TIME", requires = "observed", value_parser = humantime::parse_duration)]
+    #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
+        allow_hyphen_values = true)]
     tolerance: Option<Duration>,
     /// How late a timer may be served, and an output be put out, such as 5ms.
-    #[arg(long, value_name = "TIME", requires = "observed", value_parser = humantime::parse_duration)]
+    #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
+        allow_hyphen_values = true)]
     lateness: Option<Duration>,
+    /// Judge what a crash or a full disk cut off: without a last line that is cut short, and without
+    /// decisions that are not there. What is left out is told.
+    #[arg(long)]
+    truncated: bool,
 }
 
 /// A judge of one trace.
@@ -32,13 +49,50 @@ pub(crate) enum Judging {
     Observed(observed::Judge),
 }
 
-/// Judges a whole trace.
-pub(crate) fn judge(manner: Manner, name: &str, trace: impl BufRead) -> Result<Found, Fault> {
-    Ok(match manner {
-        None => Found::Strict(fuseline_traces::judge(name, trace)?),
-        Some(slack) => Found::Observed(observed::judge(name, slack, trace)?),
-    })
+/// Judges a trace to its end.
+pub(crate) fn judge(how: &How, name: &str, trace: impl BufRead) -> Result<Found, Fault> {
+    let (manner, end) = (how.manner(), how.end());
+    let mut reader = reader(manner, name, trace)?;
+    let mut judging = Judging::new(manner, name, reader.header());
+    while let Some(event) = next_event(&mut reader, end)? {
+        judging.line(reader.line(), &event)?;
+    }
+    let mut found = judging.finish(end);
+    if let Found::Observed(verdict) = &mut found {
+        verdict.violations.sort_by_key(|violation| violation.line);
+    }
+    Ok(found)
 }
+
+/// The next event of a trace; none at its end, or where it was cut short if that is asked for.
+pub(crate) fn next_event<R: BufRead>(
+    reader: &mut Reader<R>,
+    end: End,
+) -> Result<Option<Event>, Fault> {
+    let error = match reader.next_event() {
+        Ok(event) => return Ok(event),
+        Err(error) => error,
+    };
+    let is_cut = match &error.fault {
+        fuseline_traces::Fault::Unterminated => true,
+        fuseline_traces::Fault::Io(error) => error.kind() == io::ErrorKind::UnexpectedEof,
+        _ => false,
+    };
+    match (is_cut, end) {
+        (true, End::Early) => {
+            let (file, line) = (&error.file, error.line);
+            complain(format_args!("note: {file}:{line}: cut short here; this line is left out"));
+            Ok(None)
+        }
+        (true, End::Whole) => Err(Fault::own(Cut(error))),
+        (false, _) => Err(error.into()),
+    }
+}
+
+/// A trace ends in the midst of a line.
+#[derive(Debug, Error)]
+#[error("{0}; --truncated judges what stands before")]
+struct Cut(ReadError);
 
 /// Reads a trace's header for the judge of that manner.
 pub(crate) fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> Result<Reader<R>, Fault> {
@@ -47,11 +101,21 @@ pub(crate) fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> Result
 }
 
 impl How {
+    /// What is done where the trace ends.
+    pub(crate) const fn end(&self) -> End {
+        if self.truncated { End::Early } else { End::Whole }
+    }
+
     pub(crate) fn manner(&self) -> Manner {
         let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         let (tolerance, lateness) = (nanos(self.tolerance?), nanos(self.lateness?));
         Some(Slack { tolerance, lateness })
     }
+}
+
+/// A span of time with its unit.
+fn time(text: &str) -> Result<Duration, &'static str> {
+    humantime::parse_duration(text).map_err(|_| "it must be 0 or more with a unit, such as 2ms")
 }
 
 impl Judging {
@@ -82,10 +146,27 @@ impl Judging {
         }
     }
 
-    pub(crate) fn finish(self) -> Found {
-        match self {
-            Self::Strict(judge) => Found::Strict(judge.finish()),
-            Self::Observed(judge) => Found::Observed(judge.finish()),
+    pub(crate) fn finish(self, end: End) -> Found {
+        match (self, end) {
+            (Self::Strict(judge), End::Whole) => Found::Strict(judge.finish()),
+            (Self::Strict(judge), End::Early) => Found::Strict(without_last(judge)),
+            (Self::Observed(judge), End::Whole) => Found::Observed(judge.finish()),
+            (Self::Observed(judge), End::Early) => Found::Observed(judge.finish_early()),
         }
     }
+}
+
+/// The verdict without what the last input still lacks; says if it lacks something.
+fn without_last(judge: Judge) -> Verdict {
+    let so_far = judge.so_far();
+    let (conforms, known, more) = (so_far.conforms, so_far.violations.len(), so_far.more);
+    let mut verdict = judge.finish();
+    if verdict.violations.len() as u64 + verdict.more > known as u64 + more {
+        let (file, line) = (&verdict.file, verdict.lines);
+        let what = "the trace ends before all that was decided then; that is not judged";
+        complain(format_args!("note: {file}:{line}: {what}"));
+        verdict.violations.truncate(known);
+        (verdict.more, verdict.conforms) = (more, conforms);
+    }
+    verdict
 }

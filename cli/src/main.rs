@@ -1,36 +1,47 @@
 //! The `fuseline` command: runs, replays and judges cloud-assisted operators.
 
 mod check;
+mod complain;
 mod convert;
+mod deadline;
+mod decide;
 #[cfg(unix)]
 mod drive;
 mod drives;
 mod emulation;
+mod exit;
 mod export;
 mod fault;
 mod files;
 mod implementation;
+mod input;
 mod interrupt;
 mod judging;
 mod models;
+mod output;
 mod policies;
+mod reckoning;
 mod replay;
 mod report;
 mod run;
+mod seconds;
 mod serve;
 mod sink;
 mod tail;
 mod verdict;
-mod whole;
 
+use std::borrow::Cow;
 use std::ffi::OsString;
-use std::io;
+use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
-use crate::fault::Fault;
+use crate::complain::complain;
+use crate::exit::Exit;
+use crate::fault::{Fault, one_line};
 
 const EXITS: &str = "\
 Exit codes:
@@ -69,19 +80,10 @@ enum Command {
     Drive(drive::Args),
     /// Answer the inputs that `fuseline drive` sends, as the core does.
     Impl(implementation::Args),
+    /// Tell which deadlines are safe for a vehicle at some speeds, and which is worth it.
+    Deadline(deadline::Args),
     /// Make a page of traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
-}
-
-/// How a command ended.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Exit {
-    /// All is well.
-    Conforms = 0,
-    /// A trace does not conform.
-    Differs = 1,
-    /// Something could not be read or made.
-    BadInput = 2,
 }
 
 fn main() -> ExitCode {
@@ -89,7 +91,7 @@ fn main() -> ExitCode {
     if args.len() < 2 {
         args.push("run".into());
     }
-    let command = match Cli::try_parse_from(args) {
+    let command = match Cli::try_parse_from(&args) {
         Ok(Cli { command }) => command,
         Err(help) if !help.use_stderr() => {
             // Nobody reads the help any more if this fails.
@@ -97,18 +99,21 @@ fn main() -> ExitCode {
             return Exit::Conforms.into();
         }
         Err(error) => {
-            eprintln!("error: {}", fault::usage(&error));
+            complain(format_args!("error: {}", usage(&error, &args)));
             return Exit::BadInput.into();
         }
     };
     if let Ok(filter) = EnvFilter::try_from_default_env() {
-        tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).init();
+        // A file is to hold no colours.
+        let has_colours = io::stderr().is_terminal();
+        let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(has_colours);
+        log.with_writer(io::stderr).init();
     }
     match dispatch(command) {
         Ok(exit) => exit.into(),
         Err(fault) if fault.is_broken_pipe() => Exit::Conforms.into(),
         Err(fault) => {
-            eprintln!("error: {fault}");
+            complain(format_args!("error: {fault}"));
             Exit::BadInput.into()
         }
     }
@@ -125,12 +130,39 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         #[cfg(unix)]
         Command::Drive(args) => drive::drive(&args),
         Command::Impl(args) => implementation::answer(&args),
+        Command::Deadline(args) => deadline::tell(&args),
         Command::Report(args) => report::report(&args),
     }
 }
 
-impl From<Exit> for ExitCode {
-    fn from(exit: Exit) -> Self {
-        Self::from(exit as u8)
+/// A mistake on the command line as one line.
+fn usage(error: &clap::Error, args: &[OsString]) -> String {
+    let text = error.render().to_string();
+    let mut paragraphs = text.split("\n\n").map(one_line);
+    let what = paragraphs.next().unwrap_or_default();
+    let what = what.strip_prefix("error: ").unwrap_or(&what).to_owned();
+    let tip = || paragraphs.find_map(|paragraph| Some(paragraph.strip_prefix("tip: ")?.to_owned()));
+    let remedy = undriven(error, args).or_else(tip);
+    format!("{what}; {}", remedy.as_deref().unwrap_or("see --help"))
+}
+
+/// What to type where the command to drive does not stand behind `--`.
+fn undriven(error: &clap::Error, args: &[OsString]) -> Option<String> {
+    let has_command = args.iter().any(|arg| arg == "--");
+    if has_command || args.get(1).is_none_or(|command| command != "drive") {
+        return None;
     }
+    let words: Vec<Cow<'_, str>> = args.iter().skip(1).map(|arg| arg.to_string_lossy()).collect();
+    let place = match error.get(ContextKind::InvalidArg) {
+        Some(ContextValue::String(word)) if !word.starts_with('-') => {
+            words.iter().position(|arg| arg == word)?
+        }
+        _ if error.kind() == ErrorKind::MissingRequiredArgument => words.len(),
+        _ => return None,
+    };
+    let (options, command) = words.split_at(place);
+    let command = if command.is_empty() { &["COMMAND".into()] } else { command };
+    let typed = [&["fuseline".into()], options, &["--".into()], command].concat();
+    let quoted = shlex::try_join(typed.iter().map(|word| &**word)).ok()?;
+    Some(format!("type {quoted}"))
 }

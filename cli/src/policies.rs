@@ -79,14 +79,14 @@ struct Choice {
 }
 
 impl Policy {
-    /// How many requests the policy sends to `clouds` clouds for so many messages; none for fusion,
-    /// which decides one by one.
-    pub(crate) const fn requests(self, messages: u64, clouds: u64) -> Option<u64> {
+    /// How many of the requests admitted, by source, the policy needs; none for fusion, which
+    /// cancels some before they are sent.
+    pub(crate) fn requests(self, admitted: &[u64]) -> Option<u64> {
         match self {
             Self::Fusion => None,
             Self::LocalOnly => Some(0),
-            Self::CloudOnly(_) => Some(messages),
-            Self::FirstWins => Some(messages * clouds),
+            Self::CloudOnly(source) => admitted.get(source).copied(),
+            Self::FirstWins => Some(admitted.iter().skip(1).sum()),
         }
     }
 
@@ -155,7 +155,7 @@ const fn key(arrival: Arrival) -> (Duration, u8) {
 }
 
 /// Nearest ranks. An unknown response that may exceed its place makes all later ones lower bounds.
-fn quantiles(responses: &mut [Arrival]) -> [Option<Quantile>; 3] {
+pub(crate) fn quantiles(responses: &mut [Arrival]) -> [Option<Quantile>; 3] {
     responses.sort_unstable_by_key(|arrival| key(*arrival));
     let unknown = responses
         .iter()
@@ -281,11 +281,11 @@ mod tests {
     }
 
     #[test]
-    fn requests_are_what_each_policy_has_to_send() {
-        let requests = |policy: Policy| policy.requests(300, 2);
+    fn requests_are_what_each_policy_needs_of_those_admitted() {
+        let requests = |policy: Policy| policy.requests(&[300, 250, 200]);
         assert_eq!(requests(Policy::Fusion), None);
         assert_eq!(requests(Policy::LocalOnly), Some(0));
-        assert_eq!(requests(Policy::CloudOnly(1)), Some(300));
-        assert_eq!(requests(Policy::FirstWins), Some(600));
+        assert_eq!(requests(Policy::CloudOnly(1)), Some(250));
+        assert_eq!(requests(Policy::FirstWins), Some(450));
     }
 }

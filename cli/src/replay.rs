@@ -3,13 +3,14 @@
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::PathBuf;
 
-use fuseline_operator::Arbiter;
+use fuseline_arbiter::Arbiter;
 use fuseline_traces::{Event, Reader, unpack};
 
-use crate::Exit;
-use crate::check::open;
+use crate::decide::decide;
+use crate::exit::Exit;
 use crate::fault::Fault;
-use crate::implementation::decide;
+use crate::input::open;
+use crate::output::refuse_onto_stdout;
 
 /// How much of the input is read at once, in bytes.
 const CHUNK: usize = 64 * 1024;
@@ -20,8 +21,7 @@ Decision lines in the input are skipped, so a trace can be replayed as it is. Ea
 as it is read: by hand, too.
 
 Examples:
-  fuseline replay inputs.jsonl > trace.jsonl
-  fuseline replay trace.jsonl | cmp - trace.jsonl
+  fuseline replay fuseline-trace.jsonl | cmp - fuseline-trace.jsonl
   some-program | fuseline replay | fuseline check")]
 pub(crate) struct Args {
     /// A header and inputs, or a whole trace; - is standard input.
@@ -31,6 +31,7 @@ pub(crate) struct Args {
 
 /// Answers each input of the file on standard output.
 pub(crate) fn replay(args: &Args) -> Result<Exit, Fault> {
+    refuse_onto_stdout(&[&args.file])?;
     let (name, file) = open(&args.file)?;
     let file = unpack(BufReader::with_capacity(CHUNK, file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;

@@ -6,17 +6,18 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_tokio::grpc::{self, Token};
+use fuseline_tokio::grpc::{self, ServeError, Token};
+use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 
-use crate::Exit;
 use crate::emulation::{Emulation, answer};
-use crate::fault::Fault;
+use crate::exit::Exit;
+use crate::fault::{Fault, chain, plain};
 use crate::files::{self, FileError};
 use crate::interrupt::Interrupt;
 use crate::models::Model;
-use crate::run::{CloudError, seconds};
+use crate::seconds::seconds;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -40,7 +41,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DRIVE")]
     drive: Option<String>,
     /// Where the drive begins, in seconds.
-    #[arg(long, value_name = "S", requires = "drive", value_parser = start)]
+    #[arg(long, value_name = "S", requires = "drive", value_parser = start,
+        allow_negative_numbers = true)]
     start: Option<Duration>,
     /// Decides how the emulated runtime strays.
     #[arg(long, value_name = "N", default_value = "1")]
@@ -60,8 +62,23 @@ pub(crate) struct Args {
     token_file: Option<PathBuf>,
 }
 
-fn start(text: &str) -> Result<Duration, CloudError> {
-    seconds(text)
+fn start(text: &str) -> Result<Duration, &'static str> {
+    seconds(text, 0.0..=31_536_000.0).ok_or("it must be seconds, 0 or more")
+}
+
+/// Why nothing can be served.
+#[derive(Debug, Error)]
+enum CannotServe {
+    #[error("--listen {address}: {}; choose an address of this machine and a free port", plain(.source))]
+    Listen { address: SocketAddr, source: io::Error },
+    #[error("{}", chain(.0))]
+    Serve(ServeError),
+}
+
+impl From<CannotServe> for Fault {
+    fn from(error: CannotServe) -> Self {
+        Self::own(error)
+    }
 }
 
 /// Serves until Ctrl-C.
@@ -75,20 +92,20 @@ pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
     };
     let server = grpc::Server {
         identity: files::identity(args.cert.as_deref(), args.key.as_deref())?,
-        client_ca: args.client_ca.as_deref().map(files::bytes).transpose()?,
+        client_ca: args.client_ca.as_deref().map(files::certificates).transpose()?,
         token: token(args)?,
     };
     let interrupt = Interrupt::watch();
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
     let ended = runtime.block_on(async {
-        let listen = |source| Fault::Listen { address: args.listen, source };
+        let listen = |source| CannotServe::Listen { address: args.listen, source };
         let listener = TcpListener::bind(args.listen).await.map_err(listen)?;
         let address = listener.local_addr().map_err(listen)?;
         announce(&emulation, &server, address).map_err(Fault::Output)?;
         let serving =
             grpc::serve(answer(emulation, Arc::default()), server, listener, interrupt.wait());
         tokio::select! {
-            ended = serving => ended.map_err(Fault::Serve),
+            ended = serving => ended.map_err(|error| CannotServe::Serve(error).into()),
             // Calls under way may take as long as their network is away.
             () = interrupt.wait() => Ok(()),
         }
@@ -107,11 +124,8 @@ fn announce(emulation: &Emulation, server: &grpc::Server, address: SocketAddr) -
 }
 
 fn token(args: &Args) -> Result<Option<Token>, FileError> {
-    match (&args.token_file, std::env::var("FUSELINE_TOKEN")) {
-        (Some(file), _) => files::token(file).map(Some),
-        (None, Ok(token)) if !token.is_empty() => Token::new(&token)
-            .map(Some)
-            .map_err(|source| FileError::Token { path: "FUSELINE_TOKEN".into(), source }),
-        (None, _) => Ok(None),
+    match &args.token_file {
+        Some(file) => files::token(file).map(Some),
+        None => files::token_of_environment(),
     }
 }

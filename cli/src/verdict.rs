@@ -8,7 +8,7 @@ use fuseline_traces::{Verdict, Violation, observed};
 use serde::Serialize;
 use textwrap::Options;
 
-use crate::Exit;
+use crate::exit::Exit;
 
 /// Rules are told within so many columns.
 const WIDTH: usize = 96;

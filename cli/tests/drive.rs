@@ -2,6 +2,8 @@
 #![cfg(unix)]
 
 mod common;
+#[path = "common/signal.rs"]
+mod signal;
 
 use std::fs;
 use std::path::Path;
@@ -9,7 +11,8 @@ use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{err, fuseline, interrupt, out, run};
+use common::{err, fuseline, out, run};
+use signal::interrupt;
 
 use serde_json::Value;
 
@@ -181,9 +184,11 @@ fn each_way_to_misbehave_has_its_words() {
     let twice = r#"while read -r line; do echo '{"ev":"done"}'; echo '{"ev":"done"}'; done"#;
     let closes = "read -r line; exec >&-; sleep 60";
     let lingers = &format!("{DONE}; sleep 60");
+    let fails = &format!("{DONE}; exit 3");
+    let crashes = &format!("{DONE}; kill -ABRT $$");
     let dies = r#"read -r line; echo '{"ev":"done"}'; kill -9 $$"#;
     for (script, words) in [
-        ("sleep 60", "it did not answer within 0.3 s"),
+        ("sleep 60", "it did not answer within 0.5 s; an output that is not flushed"),
         ("exit 3", "it ended before it answered: exit status: 3"),
         (dies, "it ended before it answered: signal: 9"),
         (closes, "it closed its output before it answered"),
@@ -192,10 +197,12 @@ fn each_way_to_misbehave_has_its_words() {
         (endless, "it answered more than 1000 lines without {\"ev\":\"done\"}"),
         (long, "it answered a line over 64 KiB"),
         (twice, "it wrote \"{\\\"ev\\\":\\\"done\\\"}\" after {\"ev\":\"done\"}"),
-        (lingers, "it ran on for 0.3 s after its input ended"),
+        (lingers, "it ran on for 0.5 s after its input ended"),
+        (fails, "it failed at its end: exit status: 3"),
+        (crashes, "it failed at its end: signal: 6"),
     ] {
         // Nothing is demanded of an open that is accepted, so `done` alone can conform.
-        let options = ["--wait", "0.3", "--run", "-"];
+        let options = ["--wait", "0.5", "--run", "-"];
         let inputs =
             "{\"fuseline\":1,\"window\":4,\"clouds\":[]}\n{\"ev\":\"open\",\"at\":0,\"t\":0}\n";
         let args = [&["drive"], &options[..], &["--", "sh", "-c", script]].concat();
@@ -243,6 +250,38 @@ fn what_cannot_be_started_or_read_is_one_line_and_exit_2() {
         assert_eq!(refused.status.code(), Some(2), "{args:?}");
         assert!(err(&refused).starts_with("error: "), "{}", err(&refused));
         assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""), "{}", err(&refused));
+    }
+}
+
+#[test]
+fn a_command_without_its_dashes_is_told_what_to_type() {
+    for (args, typed) in [
+        (&["drive", "python3", "my arbiter.py"][..], "drive -- python3 'my arbiter.py'"),
+        (&["drive", "--cases", "7", "./arbiter"], "drive --cases 7 -- ./arbiter"),
+        (&["drive", "--seed", "2"], "drive --seed 2 -- COMMAND"),
+    ] {
+        let refused = run(args, "");
+        assert_eq!(refused.status.code(), Some(2), "{args:?}");
+        assert!(
+            err(&refused).ends_with(&format!("; type fuseline {typed}\n")),
+            "{}",
+            err(&refused)
+        );
+    }
+}
+
+#[test]
+fn results_do_not_go_onto_what_is_driven() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("case.jsonl");
+    let case = "{\"fuseline\":1,\"window\":4,\"clouds\":[]}\n";
+    fs::write(&path, case).unwrap();
+    let (file, here) = (path.to_str().unwrap(), dir.path().to_str().unwrap());
+    for options in [["--junit", file], ["--save", here]] {
+        let refused = drive(&[&options[..], &["--run", file]].concat(), &["sh", "-c", "exit 3"]);
+        assert_eq!(refused.status.code(), Some(2), "{}", out(&refused));
+        assert!(err(&refused).contains("it is what is read as"), "{}", err(&refused));
+        assert_eq!(fs::read_to_string(&path).unwrap(), case);
     }
 }
 

@@ -1,14 +1,17 @@
 //! `fuseline export`, run as a user runs it.
 
 mod common;
+#[path = "common/signal.rs"]
+mod signal;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{err, fuseline, interrupt, out, run};
+use common::{err, fuseline, out, run};
 use fuseline_traces::parse;
 use serde_json::Value;
+use signal::interrupt;
 use tempfile::tempdir;
 
 fn corpus() -> Vec<PathBuf> {
@@ -44,42 +47,84 @@ fn what_is_written_as_mcap_is_converted_back() {
 }
 
 #[test]
-fn each_slice_for_perfetto_ends_and_no_nanosecond_is_lost() {
-    let mut ends: BTreeMap<String, u32> = BTreeMap::new();
+fn slices_for_perfetto_are_on_their_sources_tracks_and_do_not_overlap_there() {
+    let mut kinds = BTreeSet::new();
     for path in corpus() {
         let bytes = export("--perfetto", &path);
-        let trace: Value = serde_json::from_slice(&bytes).unwrap();
-        let (mut open, mut outputs) = (BTreeMap::new(), 0);
-        for event in trace["traceEvents"].as_array().unwrap() {
-            let id = event["id"].as_str().unwrap_or_default().to_owned();
+        serde_json::from_slice::<Value>(&bytes).unwrap();
+        let exported = String::from_utf8(bytes).unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        let header: Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
+        let (mut names, mut slices, mut outputs) = (BTreeMap::new(), BTreeMap::new(), 0);
+        for line in exported.lines().filter(|line| line.contains("\"tid\"")) {
+            let event: Value = serde_json::from_str(line.trim_end_matches(',')).unwrap();
+            let track = event["tid"].as_u64().unwrap();
             match event["ph"].as_str().unwrap() {
-                "b" => assert!(open.insert(id, event["ts"].as_f64().unwrap()).is_none()),
-                "e" => {
-                    let began = open.remove(&id).expect("it began");
-                    assert!(began <= event["ts"].as_f64().unwrap());
-                    *ends.entry(event["args"]["end"].as_str().unwrap().to_owned()).or_default() +=
-                        1;
+                "X" => {
+                    let (begin, duration) = (nanos(line, "ts"), nanos(line, "dur"));
+                    let p = event["args"]["p"].as_u64().unwrap();
+                    let end = event["args"]["end"].as_str().unwrap();
+                    let t = &event["args"]["t"];
+                    assert_eq!(event["name"], format!("timestamp {t}: {end}"));
+                    kinds.insert(end.to_owned());
+                    let slices: &mut Vec<_> = slices.entry(track).or_default();
+                    slices.push((p, begin, begin + duration));
                 }
-                "i" => outputs += u32::from(event["tid"] == 1 << 16),
+                "i" => outputs += u32::from(names[&track] == "outputs"),
+                "M" if event["name"] == "thread_name" => {
+                    names.insert(track, event["args"]["name"].as_str().unwrap().to_owned());
+                }
                 "M" => assert!(event.get("ts").is_none()),
                 other => panic!("{other}"),
             }
         }
-        assert!(open.is_empty(), "{open:?} of {}", path.display());
-        let text = fs::read_to_string(&path).unwrap();
+        for (track, slices) in &mut slices {
+            let p = slices[0].0;
+            let cloud = header["clouds"].as_array().unwrap().iter().find(|cloud| cloud["p"] == p);
+            let source = match cloud {
+                Some(cloud) => cloud["name"].as_str().map_or(format!("cloud {p}"), str::to_owned),
+                None => "local".to_owned(),
+            };
+            assert!(names[track].starts_with(&source), "{} for {source}", names[track]);
+            assert!(slices.iter().all(|slice| slice.0 == p), "{slices:?} of {}", path.display());
+            slices.sort_by_key(|slice| (slice.1, slice.2));
+            let nest = slices.windows(2).all(|pair| pair[0].2 <= pair[1].1);
+            assert!(nest, "{slices:?} of {}", path.display());
+        }
         let forwarded =
             text.matches("\"ev\":\"emit\"").count() + text.matches("\"ev\":\"miss\"").count();
         assert_eq!(outputs as usize, forwarded, "{}", path.display());
     }
-    let kinds: Vec<&str> = ends.keys().map(String::as_str).collect();
-    assert_eq!(kinds, ["cancelled", "failure", "open", "refused", "result", "retired", "timer"]);
+    let kinds: Vec<&str> = kinds.iter().map(String::as_str).collect();
+    let all = [
+        "cancelled",
+        "failure",
+        "no longer needed",
+        "refused",
+        "result",
+        "still open",
+        "timer fired",
+    ];
+    assert_eq!(kinds, all);
+}
 
+/// An event's microseconds with three decimals, which no float would hold.
+fn nanos(line: &str, key: &str) -> u64 {
+    let (_, rest) = line.split_once(&format!("\"{key}\":")).unwrap();
+    let (micros, _) = rest.split_once(',').unwrap();
+    let (whole, part) = micros.split_once('.').unwrap();
+    assert_eq!(part.len(), 3);
+    format!("{whole}{part}").parse().unwrap()
+}
+
+#[test]
+fn no_nanosecond_is_lost_for_perfetto() {
     let dir = tempdir().unwrap();
     let path = dir.path().join("trace.jsonl");
     let open = "{\"ev\":\"open\",\"at\":18446744073709551615,\"t\":1}\n";
     fs::write(&path, format!("{{\"fuseline\":1,\"window\":1,\"clouds\":[]}}\n{open}")).unwrap();
     let text = String::from_utf8(export("--perfetto", &path)).unwrap();
-    assert!(text.contains("\"ts\":18446744073709551.615,"), "{text}");
+    assert!(text.contains("\"ts\":18446744073709551.615,\"dur\":0.000,"), "{text}");
 }
 
 #[test]

@@ -1,6 +1,5 @@
 //! `fuseline report`, run as a user runs it. What the page does with its data is tried by `.ci/report`.
 
-#[expect(dead_code, reason = "no test here presses Ctrl-C")]
 mod common;
 
 use std::fs;
@@ -49,7 +48,7 @@ fn a_page_holds_its_trace_in_columns() {
     let dir = tempfile::tempdir().unwrap();
     let trace = corpus("f5-due-order-then-timestamp.jsonl");
     let (page, code) = page(&dir, &[&trace], &[]);
-    let told = &data(&page)[0];
+    let told = &data(&page)["traces"][0];
     assert_eq!((code, &told["conforms"]), (Some(0), &Value::Bool(true)));
     let text = fs::read_to_string(&trace).unwrap();
     let events: Vec<Value> =
@@ -89,13 +88,89 @@ fn a_violation_stands_in_the_page_with_its_rule() {
     let bad = corpus("bad/f3-first-response-wins.jsonl");
     let (page, code) = page(&dir, &[&good, &bad], &[]);
     assert_eq!(code, Some(1));
-    let told = data(&page);
+    let told = &data(&page)["traces"];
     assert_eq!(told.as_array().unwrap().len(), 2);
     let violation = &told[1]["violations"][0];
     assert_eq!((&violation["line"], &violation["rule"]), (&8.into(), &"F3".into()));
     let sentence = violation["sentence"].as_str().unwrap();
     assert!(sentence.starts_with("A result is dropped for the first of"), "{sentence}");
     assert_eq!((&violation["t"], sums(&told[1]["timestamps"])), (&0.into(), vec![1]));
+}
+
+#[test]
+fn a_failure_that_comes_after_its_timer_is_told_as_late() {
+    let dir = tempfile::tempdir().unwrap();
+    let inputs = r#"{"fuseline":1,"window":2,"clouds":[{"p":1,"limit":9},{"p":2,"limit":9}]}
+{"ev":"open","at":0,"t":0}
+{"ev":"offer","at":0,"t":0,"p":1,"deadline":50,"backlog":0}
+{"ev":"offer","at":0,"t":0,"p":2,"deadline":90,"backlog":0}
+{"ev":"result","at":9,"t":0,"p":0}
+{"ev":"fail","at":50,"t":0,"p":1}
+"#;
+    let trace = dir.path().join("trace.jsonl");
+    fs::write(&trace, out(&run(&["replay"], inputs))).unwrap();
+    let (page, _) = page(&dir, &[&trace], &[]);
+    let told = &data(&page);
+    let words: Vec<&str> =
+        told["columns"].as_array().unwrap().iter().map(|word| word[0].as_str().unwrap()).collect();
+    // The timer, local's emit and the cancel stand between the failure and its drop.
+    let counts = |place: usize| -> Vec<(&str, u64)> {
+        let row = &told["traces"][0]["account"]["rows"][place];
+        assert_eq!(row["place"], place);
+        let counts = row["counts"].as_array().unwrap().iter().map(|count| count.as_u64().unwrap());
+        words.iter().copied().zip(counts).filter(|(_, count)| *count > 0).collect()
+    };
+    assert_eq!(counts(0), [("requests", 1), ("forwarded", 1)]);
+    assert_eq!(counts(1), [("requests", 1), ("late", 1)]);
+    assert_eq!(counts(2), [("requests", 1), ("superseded", 1)]);
+    assert_eq!(told["traces"][0]["fates"], "135");
+    assert_eq!(told["traces"][0]["outcome"], serde_json::json!([0]));
+    assert_eq!(told["traces"][0]["deadlines"], serde_json::json!([50, 90]));
+}
+
+#[test]
+fn a_page_has_its_reasons_words_from_the_command() {
+    let dir = tempfile::tempdir().unwrap();
+    let (page, _) = page(&dir, &[&corpus("f8-every-input-has-an-outcome.jsonl")], &[]);
+    let told = data(&page);
+    for reasons in ["refusals", "drops"] {
+        for reason in told[reasons].as_array().unwrap() {
+            assert!(reason["sentence"].as_str().unwrap().len() > 9, "{reason}");
+        }
+    }
+    // The places stand in the columns; each decision's word is the one of its line.
+    let text = fs::read_to_string(corpus("f8-every-input-has-an-outcome.jsonl")).unwrap();
+    let told_words = |kind: &str| -> Vec<String> {
+        let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+        lines
+            .filter(|line| line["ev"] == kind)
+            .map(|line| line["why"].as_str().unwrap().to_owned())
+            .collect()
+    };
+    for (kind, letter, reasons) in [("refuse", 'n', "refusals"), ("drop", 'd', "drops")] {
+        let words = words_of(&told["traces"][0], letter, &told[reasons]);
+        assert_eq!(words, told_words(kind));
+        assert!(!words.is_empty(), "{kind}");
+    }
+}
+
+/// The words of the reasons that the events of this letter bear.
+fn words_of(told: &Value, letter: char, reasons: &Value) -> Vec<String> {
+    let mut x = told["x"].as_array().unwrap().iter();
+    let mut words = Vec::new();
+    for ev in told["ev"].as_str().unwrap().chars() {
+        let more = match ev {
+            'f' => 2,
+            'o' | 'q' | 'n' | 'd' => 1,
+            _ => 0,
+        };
+        let more: Vec<&Value> = x.by_ref().take(more).collect();
+        if ev == letter {
+            let place = usize::try_from(more[0].as_u64().unwrap()).unwrap();
+            words.push(reasons[place]["word"].as_str().unwrap().to_owned());
+        }
+    }
+    words
 }
 
 #[test]
@@ -124,7 +199,7 @@ fn names_cannot_break_out_of_the_data() {
     let (page, code) = page(&dir, &[&trace], &[]);
     assert_eq!(code, Some(0));
     assert!(!element(&page).contains('<'));
-    let told = data(&page);
+    let told = &data(&page)["traces"];
     assert_eq!(told[0]["operator"], name);
     assert_eq!(told[0]["sources"][1]["name"], name);
     assert_eq!(page.matches("<script").count(), 2);
@@ -144,7 +219,7 @@ fn numbers_that_a_script_cannot_hold_are_texts() {
     .unwrap();
     let (page, code) = page(&dir, &[&trace], &[]);
     assert_eq!(code, Some(0));
-    let told = &data(&page)[0];
+    let told = &data(&page)["traces"][0];
     assert_eq!(told["timestamps"][0], "18446744073709551615");
     assert_eq!(told["origin"], "18446744073709551600");
     assert_eq!(sums(&told["at"]), [0, 3, 3]);
@@ -156,7 +231,7 @@ fn a_trace_is_judged_as_observed_if_wanted() {
     let trace = corpus("bad/f3-first-response-wins.jsonl");
     let slack = ["--observed", "--tolerance", "2ms", "--lateness", "5ms"];
     let (page, _) = page(&dir, &[&trace], &slack);
-    assert_eq!(data(&page)[0]["observed"], serde_json::json!([2_000_000, 5_000_000]));
+    assert_eq!(data(&page)["traces"][0]["observed"], serde_json::json!([2_000_000, 5_000_000]));
 }
 
 #[test]

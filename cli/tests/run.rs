@@ -1,15 +1,21 @@
 //! `fuseline run` and `fuseline serve`, run as a user runs them: real sockets, real time.
 
 mod common;
+#[path = "common/signal.rs"]
+mod signal;
 
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::Duration;
 
-use common::{err, fuseline, interrupt, out, run};
+use common::{err, fuseline, out, run};
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use serde_json::Value;
+use signal::interrupt;
 use tempfile::{TempDir, tempdir};
 
 /// Runs it in a directory of its own.
@@ -31,11 +37,14 @@ fn adds_up(report: &Value) {
     let messages = report["messages"].as_u64().unwrap();
     let sources = report["sources"].as_array().unwrap();
     let forwarded = sum(sources.iter().map(|source| &source["forwarded"]));
-    assert_eq!(forwarded + sum([&report["missed"], &report["refused"]]), messages, "{report}");
-    for cloud in &sources[1..] {
-        let fates = cloud["requests"].as_object().unwrap();
+    let ends = [&report["missed"], &report["refused"], &report["open"]];
+    assert_eq!(forwarded + sum(ends), messages, "{report}");
+    for source in sources {
+        let fates = source["requests"].as_object().unwrap();
         let refused = report["refused"].as_u64().unwrap();
-        assert_eq!(sum(fates.values()), messages - refused, "{cloud}");
+        // Each message taken on was offered once to each cloud, and given to local.
+        assert_eq!(sum(fates.values()), messages - refused, "{source}");
+        assert_eq!(fates["forwarded"], source["forwarded"]);
     }
     assert_eq!(report["policies"].as_array().unwrap().len(), sources.len() + 2, "{report}");
 }
@@ -99,6 +108,55 @@ fn what_a_full_window_refuses_is_counted() {
 }
 
 #[test]
+fn all_policies_have_the_same_limits() {
+    let dir = tempdir().unwrap();
+    let full = ["--seconds", "2", "--rate", "100", "--window", "256", "--workers", "64"];
+    let ran = run_in(dir.path(), &[&full[..], &["--calls", "1", "--json"]].concat());
+    let report = report(&ran);
+    adds_up(&report);
+    assert_eq!(report["calls"], 1);
+    assert_ne!(report["sources"][2]["requests"]["refused"], 0, "{report}");
+    // Fusion has in hand whatever comes first, so that nothing is in time without it.
+    let [fusion, .., first] = &report["policies"].as_array().unwrap()[..] else { unreachable!() };
+    let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
+    let sent = |policy: &Value| policy["sent_bytes"].as_u64().unwrap();
+    assert!(in_time(fusion) >= in_time(first), "{report}");
+    let ap = |policy: &Value| policy["mean_ap"].as_f64().unwrap();
+    assert!(ap(fusion) >= ap(first), "{report}");
+    // No cloud answered what it was never asked.
+    for (place, cloud) in report["sources"].as_array().unwrap()[1..].iter().enumerate() {
+        let requests = cloud["requests"].as_object().unwrap();
+        let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
+        assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
+        assert_eq!(sent(&report["policies"][place + 2]), admitted * 33_300, "{report}");
+    }
+}
+
+#[test]
+fn a_run_leaves_its_page_if_wanted_and_never_in_place_of_its_trace() {
+    let dir = tempdir().unwrap();
+    let short = ["--seconds", "0.3", "--trace", "t.jsonl"];
+    let ran = run_in(dir.path(), &[&short[..], &["--report"]].concat());
+    assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+    assert_eq!(out(&ran).lines().last(), Some("report.html: the page of this run"));
+    let page = fs::read_to_string(dir.path().join("report.html")).unwrap();
+    assert!(page.contains(r#""file":"t.jsonl""#));
+    let named = run_in(dir.path(), &[&short[..], &["--json", "--report=mine.html"]].concat());
+    report(&named);
+    assert!(dir.path().join("mine.html").is_file());
+
+    let trace = fs::read(dir.path().join("t.jsonl")).unwrap();
+    for same in ["--report=t.jsonl", "--report=./t.jsonl"] {
+        let refused = run_in(dir.path(), &[&short[..], &[same]].concat());
+        assert_eq!(refused.status.code(), Some(2), "{}", out(&refused));
+        assert!(err(&refused).contains("give the page"));
+    }
+    assert_eq!(fs::read(dir.path().join("t.jsonl")).unwrap(), trace);
+    let alone = run_in(dir.path(), &["--open"]);
+    assert!(err(&alone).contains("--report"), "{}", err(&alone));
+}
+
+#[test]
 fn people_read_tables_of_at_most_100_columns() {
     let dir = tempdir().unwrap();
     let ran = run_in(dir.path(), &["--seconds", "1", "--trace", "mine.jsonl"]);
@@ -106,7 +164,8 @@ fn people_read_tables_of_at_most_100_columns() {
         "DETR-ResNet-50 on Orin",
         "pipelined over 4 workers",
         "emulated",
-        "superseded",
+        "requests   forwarded   discarded   late   failed   superseded   refused",
+        "10 messages: ",
         "fusion",
         "local only",
         "cloud only: west",
@@ -138,6 +197,56 @@ fn ctrl_c_ends_a_run_with_its_tables_and_a_whole_trace() {
     assert_eq!(names(dir.path()), ["fuseline-trace.jsonl"]);
 }
 
+/// Frames come much faster than before while the operator makes up for three seconds: neither a
+/// frame nor an output may wait for the other.
+#[cfg(unix)]
+#[test]
+fn a_run_that_stood_still_goes_on_and_ctrl_c_ends_it() {
+    for presses in [false, true] {
+        let dir = tempdir().unwrap();
+        let seconds = if presses { "3600" } else { "5" };
+        let args = ["run", "--rate", "100", "--seconds", seconds, "--window", "128"];
+        let mut child = fuseline(&args)
+            .current_dir(dir.path())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+        assert!(lines.next().unwrap().contains("takes 100 frames"));
+        thread::sleep(Duration::from_secs(1));
+        signal::send(&child, "STOP");
+        thread::sleep(Duration::from_secs(3));
+        signal::send(&child, "CONT");
+        if presses {
+            thread::sleep(Duration::from_secs(1));
+            interrupt(&child);
+        }
+        let told = ended(child, lines);
+        assert!(told.last().unwrap().contains("fuseline-trace.jsonl: conforms"), "{told:?}");
+    }
+}
+
+/// What it still prints; a command that does not end within a minute is ended, and fails the test.
+#[cfg(unix)]
+fn ended(mut child: Child, lines: impl Iterator<Item = String>) -> Vec<String> {
+    let (id, (done, is_done)) = (child.id(), channel());
+    let guard = thread::spawn(move || {
+        let hangs = is_done.recv_timeout(Duration::from_secs(60)).is_err();
+        if hangs {
+            let killed = Command::new("kill").args(["-9", &id.to_string()]).status();
+            assert!(killed.unwrap().success());
+        }
+        hangs
+    });
+    let told: Vec<String> = lines.collect();
+    // Who guards has given up where nobody listens.
+    let _ = done.send(());
+    assert!(!guard.join().unwrap(), "it hangs: {told:?}");
+    assert_eq!(child.wait().unwrap().code(), Some(0), "{told:?}");
+    told
+}
+
 #[test]
 fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
     let dir = tempdir().unwrap();
@@ -161,9 +270,10 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--cloud", &format!("{remote}ftp://h")], "the cloud's URL must be http"),
         (&["--cloud", &format!("{remote}https://h")], "needs the certificate of the CA"),
         (&["--cloud", &format!("{remote}https://h,ca=none.pem")], "none.pem: No such file"),
-        (&["--trace", "."], "error: .: is a directory"),
-        (&["--trace", "none/t.jsonl"], "error: none/t.jsonl: entity not found"),
-        (&["--trace", "/dev/null"], "error: /dev/null: entity already exists"),
+        (&["--trace", "."], "error: .: a directory; name a file in it"),
+        (&["--trace", "none/t.jsonl"], "error: none/t.jsonl: No such file or directory; "),
+        (&["--trace", "/dev/null"], "error: /dev/null: a device or a pipe; "),
+        (&["--trace", "-"], "error: --trace -: "),
     ] {
         let refused = run_in(dir.path(), args);
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", out(&refused));
@@ -198,9 +308,15 @@ mod serve {
 
     impl Server {
         fn start(directory: &Path, args: &[&str]) -> Self {
+            Self::start_with(directory, args, "".as_ref())
+        }
+
+        /// With a token in its environment.
+        fn start_with(directory: &Path, args: &[&str], token: &std::ffi::OsStr) -> Self {
             let all = [&["serve", "--listen", "127.0.0.1:0"], args].concat();
             let mut child = fuseline(&all)
                 .current_dir(directory)
+                .env("FUSELINE_TOKEN", token)
                 .stdout(Stdio::piped())
                 .stderr(Stdio::piped())
                 .spawn()
@@ -262,7 +378,7 @@ mod serve {
     fn a_server_elsewhere_answers_a_run() {
         let dir = tempdir().unwrap();
         let server = Server::start(dir.path(), &["--model", "DINO-SWIN-Tiny"]);
-        assert_eq!(requests(dir.path(), &server.cloud("http", ""))["on_time"], 5);
+        assert_eq!(requests(dir.path(), &server.cloud("http", ""))["forwarded"], 5);
     }
 
     #[test]
@@ -287,7 +403,7 @@ mod serve {
         let server = Server::start(dir.path(), &[&locks[..], &["--token-file", "token"]].concat());
         let client = ",ca=ca.pem,cert=client.pem,key=client.key";
         for (rest, fate) in [
-            (format!("{client},token=token"), "on_time"),
+            (format!("{client},token=token"), "forwarded"),
             (format!("{client},token=wrong"), "failed"),
             (client.to_owned(), "failed"),
             (client.replace("client.", "stranger.") + ",token=token", "failed"),
@@ -295,6 +411,50 @@ mod serve {
         ] {
             let requests = requests(dir.path(), &server.cloud("https", &rest));
             assert_eq!(requests[fate], 5, "{rest}: {requests}");
+        }
+    }
+
+    #[test]
+    fn a_token_of_the_environment_is_asked_for() {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt;
+
+        let dir = tempdir().unwrap();
+        fs::write(dir.path().join("token"), "open-sesame").unwrap();
+        let locked = Server::start_with(dir.path(), &[], "open-sesame".as_ref());
+        assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["forwarded"], 5);
+        assert_eq!(requests(dir.path(), &locked.cloud("http", ""))["failed"], 5);
+        // Nothing is asked for where nothing is set.
+        let open = Server::start_with(dir.path(), &[], "".as_ref());
+        assert_eq!(requests(dir.path(), &open.cloud("http", ""))["forwarded"], 5);
+        for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {
+            let mut serve = fuseline(&["serve", "--listen", "127.0.0.1:0"]);
+            let serve = serve.env("FUSELINE_TOKEN", OsStr::from_bytes(unreadable));
+            let mut child = serve.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+            let mut told = String::new();
+            BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
+            drop(child.kill());
+            let refused = child.wait_with_output().unwrap();
+            assert_eq!((told.as_str(), refused.status.code()), ("", Some(2)), "{unreadable:?}");
+            assert!(err(&refused).starts_with("error: FUSELINE_TOKEN: "), "{}", err(&refused));
+        }
+    }
+
+    #[test]
+    fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
+        let dir = certificates();
+        fs::write(dir.path().join("empty"), "\n").unwrap();
+        for (files, what) in [
+            ("ca=empty", "error: empty: no certificate in it"),
+            ("ca=client.key", "error: client.key: no certificate in it; give one as PEM (this is"),
+            ("ca=ca.pem,cert=client.key,key=client.pem", "error: client.key: no certificate"),
+            ("ca=ca.pem,cert=client.pem,key=ca.pem", "error: ca.pem: no private key in it"),
+        ] {
+            let cloud = format!("name=a,priority=1,url=https://localhost:1,{files}");
+            let refused = run_in(dir.path(), &["--cloud", &cloud]);
+            assert_eq!(refused.status.code(), Some(2), "{files}");
+            assert!(err(&refused).starts_with(what), "{}", err(&refused));
+            assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""));
         }
     }
 
@@ -321,7 +481,19 @@ mod serve {
             (&["--cert", "server.pem"], "--key"),
             (&["--client-ca", "ca.pem"], "--cert"),
             (&["--cert", "none.pem", "--key", "server.key"], "none.pem: No such file"),
-            (&["--cert", "empty", "--key", "server.key"], "the server's certificates"),
+            (&["--cert", "empty", "--key", "server.key"], "error: empty: no certificate in it"),
+            (
+                &["--cert", "server.key", "--key", "server.pem"],
+                "error: server.key: no certificate in it; give one as PEM (this is a private key)",
+            ),
+            (
+                &["--cert", "server.pem", "--key", "ca.pem"],
+                "error: ca.pem: no private key in it; give one as PEM (this is a certificate)",
+            ),
+            (
+                &["--cert", "server.pem", "--key", "server.key", "--client-ca", "empty"],
+                "error: empty: no certificate in it",
+            ),
             (&["--token-file", "empty"], "visible ASCII"),
         ] {
             let listen = if args[0] == "--listen" { &[][..] } else { &["--listen", "127.0.0.1:0"] };

@@ -1,16 +1,19 @@
 //! `fuseline replay` and `fuseline check`, run as a user runs them.
 
 mod common;
+#[path = "common/signal.rs"]
+mod signal;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{ChildStdout, Command, Stdio};
+use std::process::{ChildStdout, Command, Output, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Duration;
 
-use common::{err, fuseline, interrupt, out, run};
+use common::{err, fuseline, out, run};
+use signal::interrupt;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -327,12 +330,50 @@ fn many_files_are_judged_at_once_and_told_in_their_order() {
 #[test]
 fn check_reads_a_gzipped_trace() {
     let (_dir, paths) = files(&[("trace.jsonl.gz", "")]);
-    let file = fs::File::create(&paths[0]).unwrap();
-    let mut packer = GzEncoder::new(file, Compression::default());
-    packer.write_all(TRACE.as_bytes()).unwrap();
-    packer.finish().unwrap();
+    fs::write(&paths[0], packed(TRACE)).unwrap();
     assert_eq!(run(&["check", text(&paths[0])], "").status.code(), Some(0));
     assert_eq!(out(&run(&["replay", text(&paths[0])], "")), TRACE);
+}
+
+fn packed(text: &str) -> Vec<u8> {
+    let mut packer = GzEncoder::new(Vec::new(), Compression::default());
+    packer.write_all(text.as_bytes()).unwrap();
+    packer.finish().unwrap()
+}
+
+#[test]
+fn what_a_crash_cut_off_is_judged_as_far_as_it_goes_if_that_is_asked_for() {
+    let ends: Vec<usize> = TRACE.match_indices('\n').map(|(at, _)| at + 1).collect();
+    for end in &ends[..ends.len() - 1] {
+        let cut = &TRACE[..end + 5];
+        let refused = run(&["check"], cut);
+        assert_eq!(refused.status.code(), Some(2), "{cut}");
+        assert!(err(&refused).contains("; --truncated judges what stands before"), "{cut}");
+        let (_dir, paths) = files(&[("cut.jsonl", cut)]);
+        let page = paths[0].with_extension("html");
+        for args in [&["check", "--truncated"][..], &["report", "-o", text(&page), "--truncated"]] {
+            let judged = run(&[args, &[text(&paths[0])]].concat(), "");
+            assert_eq!(judged.status.code(), Some(0), "{cut}{}{}", out(&judged), err(&judged));
+            let line = cut.matches('\n').count() + 1;
+            let told = format!("cut.jsonl:{line}: cut short here; this line is left out");
+            assert!(err(&judged).contains(&told), "{}", err(&judged));
+        }
+    }
+    // Line 7, a result, led to a hold: it is not missing, but nor is it passed over in silence.
+    let unanswered = run(&["check", "--truncated"], &TRACE[..ends[6]]);
+    assert_eq!(unanswered.status.code(), Some(0), "{}", out(&unanswered));
+    assert!(err(&unanswered).contains("stdin:7: the trace ends before"), "{}", err(&unanswered));
+    assert_eq!(run(&["check"], &TRACE[..ends[6]]).status.code(), Some(1));
+    // A violation stays one.
+    let bad = TRACE.replace("\"hold\"", "\"emit\"");
+    assert_eq!(run(&["check", "--truncated"], &bad[..bad.len() - 3]).status.code(), Some(1));
+    let (_dir, paths) = files(&[("cut.jsonl.gz", "")]);
+    let whole = packed(TRACE);
+    fs::write(&paths[0], &whole[..whole.len() - 12]).unwrap();
+    assert_eq!(run(&["check", text(&paths[0])], "").status.code(), Some(2));
+    let judged = run(&["check", "--truncated", text(&paths[0])], "");
+    assert_eq!(judged.status.code(), Some(0), "{}{}", out(&judged), err(&judged));
+    assert!(err(&judged).contains("cut short here"), "{}", err(&judged));
 }
 
 #[cfg(unix)]
@@ -362,6 +403,58 @@ mod follow {
         assert!(told.iter().any(|line| line.contains("does not conform (")), "{told:?}");
         let output = child.wait_with_output().unwrap();
         assert_eq!((output.status.code(), err(&output)), (Some(1), ""));
+    }
+
+    /// Follows a file with this text until it was read, and gives the verdict.
+    fn followed(text_so_far: &str, args: &[&str]) -> Output {
+        let (_dir, paths) = files(&[("growing.jsonl", text_so_far)]);
+        let child = fuseline(&[&["check", "--follow", text(&paths[0])], args].concat())
+            .env("RUST_LOG", "debug")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let position = format!("/proc/{}/fdinfo", child.id());
+        let end = format!("pos:\t{}\n", text_so_far.len());
+        for _ in 0..3000 {
+            let files = fs::read_dir(&position).unwrap().flatten();
+            let mut known = files.filter_map(|file| fs::read_to_string(file.path()).ok());
+            if known.any(|file| file.starts_with(&end)) {
+                break;
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+        interrupt(&child);
+        child.wait_with_output().unwrap()
+    }
+
+    #[test]
+    fn what_is_not_answered_at_the_end_of_a_followed_file_is_not_judged() {
+        // Each prefix of a conforming trace conforms, as far as it goes.
+        let ends: Vec<usize> = TRACE.match_indices('\n').map(|(at, _)| at + 1).collect();
+        for (end, cut) in ends.iter().flat_map(|end| [(*end, false), (*end + 5, true)]) {
+            let Some(start) = TRACE.get(..end) else { continue };
+            let checked = followed(start, &[]);
+            assert_eq!(checked.status.code(), Some(0), "{start}{}", out(&checked));
+            let lines = start.matches('\n').count();
+            let told = format!("judged in {lines} line");
+            assert!(out(&checked).contains(&told), "{cut} {lines}: {}", out(&checked));
+        }
+        let observed = ["--observed", "--tolerance", "0ms", "--lateness", "0ms"];
+        let answered = OBSERVED.replace("65000000", "51100000");
+        let more = "{\"ev\":\"open\",\"at\":60000000,\"t\":1}\n\
+                    {\"ev\":\"result\",\"at\":70000000,\"t\":1,\"p\":0}\n";
+        let checked = followed(&format!("{answered}{more}"), &observed);
+        assert_eq!(checked.status.code(), Some(0), "{}", out(&checked));
+    }
+
+    #[test]
+    fn a_gzipped_file_is_not_followed() {
+        let (_dir, paths) = files(&[("trace.jsonl.gz", "")]);
+        fs::write(&paths[0], packed(TRACE)).unwrap();
+        let refused = run(&["check", "--follow", text(&paths[0])], "");
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(err(&refused).contains("trace.jsonl.gz: gzipped; "), "{}", err(&refused));
     }
 
     #[test]

@@ -32,7 +32,7 @@ pub enum OpenRefusal {
     Order,
     /// As many timestamps are open as the window allows.
     Full,
-    /// The limit's due instant is not after now.
+    /// Local's due instant is not after now.
     Deadline,
 }
 
@@ -130,7 +130,7 @@ pub struct Firing<const CLOUDS: usize> {
     pub timestamp: Timestamp,
     /// When they were due.
     pub due: Instant,
-    /// The requests that they close; 0 is the local limit.
+    /// The requests that they close; 0 is local.
     pub timers: Priorities<CLOUDS>,
     /// What follows: waiting, forwarded or missed.
     pub outcome: Outcome<CLOUDS>,

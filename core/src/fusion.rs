@@ -14,7 +14,7 @@ use crate::window::{Entry, Place, Window};
 /// Two machines are equal if they answer all inputs alike.
 ///
 /// - constructor: [`new`](Self::new)
-/// - inputs: [`at`](Self::at), then one method of [`Ready`]
+/// - inputs: [`ready`](Self::ready) or [`at`](Self::at), then one method of [`Ready`]
 /// - questions: [`next_due`](Self::next_due), [`now`](Self::now), [`newest`](Self::newest),
 ///   [`len`](Self::len), [`slot`](Self::slot), [`due`](Self::due), [`open`](Self::open),
 ///   [`gate`](Self::gate), [`source`](Self::source), [`priority`](Self::priority), [`clouds`](Self::clouds),
@@ -78,12 +78,25 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// Call it until it is [`At::Ready`]; the number of calls is at most one more than that of the armed timers.
     /// A tick is such a call with no input after it.
     pub fn at(&mut self, now: Instant) -> At<'_, CLOUDS, WINDOW> {
-        self.now = self.now.max(now);
-        // A1: the due instant itself is past.
-        match self.open.next_due().filter(|due| *due <= self.now) {
-            Some(due) => At::Fired(self.fire(due)),
+        match self.fire_next(now) {
+            Some(firing) => At::Fired(firing),
             None => At::Ready(Ready { fusion: self }),
         }
+    }
+
+    /// F0: moves the clock to `now`, never back, gives whatever fires by then to `fired`, in its order, and is ready
+    /// for inputs.
+    ///
+    /// The same as [`at`](Self::at) until it is [`At::Ready`]. There are at most as many firings as armed timers.
+    pub fn ready(
+        &mut self,
+        now: Instant,
+        mut fired: impl FnMut(Firing<CLOUDS>),
+    ) -> Ready<'_, CLOUDS, WINDOW> {
+        while let Some(firing) = self.fire_next(now) {
+            fired(firing);
+        }
+        Ready { fusion: self }
     }
 
     /// The earliest instant at which a timer is due; tick then. Constant time.
@@ -171,6 +184,14 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         self.commit
     }
 
+    /// F0: moves the clock and fires the earliest timers due by then, if any.
+    fn fire_next(&mut self, now: Instant) -> Option<Firing<CLOUDS>> {
+        self.now = self.now.max(now);
+        // A1: the due instant itself is past.
+        let due = self.open.next_due().filter(|due| *due <= self.now)?;
+        Some(self.fire(due))
+    }
+
     /// F5 for one timestamp at one due instant.
     pub(crate) fn fire(&mut self, due: Instant) -> Firing<CLOUDS> {
         let place = self.open.first_due_at(due);
@@ -216,8 +237,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
-    /// F1: a message with this timestamp came. `limit`, if any, is how long the local computation may take.
-    pub fn open(&mut self, timestamp: Timestamp, limit: Option<Deadline>) -> Opening {
+    /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
+    pub fn open(&mut self, timestamp: Timestamp, deadline: Option<Deadline>) -> Opening {
         let fusion = &mut *self.fusion;
         if fusion.was_reached(timestamp) {
             return Opening::Refused(OpenRefusal::Order);
@@ -226,9 +247,9 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
             return Opening::Refused(OpenRefusal::Full);
         }
         let mut entry = Entry::EMPTY;
-        entry.slot = Slot::open(limit.is_some());
-        if let Some(limit) = limit {
-            let due = fusion.now.saturating_add(limit);
+        entry.slot = Slot::open(deadline.is_some());
+        if let Some(deadline) = deadline {
+            let due = fusion.now.saturating_add(deadline);
             if due <= fusion.now {
                 return Opening::Refused(OpenRefusal::Deadline);
             }

@@ -8,6 +8,7 @@ mod answer;
 mod clouds;
 mod fusion;
 mod gate;
+mod held;
 mod priority;
 pub mod shared;
 mod slot;
@@ -19,6 +20,7 @@ pub use answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Openi
 pub use clouds::{Cloud, ConfigError};
 pub use fusion::{At, Fusion, Ready};
 pub use gate::Gate;
+pub use held::Held;
 pub use priority::{Priorities, Priority};
 pub use slot::{Commit, Decision, Event, InvalidSlot, Slot};
 pub use source::{Source, Sources};

@@ -103,7 +103,7 @@ impl Slot {
         cached: Sources::EMPTY,
     };
 
-    /// F1: a timestamp just opened, waiting for local; `limited` if a limit was given for it.
+    /// F1: a timestamp just opened, waiting for local; `limited` if a deadline was given for it.
     #[must_use]
     pub const fn open(limited: bool) -> Self {
         let armed = if limited { Sources::LOCAL } else { Sources::EMPTY };
@@ -227,7 +227,7 @@ impl Slot {
             return self.forward(source);
         }
         self.cached = self.cached.with(source);
-        // A3: an eager cloud's timer runs on, to commit the best in hand; the limit never commits.
+        // A3: an eager cloud's timer runs on, to commit the best in hand; the deadline never commits.
         if commit == Commit::Patient || source == Source::LOCAL {
             self.armed = self.armed.without(source);
         }
@@ -251,7 +251,7 @@ impl Slot {
         }
         self.armed = self.armed.difference(fired);
         self.pending = self.pending.difference(fired);
-        // A9: the limit's firing alone commits nothing.
+        // A9: the deadline's firing alone commits nothing.
         self.settle(commit, !fired.clouds().is_empty())
     }
 
@@ -274,7 +274,7 @@ impl Slot {
     /// F6: some requests were closed; forward, miss or wait.
     ///
     /// Once the last timer fired nothing outranks what is in hand: so local's result goes by then (P5), and a timestamp
-    /// opened with a limit is retired by then (P7).
+    /// opened with a deadline is retired by then (P7).
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
         // P3: whatever the cause, the greatest or none.
         match self.cached.greatest() {

@@ -63,25 +63,25 @@ impl Node {
 #[derive(Clone, Copy)]
 pub(crate) struct Entry<const CLOUDS: usize> {
     pub(crate) slot: Slot,
-    pub(crate) limit_due: Instant,
+    pub(crate) local_due: Instant,
     pub(crate) dues: [Instant; CLOUDS],
 }
 
 impl<const CLOUDS: usize> Entry<CLOUDS> {
     pub(crate) const EMPTY: Self =
-        Self { slot: Slot::RETIRED, limit_due: Instant::START, dues: [Instant::START; CLOUDS] };
+        Self { slot: Slot::RETIRED, local_due: Instant::START, dues: [Instant::START; CLOUDS] };
 
     /// The due instant of `source`; means something while its timer is armed.
     pub(crate) fn due(&self, source: Source) -> Instant {
         match usize::from(source.index()).checked_sub(1) {
-            None => self.limit_due,
+            None => self.local_due,
             Some(cloud) => self.dues.get(cloud).copied().unwrap_or(Instant::END),
         }
     }
 
     pub(crate) fn set_due(&mut self, source: Source, due: Instant) {
         match usize::from(source.index()).checked_sub(1) {
-            None => self.limit_due = due,
+            None => self.local_due = due,
             Some(cloud) => {
                 if let Some(place) = self.dues.get_mut(cloud) {
                     *place = due;

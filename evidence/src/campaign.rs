@@ -8,7 +8,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::error::Error;
-use crate::fault::Fault;
+use crate::fault::SeededFault;
 use crate::kind::Kind;
 use crate::lane::Lane;
 use crate::record::{Caught, Record};
@@ -21,7 +21,7 @@ pub struct Campaign<'a> {
     /// The kinds of witness; one with a command of its own is passed over.
     pub kinds: &'a [&'static Kind],
     /// The faults.
-    pub faults: &'a [Fault],
+    pub faults: &'a [SeededFault],
     /// How many copies are worked on at once; at least 1.
     pub jobs: usize,
     /// How long one run of one kind may take, building included; then its witnesses that did not end are red.
@@ -36,7 +36,7 @@ pub struct Campaign<'a> {
 pub type Summary = BTreeMap<String, BTreeMap<&'static str, BTreeSet<String>>>;
 
 /// One kind under one fault.
-type Task<'a> = (&'static Kind, &'a Fault);
+type Task<'a> = (&'static Kind, &'a SeededFault);
 
 impl Campaign<'_> {
     /// Runs what the records lack, and keeps each result as it comes.
@@ -122,7 +122,7 @@ impl Campaign<'_> {
         kinds: &[&'static Kind],
         records: &BTreeMap<&'static str, Record>,
     ) -> Summary {
-        let by_kind = |fault: &Fault| {
+        let by_kind = |fault: &SeededFault| {
             let of_it = kinds.iter().filter(|kind| (kind.concerns)(fault));
             let caught = of_it.map(|kind| {
                 let by = records.get(kind.name).and_then(|record| record.caught(fault));

@@ -10,8 +10,13 @@ use crate::error::Error;
 use crate::tree::Tree;
 
 /// Where the code that meets the rules is.
-const CODE: [&str; 4] =
-    ["core/src", "adapters/operator/src", "adapters/tokio/src", "traces/src/reference.rs"];
+const CODE: [&str; 5] = [
+    "core/src",
+    "adapters/arbiter/src",
+    "adapters/operator/src",
+    "adapters/tokio/src",
+    "traces/src/reference.rs",
+];
 
 static DEFINITION: LazyLock<Regex> = LazyLock::new(|| {
     regex(r"(?m)^(?:### (F\d+g?) (.+)|\| (P\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")

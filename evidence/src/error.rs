@@ -25,7 +25,7 @@ pub enum Error {
     },
     /// A fault cannot be seeded.
     #[error("fault {name}: {why}")]
-    Fault {
+    Seed {
         /// Its name.
         name: String,
         /// What is wrong with it.

@@ -15,7 +15,7 @@ pub(crate) const FILE: &str = "tests/faults.toml";
 /// One place of the source with what a fault would make of it.
 #[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Fault {
+pub struct SeededFault {
     /// Its name, which says what the machine then does.
     pub name: String,
     /// The identifiers of the rules, promises and ambiguities that it violates.
@@ -31,14 +31,14 @@ pub struct Fault {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Faults {
-    fault: Vec<Fault>,
+    fault: Vec<SeededFault>,
 }
 
 /// All faults, in their order.
 ///
 /// # Errors
 /// The file cannot be read, a name is there twice, or a fault breaks nothing.
-pub fn load(tree: &Tree) -> Result<Vec<Fault>, Error> {
+pub fn load(tree: &Tree) -> Result<Vec<SeededFault>, Error> {
     let path = tree.path(FILE);
     let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
     let faults: Faults =
@@ -55,7 +55,7 @@ pub fn load(tree: &Tree) -> Result<Vec<Fault>, Error> {
     Ok(faults.fault)
 }
 
-impl Fault {
+impl SeededFault {
     /// The source with this fault.
     ///
     /// # Errors
@@ -68,7 +68,8 @@ impl Fault {
     }
 
     /// A digest of the change that it makes.
-    pub(crate) fn digest(&self) -> String {
+    #[must_use]
+    pub fn digest(&self) -> String {
         let mut digest = Sha256::new();
         for part in [&self.file, &self.find, &self.replace] {
             digest.update(part.len().to_le_bytes());
@@ -78,7 +79,7 @@ impl Fault {
     }
 
     fn error(&self, why: &str) -> Error {
-        Error::Fault { name: self.name.clone(), why: why.to_owned() }
+        Error::Seed { name: self.name.clone(), why: why.to_owned() }
     }
 }
 
@@ -88,7 +89,7 @@ mod tests {
 
     #[test]
     fn a_place_that_is_not_there_exactly_once_is_refused() {
-        let fault = Fault {
+        let fault = SeededFault {
             name: "x".into(),
             breaks: BTreeSet::new(),
             file: "f".into(),

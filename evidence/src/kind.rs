@@ -8,10 +8,10 @@ use regex::Regex;
 
 use crate::citation::{named, words};
 use crate::error::Error;
-use crate::fault::Fault;
+use crate::fault::SeededFault;
 use crate::sources::{
-    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, SHARED, TESTS,
-    TRACES,
+    ARBITER, CORE, CORPUS, KIT, NO_LIST, NO_LIST_OF_KIT, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED,
+    SHARED, TESTS, TRACES,
 };
 use crate::tree::Tree;
 
@@ -27,7 +27,7 @@ pub struct Kind {
     /// Which identifiers must have a witness of this kind.
     pub(crate) applies: fn(&str) -> bool,
     /// Which faults its witnesses could see.
-    pub(crate) concerns: fn(&Fault) -> bool,
+    pub(crate) concerns: fn(&SeededFault) -> bool,
     pub(crate) run: Run,
     /// The files that the results depend on.
     pub(crate) sources: &'static [&'static str],
@@ -81,6 +81,8 @@ pub const KINDS: &[Kind] = &[
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
             CORPUS,
+            KIT,
+            NO_LIST_OF_KIT,
             TESTS,
             "tests/tests/rules.rs",
             "tests/tests/differential.rs",
@@ -134,7 +136,17 @@ pub const KINDS: &[Kind] = &[
             ],
             variables: &[],
         },
-        sources: &[CORE, NO_LIST, NO_SHARED, TRACES, NO_LIST_OF_TRACES, NO_OBSERVED, "models/src"],
+        sources: &[
+            CORE,
+            NO_LIST,
+            NO_SHARED,
+            TRACES,
+            NO_LIST_OF_TRACES,
+            NO_OBSERVED,
+            KIT,
+            NO_LIST_OF_KIT,
+            "models/src",
+        ],
         read: read_models,
         cites: |_, witness| Ok(words(witness)),
     },
@@ -156,6 +168,8 @@ pub const KINDS: &[Kind] = &[
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
             CORPUS,
+            KIT,
+            NO_LIST_OF_KIT,
             TESTS,
             "tests/tests/seeds.rs",
             "fuzz/seeds",
@@ -204,6 +218,8 @@ pub const KINDS: &[Kind] = &[
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
             CORPUS,
+            KIT,
+            NO_LIST_OF_KIT,
             "cli/src/drive",
             "cli/src/implementation.rs",
         ],
@@ -250,7 +266,7 @@ pub const KINDS: &[Kind] = &[
 const GENERATED: &str = "generated runs";
 
 /// Whether a fault is in the machine with one caller.
-fn is_of_machine(fault: &Fault) -> bool {
+fn is_of_machine(fault: &SeededFault) -> bool {
     !fault.file.starts_with(SHARED) && !fault.file.starts_with("adapters/threads")
 }
 

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::error::Error;
-use crate::fault::Fault;
+use crate::fault::SeededFault;
 use crate::kind::{Kind, Outcomes, Run};
 use crate::tree::Tree;
 
@@ -34,7 +34,7 @@ impl Lane<'_> {
     ///
     /// # Errors
     /// The fault cannot be seeded, the code does not build, or no witness ran.
-    pub(crate) fn run(&self, kind: &Kind, fault: Option<&Fault>) -> Result<Outcomes, Error> {
+    pub(crate) fn run(&self, kind: &Kind, fault: Option<&SeededFault>) -> Result<Outcomes, Error> {
         let Some(fault) = fault else { return self.witnesses(kind, "none") };
         let path = self.copy.path(&fault.file);
         let sound = fs::read_to_string(&path).map_err(Error::file(&path))?;

@@ -21,11 +21,11 @@ mod tree;
 
 pub use campaign::{Campaign, Summary};
 pub use error::Error;
-pub use fault::{Fault, load as load_faults};
+pub use fault::{SeededFault, load as load_faults};
 pub use gap::Gap;
 pub use kind::{KINDS, Kind};
 pub use matrix::{Matrix, Row, Seeded, Standing};
 pub use measure::{MEASURES, Measure, Measured};
 pub use record::{Record, folder as records};
 pub use table::{Artefact, artefacts};
-pub use tree::Tree;
+pub use tree::{Tree, hex};

@@ -88,7 +88,7 @@ fn faults(tree: &Tree, args: &Faults) -> Result<bool, Error> {
     let mut faults = load_faults(tree)?;
     let wanted: BTreeSet<&str> = args.names.iter().map(String::as_str).collect();
     if let Some(name) = wanted.iter().find(|name| !faults.iter().any(|f| f.name == **name)) {
-        return Err(Error::Fault { name: (*name).to_owned(), why: "there is none".to_owned() });
+        return Err(Error::Seed { name: (*name).to_owned(), why: "there is none".to_owned() });
     }
     faults.retain(|fault| wanted.is_empty() || wanted.contains(&*fault.name));
     let kinds: Vec<&'static Kind> = KINDS

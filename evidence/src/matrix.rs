@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::citation;
 use crate::error::Error;
-use crate::fault::{self, Fault};
+use crate::fault::{self, SeededFault};
 use crate::gap::{self, Gap};
 use crate::kind::{KINDS, Kind};
 use crate::measure::MEASURES;
@@ -116,7 +116,7 @@ impl Matrix {
 fn current(
     tree: &Tree,
     kind: &Kind,
-    faults: &[Fault],
+    faults: &[SeededFault],
     wrong: &mut Vec<String>,
 ) -> Result<Option<Record>, Error> {
     let Some(record) = Record::load(tree, kind)? else {
@@ -169,7 +169,7 @@ fn measured(tree: &Tree, wrong: &mut Vec<String>) -> Result<Vec<Standing>, Error
     Ok(standings)
 }
 
-fn seeded(fault: &Fault, records: &[(&Kind, Record)]) -> Seeded {
+fn seeded(fault: &SeededFault, records: &[(&Kind, Record)]) -> Seeded {
     let caught = records
         .iter()
         .filter_map(|(kind, record)| Some((kind.name, record.caught(fault)?.clone())));

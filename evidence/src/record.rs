@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use tempfile::NamedTempFile;
 
 use crate::error::Error;
-use crate::fault::Fault;
+use crate::fault::SeededFault;
 use crate::kind::Kind;
 use crate::tree::Tree;
 
@@ -88,7 +88,7 @@ impl Record {
 
     /// What happened under this fault, if it is the fault that was seeded.
     #[must_use]
-    pub fn caught(&self, fault: &Fault) -> Option<&BTreeSet<String>> {
+    pub fn caught(&self, fault: &SeededFault) -> Option<&BTreeSet<String>> {
         let caught = self.faults.get(&fault.name)?;
         (caught.change == fault.digest()).then_some(&caught.by)
     }

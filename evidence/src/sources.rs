@@ -9,11 +9,14 @@ pub(crate) const SHARED: &str = "core/src/shared";
 /// The other machine does not know it.
 pub(crate) const NO_SHARED: &str = "!core/src/shared";
 /// What turns a trace's inputs into the machine's and its answers into decisions.
-pub(crate) const ARBITER: &str = "adapters/operator/src/arbiter.rs";
+pub(crate) const ARBITER: &str = "adapters/arbiter/src";
 /// The judge of what concurrent machines record, which the strict one does not know.
 pub(crate) const NO_OBSERVED: &str = "!traces/src/observed";
 /// The format, the reference machine, the judge.
 pub(crate) const TRACES: &str = "traces/src";
 pub(crate) const CORPUS: &str = "traces/corpus";
-/// The strategies, the driver and the ledger.
+/// The generator, the ledger of promises and the account of what was reached.
+pub(crate) const KIT: &str = "kit/src";
+pub(crate) const NO_LIST_OF_KIT: &str = "!kit/src/lib.rs";
+/// The driver, and what the fuzz targets check.
 pub(crate) const TESTS: &str = "tests/src";

@@ -1,6 +1,6 @@
 //! The judge accepts what the core decides, and finds one edited decision at its line.
 #![no_main]
 
-use fuseline_tests::fuzz::{Mark, judge};
+use fuseline_tests::fuzz::{judge, marks_of_judge};
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz::run(judge, Mark::of_judge, bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz::run(judge, marks_of_judge, bytes));

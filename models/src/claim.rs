@@ -1,5 +1,6 @@
 //! What is claimed of the machine: that it follows the rules and keeps the promises.
 
+use fuseline_kit::Promise;
 use fuseline_traces::Rule;
 
 use crate::operator::Operator;
@@ -61,6 +62,23 @@ impl From<Rule> for Claim {
     }
 }
 
+impl From<Promise> for Claim {
+    fn from(promise: Promise) -> Self {
+        match promise {
+            Promise::P1 => Self::P1,
+            Promise::P2 => Self::P2,
+            Promise::P3 => Self::P3,
+            Promise::P4 => Self::P4,
+            Promise::P5 => Self::P5,
+            Promise::P6 => Self::P6,
+            Promise::P7 => Self::P7,
+            Promise::P8 => Self::P8,
+            Promise::P9 => Self::P9,
+            Promise::P11 => Self::P11,
+        }
+    }
+}
+
 fn is_kept(_: &Operator, state: &State, claim: Claim) -> bool {
-    !state.broken().contains(claim)
+    !state.violated().contains(claim)
 }

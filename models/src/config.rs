@@ -1,5 +1,6 @@
 //! The configurations that are checked: operator, environment, and how many states they have.
 
+use fuseline_kit::Terms;
 use fuseline_traces::{Cloud, Commit, Header};
 
 use crate::mark::Mark;
@@ -19,7 +20,7 @@ pub struct Config {
     pub commit: Commit,
     /// How many timestamps may be open.
     pub window: u16,
-    /// The clouds; priorities are below 8.
+    /// The clouds.
     pub clouds: &'static [Cloud],
     /// The timestamps that inputs are about, in ascending order.
     pub timestamps: &'static [u64],
@@ -67,6 +68,11 @@ impl Config {
     #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
         CONFIGS.iter().find(|config| config.name == name)
+    }
+
+    /// What a ledger knows of its operator.
+    pub(crate) fn terms(&self) -> Terms<'static> {
+        Terms { window: self.window.into(), commit: self.commit, clouds: self.clouds }
     }
 
     /// The registered cloud with this priority.

@@ -60,7 +60,7 @@ fn breaks(config: &Config, claim: Claim, inputs: &[Input]) -> Option<usize> {
             return None;
         }
         state = state.step(config, input).0;
-        if state.broken().contains(claim) {
+        if state.violated().contains(claim) {
             return Some(place + 1);
         }
     }
@@ -102,7 +102,7 @@ mod tests {
             Some(one + three + 1)
         };
         let mut inputs = ticks(&[0, 1, 2, 1, 3, 4, 3]);
-        inputs.insert(2, Input::Open { at: 1, t: 0, limit: None });
+        inputs.insert(2, Input::Open { at: 1, t: 0, deadline: None });
         inputs.insert(6, Input::Result { at: 3, t: 0, p: 0 });
         assert_eq!(shrink(inputs, breaks), ticks(&[1, 3]));
     }
@@ -111,7 +111,7 @@ mod tests {
     fn the_trace_of_a_run_is_one_that_the_judge_reads() {
         let config = Config::named("2x1-eager").expect("a configuration");
         let inputs = [
-            Input::Open { at: 0, t: 0, limit: Some(2) },
+            Input::Open { at: 0, t: 0, deadline: Some(2) },
             Input::Offer { at: 0, t: 0, p: 5, deadline: 3, backlog: 0 },
             Input::Result { at: 1, t: 0, p: 0 },
             Input::Tick { at: 4 },

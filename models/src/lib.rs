@@ -5,12 +5,10 @@ mod claim;
 mod config;
 mod counterexample;
 mod explore;
-mod ghost;
 mod machine;
 mod mark;
 mod operator;
 mod property;
-mod set;
 mod state;
 
 pub use check::{CheckError, Effort, Verdict, check};

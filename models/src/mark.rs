@@ -1,10 +1,10 @@
 //! What a step can show: the witnesses that the environment reaches every rule, reason and promise.
 
 use fuseline_core::Priority;
-use fuseline_traces::{Commit, Decision, DropReason, Input, Refusal};
+use fuseline_kit::History;
+use fuseline_traces::{Commit, Decision, DropReason, Input, OfferRefusal, OpenRefusal};
 
 use crate::config::Config;
-use crate::ghost::Account;
 use crate::machine::{Answer, Fired};
 use crate::operator::Operator;
 use crate::property::properties;
@@ -19,11 +19,11 @@ properties! {
     sometimes: Operator::shows;
     ClockBack = "F0 witness: a clock that goes back stays",
     TimerFirst = "F0 witness: a timer due at a result's instant is served before it",
-    OpenLimited = "F1 witness: accepted with a limit",
-    OpenFree = "F1 witness: accepted without a limit",
+    OpenLimited = "F1 witness: accepted with a deadline",
+    OpenFree = "F1 witness: accepted without a deadline",
     OpenOrder = "F1 witness: refused for order",
     OpenFull = "F1 witness: refused for a full window",
-    OpenDeadline = "F1 witness: refused for its limit",
+    OpenDeadline = "F1 witness: refused for its deadline",
     OpenRoom = "F1 witness: accepted for the room that a timer makes at its instant",
     OfferAdmitted = "F2 witness: admitted",
     OfferJoins = "F2 witness: admitted above what is held",
@@ -53,11 +53,11 @@ properties! {
     FailMisses = "F4 witness: accepted, and the timestamp is missed",
     TimersTogether = "F5 witness: several timers of a timestamp fire as one",
     TimestampsTogether = "F5 witness: several timestamps are due at one instant",
-    LimitAlone = "F5 witness: the limit fires alone",
-    LimitWithCloud = "F5 witness: the limit fires with a cloud's timer",
+    LimitAlone = "F5 witness: local's timer fires alone",
+    LimitWithCloud = "F5 witness: local's timer fires with a cloud's timer",
     EagerOverPending = "F6 witness: eager, a timer commits although a better one is pending",
     EagerOwn = "F6 witness: eager, a held result's own timer commits it",
-    LimitHolds = "F6 witness: eager, the limit's timer commits nothing",
+    LimitHolds = "F6 witness: eager, local's timer commits nothing",
     PatientWaits = "F6 witness: patient, a timer commits nothing while a better one is pending",
     TimerForwards = "F6 witness: a timer closes the last that outranked the best in hand",
     TimerWaits = "F6 witness: a timer finds nothing in hand, and others are pending",
@@ -72,7 +72,7 @@ properties! {
     Prompt = "P4 witness: something is held under something pending",
     Floor = "P5 witness: local's held result is forwarded by the latest due instant",
     Free = "P6 witness: local's result is forwarded at once without a request",
-    LimitRetires = "P7 witness: a timestamp with a limit is retired by its latest due instant",
+    LimitRetires = "P7 witness: a timestamp with a deadline is retired by its latest due instant",
     StaysArmed = "P8 witness: eager, a held result's timer stays live",
     Disarmed = "P8 witness: patient, a held result's timer is disarmed",
     Retired = "P8 witness: a live timer goes with its timestamp",
@@ -90,7 +90,7 @@ pub(crate) fn marks(
     after: &State,
 ) -> Marks {
     let mut shown = Marks::default();
-    if input.at() < before.ghost.now() {
+    if input.at() < before.ledger.now() {
         shown.insert(Mark::ClockBack);
     }
     let instants = answer.fired.windows(2);
@@ -102,21 +102,21 @@ pub(crate) fn marks(
         }
     }
     for (place, fired) in answer.fired.iter().enumerate() {
-        // An earlier firing of the same timestamp would have changed its account.
+        // An earlier firing of the same timestamp would have changed its history.
         let is_first = answer.fired.iter().take(place).all(|other| other.t != fired.t);
-        if let Some(account) = before.ghost.account(fired.t).filter(|_| is_first) {
-            of_firing(config, account, fired, &mut shown);
+        if let Some(history) = before.ledger.history(fired.t).filter(|_| is_first) {
+            of_firing(config, history, fired, &mut shown);
         }
     }
     of_input(config, before, input, answer, after, &mut shown);
-    let open = after.ghost.open();
+    let open = after.ledger.open();
     shown.insert_if(Mark::WindowFull, open.len() == usize::from(config.window));
-    shown.insert_if(Mark::Prompt, open.iter().any(|account| !account.held.is_empty()));
+    shown.insert_if(Mark::Prompt, open.iter().any(|(_, history)| history.best().is_some()));
     shown
 }
 
 /// What the first firing of a timestamp shows.
-fn of_firing(config: &Config, account: &Account, fired: &Fired, shown: &mut Marks) {
+fn of_firing(config: &Config, history: &History, fired: &Fired, shown: &mut Marks) {
     let eager = config.commit == Commit::Eager;
     let timers = || {
         fired.decisions.iter().filter_map(|decision| match decision {
@@ -124,15 +124,15 @@ fn of_firing(config: &Config, account: &Account, fired: &Fired, shown: &mut Mark
             _ => None,
         })
     };
-    let limit = timers().any(|p| p == 0);
+    let local = timers().any(|p| p == 0);
     let cloud = timers().any(|p| p > 0);
-    let better = account.held.greatest().is_some_and(|best| {
-        account.pending.iter().any(|p| p > best && timers().all(|timer| timer != p))
+    let better = history.best().is_some_and(|best| {
+        history.pending().any(|p| p > best && timers().all(|timer| timer != p))
     });
     shown.insert_if(Mark::TimersTogether, timers().count() > 1);
-    shown.insert_if(Mark::LimitAlone, limit && !cloud);
-    shown.insert_if(Mark::LimitWithCloud, limit && cloud);
-    let last = account.timers().all(|(_, due)| due <= fired.due);
+    shown.insert_if(Mark::LimitAlone, local && !cloud);
+    shown.insert_if(Mark::LimitWithCloud, local && cloud);
+    let last = history.timers().all(|(_, due)| due <= fired.due);
     let output = fired
         .decisions
         .iter()
@@ -143,31 +143,30 @@ fn of_firing(config: &Config, account: &Account, fired: &Fired, shown: &mut Mark
             shown.insert_if(Mark::EagerOwn, eager && timers().any(|timer| timer == *p));
             shown.insert_if(Mark::TimerForwards, !better);
             shown.insert_if(Mark::Floor, *p == 0 && last);
-            of_emit(account, None, &fired.decisions, shown);
+            of_emit(history, None, &fired.decisions, shown);
         }
         Some(_) => shown.insert(Mark::TimerMisses),
         None => {
-            let held = !account.held.is_empty();
+            let held = history.best().is_some();
             shown.insert_if(Mark::LimitHolds, eager && held && !cloud);
             shown.insert_if(Mark::PatientWaits, !eager && held && cloud);
             shown.insert_if(Mark::TimerWaits, !held);
         }
     }
-    let limited = account.due(0).is_some();
+    let limited = history.due(0).is_some();
     shown.insert_if(Mark::LimitRetires, output.is_some() && limited && last);
 }
 
 /// What a forwarding shows; `came` is the result that brought it about.
-fn of_emit(account: &Account, came: Option<u64>, decisions: &[Decision], shown: &mut Marks) {
+fn of_emit(history: &History, came: Option<u64>, decisions: &[Decision], shown: &mut Marks) {
     let cancels = decisions.iter().any(|decision| matches!(decision, Decision::Cancel { .. }));
     let fired = |p| decisions.iter().any(|d| matches!(d, Decision::Timer { p: q, .. } if *q == p));
     shown.insert_if(Mark::Cancelled, cancels);
-    shown
-        .insert_if(Mark::LocalPending, account.pending.contains(0) && came != Some(0) && !fired(0));
-    shown.insert_if(Mark::Retired, account.timers().any(|(p, _)| came != Some(p) && !fired(p)));
-    let others = u32::from(came.is_none());
-    shown.insert_if(Mark::Discarded, account.held.len() > others);
-    shown.insert_if(Mark::BestOfTwo, came.is_none() && account.held.len() > 1);
+    shown.insert_if(Mark::LocalPending, history.is_pending(0) && came != Some(0) && !fired(0));
+    shown.insert_if(Mark::Retired, history.timers().any(|(p, _)| came != Some(p) && !fired(p)));
+    let others = usize::from(came.is_none());
+    shown.insert_if(Mark::Discarded, history.held().count() > others);
+    shown.insert_if(Mark::BestOfTwo, came.is_none() && history.held().count() > 1);
 }
 
 /// What the input's own decisions show.
@@ -181,12 +180,12 @@ fn of_input(
 ) {
     let decision = answer.own.first();
     match *input {
-        Input::Open { limit, .. } => {
-            if let Some(Decision::Refuse { why, .. }) = decision {
-                shown.extend(open_refused(*why));
+        Input::Open { deadline, .. } => {
+            if let Some(Decision::RefuseOpen { why, .. }) = decision {
+                shown.insert(open_refused(*why));
             } else {
-                shown.insert(if limit.is_some() { Mark::OpenLimited } else { Mark::OpenFree });
-                let full = before.ghost.open().len() == before.machine.window();
+                shown.insert(if deadline.is_some() { Mark::OpenLimited } else { Mark::OpenFree });
+                let full = before.ledger.open().len() == before.machine.fusion().window();
                 shown.insert_if(Mark::OpenRoom, full);
             }
         }
@@ -203,10 +202,10 @@ fn of_input(
                 Some(_) => Mark::FailForwards,
                 None => Mark::FailWaits,
             });
-            if let (Some(account), Some(Decision::Emit { .. })) =
-                (before.ghost.account(t).filter(|_| answer.fired.is_empty()), decision)
+            if let (Some(history), Some(Decision::Emit { .. })) =
+                (before.ledger.history(t).filter(|_| answer.fired.is_empty()), decision)
             {
-                of_emit(account, None, &answer.own, shown);
+                of_emit(history, None, &answer.own, shown);
             }
         }
         Input::Tick { .. } => {}
@@ -222,14 +221,15 @@ fn of_offer(
     shown: &mut Marks,
 ) {
     let cloud = u16::try_from(p).ok().map(Priority::new);
-    let was_shut = cloud.and_then(|p| before.machine.gate(p)).is_some_and(|gate| gate.is_shut());
-    if let Some(Decision::Refuse { why, .. }) = answer.own.first() {
+    let was_shut =
+        cloud.and_then(|p| before.machine.fusion().gate(p)).is_some_and(|gate| gate.is_shut());
+    if let Some(Decision::RefuseOffer { why, .. }) = answer.own.first() {
         let gate = if was_shut { Mark::GateStays } else { Mark::GateShuts };
         let gate = (below_limit || !was_shut).then_some(gate);
-        shown.extend(offer_refused(*why, after.ghost.was_reached(t), gate));
+        shown.extend(offer_refused(*why, after.ledger.was_reached(t), gate));
     } else {
         shown.insert(Mark::OfferAdmitted);
-        let held = before.ghost.account(t).is_some_and(|account| !account.held.is_empty());
+        let held = before.ledger.history(t).is_some_and(|history| history.best().is_some());
         shown.insert_if(Mark::OfferJoins, held);
         shown.insert_if(Mark::GateOpens, was_shut);
     }
@@ -242,9 +242,9 @@ fn of_result(
     after: &State,
     shown: &mut Marks,
 ) {
-    let now = after.ghost.now();
-    let account = before.ghost.account(t);
-    let due = account.and_then(|account| account.due(p));
+    let now = after.ledger.now();
+    let history = before.ledger.history(t);
+    let due = history.and_then(|history| history.due(p));
     let is_taken = !matches!(answer.own.first(), Some(Decision::Drop { .. }));
     shown.insert_if(
         Mark::LastInstant,
@@ -264,45 +264,39 @@ fn of_result(
         }
         Some(Decision::Hold { .. }) => {
             shown.insert(Mark::ResultHeld);
-            let live = after.ghost.account(t).is_some_and(|account| account.due(p).is_some());
+            let live = after.ledger.history(t).is_some_and(|history| history.due(p).is_some());
             shown.insert_if(Mark::StaysArmed, p > 0 && live);
             shown.insert_if(Mark::Disarmed, p > 0 && !live);
         }
         _ => {
-            if let Some(account) = account.filter(|_| answer.fired.is_empty()) {
-                shown.insert_if(Mark::Free, account.requested.len() == 1);
-                shown.insert_if(Mark::ResultForwarded, !account.held.is_empty());
-                of_emit(account, Some(p), &answer.own, shown);
+            if let Some(history) = history.filter(|_| answer.fired.is_empty()) {
+                shown.insert_if(Mark::Free, history.is_local_alone());
+                shown.insert_if(Mark::ResultForwarded, history.best().is_some());
+                of_emit(history, Some(p), &answer.own, shown);
             }
         }
     }
 }
 
-/// The mark of a refused open, if the reason is one of F1.
-fn open_refused(why: Refusal) -> Option<Mark> {
+/// The mark of a refused open.
+fn open_refused(why: OpenRefusal) -> Mark {
     match why {
-        Refusal::Order => Some(Mark::OpenOrder),
-        Refusal::Full => Some(Mark::OpenFull),
-        Refusal::Deadline => Some(Mark::OpenDeadline),
-        Refusal::Unknown
-        | Refusal::Closed
-        | Refusal::Duplicate
-        | Refusal::Outranked
-        | Refusal::Queue => None,
+        OpenRefusal::Order => Mark::OpenOrder,
+        OpenRefusal::Full => Mark::OpenFull,
+        OpenRefusal::Deadline => Mark::OpenDeadline,
     }
 }
 
-/// The mark of a refused offer, if the reason is one of F2; `gate` is that of its gate.
-fn offer_refused(why: Refusal, reached: bool, gate: Option<Mark>) -> Option<Mark> {
+/// The mark of a refused offer; `gate` is that of its gate.
+fn offer_refused(why: OfferRefusal, reached: bool, gate: Option<Mark>) -> Option<Mark> {
     match why {
-        Refusal::Unknown if reached => Some(Mark::OfferUnknownCloud),
-        Refusal::Unknown => Some(Mark::OfferUnknownTimestamp),
-        Refusal::Closed => Some(Mark::OfferClosed),
-        Refusal::Duplicate => Some(Mark::OfferDuplicate),
-        Refusal::Outranked => Some(Mark::OfferOutranked),
-        Refusal::Deadline => Some(Mark::OfferDeadline),
-        Refusal::Queue => gate,
-        Refusal::Order | Refusal::Full => None,
+        OfferRefusal::Unknown if reached => Some(Mark::OfferUnknownCloud),
+        OfferRefusal::Unknown => Some(Mark::OfferUnknownTimestamp),
+        OfferRefusal::Closed => Some(Mark::OfferClosed),
+        OfferRefusal::Duplicate => Some(Mark::OfferDuplicate),
+        OfferRefusal::Outranked => Some(Mark::OfferOutranked),
+        OfferRefusal::Deadline => Some(Mark::OfferDeadline),
+        OfferRefusal::Queue => gate,
     }
 }
 

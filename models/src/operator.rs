@@ -70,7 +70,11 @@ impl Operator {
         let config = self.config;
         let sources = || config.clouds.iter().map(|cloud| u64::from(cloud.p));
         for &t in config.timestamps {
-            out.extend(config.limits.iter().map(|limit| Input::Open { at, t, limit: *limit }));
+            out.extend(config.limits.iter().map(|deadline| Input::Open {
+                at,
+                t,
+                deadline: *deadline,
+            }));
             for p in sources() {
                 for &deadline in config.deadlines {
                     let offer =
@@ -87,7 +91,7 @@ impl Operator {
     /// The inputs that nothing comes of: of strangers, to the operator as a cloud, due at once.
     fn follies(&self, at: u64, out: &mut Vec<Input>) {
         let Some(&t) = self.config.timestamps.first() else { return };
-        out.push(Input::Open { at, t, limit: Some(0) });
+        out.push(Input::Open { at, t, deadline: Some(0) });
         for p in STRANGERS.into_iter().chain([0]) {
             out.push(Input::Offer { at, t, p, deadline: 1, backlog: 0 });
         }
@@ -112,7 +116,7 @@ impl Model for Operator {
         if !state.goes_on() {
             return;
         }
-        let now = state.ghost.now();
+        let now = state.ledger.now();
         let clock = self.config.clock;
         let later = clock.iter().copied().filter(|at| *at > now);
         let earlier = clock.iter().copied().rev().find(|at| *at < now);

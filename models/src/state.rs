@@ -4,12 +4,12 @@ use std::fmt;
 use std::hash::{Hash, Hasher};
 use std::sync::OnceLock;
 
-use fuseline_core::{Instant, Timestamp};
+use fuseline_core::{Instant, Priority, Timestamp};
+use fuseline_kit::{History, Ledger};
 use fuseline_traces::{Decision, Demands, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
 use crate::config::Config;
-use crate::ghost::Ghost;
 use crate::machine::{Answer, End, Machine, answer, machine};
 use crate::mark::Marks;
 
@@ -25,8 +25,8 @@ pub struct State {
     twin: Machine,
     /// The rules' own machine, until the two disagree.
     reference: Option<Reference>,
-    pub(crate) ghost: Ghost,
-    broken: Claims,
+    pub(crate) ledger: Ledger,
+    violated: Claims,
     /// What the steps from here show, once asked for.
     ahead: OnceLock<Marks>,
 }
@@ -40,37 +40,36 @@ impl State {
         let first = machine(&header)?;
         header.clouds.reverse();
         let twin = machine(&header)?;
-        let (ghost, broken, ahead) = Default::default();
-        Some(Self { machine: first, twin, reference, ghost, broken, ahead })
+        let (ledger, violated, ahead) = Default::default();
+        Some(Self { machine: first, twin, reference, ledger, violated, ahead })
     }
 
     /// What the step that led here broke, or one before it.
     #[must_use]
-    pub const fn broken(&self) -> Claims {
-        self.broken
+    pub const fn violated(&self) -> Claims {
+        self.violated
     }
 
     /// Whether what follows means something: nothing is broken but agreement with the reference
     /// machine, which the promises do not need.
     #[must_use]
     pub fn goes_on(&self) -> bool {
-        self.broken.iter().all(Claim::is_of_reference)
+        self.violated.iter().all(Claim::is_of_reference)
     }
 
     /// The state after an input, and what the machine said to it.
     #[must_use]
     pub fn step(&self, config: &Config, input: &Input) -> (Self, Answer) {
         let mut next = Self { ahead: OnceLock::new(), ..self.clone() };
-        let most = self.ghost.live_len();
+        let most = self.ledger.timer_count();
         let answer = answer(&mut next.machine, input, most);
-        next.broken.insert_if(Claim::F8, answer.end == End::Panicked);
-        next.broken.insert_if(Claim::P9, answer.end == End::Endless);
+        next.violated.insert_if(Claim::F8, answer.end == End::Panicked);
+        next.violated.insert_if(Claim::P9, answer.end == End::Endless);
         if answer.end == End::Whole {
-            let broken = next.ghost.enter(config, input, &answer, &next.machine);
-            next.broken.extend(broken.iter());
+            next.enter(config, input, &answer);
             next.compare(config, input, &answer);
-            let same = next.mirror(config, input, &answer, self.ghost.now(), most);
-            next.broken.insert_if(Claim::P10, !same);
+            let same = next.mirror(config, input, &answer, self.ledger.now(), most);
+            next.violated.insert_if(Claim::P10, !same);
         }
         (next, answer)
     }
@@ -79,22 +78,44 @@ impl State {
         *self.ahead.get_or_init(look)
     }
 
+    /// Enters the input into the ledger of promises, and compares the machine with what is booked.
+    fn enter(&mut self, config: &Config, input: &Input, answer: &Answer) {
+        let fired = answer.fired.iter().flat_map(|fired| &fired.decisions);
+        let next_due = self.machine.next_due();
+        let violations = self.ledger.enter(config.terms(), input, fired, &answer.own, next_due);
+        self.violated.extend(violations.into_iter().map(|violation| violation.promise.into()));
+        self.violated
+            .insert_if(Claim::P9, self.machine.fusion().len() > usize::from(config.window));
+        let open = self.ledger.open();
+        let has_timers = open.iter().all(|(t, history)| self.has_timers_of(config, *t, history));
+        self.violated.insert_if(Claim::P8, !has_timers);
+    }
+
+    /// P8: the machine's timers for an open timestamp are those that are owed.
+    fn has_timers_of(&self, config: &Config, t: u64, history: &History) -> bool {
+        let mut sources = config.clouds.iter().map(|cloud| cloud.p).chain([0]);
+        sources.all(|p| {
+            let due = self.machine.fusion().due(Timestamp::new(t), Priority::new(p));
+            due.map(Instant::as_nanos) == history.due(p.into())
+        })
+    }
+
     /// Gives the input to the reference machine; ends with it where the two disagree.
     fn compare(&mut self, config: &Config, input: &Input, answer: &Answer) {
         let Some(reference) = &mut self.reference else { return };
         let mut demands = Demands::new();
         reference.apply(input, &mut demands);
-        let now = reference.now() == self.machine.now().as_nanos();
-        let alike = reference.next_due() == self.machine.next_due().map(Instant::as_nanos)
+        let now = reference.now() == self.machine.now();
+        let alike = reference.next_due() == self.machine.next_due()
             && config.timestamps.iter().all(|t| {
-                let slot = self.machine.slot(Timestamp::new(*t));
+                let slot = self.machine.fusion().slot(Timestamp::new(*t));
                 reference.is_open(*t) == slot.is_some()
             });
         let claim = difference(input, answer, &demands)
             .or_else(|| (!now).then_some(Claim::F0))
             .or_else(|| (!alike).then(|| of_input(input)));
         if let Some(claim) = claim {
-            self.broken.insert(claim);
+            self.violated.insert(claim);
             self.reference = None;
         }
     }
@@ -151,7 +172,8 @@ fn of_decision(decision: &Decision, input: &Input) -> Claim {
         Decision::Timer { .. } => Claim::F5,
         Decision::Emit { .. } | Decision::Miss { .. } => Claim::F6,
         Decision::Cancel { .. } => Claim::F7,
-        Decision::Refuse { .. }
+        Decision::RefuseOpen { .. }
+        | Decision::RefuseOffer { .. }
         | Decision::Request { .. }
         | Decision::Hold { .. }
         | Decision::Drop { .. } => of_input(input),
@@ -173,8 +195,8 @@ impl PartialEq for State {
     fn eq(&self, other: &Self) -> bool {
         self.machine == other.machine
             && self.reference == other.reference
-            && self.ghost == other.ghost
-            && self.broken == other.broken
+            && self.ledger == other.ledger
+            && self.violated == other.violated
     }
 }
 
@@ -182,25 +204,25 @@ impl Eq for State {}
 
 impl Hash for State {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
-        (&self.machine, &self.reference, &self.ghost, self.broken).hash(hasher);
+        (&self.machine, &self.reference, &self.ledger, self.violated).hash(hasher);
     }
 }
 
 impl fmt::Debug for State {
     /// What the machine says of itself, a line for each open timestamp, and what is broken.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "now {}", self.machine.now().as_nanos())?;
-        match self.machine.newest() {
+        write!(f, "now {}", self.machine.now())?;
+        match self.machine.fusion().newest() {
             Some(newest) => write!(f, ", newest {}", newest.as_u64())?,
             None => f.write_str(", nothing opened")?,
         }
-        for source in self.machine.clouds().iter() {
-            let p = self.machine.priority(source);
-            if self.machine.gate(p).is_some_and(|gate| gate.is_shut()) {
+        for source in self.machine.fusion().clouds().iter() {
+            let p = self.machine.fusion().priority(source);
+            if self.machine.fusion().gate(p).is_some_and(|gate| gate.is_shut()) {
                 write!(f, ", gate {} shut", p.as_u16())?;
             }
         }
-        for (t, slot) in self.machine.open() {
+        for (t, slot) in self.machine.fusion().open() {
             write!(f, "\nt {}:", t.as_u64())?;
             let sets = [
                 ("pending", slot.pending()),
@@ -210,16 +232,16 @@ impl fmt::Debug for State {
             for (name, set) in sets.into_iter().filter(|(_, set)| !set.is_empty()) {
                 write!(f, " {name}")?;
                 for source in set.iter() {
-                    let p = self.machine.priority(source);
+                    let p = self.machine.fusion().priority(source);
                     write!(f, " {}", p.as_u16())?;
-                    if let Some(due) = self.machine.due(t, p) {
+                    if let Some(due) = self.machine.fusion().due(t, p) {
                         write!(f, " (due {})", due.as_nanos())?;
                     }
                 }
             }
         }
-        for claim in self.broken.iter() {
-            write!(f, "\nbroken: {}", claim.name())?;
+        for claim in self.violated.iter() {
+            write!(f, "\nviolated: {}", claim.name())?;
         }
         Ok(())
     }

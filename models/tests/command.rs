@@ -92,7 +92,7 @@ fn the_explorer_shows_steps_in_the_words_of_the_trace() {
     };
     explorer.kill().expect("it ends");
     explorer.wait().expect("it ended");
-    let action = r#""action":"{\"ev\":\"open\",\"at\":0,\"t\":0,\"limit\":0}""#;
+    let action = r#""action":"{\"ev\":\"open\",\"at\":0,\"t\":0,\"deadline\":0}""#;
     let refusal = r#"{\"ev\":\"refuse\",\"at\":0,\"t\":0,\"why\":\"deadline\"}"#;
     let step = format!("{action},\"outcome\":\"{refusal}\\nnow 0, nothing opened\"");
     assert!(steps.contains(&step), "{steps}");

@@ -64,8 +64,8 @@ pub(crate) fn slot_of(
         Commit::Eager => pending | cached,
         Commit::Patient => pending,
     };
-    let limit = if limited { pending & Sources::LOCAL.bits() } else { 0 };
-    let armed = kept & !Sources::LOCAL.bits() | limit;
+    let deadline = if limited { pending & Sources::LOCAL.bits() } else { 0 };
+    let armed = kept & !Sources::LOCAL.bits() | deadline;
     let [requested, pending, armed, cached] =
         [requested, pending, armed, cached].map(Sources::from_bits);
     // `every_valid_state_is_generated_and_accepted` shows that it is no error.
@@ -112,7 +112,7 @@ pub(crate) const SHAPES: [Shape; 9] = [
 /// The earliest due instant of an entry's armed timers, by looking at each.
 pub(crate) fn earliest<const CLOUDS: usize>(entry: &Entry<CLOUDS>) -> Option<Instant> {
     let armed = entry.slot.armed().bits();
-    let mut earliest = if armed & 1 != 0 { Some(entry.limit_due) } else { None };
+    let mut earliest = if armed & 1 != 0 { Some(entry.local_due) } else { None };
     let mut bit = 2;
     for due in entry.dues {
         if armed & bit != 0 {
@@ -135,7 +135,7 @@ pub(crate) fn least(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
 /// Any open timestamp's entry.
 pub(crate) fn any_entry<const CLOUDS: usize>(commit: Commit) -> Entry<CLOUDS> {
     let mut entry = Entry { slot: any_slot(commit, CLOUDS as u8), ..Entry::EMPTY };
-    entry.limit_due = any_instant();
+    entry.local_due = any_instant();
     for due in &mut entry.dues {
         *due = any_instant();
     }

@@ -51,10 +51,10 @@ pub(crate) fn at<const CLOUDS: usize, const WINDOW: usize>(
 pub(crate) fn open<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
     timestamp: Timestamp,
-    limit: Option<Deadline>,
+    deadline: Option<Deadline>,
 ) -> Opening {
-    tell!(words::open(fusion, timestamp, limit));
-    let opening = Ready { fusion }.open(timestamp, limit);
+    tell!(words::open(fusion, timestamp, deadline));
+    let opening = Ready { fusion }.open(timestamp, deadline);
     tell!(words::opened(timestamp, opening));
     opening
 }

@@ -27,7 +27,7 @@ pub(crate) fn is_valid(commit: Commit, slot: Slot) -> bool {
     asked && apart && waiting && prompt && timers
 }
 
-/// P7 for a timestamp opened with a limit: until local returned, failed or was given up, the limit is armed.
+/// P7 for a timestamp opened with a deadline: until local returned, failed or was given up, the deadline is armed.
 pub(crate) fn is_limited(slot: Slot) -> bool {
     !slot.pending().contains(Source::LOCAL) || slot.armed().contains(Source::LOCAL)
 }

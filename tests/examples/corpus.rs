@@ -3,7 +3,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 
-use fuseline_operator::Arbiter;
+use fuseline_arbiter::Arbiter;
 use fuseline_traces::corpus::{CASES, Case};
 use fuseline_traces::{Decision, Event, Reader};
 
@@ -22,12 +22,12 @@ fn main() -> ExitCode {
 /// Whether the core answers the inputs with the decisions that stand after them.
 fn replays(case: &Case) -> bool {
     let mut reader = Reader::new(case.name, case.trace.as_bytes()).expect("it has a header");
-    let mut arbiter = Arbiter::new(reader.header()).expect("a sound configuration");
+    let mut arbiter: Arbiter = Arbiter::new(reader.header()).expect("a sound configuration");
     let mut expected: Vec<Decision> = Vec::new();
     let mut found: Vec<Decision> = Vec::new();
     while let Some(event) = reader.next_event().expect("it is well formed") {
         match event {
-            Event::Input(input) => arbiter.apply(&input, |decision| found.push(decision)),
+            Event::Input(input) => arbiter.decide(&input, |decision| found.push(decision)),
             Event::Decision(decision) => expected.push(decision),
         }
     }

@@ -9,15 +9,18 @@ use std::path::Path;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use fuseline_tests::Run;
-use fuseline_tests::fuzz::{self, Edit, Mark, Op, Reach};
-use fuseline_traces::corpus::CASES;
-use fuseline_traces::{Event, LINE, Reader, Rule};
+use fuseline_kit::{Mark, Reach, Run};
+use fuseline_tests::fuzz::{self, Edit, Op};
+use fuseline_traces::corpus::{CASES, Case};
+use fuseline_traces::{LINE, Rule};
 
 const SEEDS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/seeds");
 
 fn main() -> io::Result<()> {
-    let runs: Vec<(&str, Run)> = CASES.iter().map(|case| (case.name, run(case.trace))).collect();
+    let run = |case: &Case| {
+        (case.name, Run::read(case.name, case.trace.as_bytes()).expect("the corpus can be read"))
+    };
+    let runs: Vec<(&str, Run)> = CASES.iter().map(run).collect();
     for (name, run) in &runs {
         write("step", name, &fuzz::bytes_of(run))?;
     }
@@ -36,19 +39,6 @@ fn write(target: &str, name: &str, bytes: &[u8]) -> io::Result<()> {
     fs::write(folder.join(name), bytes)
 }
 
-/// The inputs of a conforming trace.
-fn run(trace: &str) -> Run {
-    let mut reader = Reader::new("corpus", trace.as_bytes()).expect("the corpus has headers");
-    let header = reader.header().clone();
-    let mut inputs = Vec::new();
-    while let Some(event) = reader.next_event().expect("the corpus can be read") {
-        if let Event::Input(input) = event {
-            inputs.push(input);
-        }
-    }
-    Run { header, inputs }
-}
-
 /// Edited traces: each breaks a rule by an op that did not break it before, or reaches more.
 fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
     let (mut all, mut broken) = (Reach::default(), HashSet::new());
@@ -59,8 +49,8 @@ fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
             let mut reach = Reach::default();
             fuzz::judge(&bytes, &mut reach).expect("core and judge agree");
             let reached: Vec<Mark> =
-                Mark::of_judge().into_iter().filter(|mark| reach.has(*mark)).collect();
-            let rule = Rule::ALL.into_iter().find(|rule| reach.has(Mark::Broken(*rule)));
+                fuzz::marks_of_judge().into_iter().filter(|mark| reach.has(*mark)).collect();
+            let rule = Rule::ALL.into_iter().find(|rule| reach.has(Mark::Violation(*rule)));
             let more = reached.iter().filter(|mark| all.mark(**mark)).count();
             if broken.insert((edit.op as u8, rule)) || more > 0 {
                 seeds.push((format!("{name}-{:?}-{}", edit.op, edit.place).to_lowercase(), bytes));
@@ -131,7 +121,7 @@ fn files() -> io::Result<Vec<(&'static str, Vec<u8>)>> {
         ("key-twice", with("{\"ev\":\"tick\",\"at\":1,\"at\":1}\n")),
         ("key-unknown", with("{\"ev\":\"tick\",\"at\":1,\"y\":1}\n")),
         ("no-header", tick.into()),
-        ("null", with("{\"ev\":\"open\",\"at\":1,\"t\":1,\"limit\":null}\n")),
+        ("null", with("{\"ev\":\"open\",\"at\":1,\"t\":1,\"deadline\":null}\n")),
         ("number-too-great", with("{\"ev\":\"tick\",\"at\":18446744073709551616}\n")),
         ("odd-tick", with(odd)),
         (

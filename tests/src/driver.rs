@@ -49,8 +49,8 @@ impl Driver {
     }
 
     /// Opens `t` now (F1).
-    pub fn open(&mut self, t: u64, limit: Option<u64>) -> Opening {
-        self.ready().open(Timestamp::new(t), limit.map(Deadline::from_nanos))
+    pub fn open(&mut self, t: u64, deadline: Option<u64>) -> Opening {
+        self.ready().open(Timestamp::new(t), deadline.map(Deadline::from_nanos))
     }
 
     /// Offers `(t, p)` now with an empty queue (F2).
@@ -68,8 +68,8 @@ impl Driver {
     ///
     /// # Panics
     /// If it is refused.
-    pub fn opened(&mut self, t: u64, limit: Option<u64>) {
-        assert_eq!(self.open(t, limit), Opening::Accepted, "open {t}");
+    pub fn opened(&mut self, t: u64, deadline: Option<u64>) {
+        assert_eq!(self.open(t, deadline), Opening::Accepted, "open {t}");
     }
 
     /// Offers `(t, p)` now with an empty queue, where it must be admitted.

@@ -5,17 +5,15 @@
 
 mod bytes;
 mod edit;
-mod reach;
 
-use fuseline_operator::Arbiter;
+use fuseline_arbiter::Arbiter;
+use fuseline_kit::{Mark, Reach, Run};
 use fuseline_traces as traces;
-use fuseline_traces::{Event, Fault, LINE, Line, ReadError, Reader, Reference, parse, unpack};
+use fuseline_traces::{Event, Fault, LINE, Line, ReadError, Reader, parse, unpack};
 use serde::de::IgnoredAny;
 
-use crate::Run;
 use bytes::Bytes;
 pub use edit::{Edit, Op};
-pub use reach::{Mark, Reach};
 
 /// The name of a trace in verdicts and errors.
 const FILE: &str = "fuzz";
@@ -72,6 +70,12 @@ pub fn judge(bytes: &[u8], reach: &mut Reach) -> Check {
         .map_err(|fault| format!("{fault}\n{}", String::from_utf8_lossy(&text(&run, &edited))))
 }
 
+/// All that [`judge`] can reach: what runs can, and a violation of every rule.
+#[must_use]
+pub fn marks_of_judge() -> Vec<Mark> {
+    [Mark::of_runs(), Mark::of_violations()].concat()
+}
+
 /// A run as [`step`] reads it; for [`judge`] an edit's bytes go before it.
 ///
 /// The operator's and the clouds' names are left out.
@@ -88,24 +92,26 @@ pub fn run_of(bytes: &[u8]) -> Run {
     Bytes::new(bytes).run()
 }
 
-/// Runs both machines side by side.
-fn compare(run: &Run, reach: &mut Reach) -> Check {
+/// Runs both machines side by side: decision for decision, and the next due instant after each input.
+///
+/// # Errors
+/// The first difference.
+pub fn compare(run: &Run, reach: &mut Reach) -> Check {
     let mut arbiter = arbiter(run)?;
-    let mut reference = Reference::new(&run.header);
-    let (mut demands, mut found) = (Vec::new(), Vec::new());
+    let mut scene = reach.begin(run);
+    let mut found = Vec::new();
     for (i, input) in run.inputs.iter().enumerate() {
-        demands.clear();
-        reference.apply(input, &mut demands);
+        let step = reach.follow(&mut scene, input);
         found.clear();
-        arbiter.apply(input, |decision| found.push(decision));
-        if !found.iter().eq(demands.iter().map(|(decision, _)| decision)) {
-            return Err(format!("input {i}, {input}: {found:?}, the rules say {demands:?}"));
+        arbiter.decide(input, |decision| found.push(decision));
+        if !found.iter().eq(step.decisions()) {
+            let expected: Vec<_> = step.decisions().collect();
+            return Err(format!("input {i}, {input}: {found:?}, the rules say {expected:?}"));
         }
-        if arbiter.next_due() != reference.next_due() {
-            let (found, expected) = (arbiter.next_due(), reference.next_due());
+        if arbiter.next_due() != scene.next_due() {
+            let (found, expected) = (arbiter.next_due(), scene.next_due());
             return Err(format!("input {i}, {input}: next due is {found:?}, not {expected:?}"));
         }
-        reach.demands(run.header.commit, input, &demands);
     }
     Ok(())
 }
@@ -128,7 +134,7 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Reach) -> Check {
 
 /// An error where line number `line` was to be read: it tells that line, fit for a terminal.
 fn refused(error: &ReadError, line: u64, reach: &mut Reach) -> Check {
-    reach.fault(&error.fault);
+    reach.fault(error);
     let message = error.to_string();
     let column = 1..=LINE as u64 + 1;
     // What flate2 says of a broken file is not ours.
@@ -148,7 +154,7 @@ fn replay(run: &Run) -> Result<Vec<Event>, String> {
     let mut events = Vec::new();
     for input in &run.inputs {
         events.push(Event::Input(*input));
-        arbiter.apply(input, |decision| events.push(Event::Decision(decision)));
+        arbiter.decide(input, |decision| events.push(Event::Decision(decision)));
     }
     Ok(events)
 }
@@ -158,20 +164,14 @@ fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Reach) -> Chec
     if !conforming.conforms || !conforming.violations.is_empty() {
         return Err(format!("what the core decides is judged so: {conforming}"));
     }
-    let mut reference = Reference::new(&run.header);
-    let mut demands = Vec::new();
-    for input in &run.inputs {
-        demands.clear();
-        reference.apply(input, &mut demands);
-        reach.demands(run.header.commit, input, &demands);
-    }
+    reach.watch(run);
     let verdict = verdict(run, edited)?;
     if verdict.judged != conforming.judged || verdict.lines != edited.len() as u64 + 1 {
         return Err(format!("the edit changes what is counted: {verdict}"));
     }
     let found = verdict.violations.first();
     if let Some(found) = found {
-        reach.mark(Mark::Broken(found.rule));
+        reach.mark(Mark::Violation(found.rule));
     }
     let expected = broken_line(whole, edited);
     if found.map(|found| found.line) != expected || verdict.conforms != expected.is_none() {

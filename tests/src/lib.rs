@@ -1,13 +1,9 @@
-//! What crosses crates: a driver with a manual clock, random runs, and a ledger that checks the promises.
+//! What crosses crates: a driver with a manual clock, and what the fuzz targets check.
 
 mod driver;
 pub mod fuzz;
-mod ledger;
-mod run;
 
 pub use driver::{Driver, Fired};
-pub use ledger::Ledger;
-pub use run::{Run, runs};
 
 /// The README's example is run as a test.
 #[cfg(doctest)]

@@ -71,8 +71,25 @@ fn core_is_not_reached_from_traces() {
 }
 
 #[test]
+fn core_is_not_reached_from_the_kit() {
+    let reached = reached_from("fuseline-kit", &graph());
+    assert!(reached.contains("fuseline-traces"), "the packages behind fuseline-kit were not read");
+    assert!(!reached.contains("fuseline-core"), "the ledger could share the core's faults");
+}
+
+#[test]
 fn core_behind_a_package_that_traces_uses_is_seen() {
     let mut graph = graph();
     graph.get_mut("serde_json").expect("a package").insert("fuseline-core".into());
     assert!(reached_from("fuseline-traces", &graph).contains("fuseline-core"));
+}
+
+#[test]
+fn the_arbiter_reaches_of_ours_core_and_traces_alone() {
+    let reached = reached_from("fuseline-arbiter", &graph());
+    let ours: Vec<_> = reached.iter().filter(|name| name.starts_with("fuseline")).collect();
+    assert_eq!(ours, ["fuseline-core", "fuseline-traces"]);
+    for heavy in ["metrics", "tracing", "tokio"] {
+        assert!(!reached.contains(heavy), "fuseline-arbiter reaches {heavy}");
+    }
 }

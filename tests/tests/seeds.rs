@@ -3,11 +3,17 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use fuseline_tests::fuzz::{Edit, Mark, Op, Reach, bytes_of, judge, run_of, step, trace_parse};
-use fuseline_tests::runs;
+use fuseline_kit::{Generator, Mark, Reach, Run};
+use fuseline_tests::fuzz::{Edit, Op, bytes_of, judge, marks_of_judge, run_of, step, trace_parse};
 use proptest::prelude::*;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+/// Random runs of the one generator.
+fn runs() -> impl Strategy<Value = Run> {
+    let generator = Generator { seed: 1, commit: None, clouds: 15 };
+    any::<u64>().prop_map(move |number| generator.run(number))
+}
 
 type Check = fn(&[u8], &mut Reach) -> Result<(), String>;
 
@@ -37,19 +43,19 @@ fn replay(folders: &[&str], check: Check, marks: Vec<Mark>) {
 /// F0–F8: the core against the reference machine.
 #[test]
 fn seeds_of_step_agree_and_reach_every_rule_and_reason() {
-    replay(&["fuzz/seeds/step"], step, Mark::of_step());
+    replay(&["fuzz/seeds/step"], step, Mark::of_runs());
 }
 
 /// F0–F8: the judge has nothing to say of what the core decides, and finds what was changed in it.
 #[test]
 fn seeds_of_judge_agree_and_break_every_rule() {
-    replay(&["fuzz/seeds/judge"], judge, Mark::of_judge());
+    replay(&["fuzz/seeds/judge"], judge, marks_of_judge());
 }
 
 #[test]
 fn seeds_of_trace_parse_and_the_corpus_reach_every_line_and_fault() {
     let folders = ["fuzz/seeds/trace_parse", "traces/corpus", "traces/corpus/bad"];
-    replay(&folders, trace_parse, Mark::of_trace_parse());
+    replay(&folders, trace_parse, Mark::of_files());
 }
 
 proptest! {

@@ -8,13 +8,13 @@ use fuseline_tests::Driver;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
 
-/// The due instants of one open timestamp: the limit's at 0, the cloud's at 1.
+/// The due instants of one open timestamp: local's at 0, the cloud's at 1.
 type Dues = BTreeMap<u16, u64>;
 
 #[derive(Clone, Debug)]
 enum Step {
-    /// Opens as many, so many apart, with a limit and a request each.
-    Open { count: u16, stride: u64, limit: Option<u64>, deadline: u64 },
+    /// Opens as many, so many apart, with a deadline of local and a request each.
+    Open { count: u16, stride: u64, local: Option<u64>, deadline: u64 },
     /// Retires the n-th open one.
     Retire(prop::sample::Index),
     /// Retires every n-th open one.
@@ -26,8 +26,8 @@ enum Step {
 fn step() -> impl Strategy<Value = Step> {
     let open = (1_u16..300, 1_u64..5, prop::option::of(1_u64..400), 1_u64..400);
     prop_oneof![
-        3 => open.prop_map(|(count, stride, limit, deadline)| {
-            Step::Open { count, stride, limit, deadline }
+        3 => open.prop_map(|(count, stride, local, deadline)| {
+            Step::Open { count, stride, local, deadline }
         }),
         8 => any::<prop::sample::Index>().prop_map(Step::Retire),
         1 => (2_usize..9).prop_map(Step::Thin),
@@ -46,12 +46,12 @@ struct Pair {
 impl Pair {
     fn step(&mut self, step: &Step) {
         match step {
-            Step::Open { count, stride, limit, deadline } => {
+            Step::Open { count, stride, local, deadline } => {
                 for i in 0..u64::from(*count) {
                     // Dues fall and rise along the timestamps, with ties.
-                    let (limit, deadline) =
-                        (limit.map(|limit| 1 + (limit + 7 * i) % 97), *deadline);
-                    self.open(limit, 1 + (deadline + 31 * i) % 101);
+                    let (local, deadline) =
+                        (local.map(|local| 1 + (local + 7 * i) % 97), *deadline);
+                    self.open(local, 1 + (deadline + 31 * i) % 101);
                     self.next_t += stride;
                 }
             }
@@ -72,14 +72,14 @@ impl Pair {
         }
     }
 
-    fn open(&mut self, limit: Option<u64>, deadline: u64) {
+    fn open(&mut self, local: Option<u64>, deadline: u64) {
         let (t, full) = (self.next_t, self.naive.len() == self.window);
-        let opening = self.driver.open(t, limit);
+        let opening = self.driver.open(t, local);
         assert_eq!(opening == Opening::Accepted, !full);
         if !full {
             self.driver.requested(t, 1, deadline);
             let mut dues = Dues::from([(1, self.now + deadline)]);
-            dues.extend(limit.map(|limit| (0, self.now + limit)));
+            dues.extend(local.map(|local| (0, self.now + local)));
             self.naive.insert(t, dues);
         }
     }

@@ -110,7 +110,7 @@ class Arbiter {
     const std::string& ev = event.members.at("ev").text;
     if (ev == "tick") return;
     u64 t = event.at("t");
-    if (ev == "open") return opened(t, event.has("limit"), event.has("limit") ? event.at("limit") : 0);
+    if (ev == "open") return opened(t, event.has("deadline"), event.has("deadline") ? event.at("deadline") : 0);
     u64 p = event.at("p");
     if (ev == "offer") return offered(t, p, event.at("deadline"), event.at("backlog"));
     if (Why why = drops(t, p)) return say("drop", t, &p, why);
@@ -129,9 +129,9 @@ class Arbiter {
   std::map<u64, Message> open;
   std::set<std::tuple<u64, u64, u64>> timers;  // every live timer: due instant, timestamp, priority
 
-  // F1: a message came. A limit is how long local may take.
-  void opened(u64 t, bool limited, u64 limit) {
-    u64 due = after(limit);
+  // F1: a message came. A deadline is how long local may take.
+  void opened(u64 t, bool limited, u64 deadline) {
+    u64 due = after(deadline);
     Why why = reached(t) ? "order" : open.size() >= window ? "full" : limited && due <= now ? "deadline" : nullptr;
     if (why) return say("refuse", t, nullptr, why);
     newest = t;
@@ -192,7 +192,7 @@ class Arbiter {
         say("timer", t, &p);
         if (timers.empty() || std::get<0>(*timers.begin()) != due || std::get<1>(*timers.begin()) != t) break;
       }
-      settle(t, message, cloud);  // the local limit's timer alone commits nothing
+      settle(t, message, cloud);  // local's timer alone commits nothing
     }
   }
 

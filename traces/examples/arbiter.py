@@ -67,7 +67,7 @@ class Arbiter:
         self.now = max(self.now, event["at"])
         self.expire()
         if event["ev"] == "open":
-            self.opened(event["t"], event.get("limit"))
+            self.opened(event["t"], event.get("deadline"))
         elif event["ev"] == "offer":
             self.offered(event["t"], event["p"], event["deadline"], event["backlog"])
         elif event["ev"] == "result":
@@ -76,9 +76,9 @@ class Arbiter:
             self.failed(event["t"], event["p"])
         return self.said
 
-    def opened(self, t, limit):
-        """F1: a message came. A limit is how long local may take."""
-        due = None if limit is None else self.due(limit)
+    def opened(self, t, deadline):
+        """F1: a message came. A deadline is how long local may take."""
+        due = None if deadline is None else self.due(deadline)
         if why := self.refuses_open(t, due):
             self.say("refuse", t, why=why)
             return
@@ -187,7 +187,7 @@ class Arbiter:
                     self.say("timer", t, p=p)
                     fired.append(p)
             if fired:
-                # The local limit's timer alone commits nothing.
+                # Local's timer alone commits nothing.
                 self.settle(t, by_timer=any(p != LOCAL for p in fired))
 
     def settle(self, t, by_timer):

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
+
 /// The format's version, the value of `fuseline` in a header.
 pub const VERSION: u64 = 1;
 
@@ -69,7 +71,7 @@ pub enum Input {
         /// The timestamp.
         t: u64,
         /// How long the local computation may take.
-        limit: Option<u64>,
+        deadline: Option<u64>,
     },
     /// The message handler wants a request sent (F2).
     Offer {
@@ -112,7 +114,7 @@ pub enum Input {
 /// What the operator did. `at` is the `now` that F0 used.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Decision {
-    /// The timer of `(t, p)` fired; `p` 0 is the local limit's.
+    /// The timer of `(t, p)` fired; `p` 0 is the local deadline's.
     Timer {
         /// When it was served.
         at: u64,
@@ -121,16 +123,25 @@ pub enum Decision {
         /// The priority.
         p: u64,
     },
-    /// An open (no `p`) or an offer was refused.
-    Refuse {
+    /// An open was refused.
+    RefuseOpen {
         /// When.
         at: u64,
         /// The timestamp.
         t: u64,
-        /// The cloud, if an offer was refused.
-        p: Option<u64>,
         /// Why.
-        why: Refusal,
+        why: OpenRefusal,
+    },
+    /// An offer was refused.
+    RefuseOffer {
+        /// When.
+        at: u64,
+        /// The timestamp.
+        t: u64,
+        /// The cloud.
+        p: u64,
+        /// Why.
+        why: OfferRefusal,
     },
     /// An offer was admitted.
     Request {
@@ -190,42 +201,6 @@ pub enum Decision {
     },
 }
 
-/// Why an open or an offer was refused (F1, F2).
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub enum Refusal {
-    /// Open: this timestamp or a later one was opened before.
-    Order,
-    /// Open: the window is full.
-    Full,
-    /// Open or offer: due at once.
-    Deadline,
-    /// Offer: no such cloud, or a timestamp beyond all opened.
-    Unknown,
-    /// Offer: the timestamp is not open.
-    Closed,
-    /// Offer: asked for before.
-    Duplicate,
-    /// Offer: something better is in hand.
-    Outranked,
-    /// Offer: the gate is shut.
-    Queue,
-}
-
-/// Why a result or a failure was dropped (F3, F4).
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub enum DropReason {
-    /// No such source, or a timestamp beyond all opened.
-    Unknown,
-    /// The timestamp is not open.
-    Superseded,
-    /// Never asked for.
-    Unsolicited,
-    /// Already in hand.
-    Duplicate,
-    /// Closed by its timer or a failure.
-    Late,
-}
-
 impl Commit {
     /// Both rules.
     pub const ALL: [Self; 2] = [Self::Eager, Self::Patient];
@@ -240,66 +215,7 @@ impl Commit {
     }
 }
 
-impl Refusal {
-    /// All reasons, in the order in which F1 and F2 ask for them.
-    pub const ALL: [Self; 8] = [
-        Self::Order,
-        Self::Full,
-        Self::Unknown,
-        Self::Closed,
-        Self::Duplicate,
-        Self::Outranked,
-        Self::Deadline,
-        Self::Queue,
-    ];
-
-    /// The word in a trace.
-    #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Order => "order",
-            Self::Full => "full",
-            Self::Deadline => "deadline",
-            Self::Unknown => "unknown",
-            Self::Closed => "closed",
-            Self::Duplicate => "duplicate",
-            Self::Outranked => "outranked",
-            Self::Queue => "queue",
-        }
-    }
-}
-
-impl DropReason {
-    /// All reasons, in the order in which F3 asks for them.
-    pub const ALL: [Self; 5] =
-        [Self::Unknown, Self::Superseded, Self::Unsolicited, Self::Duplicate, Self::Late];
-
-    /// The word in a trace.
-    #[must_use]
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Unknown => "unknown",
-            Self::Superseded => "superseded",
-            Self::Unsolicited => "unsolicited",
-            Self::Duplicate => "duplicate",
-            Self::Late => "late",
-        }
-    }
-}
-
 impl fmt::Display for Commit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.as_str())
-    }
-}
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.as_str())
-    }
-}
-
-impl fmt::Display for DropReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.as_str())
     }
@@ -348,7 +264,8 @@ impl Decision {
     pub const fn at(&self) -> u64 {
         match self {
             Self::Timer { at, .. }
-            | Self::Refuse { at, .. }
+            | Self::RefuseOpen { at, .. }
+            | Self::RefuseOffer { at, .. }
             | Self::Request { at, .. }
             | Self::Hold { at, .. }
             | Self::Drop { at, .. }
@@ -363,7 +280,8 @@ impl Decision {
     pub const fn redated(mut self, now: u64) -> Self {
         match &mut self {
             Self::Timer { at, .. }
-            | Self::Refuse { at, .. }
+            | Self::RefuseOpen { at, .. }
+            | Self::RefuseOffer { at, .. }
             | Self::Request { at, .. }
             | Self::Hold { at, .. }
             | Self::Drop { at, .. }
@@ -379,7 +297,8 @@ impl Decision {
     pub const fn t(&self) -> u64 {
         match self {
             Self::Timer { t, .. }
-            | Self::Refuse { t, .. }
+            | Self::RefuseOpen { t, .. }
+            | Self::RefuseOffer { t, .. }
             | Self::Request { t, .. }
             | Self::Hold { t, .. }
             | Self::Drop { t, .. }

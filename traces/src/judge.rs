@@ -6,8 +6,9 @@ use std::io::BufRead;
 
 use serde::Serialize;
 
-use crate::event::{Decision, Event, Header, Input, Refusal};
+use crate::event::{Decision, Event, Header, Input};
 use crate::read::{ReadError, Reader};
+use crate::reason::OfferRefusal;
 use crate::reference::{Demands, Reference};
 use crate::rule::Rule;
 
@@ -225,7 +226,7 @@ impl Judge {
             (Some(Decision::Timer { t, .. }), _) => (t, Rule::F5),
             // The gate was shut where it should have been open.
             (
-                Some(Decision::Refuse { t, why: Refusal::Queue, .. }),
+                Some(Decision::RefuseOffer { t, why: OfferRefusal::Queue, .. }),
                 Some((Decision::Request { .. }, _)) | None,
             ) => (t, Rule::F2g),
             (_, Some((expected, rule))) => (expected.t(), rule),
@@ -243,8 +244,8 @@ impl Judge {
         let of_failure = matches!(input, Some(Input::Fail { .. }));
         match found {
             Decision::Timer { .. } => Rule::F5,
-            Decision::Refuse { p: None, .. } => Rule::F1,
-            Decision::Refuse { p: Some(_), .. } | Decision::Request { .. } => Rule::F2,
+            Decision::RefuseOpen { .. } => Rule::F1,
+            Decision::RefuseOffer { .. } | Decision::Request { .. } => Rule::F2,
             Decision::Hold { .. } | Decision::Drop { .. } if of_failure => Rule::F4,
             Decision::Hold { .. } | Decision::Drop { .. } => Rule::F3,
             Decision::Emit { .. } if of_result => Rule::F3,

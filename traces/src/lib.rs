@@ -6,6 +6,7 @@ mod judge;
 pub mod observed;
 mod parse;
 mod read;
+mod reason;
 mod record;
 mod reference;
 mod rule;
@@ -13,12 +14,11 @@ mod scan;
 mod word;
 mod write;
 
-pub use event::{
-    Cloud, Commit, Decision, DropReason, Event, Header, Input, Line, Refusal, VERSION,
-};
+pub use event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 pub use judge::{Judge, Verdict, Violation, judge};
 pub use parse::{ParseError, parse};
 pub use read::{Fault, LINE, ReadError, Reader, unpack};
+pub use reason::{DropReason, OfferRefusal, OpenRefusal};
 pub use record::{Recorder, Recording};
 pub use reference::{Demands, Reference};
 pub use rule::Rule;

@@ -3,9 +3,8 @@
 use std::borrow::Cow;
 use std::ops::RangeInclusive;
 
-use crate::event::{
-    Cloud, Commit, Decision, DropReason, Event, Header, Input, Line, Refusal, VERSION,
-};
+use crate::event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
+use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 use crate::scan::Scan;
 use crate::word::{Key, Keys, Kind};
 
@@ -127,7 +126,7 @@ impl<'a> Fields<'a> {
 
     fn value(&mut self, key: Key, scan: &mut Scan<'a>) -> Result<(), ParseError> {
         match key {
-            Key::At | Key::T | Key::P | Key::Limit | Key::Deadline | Key::Backlog | Key::Due => {
+            Key::At | Key::T | Key::P | Key::Deadline | Key::Backlog | Key::Due => {
                 self.numbers[key as usize] = scan.number()?;
             }
             Key::Ev => self.kind = Some(choice(scan, "ev", Kind::named, Kind::EVENTS)?),
@@ -198,7 +197,7 @@ impl<'a> Fields<'a> {
                     clouds: self.clouds,
                 }));
             }
-            Kind::Open => return Ok(input(Input::Open { at, t, limit: given(Key::Limit) })),
+            Kind::Open => return Ok(input(Input::Open { at, t, deadline: given(Key::Deadline) })),
             Kind::Offer => {
                 let (deadline, backlog) = (number(Key::Deadline), number(Key::Backlog));
                 return Ok(input(Input::Offer { at, t, p, deadline, backlog }));
@@ -208,13 +207,26 @@ impl<'a> Fields<'a> {
             Kind::Tick => return Ok(input(Input::Tick { at })),
             Kind::Timer => Decision::Timer { at, t, p },
             Kind::Refuse => {
-                let why = self.reason(kind, &Refusal::ALL, Refusal::as_str)?;
-                Decision::Refuse { at, t, p: given(Key::P), why }
+                if self.seen.contains(Key::P) {
+                    let why = self.reason(
+                        "in a refuse line with p, of an offer",
+                        &OfferRefusal::ALL,
+                        OfferRefusal::as_str,
+                    )?;
+                    Decision::RefuseOffer { at, t, p, why }
+                } else {
+                    let why = self.reason(
+                        "in a refuse line without p, of an open",
+                        &OpenRefusal::ALL,
+                        OpenRefusal::as_str,
+                    )?;
+                    Decision::RefuseOpen { at, t, why }
+                }
             }
             Kind::Request => Decision::Request { at, t, p, due: number(Key::Due) },
             Kind::Hold => Decision::Hold { at, t, p },
             Kind::Drop => {
-                let why = self.reason(kind, &DropReason::ALL, DropReason::as_str)?;
+                let why = self.reason("in a drop line", &DropReason::ALL, DropReason::as_str)?;
                 Decision::Drop { at, t, p, why }
             }
             Kind::Emit => Decision::Emit { at, t, p },
@@ -227,14 +239,14 @@ impl<'a> Fields<'a> {
     /// The reason that the line gives, one of `all`.
     fn reason<T: Copy>(
         &self,
-        kind: Kind,
+        place: &str,
         all: &[T],
         name: fn(T) -> &'static str,
     ) -> Result<T, ParseError> {
         all.iter().copied().find(|why| name(*why) == self.why).ok_or_else(|| {
             let known: Vec<_> = all.iter().map(|why| name(*why)).collect();
-            let (why, kind, known) = (brief(&self.why), kind.name(), known.join(", "));
-            let message = format!("unknown why \"{why}\" in a {kind} line; it is one of {known}");
+            let (why, known) = (brief(&self.why), known.join(", "));
+            let message = format!("unknown why \"{why}\" {place}; it is one of {known}");
             ParseError::at(self.offsets[Key::Why as usize], message)
         })
     }

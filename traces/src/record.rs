@@ -7,30 +7,39 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use crate::event::{Decision, Header, Input};
+use crate::event::{Decision, Event, Header, Input};
 
 /// How many bytes are gathered before they are written.
 const GATHERED: usize = 64 * 1024;
 
 /// How a run is recorded; by default into one plain file.
+///
+/// What is lost when the process is killed is what was not written yet. A [`Recorder`] alone writes
+/// 64 KiB at a time, or when it is [flushed](Recorder::flush); an operator flushes its recorder
+/// twice a second and whenever a message is missed or refused. What is lost when the power is cut
+/// is, besides, what the operating system has not brought to the disk, on Linux about the last half
+/// a minute.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Recording {
     /// Begin another file where one holds this many bytes before compression.
     pub rotate: Option<u64>,
-    /// Compress with gzip.
+    /// Compress with gzip; what is written at once is compressed by itself.
     pub gzip: bool,
+    /// Write each input with its decisions as soon as it is there: a kill costs at most the last.
+    pub every_input: bool,
+    /// Wait for the disk after each write, so that a power cut costs no more than a kill.
+    pub sync: bool,
 }
 
-/// Writes one operator's trace to a file while it runs.
+/// Writes one operator's trace to a file while it runs, under the file's own name from the start.
 ///
 /// Lines are gathered and written between two inputs, so that even a process killed outright leaves
-/// a trace that ends with a whole input's decisions (a compressed one may be cut short). What is
-/// gathered is written when the recorder is dropped, by a panic too.
+/// a trace that ends with a whole input's decisions, unless it was killed in the midst of a write.
+/// What is gathered is written when the recorder is dropped, by a panic too.
 ///
-/// It asks the operating system to write, not the disk: what a power cut takes is lost.
-///
-/// A recorder never stops its operator: after the first error it records no more, and
-/// [`finish`](Self::finish) tells the error.
+/// A recorder never stops its operator: after the first error it records no more, cuts off what was
+/// written in part, so that the trace ends with a whole input's decisions, and tells the error by
+/// [`error`](Self::error) and [`finish`](Self::finish).
 ///
 /// With [`Recording::rotate`], `trace.jsonl` is followed by `trace.1.jsonl`, `trace.2.jsonl`… once
 /// it is full. Each begins with the header, so each can be read, but a later one cannot be judged
@@ -44,7 +53,9 @@ pub struct Recorder {
     recording: Recording,
     out: Out,
     gathered: Vec<u8>,
-    /// How many bytes this file holds, gathered ones too.
+    /// Where in `gathered` inputs begin: all before such a place is whole.
+    inputs: Vec<usize>,
+    /// How many bytes this file holds, gathered ones too, before compression.
     size: u64,
     part: u64,
     error: Option<io::Error>,
@@ -52,9 +63,12 @@ pub struct Recorder {
 
 /// Where lines go.
 #[derive(Debug)]
-enum Out {
-    Plain(File),
-    Gzip(GzEncoder<File>),
+struct Out {
+    file: File,
+    recording: Recording,
+    /// How many bytes the file holds; they end with a whole input's decisions.
+    len: u64,
+    packed: Vec<u8>,
 }
 
 impl Recorder {
@@ -77,6 +91,7 @@ impl Recorder {
             out,
             recording,
             gathered: line.clone(),
+            inputs: Vec::new(),
             size: line.len() as u64,
             header: line,
             part: 0,
@@ -88,12 +103,8 @@ impl Recorder {
 
     /// Records an input, before its decisions.
     pub fn input(&mut self, input: &Input) {
-        if self.recording.rotate.is_some_and(|most| self.size >= most) {
-            self.attempt(Self::rotate);
-        } else if self.gathered.len() >= GATHERED {
-            self.attempt(Self::write_gathered);
-        }
-        self.line(|out| input.write(out));
+        let most = if self.recording.every_input { 0 } else { GATHERED };
+        self.begin(input, most);
     }
 
     /// Records a decision about the input recorded last.
@@ -101,12 +112,38 @@ impl Recorder {
         self.line(|out| decision.write(out));
     }
 
-    /// Writes what is gathered, for one who wants to read along.
+    /// Records whole inputs with their decisions and writes them, all together.
+    pub fn extend(&mut self, events: impl IntoIterator<Item = Event>) {
+        for event in events {
+            match event {
+                Event::Input(input) => self.begin(&input, GATHERED),
+                Event::Decision(decision) => self.decision(&decision),
+            }
+        }
+        self.flush();
+    }
+
+    /// Writes what is gathered; to be called between two inputs.
     pub fn flush(&mut self) {
-        self.attempt(|recorder| {
-            recorder.write_gathered()?;
-            recorder.out.flush()
-        });
+        self.attempt(Self::write_gathered);
+    }
+
+    /// The first error met, after which nothing is recorded.
+    #[must_use]
+    pub const fn error(&self) -> Option<&io::Error> {
+        self.error.as_ref()
+    }
+
+    /// How it records.
+    #[must_use]
+    pub const fn recording(&self) -> Recording {
+        self.recording
+    }
+
+    /// The file that is written, the latest part.
+    #[must_use]
+    pub fn file(&self) -> PathBuf {
+        Self::part(&self.path, self.part)
     }
 
     /// Ends the trace.
@@ -114,7 +151,7 @@ impl Recorder {
     /// # Errors
     /// The first error met since the recorder was made; the trace is whole up to there.
     pub fn finish(mut self) -> io::Result<()> {
-        self.attempt(Self::end);
+        self.flush();
         self.error.take().map_or(Ok(()), Err)
     }
 
@@ -132,6 +169,17 @@ impl Recorder {
         path.with_file_name(format!("{stem}.{part}{end}"))
     }
 
+    /// Begins an input's lines; those of the inputs before are written if they are more than `most`.
+    fn begin(&mut self, input: &Input, most: usize) {
+        if self.recording.rotate.is_some_and(|full| self.size >= full) {
+            self.attempt(Self::rotate);
+        } else if self.gathered.len() >= most {
+            self.attempt(Self::write_gathered);
+        }
+        self.inputs.push(self.gathered.len());
+        self.line(|out| input.write(out));
+    }
+
     fn line(&mut self, write: impl FnOnce(&mut Vec<u8>)) {
         if self.error.is_some() {
             return;
@@ -147,64 +195,83 @@ impl Recorder {
             && let Err(error) = step(self)
         {
             self.gathered.clear();
+            self.inputs.clear();
             self.error = Some(error);
         }
     }
 
     fn write_gathered(&mut self) -> io::Result<()> {
-        self.out.write_all(&self.gathered)?;
+        self.out.write(&self.gathered, &self.inputs)?;
         self.gathered.clear();
+        self.inputs.clear();
         Ok(())
     }
 
     fn rotate(&mut self) -> io::Result<()> {
-        self.end()?;
+        self.write_gathered()?;
+        self.out = Out::create(&Self::part(&self.path, self.part + 1), self.recording)?;
         self.part += 1;
-        self.out = Out::create(&Self::part(&self.path, self.part), self.recording)?;
         self.gathered.extend_from_slice(&self.header);
         self.size = self.header.len() as u64;
         Ok(())
-    }
-
-    fn end(&mut self) -> io::Result<()> {
-        self.write_gathered()?;
-        self.out.end()
     }
 }
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        self.attempt(Self::end);
+        self.flush();
     }
 }
 
 impl Out {
     fn create(path: &Path, recording: Recording) -> io::Result<Self> {
-        let file = File::create(path)?;
-        if recording.gzip {
-            return Ok(Self::Gzip(GzEncoder::new(file, Compression::default())));
-        }
-        Ok(Self::Plain(file))
+        Ok(Self { file: File::create(path)?, recording, len: 0, packed: Vec::new() })
     }
 
-    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
-        match self {
-            Self::Plain(file) => file.write_all(bytes),
-            Self::Gzip(file) => file.write_all(bytes),
+    /// Writes all, or else what ends with a whole input's decisions; inputs begin at `inputs`.
+    fn write(&mut self, bytes: &[u8], inputs: &[usize]) -> io::Result<()> {
+        if bytes.is_empty() {
+            return Ok(());
         }
+        // A member of its own for each write: what is on the disk can be unpacked to its end.
+        self.packed.clear();
+        let (mut bytes, mut whole) = (bytes, inputs);
+        if self.recording.gzip {
+            let mut packer = GzEncoder::new(&mut self.packed, Compression::default());
+            packer.write_all(bytes)?;
+            packer.finish()?;
+            (bytes, whole) = (&self.packed, &[]);
+        }
+        let written = write_all(&mut self.file, bytes);
+        let (Ok(count) | Err((count, _))) = &written;
+        let kept = if *count == bytes.len() {
+            *count
+        } else {
+            whole.iter().copied().rfind(|place| place <= count).unwrap_or(0)
+        };
+        self.len += kept as u64;
+        if let Err((_, error)) = written {
+            // A device or a pipe has no length; what was written there stays.
+            let _ = self.file.set_len(self.len);
+            return Err(error);
+        }
+        if self.recording.sync {
+            self.file.sync_data()?;
+        }
+        Ok(())
     }
+}
 
-    fn flush(&mut self) -> io::Result<()> {
-        match self {
-            Self::Plain(file) => file.flush(),
-            Self::Gzip(file) => file.flush(),
+/// Writes all, or says how many bytes were written until the error.
+fn write_all(file: &mut File, bytes: &[u8]) -> Result<usize, (usize, io::Error)> {
+    let mut written = 0;
+    while let Some(rest) = bytes.get(written..).filter(|rest| !rest.is_empty()) {
+        match file.write(rest) {
+            Ok(0) => return Err((written, io::ErrorKind::WriteZero.into())),
+            Ok(count) => written += count,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err((written, error)),
         }
     }
-
-    fn end(&mut self) -> io::Result<()> {
-        match self {
-            Self::Plain(file) => file.flush(),
-            Self::Gzip(file) => file.try_finish(),
-        }
-    }
+    Ok(written)
 }

@@ -5,7 +5,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::event::{Commit, Decision, DropReason, Header, Input, Refusal};
+use crate::event::{Commit, Decision, Header, Input};
+use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 use crate::rule::Rule;
 
 /// Decides about inputs one by one, each decision with the rule that demands it.
@@ -77,7 +78,7 @@ impl Reference {
         self.now = self.now.max(input.at());
         self.expire(out);
         match *input {
-            Input::Open { t, limit, .. } => self.open(t, limit, out),
+            Input::Open { t, deadline, .. } => self.open(t, deadline, out),
             Input::Offer { t, p, deadline, backlog, .. } => {
                 self.offer(t, p, deadline, backlog, out);
             }
@@ -88,19 +89,19 @@ impl Reference {
     }
 
     /// F1.
-    fn open(&mut self, t: u64, limit: Option<u64>, out: &mut Demands) {
-        let due = limit.map(|limit| self.now.saturating_add(limit));
+    fn open(&mut self, t: u64, deadline: Option<u64>, out: &mut Demands) {
+        let due = deadline.map(|deadline| self.now.saturating_add(deadline));
         let why = if self.was_reached(t) {
-            Some(Refusal::Order)
+            Some(OpenRefusal::Order)
         } else if self.open.len() >= self.window {
-            Some(Refusal::Full)
+            Some(OpenRefusal::Full)
         } else if due.is_some_and(|due| due <= self.now) {
-            Some(Refusal::Deadline)
+            Some(OpenRefusal::Deadline)
         } else {
             None
         };
         if let Some(why) = why {
-            out.push((Decision::Refuse { at: self.now, t, p: None, why }, Rule::F1));
+            out.push((Decision::RefuseOpen { at: self.now, t, why }, Rule::F1));
             return;
         }
         self.newest = Some(t);
@@ -123,29 +124,29 @@ impl Reference {
                 out.push((Decision::Request { at, t, p, due }, Rule::F2));
             }
             Err(why) => {
-                let rule = if why == Refusal::Queue { Rule::F2g } else { Rule::F2 };
-                out.push((Decision::Refuse { at, t, p: Some(p), why }, rule));
+                let rule = if why == OfferRefusal::Queue { Rule::F2g } else { Rule::F2 };
+                out.push((Decision::RefuseOffer { at, t, p, why }, rule));
             }
         }
     }
 
     /// F2: asks for `(t, p)`, unless the first reason that holds refuses it.
-    fn admit(&mut self, t: u64, p: u64, due: u64, backlog: u64) -> Result<(), Refusal> {
+    fn admit(&mut self, t: u64, p: u64, due: u64, backlog: u64) -> Result<(), OfferRefusal> {
         let reached = self.was_reached(t);
-        let gate = self.gates.get_mut(&p).filter(|_| reached).ok_or(Refusal::Unknown)?;
-        let open = self.open.get_mut(&t).ok_or(Refusal::Closed)?;
+        let gate = self.gates.get_mut(&p).filter(|_| reached).ok_or(OfferRefusal::Unknown)?;
+        let open = self.open.get_mut(&t).ok_or(OfferRefusal::Closed)?;
         if open.requested.contains(&p) {
-            return Err(Refusal::Duplicate);
+            return Err(OfferRefusal::Duplicate);
         }
         if open.cached.iter().any(|q| *q > p) {
-            return Err(Refusal::Outranked);
+            return Err(OfferRefusal::Outranked);
         }
         if due <= self.now {
-            return Err(Refusal::Deadline);
+            return Err(OfferRefusal::Deadline);
         }
         // F2g: the gate is consulted where no earlier reason refused.
         if !gate.admits(backlog) {
-            return Err(Refusal::Queue);
+            return Err(OfferRefusal::Queue);
         }
         open.requested.insert(p);
         open.pending.insert(p);

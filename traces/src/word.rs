@@ -31,7 +31,6 @@ pub(crate) enum Key {
     At,
     T,
     P,
-    Limit,
     Deadline,
     Backlog,
     Due,
@@ -109,7 +108,7 @@ impl Kind {
     pub(crate) const fn keys(self) -> Keys {
         let more = match self {
             Self::Header => Keys::of(&[Key::Operator, Key::Commit, Key::X]),
-            Self::Open => Keys::of(&[Key::Limit, Key::X]),
+            Self::Open => Keys::of(&[Key::Deadline, Key::X]),
             Self::Refuse => Keys::of(&[Key::P, Key::X]),
             Self::Offer
             | Self::Result
@@ -143,7 +142,7 @@ impl Key {
     pub(crate) const COUNT: usize = Self::ALL.len();
 
     /// All keys, in the order in which they are written.
-    const ALL: [Self; 15] = [
+    const ALL: [Self; 14] = [
         Self::Fuseline,
         Self::Operator,
         Self::Window,
@@ -153,7 +152,6 @@ impl Key {
         Self::At,
         Self::T,
         Self::P,
-        Self::Limit,
         Self::Deadline,
         Self::Backlog,
         Self::Due,
@@ -172,7 +170,6 @@ impl Key {
             "deadline" => Self::Deadline,
             "backlog" => Self::Backlog,
             "due" => Self::Due,
-            "limit" => Self::Limit,
             "x" => Self::X,
             "fuseline" => Self::Fuseline,
             "operator" => Self::Operator,
@@ -195,7 +192,6 @@ impl Key {
             Self::At => "at",
             Self::T => "t",
             Self::P => "p",
-            Self::Limit => "limit",
             Self::Deadline => "deadline",
             Self::Backlog => "backlog",
             Self::Due => "due",

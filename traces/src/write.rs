@@ -67,9 +67,9 @@ impl Input {
     /// Appends the line, without its `\n`.
     pub fn write(&self, out: &mut Vec<u8>) {
         match *self {
-            Self::Open { at, t, limit: None } => event(out, "open", at, &[("t", t)]),
-            Self::Open { at, t, limit: Some(limit) } => {
-                event(out, "open", at, &[("t", t), ("limit", limit)]);
+            Self::Open { at, t, deadline: None } => event(out, "open", at, &[("t", t)]),
+            Self::Open { at, t, deadline: Some(deadline) } => {
+                event(out, "open", at, &[("t", t), ("deadline", deadline)]);
             }
             Self::Offer { at, t, p, deadline, backlog } => {
                 let more = [("t", t), ("p", p), ("deadline", deadline), ("backlog", backlog)];
@@ -88,12 +88,12 @@ impl Decision {
     pub fn write(&self, out: &mut Vec<u8>) {
         match *self {
             Self::Timer { at, t, p } => event(out, "timer", at, &[("t", t), ("p", p)]),
-            Self::Refuse { at, t, p, why } => {
+            Self::RefuseOpen { at, t, why } => {
                 event(out, "refuse", at, &[("t", t)]);
-                if let Some(p) = p {
-                    out.push(b',');
-                    number(out, "p", p);
-                }
+                text(out, ",\"why\":", why.as_str());
+            }
+            Self::RefuseOffer { at, t, p, why } => {
+                event(out, "refuse", at, &[("t", t), ("p", p)]);
                 text(out, ",\"why\":", why.as_str());
             }
             Self::Request { at, t, p, due } => {

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use fuseline_traces::corpus::CASES;
 use fuseline_traces::{
-    Commit, Decision, Demands, DropReason, Event, Header, Input, Line, Reader, Reference, Refusal,
-    Rule, Verdict, judge, parse,
+    Commit, Decision, Demands, DropReason, Event, Header, Input, Line, OfferRefusal, OpenRefusal,
+    Reader, Reference, Rule, Verdict, judge, parse,
 };
 use serde::Deserialize;
 
@@ -23,8 +23,8 @@ struct Sidecar {
 /// A reason with what it is given for: they are counted apart.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 enum Reason {
-    Open(Refusal),
-    Offer(Refusal),
+    Open(OpenRefusal),
+    Offer(OfferRefusal),
     Result(DropReason),
     Fail(DropReason),
 }
@@ -120,17 +120,8 @@ fn every_reason_is_given_and_withheld() {
         })
         .collect();
     let mut all = BTreeSet::new();
-    for why in Refusal::ALL {
-        match why {
-            Refusal::Order | Refusal::Full => all.extend([Reason::Open(why)]),
-            Refusal::Deadline => all.extend([Reason::Open(why), Reason::Offer(why)]),
-            Refusal::Unknown
-            | Refusal::Closed
-            | Refusal::Duplicate
-            | Refusal::Outranked
-            | Refusal::Queue => all.extend([Reason::Offer(why)]),
-        }
-    }
+    all.extend(OpenRefusal::ALL.map(Reason::Open));
+    all.extend(OfferRefusal::ALL.map(Reason::Offer));
     for why in DropReason::ALL {
         all.extend([Reason::Result(why), Reason::Fail(why)]);
     }
@@ -177,8 +168,8 @@ fn decisions_are_written_as_the_writer_writes_them() {
 
 fn reason(input: &Input, decision: &Decision) -> Option<Reason> {
     match (input, decision) {
-        (_, Decision::Refuse { p: None, why, .. }) => Some(Reason::Open(*why)),
-        (_, Decision::Refuse { p: Some(_), why, .. }) => Some(Reason::Offer(*why)),
+        (_, Decision::RefuseOpen { why, .. }) => Some(Reason::Open(*why)),
+        (_, Decision::RefuseOffer { why, .. }) => Some(Reason::Offer(*why)),
         (Input::Fail { .. }, Decision::Drop { why, .. }) => Some(Reason::Fail(*why)),
         (_, Decision::Drop { why, .. }) => Some(Reason::Result(*why)),
         _ => None,

@@ -17,7 +17,7 @@ fn verdict(events: &[&str]) -> Verdict {
         let keys = match name {
             "offer" => ["at", "t", "p", "deadline", "backlog"],
             "request" => ["at", "t", "p", "due", ""],
-            "miss" | "open" => ["at", "t", "limit", "", ""],
+            "miss" | "open" => ["at", "t", "deadline", "", ""],
             "drop" | "refuse" => ["at", "t", "p", "why", ""],
             _ => ["at", "t", "p", "", ""],
         };

@@ -20,7 +20,7 @@ fn trace(commit: &str, events: &[&str]) -> String {
         let keys = match name {
             "ask" => ["at", "t", "p", "deadline"],
             "request" => ["at", "t", "p", "due"],
-            "miss" | "open" => ["at", "t", "limit", ""],
+            "miss" | "open" => ["at", "t", "deadline", ""],
             "refuse" => ["at", "t", "why", ""],
             "drop" => ["at", "t", "p", "why"],
             _ => ["at", "t", "p", ""],

@@ -1,7 +1,8 @@
 //! The parser: what it refuses, where and why, and that it takes back what the writer wrote.
 
 use fuseline_traces::{
-    Cloud, Commit, Decision, DropReason, Event, Header, Input, Line, Refusal, parse,
+    Cloud, Commit, Decision, DropReason, Event, Header, Input, Line, OfferRefusal, OpenRefusal,
+    parse,
 };
 use proptest::collection::vec;
 use proptest::option;
@@ -125,7 +126,7 @@ fn keys_that_do_not_fit_the_event_are_refused() {
         (
             b"{\"ev\":\"open\",\"at\":1}",
             20,
-            "key \"t\" is missing in an open line; it takes ev, at, t, limit, x",
+            "key \"t\" is missing in an open line; it takes ev, at, t, deadline, x",
         ),
         (
             b"{\"ev\":\"refuse\",\"at\":1,\"t\":2,\"p\":1}",
@@ -159,7 +160,13 @@ fn words_that_are_not_known_are_refused() {
         (
             b"{\"ev\":\"refuse\",\"at\":1,\"t\":2,\"why\":\"late\"}",
             29,
-            "unknown why \"late\" in a refuse line; it is one of order, full, unknown, closed, \
+            "unknown why \"late\" in a refuse line without p, of an open; it is one of order, full, \
+             deadline",
+        ),
+        (
+            b"{\"ev\":\"refuse\",\"at\":1,\"t\":2,\"p\":1,\"why\":\"full\"}",
+            35,
+            "unknown why \"full\" in a refuse line with p, of an offer; it is one of unknown, closed, \
              duplicate, outranked, deadline, queue",
         ),
         (
@@ -276,7 +283,7 @@ fn lines_are_written_in_one_order_and_without_white_space() {
         offer.to_string(),
         "{\"ev\":\"offer\",\"at\":1,\"t\":2,\"p\":3,\"deadline\":4,\"backlog\":5}"
     );
-    let refuse = Decision::Refuse { at: 1, t: 2, p: None, why: Refusal::Full };
+    let refuse = Decision::RefuseOpen { at: 1, t: 2, why: OpenRefusal::Full };
     assert_eq!(refuse.to_string(), "{\"ev\":\"refuse\",\"at\":1,\"t\":2,\"why\":\"full\"}");
 }
 
@@ -342,7 +349,7 @@ fn headers() -> impl Strategy<Value = Header> {
 fn inputs() -> impl Strategy<Value = Input> {
     let n = any::<u64>;
     prop_oneof![
-        (n(), n(), option::of(n())).prop_map(|(at, t, limit)| Input::Open { at, t, limit }),
+        (n(), n(), option::of(n())).prop_map(|(at, t, deadline)| Input::Open { at, t, deadline }),
         (n(), n(), n(), n(), n()).prop_map(|(at, t, p, deadline, backlog)| Input::Offer {
             at,
             t,
@@ -358,16 +365,12 @@ fn inputs() -> impl Strategy<Value = Input> {
 
 fn decisions() -> impl Strategy<Value = Decision> {
     let n = any::<u64>;
-    let refusal = select(&Refusal::ALL[..]);
+    let (open, offer) = (select(&OpenRefusal::ALL[..]), select(&OfferRefusal::ALL[..]));
     let drop = select(&DropReason::ALL[..]);
     prop_oneof![
         (n(), n(), n()).prop_map(|(at, t, p)| Decision::Timer { at, t, p }),
-        (n(), n(), option::of(n()), refusal).prop_map(|(at, t, p, why)| Decision::Refuse {
-            at,
-            t,
-            p,
-            why
-        }),
+        (n(), n(), open).prop_map(|(at, t, why)| Decision::RefuseOpen { at, t, why }),
+        (n(), n(), n(), offer).prop_map(|(at, t, p, why)| Decision::RefuseOffer { at, t, p, why }),
         (n(), n(), n(), n()).prop_map(|(at, t, p, due)| Decision::Request { at, t, p, due }),
         (n(), n(), n()).prop_map(|(at, t, p)| Decision::Hold { at, t, p }),
         (n(), n(), n(), drop).prop_map(|(at, t, p, why)| Decision::Drop { at, t, p, why }),

@@ -1,8 +1,11 @@
 //! The recorder: what is on disk after an end, a drop, a panic, a kill and an error.
 
+use std::env;
 use std::fs;
+use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use fuseline_traces::{
     Cloud, Commit, Demands, Header, Input, Recorder, Recording, Reference, Verdict, judge, unpack,
@@ -22,7 +25,7 @@ fn record(recorder: &mut Recorder, messages: u64) {
     for t in 0..messages {
         let at = 10 * t;
         let inputs = [
-            Input::Open { at, t, limit: None },
+            Input::Open { at, t, deadline: None },
             Input::Offer { at, t, p: 1, deadline: 5, backlog: 0 },
             Input::Result { at: at + 1, t, p: 0 },
             Input::Tick { at: at + 5 },
@@ -134,7 +137,7 @@ fn parts_begin_with_the_header_and_are_the_trace_when_put_together() {
         record(&mut recorder, 100);
         recorder.finish().unwrap();
 
-        let recording = Recording { rotate: Some(4096), gzip };
+        let recording = Recording { rotate: Some(4096), gzip, ..Recording::default() };
         let mut recorder = Recorder::create(&path, &header(), recording).unwrap();
         record(&mut recorder, 100);
         recorder.finish().unwrap();
@@ -179,10 +182,63 @@ fn an_error_on_the_way_is_kept_for_the_end_and_the_trace_is_whole_up_to_it() {
     let (_folder, path) = folder();
     // The second part cannot be made: a folder is in its place.
     fs::create_dir(Recorder::part(&path, 1)).unwrap();
-    let recording = Recording { rotate: Some(1000), gzip: false };
+    let recording = Recording { rotate: Some(1000), ..Recording::default() };
     let mut recorder = Recorder::create(&path, &header(), recording).unwrap();
     record(&mut recorder, 1000);
     assert!(recorder.finish().is_err());
     let verdict = verdict(&path);
     assert!(verdict.conforms && verdict.judged > 0, "{verdict}");
+}
+
+/// Runs a test of this file again, in a process that may write no file of more than 16 KiB: like a
+/// disk that fills, it takes a part of one write and refuses the next.
+fn on_a_small_disk(test: &str) {
+    let ended = Command::new("sh")
+        .args(["-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh"])
+        .arg(env::current_exe().unwrap())
+        .args(["--exact", test])
+        .env(SMALL_DISK, "")
+        .output()
+        .unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stdout));
+}
+
+/// Says that this is such a process.
+const SMALL_DISK: &str = "RECORD_TEST_SMALL_DISK";
+
+#[test]
+fn a_full_disk_leaves_whole_inputs_and_all_that_it_had_room_for() {
+    if env::var_os(SMALL_DISK).is_none() {
+        return on_a_small_disk("a_full_disk_leaves_whole_inputs_and_all_that_it_had_room_for");
+    }
+    for (gzip, every_input, least) in
+        [(false, false, 16_000), (false, true, 16_000), (true, false, 8000)]
+    {
+        let (_folder, path) = folder();
+        let recording = Recording { gzip, every_input, ..Recording::default() };
+        let mut recorder = Recorder::create(&path, &header(), recording).unwrap();
+        record(&mut recorder, 4000);
+        assert_eq!(recorder.error().unwrap().kind(), ErrorKind::FileTooLarge);
+        assert_eq!(recorder.finish().unwrap_err().kind(), ErrorKind::FileTooLarge);
+        let size = fs::metadata(&path).unwrap().len();
+        assert!((least..=16_384).contains(&size), "{size}");
+        let verdict = verdict(&path);
+        assert!(verdict.conforms && verdict.judged > 30, "{verdict}");
+    }
+}
+
+#[test]
+fn each_input_is_written_as_soon_as_the_next_one_comes() {
+    for (gzip, sync) in [(false, false), (false, true), (true, false)] {
+        let (_folder, path) = folder();
+        let recording = Recording { gzip, every_input: true, sync, rotate: None };
+        let mut recorder = Recorder::create(&path, &header(), recording).unwrap();
+        record(&mut recorder, 20);
+        // What a kill would leave: nothing more is written.
+        std::mem::forget(recorder);
+        let verdict = verdict(&path);
+        assert!(verdict.conforms, "{verdict}");
+        // All but the last input, the tick that brings the last timer.
+        assert_eq!((verdict.judged, verdict.lines), (20, 1 + 8 * 20 - 3));
+    }
 }

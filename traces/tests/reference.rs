@@ -12,7 +12,7 @@ fn it_tells_its_clock_its_next_timer_and_what_is_open() {
         reference.apply(&input, &mut Vec::new());
         (reference.now(), reference.next_due(), [3, 4].map(|t| reference.is_open(t)))
     };
-    let opened = apply(Input::Open { at: 7, t: 3, limit: Some(10) });
+    let opened = apply(Input::Open { at: 7, t: 3, deadline: Some(10) });
     assert_eq!(opened, (7, Some(17), [true, false]));
     let offered = apply(Input::Offer { at: 5, t: 3, p: 1, deadline: 4, backlog: 0 });
     assert_eq!(offered, (7, Some(11), [true, false]));

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use fuseline_traces::observed::{Disorder, Judge, Slack, Story, Verdict};
 use fuseline_traces::{
-    Cloud, Commit, Decision, DropReason, Event, Header, Input, Reference, Refusal,
+    Cloud, Commit, Decision, DropReason, Event, Header, Input, OpenRefusal, Reference,
 };
 use proptest::collection::vec;
 use proptest::option;
@@ -53,14 +53,14 @@ fn breaks(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> b
     let (mut unknown, mut superseded) = (BTreeSet::new(), BTreeSet::new());
     for (i, (event, records_opens)) in events.iter().enumerate() {
         match *event {
-            Event::Input(Input::Open { at, limit, .. }) => opens.push((at, limit)),
+            Event::Input(Input::Open { at, deadline, .. }) => opens.push((at, deadline)),
             Event::Input(Input::Result { at, p, .. }) => story.results.push((p, at)),
             Event::Input(Input::Fail { at, p, .. }) => story.failures.push((p, at)),
             Event::Decision(Decision::Request { at, p, due, .. }) => {
                 is_stranger |= p == 0 || p > 2;
                 story.requests.push((p, at, due));
             }
-            Event::Decision(Decision::Refuse { at, p: None, .. }) => drop(refusals.insert((at, i))),
+            Event::Decision(Decision::RefuseOpen { at, .. }) => drop(refusals.insert((at, i))),
             Event::Decision(Decision::Drop { at, p, why: DropReason::Unknown, .. }) => {
                 unknown.insert((p, at));
             }
@@ -108,7 +108,7 @@ fn breaks(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> b
 fn traces() -> impl Strategy<Value = (Commit, Slack, Vec<Event>)> {
     let input = prop_oneof![
         4 => (0..6_u64, option::of(1..30_u64))
-            .prop_map(|(t, limit)| Input::Open { at: 0, t, limit }),
+            .prop_map(|(t, deadline)| Input::Open { at: 0, t, deadline }),
         5 => (0..6_u64, 1..4_u64, 1..30_u64).prop_map(|(t, p, deadline)| Input::Offer {
             at: 0, t, p, deadline, backlog: 0
         }),
@@ -221,14 +221,14 @@ fn event() -> impl Strategy<Value = Event> {
         3 => (n(), n(), n(), n()).prop_map(|(at, t, p, due)| Decision::Request { at, t, p, due }),
         2 => (n(), n(), n()).prop_map(|(at, t, p)| Decision::Emit { at, t, p }),
         1 => (n(), n()).prop_map(|(at, t)| Decision::Miss { at, t }),
-        1 => (n(), n()).prop_map(|(at, t)| Decision::Refuse { at, t, p: None, why: Refusal::Full }),
+        1 => (n(), n()).prop_map(|(at, t)| Decision::RefuseOpen { at, t, why: OpenRefusal::Full }),
         1 => (n(), n(), n(), any::<bool>()).prop_map(|(at, t, p, is_unknown)| {
             let why = if is_unknown { DropReason::Unknown } else { DropReason::Superseded };
             Decision::Drop { at, t, p, why }
         }),
     ];
     let input = prop_oneof![
-        2 => (n(), n(), option::of(n())).prop_map(|(at, t, limit)| Input::Open { at, t, limit }),
+        2 => (n(), n(), option::of(n())).prop_map(|(at, t, deadline)| Input::Open { at, t, deadline }),
         3 => (n(), n(), n()).prop_map(|(at, t, p)| Input::Result { at, t, p }),
         1 => (n(), n(), n()).prop_map(|(at, t, p)| Input::Fail { at, t, p }),
         1 => n().prop_map(|at| Input::Tick { at }),

@@ -49,4 +49,11 @@ pub struct Local {
     pub waiting: usize,
     /// Whether one that waits is skipped once its message was answered.
     pub skip_answered: bool,
+    /// Whether word of its end can be lost on the way, as over topics. One that began and sent no
+    /// word within its message's limit then counts as lost and gives its place back, whether its
+    /// message is open or not; should its result come after all, the rules decide about it as about
+    /// any other. Without a limit it is waited for.
+    ///
+    /// Off, a computation has its place until it ends: it is still running.
+    pub lossy: bool,
 }

@@ -7,14 +7,15 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
+use fuseline_arbiter::{Arbiter, decisions_of};
 use fuseline_core::ConfigError;
 use fuseline_traces::{Decision, Header, Input};
 use tracing::{debug, warn};
 
-use crate::arbiter::Arbiter;
 use crate::effect::{Effect, Local, Opening};
-use crate::item::{Forwarded, Item, Outcome, Rule, Source};
+use crate::item::{Failure, Forwarded, Item, Outcome, Rule, Source};
 use crate::lane::{Lane, Waiting};
+use crate::reasons::words;
 use crate::tally::{Counting, Counts, Event};
 use crate::tape::{Sink, Tape};
 
@@ -49,6 +50,7 @@ pub struct Engine<V, R> {
 struct Story<V> {
     opened: u64,
     held: Vec<Held<V>>,
+    failures: Vec<Failure>,
 }
 
 struct Held<V> {
@@ -58,10 +60,12 @@ struct Held<V> {
 }
 
 /// What came along with an input.
-enum Cargo<V, R> {
+enum Cargo<'a, V, R> {
     Nothing,
     Value(V),
     Request(R),
+    /// Why there is no result.
+    Reason(&'a str),
 }
 
 impl<V, R> Engine<V, R> {
@@ -101,29 +105,34 @@ impl<V, R> Engine<V, R> {
 
     /// Records everything from here on; to be called before the first input, once for each file.
     ///
-    /// A file is written by a thread of its own. If the disk falls far behind, the recording ends
-    /// early, whole, with an error; the operator goes on.
+    /// A file is written by a thread of its own: twice a second, and at once when a message is
+    /// missed or refused, or more often as [`Recording`](fuseline_traces::Recording) says. If the
+    /// disk falls far behind or refuses what is written, the recording ends early, whole:
+    /// [`Tally::unrecorded`](crate::Tally::unrecorded) and the log say so at once, and
+    /// [`finish`](Self::finish) at the end. The operator goes on.
     ///
     /// # Errors
     /// If the system has no thread left.
     pub fn record(&mut self, sink: impl Into<Sink>) -> io::Result<()> {
-        self.tapes.push(Tape::new(sink.into())?);
+        self.tapes.push(Tape::new(sink.into(), Arc::clone(&self.counts))?);
         Ok(())
     }
 
-    /// F1: a message came. `job` goes to local if it is taken on; `limit` is local's.
-    pub fn open(&mut self, at: u64, t: u64, limit: Option<Duration>, job: R) -> Opening {
-        self.apply(Input::Open { at, t, limit: limit.map(nanos) }, Cargo::Nothing);
-        if self.decisions.iter().any(|decision| matches!(decision, Decision::Refuse { .. })) {
-            self.send();
+    /// F1: a message came. `job` goes to local if it is taken on; `deadline` is local's.
+    pub fn open(&mut self, at: u64, t: u64, deadline: Option<Duration>, job: R) -> Opening {
+        let deadline = deadline.map(nanos);
+        self.apply(Input::Open { at, t, deadline }, Cargo::Nothing);
+        if self.decisions.iter().any(|decision| matches!(decision, Decision::RefuseOpen { .. })) {
+            self.send(at);
             return Opening::Refused;
         }
         self.counts.message();
         self.counts.source(LOCAL, Event::Admitted);
-        self.open.insert(t, Story { opened: at, held: Vec::new() });
+        self.open.insert(t, Story { opened: at, held: Vec::new(), failures: Vec::new() });
+        let lost_after = deadline.filter(|_| self.local.lossy);
         let lane = &mut self.lanes[LOCAL];
-        lane.push(Waiting { t, asked: at, due: None, request: job });
-        self.send();
+        lane.push(Waiting { t, asked: at, due: None, lost_after, request: job });
+        self.send(at);
         let lane = &mut self.lanes[LOCAL];
         if lane.backlog() > self.local.waiting {
             lane.close(t);
@@ -137,29 +146,30 @@ impl<V, R> Engine<V, R> {
         let backlog = self.lane(p.into()).map_or(0, |lane| self.lanes[lane].backlog() as u64);
         let input = Input::Offer { at, t, p: p.into(), deadline: nanos(deadline), backlog };
         self.apply(input, Cargo::Request(request));
-        self.send();
+        self.send(at);
     }
 
     /// F3: a source's result came.
     pub fn result(&mut self, at: u64, t: u64, p: u16, value: V) {
         self.end(at, t, p);
         self.apply(Input::Result { at, t, p: p.into() }, Cargo::Value(value));
-        self.send();
+        self.send(at);
     }
 
-    /// F4: a source will send no result; `why` is logged.
+    /// F4: a source will send no result; `why` is logged, counted, and told with the message's item.
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
         let source = self.lane(p.into()).map(|lane| &*self.lanes[lane].source.name);
+        let why = words(why);
         warn!(operator = %self.operator, timestamp = t, source, %why, "no result will come");
         self.end(at, t, p);
-        self.apply(Input::Fail { at, t, p: p.into() }, Cargo::Nothing);
-        self.send();
+        self.apply(Input::Fail { at, t, p: p.into() }, Cargo::Reason(&why));
+        self.send(at);
     }
 
     /// F5: time went by.
     pub fn tick(&mut self, at: u64) {
         self.apply(Input::Tick { at }, Cargo::Nothing);
-        self.send();
+        self.send(at);
     }
 
     /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine
@@ -178,16 +188,19 @@ impl<V, R> Engine<V, R> {
         self.effects.pop_front()
     }
 
-    /// The earliest instant at which a timer is due; tick then.
+    /// The earliest instant at which a timer is due, or a lost computation gives its place to one
+    /// that waits; tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
-        self.arbiter.next_due()
+        let due = self.arbiter.next_due();
+        let lost = self.lanes[LOCAL].next_lost();
+        due.map_or(lost, |due| Some(lost.map_or(due, |lost| lost.min(due))))
     }
 
     /// Whether no message is open.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.arbiter.open_len() == 0
+        self.arbiter.fusion().is_empty()
     }
 
     /// The counts, as they go on.
@@ -197,22 +210,29 @@ impl<V, R> Engine<V, R> {
     }
 
     /// Lets the core decide, records it, and turns its decisions into effects.
-    fn apply(&mut self, input: Input, mut cargo: Cargo<V, R>) {
+    fn apply(&mut self, input: Input, mut cargo: Cargo<'_, V, R>) {
         let at = input.at();
         if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
             self.counts.meters.timer_lag.record(Duration::from_nanos(at - due));
         }
         let mut decisions = std::mem::take(&mut self.decisions);
         decisions.clear();
-        self.arbiter.expire(at, |decision| decisions.push(decision));
+        let answer = self.arbiter.apply(&input, |at, firing| {
+            decisions_of(at, firing, |decision| decisions.push(decision));
+        });
         let fired = decisions.len();
-        self.arbiter.apply(&input, |decision| decisions.push(decision));
+        answer.decisions(self.arbiter.now(), |decision| decisions.push(decision));
         for tape in &mut self.tapes {
             tape.record(&input, &decisions);
         }
         let (timers, own) = decisions.split_at(fired);
         for decision in timers {
             self.act(decision, Rule::Timer, &mut Cargo::Nothing);
+        }
+        if let (Input::Fail { t, p, .. }, Cargo::Reason(why)) = (input, &cargo)
+            && !matches!(own.first(), Some(Decision::Drop { .. }))
+        {
+            self.failed(t, p, why);
         }
         for decision in own {
             match input {
@@ -223,16 +243,11 @@ impl<V, R> Engine<V, R> {
                 | Input::Tick { .. } => self.act(decision, Rule::Arrival, &mut cargo),
             }
         }
-        if let Input::Fail { p, .. } = input
-            && !matches!(own.first(), Some(Decision::Drop { .. }))
-        {
-            self.count(p, Event::Failed);
-        }
         self.decisions = decisions;
     }
 
     /// Does what one decision says; `rule` is what brought it about.
-    fn act(&mut self, decision: &Decision, rule: Rule, cargo: &mut Cargo<V, R>) {
+    fn act(&mut self, decision: &Decision, rule: Rule, cargo: &mut Cargo<'_, V, R>) {
         let operator = &*self.operator;
         match *decision {
             Decision::Timer { t, p, .. } => {
@@ -240,19 +255,21 @@ impl<V, R> Engine<V, R> {
                 self.count(p, Event::Timer);
                 self.close(t, p);
             }
-            Decision::Refuse { at, t, p: None, why } => {
+            Decision::RefuseOpen { at, t, why } => {
                 warn!(operator, timestamp = t, %why, "message refused");
                 self.counts.refused(why);
-                self.output(t, at, at, Outcome::Refused(why));
+                self.output(t, at, at, Outcome::Refused(why), Vec::new());
             }
-            Decision::Refuse { t, p: Some(p), why, .. } => {
+            Decision::RefuseOffer { t, p, why, .. } => {
                 debug!(operator, timestamp = t, source = self.name(p), %why, "request refused");
                 self.count(p, Event::Refused(why));
             }
             Decision::Request { at, t, p, due } => {
                 self.count(p, Event::Admitted);
                 if let (Some(lane), Cargo::Request(request)) = (self.lane(p), cargo.take()) {
-                    self.lanes[lane].push(Waiting { t, asked: at, due: Some(due), request });
+                    let waiting =
+                        Waiting { t, asked: at, due: Some(due), lost_after: None, request };
+                    self.lanes[lane].push(waiting);
                 }
             }
             Decision::Hold { at, t, p } => {
@@ -276,8 +293,8 @@ impl<V, R> Engine<V, R> {
             Decision::Miss { at, t } => {
                 warn!(operator, timestamp = t, why = rule.as_str(), "message missed");
                 self.counts.missed();
-                if let Some(story) = self.open.remove(&t) {
-                    self.output(t, story.opened, at, Outcome::Missed);
+                if let Some(story) = self.retire(t) {
+                    self.output(t, story.opened, at, Outcome::Missed, story.failures);
                 }
             }
             Decision::Cancel { t, p, .. } => {
@@ -288,8 +305,8 @@ impl<V, R> Engine<V, R> {
     }
 
     /// F7: what the core chose is in hand: held, or the result that just came.
-    fn forward(&mut self, at: u64, t: u64, p: u64, rule: Rule, cargo: &mut Cargo<V, R>) {
-        let Some(mut story) = self.open.remove(&t) else { return };
+    fn forward(&mut self, at: u64, t: u64, p: u64, rule: Rule, cargo: &mut Cargo<'_, V, R>) {
+        let Some(mut story) = self.retire(t) else { return };
         let held = story.held.iter().position(|held| held.p == p);
         let (arrived, value) = match (held, cargo.take()) {
             (Some(place), _) => {
@@ -300,7 +317,7 @@ impl<V, R> Engine<V, R> {
                 self.count(p, Event::Forwarded);
                 (at, value)
             }
-            (None, Cargo::Nothing | Cargo::Request(_)) => {
+            (None, Cargo::Nothing | Cargo::Request(_) | Cargo::Reason(_)) => {
                 debug_assert!(false, "the core forwards only what came");
                 return;
             }
@@ -313,12 +330,38 @@ impl<V, R> Engine<V, R> {
         let source = self.lanes[lane].source.clone();
         let arrived = Duration::from_nanos(arrived);
         let forwarded = Forwarded { value, source, arrived, rule };
-        self.output(t, story.opened, at, Outcome::Forwarded(forwarded));
+        self.output(t, story.opened, at, Outcome::Forwarded(forwarded), story.failures);
     }
 
-    fn output(&mut self, t: u64, opened: u64, decided: u64, outcome: Outcome<V>) {
+    /// The message is open no more.
+    fn retire(&mut self, t: u64) -> Option<Story<V>> {
+        if self.local.skip_answered {
+            self.lanes[LOCAL].withdraw(t);
+        }
+        self.open.remove(&t)
+    }
+
+    /// F4: the failure was accepted.
+    fn failed(&mut self, t: u64, p: u64, why: &str) {
+        let Some(lane) = self.lane(p) else { return };
+        self.counts.source(lane, Event::Failed);
+        let why = self.counts.reason(lane, why);
+        if let Some(story) = self.open.get_mut(&t) {
+            story.failures.push(Failure { source: self.lanes[lane].source.clone(), why });
+        }
+    }
+
+    fn output(
+        &mut self,
+        timestamp: u64,
+        opened: u64,
+        decided: u64,
+        outcome: Outcome<V>,
+        failures: Vec<Failure>,
+    ) {
         let (opened, decided) = (Duration::from_nanos(opened), Duration::from_nanos(decided));
-        self.effects.push_back(Effect::Output(Item { timestamp: t, opened, decided, outcome }));
+        let item = Item { timestamp, opened, decided, outcome, failures };
+        self.effects.push_back(Effect::Output(item));
     }
 
     /// The request's result is no longer wanted. F7: local is never aborted.
@@ -342,14 +385,13 @@ impl<V, R> Engine<V, R> {
     }
 
     /// Starts what waits and has room.
-    fn send(&mut self) {
+    fn send(&mut self, now: u64) {
+        while let Some(t) = self.lanes[LOCAL].give_up(now) {
+            warn!(operator = %self.operator, timestamp = t, "no word of the local computation came");
+            self.counts.source(LOCAL, Event::Lost);
+        }
         for (i, lane) in self.lanes.iter_mut().enumerate() {
-            while let Some(Waiting { t, due, request, .. }) = lane.next() {
-                if i == LOCAL && self.local.skip_answered && !self.open.contains_key(&t) {
-                    debug!(operator = %self.operator, timestamp = t, "local skipped");
-                    lane.end(t);
-                    continue;
-                }
+            while let Some(Waiting { t, due, request, .. }) = lane.next(now) {
                 let priority = lane.source.priority;
                 self.effects.push_back(Effect::Start { priority, timestamp: t, due, request });
             }
@@ -376,7 +418,7 @@ impl<V, R> Engine<V, R> {
     }
 }
 
-impl<V, R> Cargo<V, R> {
+impl<V, R> Cargo<'_, V, R> {
     fn take(&mut self) -> Self {
         std::mem::replace(self, Self::Nothing)
     }

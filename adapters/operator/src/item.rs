@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_traces::Refusal;
+use fuseline_traces::OpenRefusal;
 
 /// What became of one message. Every message taken in leads to exactly one (P1, P11).
 ///
@@ -19,6 +19,17 @@ pub struct Item<V> {
     pub decided: Duration,
     /// What was decided.
     pub outcome: Outcome<V>,
+    /// Why sources sent no result, as far as that was known and mattered by then (F4).
+    pub failures: Vec<Failure>,
+}
+
+/// A source that sent no result for a message, and why.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Failure {
+    /// Whose.
+    pub source: Source,
+    /// In words, at most 200 bytes of them.
+    pub why: Arc<str>,
 }
 
 /// Forwarded, missed or refused.
@@ -29,7 +40,7 @@ pub enum Outcome<V> {
     /// No result came and none will (F6).
     Missed,
     /// The message was not taken on, and nothing was computed for it (F1).
-    Refused(Refusal),
+    Refused(OpenRefusal),
 }
 
 /// A result on its way downstream.

@@ -1,6 +1,6 @@
 //! The way to one source: what waits to be sent and what is under way.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 
 use crate::item::Source;
 
@@ -8,8 +8,7 @@ use crate::item::Source;
 pub(crate) struct Lane<R> {
     pub(crate) source: Source,
     waiting: VecDeque<Waiting<R>>,
-    /// When those under way were asked for, by timestamp.
-    flying: HashMap<u64, u64>,
+    flying: Vec<Flight>,
     at_once: usize,
 }
 
@@ -18,47 +17,79 @@ pub(crate) struct Waiting<R> {
     pub(crate) t: u64,
     pub(crate) asked: u64,
     pub(crate) due: Option<u64>,
+    /// How long after its start it counts as lost; none if it is sure to end.
+    pub(crate) lost_after: Option<u64>,
     pub(crate) request: R,
+}
+
+/// A call or computation under way.
+struct Flight {
+    t: u64,
+    asked: u64,
+    /// When it counts as lost.
+    lost: Option<u64>,
 }
 
 impl<R> Lane<R> {
     /// An empty lane with at most `at_once` calls under way, at least one.
     pub(crate) fn new(source: Source, at_once: usize) -> Self {
         let at_once = at_once.max(1);
-        Self { source, waiting: VecDeque::new(), flying: HashMap::new(), at_once }
+        Self { source, waiting: VecDeque::new(), flying: Vec::new(), at_once }
     }
 
     pub(crate) fn push(&mut self, waiting: Waiting<R>) {
         self.waiting.push_back(waiting);
     }
 
-    /// The next request to send, if one waits and there is room.
-    pub(crate) fn next(&mut self) -> Option<Waiting<R>> {
+    /// The next request to send at `now`, if one waits and there is room.
+    pub(crate) fn next(&mut self, now: u64) -> Option<Waiting<R>> {
         if self.flying.len() >= self.at_once {
             return None;
         }
         let next = self.waiting.pop_front()?;
-        self.flying.insert(next.t, next.asked);
+        let lost = next.lost_after.map(|after| now.saturating_add(after));
+        self.flying.push(Flight { t: next.t, asked: next.asked, lost });
         Some(next)
     }
 
     /// The request has ended by itself, perhaps before it was sent; says when it was asked for.
     pub(crate) fn end(&mut self, t: u64) -> Option<u64> {
-        self.flying.remove(&t).or_else(|| self.withdraw(t))
+        self.land(t).or_else(|| self.withdraw(t))
     }
 
     /// The result is no longer wanted. Says whether a call is under way that may be aborted.
     pub(crate) fn close(&mut self, t: u64) -> bool {
-        let is_flying = self.flying.remove(&t).is_some();
+        let is_flying = self.land(t).is_some();
         if !is_flying {
             self.withdraw(t);
         }
         is_flying
     }
 
-    fn withdraw(&mut self, t: u64) -> Option<u64> {
+    /// Takes back the place of one that is lost by `now`, if there is one; says whose it was.
+    pub(crate) fn give_up(&mut self, now: u64) -> Option<u64> {
+        let is_lost = |flight: &Flight| flight.lost.is_some_and(|lost| lost <= now);
+        let place = self.flying.iter().position(is_lost)?;
+        Some(self.flying.remove(place).t)
+    }
+
+    /// When one that waits would find the place of one that is lost; none if nothing waits.
+    pub(crate) fn next_lost(&self) -> Option<u64> {
+        if self.waiting.is_empty() {
+            return None;
+        }
+        self.flying.iter().filter_map(|flight| flight.lost).min()
+    }
+
+    /// Takes it out of the queue if it waits; says when it was asked for.
+    pub(crate) fn withdraw(&mut self, t: u64) -> Option<u64> {
         let place = self.waiting.iter().position(|waiting| waiting.t == t)?;
         self.waiting.remove(place).map(|waiting| waiting.asked)
+    }
+
+    fn land(&mut self, t: u64) -> Option<u64> {
+        let place = self.flying.iter().position(|flight| flight.t == t)?;
+        Some(self.flying.remove(place).asked)
     }
 
     /// F2: the length of the outgoing queue, calls under way not counted.

@@ -1,7 +1,6 @@
 //! What every adapter shares: the core driven in the words of the trace, the queues to the sources,
 //! recording and counting. An adapter adds its clock, its threads and its network.
 
-mod arbiter;
 mod effect;
 mod engine;
 mod item;
@@ -9,16 +8,19 @@ mod lane;
 #[cfg(feature = "mcap")]
 mod mcap;
 mod meter;
+mod reasons;
 mod tally;
 mod tape;
 
-pub use arbiter::Arbiter;
 pub use effect::{Effect, Local, Opening};
 pub use engine::Engine;
 pub use fuseline_core::ConfigError;
-pub use fuseline_traces::{Cloud, Commit, DropReason, Header, Recorder, Recording, Refusal};
-pub use item::{Forwarded, Item, Outcome, Rule, Source};
+pub use fuseline_traces::{
+    Cloud, Commit, DropReason, Header, OfferRefusal, OpenRefusal, Recorder, Recording,
+};
+pub use item::{Failure, Forwarded, Item, Outcome, Rule, Source};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
+pub use reasons::Reasons;
 pub use tally::{Counting, SourceTally, Tally};
 pub use tape::Sink;

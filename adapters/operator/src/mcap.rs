@@ -11,7 +11,7 @@ use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 
 /// What a message holds.
-const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"limit":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"}}}"#;
+const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"}}}"#;
 
 /// An MCAP file that is being written: the topic `/fuseline/trace` has each line, the header first,
 /// and `/fuseline/outputs` what was forwarded or missed.
@@ -70,6 +70,14 @@ impl<W: Write + Seek> Mcap<W> {
             self.put(self.outputs, at)?;
         }
         Ok(())
+    }
+
+    /// Writes what was gathered, so that it can be recovered if the process is killed.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn flush(&mut self) -> Result<(), McapError> {
+        self.inner.flush()
     }
 
     /// Ends the file; without it, readers must recover what is there.

@@ -1,6 +1,6 @@
 //! The counters and histograms of one operator, registered once through the `metrics` facade.
 
-use fuseline_traces::{DropReason, Refusal};
+use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use metrics::{Counter, Gauge, Histogram, counter, gauge, histogram};
 
 use crate::item::{Rule, Source};
@@ -9,7 +9,7 @@ use crate::tally::Event;
 /// An operator's meters.
 pub(crate) struct Meters {
     pub(crate) messages: Counter,
-    refused: [Counter; Refusal::ALL.len()],
+    refused: [Counter; OpenRefusal::ALL.len()],
     pub(crate) missed: Counter,
     /// How late timers were served.
     pub(crate) timer_lag: Histogram,
@@ -20,13 +20,14 @@ pub(crate) struct Meters {
 /// One source's meters.
 pub(crate) struct SourceMeters {
     admitted: Counter,
-    refused: [Counter; Refusal::ALL.len()],
+    refused: [Counter; OfferRefusal::ALL.len()],
     outputs: [Counter; Rule::ALL.len()],
     forwarded: Counter,
     held: Counter,
     dropped: [Counter; DropReason::ALL.len()],
     failed: Counter,
     failures_dropped: [Counter; DropReason::ALL.len()],
+    lost: Counter,
     timers: Counter,
     cancelled: Counter,
     sent_bytes: Counter,
@@ -45,7 +46,7 @@ impl Meters {
         let operator = operator.to_owned();
         Self {
             messages: counter!("fuseline_messages_total", "operator" => operator.clone()),
-            refused: Refusal::ALL.map(|why| {
+            refused: OpenRefusal::ALL.map(|why| {
                 counter!("fuseline_refused_messages_total",
                     "operator" => operator.clone(), "why" => why.as_str())
             }),
@@ -56,8 +57,8 @@ impl Meters {
         }
     }
 
-    pub(crate) fn refused(&self, why: Refusal) {
-        increment(&self.refused, Refusal::ALL.iter().position(|reason| *reason == why));
+    pub(crate) fn refused(&self, why: OpenRefusal) {
+        increment(&self.refused, why.index());
     }
 }
 
@@ -74,13 +75,14 @@ impl SourceMeters {
         let failure = |outcome| by("fuseline_failures_total", outcome);
         Self {
             admitted: request("admitted"),
-            refused: Refusal::ALL.map(|why| request(why.as_str())),
+            refused: OfferRefusal::ALL.map(|why| request(why.as_str())),
             outputs: Rule::ALL.map(|rule| by("fuseline_outputs_total", rule.as_str())),
             forwarded: result("forwarded"),
             held: result("held"),
             dropped: DropReason::ALL.map(|why| result(why.as_str())),
             failed: failure("accepted"),
             failures_dropped: DropReason::ALL.map(|why| failure(why.as_str())),
+            lost: counter!("fuseline_lost_total", &labels),
             timers: counter!("fuseline_timers_total", &labels),
             cancelled: counter!("fuseline_cancelled_total", &labels),
             sent_bytes: counter!("fuseline_sent_bytes_total", &labels),
@@ -94,17 +96,14 @@ impl SourceMeters {
     pub(crate) fn count(&self, event: Event) {
         match event {
             Event::Admitted => self.admitted.increment(1),
-            Event::Refused(why) => {
-                increment(&self.refused, Refusal::ALL.iter().position(|reason| *reason == why));
-            }
-            Event::Output(rule) => {
-                increment(&self.outputs, Rule::ALL.iter().position(|known| *known == rule));
-            }
+            Event::Refused(why) => increment(&self.refused, why.index()),
+            Event::Output(rule) => increment(&self.outputs, rule as usize),
             Event::Forwarded => self.forwarded.increment(1),
             Event::Held => self.held.increment(1),
-            Event::Dropped(why) => increment(&self.dropped, drop_index(why)),
+            Event::Dropped(why) => increment(&self.dropped, why.index()),
             Event::Failed => self.failed.increment(1),
-            Event::FailureDropped(why) => increment(&self.failures_dropped, drop_index(why)),
+            Event::Lost => self.lost.increment(1),
+            Event::FailureDropped(why) => increment(&self.failures_dropped, why.index()),
             Event::Timer => self.timers.increment(1),
             Event::Cancelled => self.cancelled.increment(1),
             Event::Sent { bytes } => self.sent_bytes.increment(bytes),
@@ -112,12 +111,8 @@ impl SourceMeters {
     }
 }
 
-fn drop_index(why: DropReason) -> Option<usize> {
-    DropReason::ALL.iter().position(|reason| *reason == why)
-}
-
-fn increment(counters: &[Counter], index: Option<usize>) {
-    if let Some(counter) = index.and_then(|index| counters.get(index)) {
+fn increment(counters: &[Counter], index: usize) {
+    if let Some(counter) = counters.get(index) {
         counter.increment(1);
     }
 }

@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use fuseline_traces::{DropReason, Refusal};
+use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
+use tracing::error;
 
 use crate::item::{Rule, Source};
 use crate::meter::Meters;
+use crate::reasons::Reasons;
 
 /// An operator's counts since its start.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -15,11 +17,13 @@ pub struct Tally {
     /// Messages taken on.
     pub messages: u64,
     /// Messages refused, by reason (F1).
-    pub refused: BTreeMap<Refusal, u64>,
+    pub refused: BTreeMap<OpenRefusal, u64>,
     /// Messages that nothing came for (F6).
     pub missed: u64,
     /// Local first, then the clouds as they were registered.
     pub sources: Vec<SourceTally>,
+    /// Why a recording ended before the operator did, if one did: the first reason.
+    pub unrecorded: Option<Arc<str>>,
 }
 
 /// One source's counts.
@@ -30,7 +34,7 @@ pub struct SourceTally {
     /// Requests admitted (F2); local's are the messages taken on.
     pub admitted: u64,
     /// Requests refused, by reason (F2).
-    pub refused: BTreeMap<Refusal, u64>,
+    pub refused: BTreeMap<OfferRefusal, u64>,
     /// Messages answered with its result, by what made the result go (F7).
     pub outputs: BTreeMap<Rule, u64>,
     /// Results that were held at first (F3).
@@ -39,9 +43,13 @@ pub struct SourceTally {
     pub dropped: BTreeMap<DropReason, u64>,
     /// Failures accepted (F4).
     pub failed: u64,
+    /// Why they were.
+    pub reasons: Reasons,
+    /// Computations of which no word came: they gave their places back.
+    pub lost: u64,
     /// Failures that no longer mattered, by reason (F4).
     pub failures_dropped: BTreeMap<DropReason, u64>,
-    /// Timers that fired (F5); local's is the limit.
+    /// Timers that fired (F5); local's is its deadline's.
     pub timers: u64,
     /// Requests cancelled because something better or timelier was forwarded (F7).
     pub cancelled: u64,
@@ -64,7 +72,7 @@ impl SourceTally {
         self.outputs.values().sum()
     }
 
-    const fn new(source: Source) -> Self {
+    fn new(source: Source) -> Self {
         Self {
             source,
             admitted: 0,
@@ -73,6 +81,8 @@ impl SourceTally {
             held: 0,
             dropped: BTreeMap::new(),
             failed: 0,
+            reasons: Reasons::default(),
+            lost: 0,
             failures_dropped: BTreeMap::new(),
             timers: 0,
             cancelled: 0,
@@ -95,13 +105,14 @@ pub(crate) struct Counts {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Event {
     Admitted,
-    Refused(Refusal),
+    Refused(OfferRefusal),
     Output(Rule),
     /// The result that just came goes at once; its message is counted by `Output`.
     Forwarded,
     Held,
     Dropped(DropReason),
     Failed,
+    Lost,
     FailureDropped(DropReason),
     Timer,
     Cancelled,
@@ -128,7 +139,7 @@ impl Counts {
         self.meters.messages.increment(1);
     }
 
-    pub(crate) fn refused(&self, why: Refusal) {
+    pub(crate) fn refused(&self, why: OpenRefusal) {
         *self.lock().refused.entry(why).or_default() += 1;
         self.meters.refused(why);
     }
@@ -146,6 +157,20 @@ impl Counts {
         }
     }
 
+    /// Keeps why the source at `index` sent no result.
+    pub(crate) fn reason(&self, index: usize, why: &str) -> Arc<str> {
+        match self.lock().sources.get_mut(index) {
+            Some(tally) => tally.reasons.count(why),
+            None => why.into(),
+        }
+    }
+
+    /// Tells that a recording ends here.
+    pub(crate) fn unrecorded(&self, why: &str) {
+        error!(why, "the recording ends here; the operator goes on");
+        self.lock().unrecorded.get_or_insert_with(|| why.into());
+    }
+
     /// Counts an event of the source at `index`; local has 0.
     pub(crate) fn source(&self, index: usize, event: Event) {
         if let Some(tally) = self.lock().sources.get_mut(index) {
@@ -157,6 +182,7 @@ impl Counts {
                 Event::Held => tally.held += 1,
                 Event::Dropped(why) => *tally.dropped.entry(why).or_default() += 1,
                 Event::Failed => tally.failed += 1,
+                Event::Lost => tally.lost += 1,
                 Event::FailureDropped(why) => {
                     *tally.failures_dropped.entry(why).or_default() += 1;
                 }

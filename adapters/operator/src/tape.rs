@@ -1,9 +1,11 @@
 //! The way from the operator to its recorder, which writes files and may wait for the disk.
 
 use std::io;
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::mem;
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
-
+use std::time::Duration;
 #[cfg(feature = "mcap")]
 use std::{fs::File, io::BufWriter};
 
@@ -11,11 +13,14 @@ use fuseline_traces::{Decision, Event, Input, Recorder};
 
 #[cfg(feature = "mcap")]
 use crate::mcap::Mcap;
+use crate::tally::Counts;
 
-/// How many lines go to the recorder at once.
+/// How long a line waits at most before it is written.
+const PERIOD: Duration = Duration::from_millis(500);
+/// So many lines are written at once, whenever there are as many.
 const LINES: usize = 512;
-/// How many times as many may wait for the disk.
-const BATCHES: usize = 64;
+/// How many lines may wait for the disk.
+const WAITING: usize = 64 * LINES;
 
 /// What a run is recorded as.
 pub enum Sink {
@@ -28,31 +33,58 @@ pub enum Sink {
 
 /// Hands lines to a recorder on its own thread, so that a slow disk does not delay the operator.
 ///
-/// When too many lines wait for the disk, the recording ends there, whole, with an error.
+/// What waits is written twice a second, at once when a message is missed or refused, and after each
+/// input if the recorder is told so. When too many lines wait for the disk, or it refuses them, the
+/// recording ends there, whole, with an error; the operator goes on.
 pub(crate) struct Tape {
-    lines: Vec<Event>,
-    batches: Option<SyncSender<Vec<Event>>>,
+    waiting: Arc<Mutex<Waiting>>,
     writer: Option<JoinHandle<io::Result<()>>>,
-    behind: bool,
+    counts: Arc<Counts>,
+    every_input: bool,
+    /// Nothing is recorded any more.
+    is_over: bool,
+}
+
+/// What is on its way to the recorder: whole inputs with their decisions.
+#[derive(Default)]
+struct Waiting {
+    lines: Vec<Event>,
+    is_end: bool,
 }
 
 impl Tape {
     /// # Errors
     /// If the system has no thread left.
-    pub(crate) fn new(sink: Sink) -> io::Result<Self> {
-        let (batches, written) = sync_channel::<Vec<Event>>(BATCHES);
+    pub(crate) fn new(sink: Sink, counts: Arc<Counts>) -> io::Result<Self> {
+        let waiting = Arc::<Mutex<Waiting>>::default();
+        let every_input = sink.every_input();
+        let (taken, told) = (Arc::clone(&waiting), Arc::clone(&counts));
         let writer = thread::Builder::new()
             .name("fuseline-trace".into())
-            .spawn(move || sink.write(written.iter().flatten()))?;
-        Ok(Self { lines: Vec::new(), batches: Some(batches), writer: Some(writer), behind: false })
+            .spawn(move || write(sink, &taken, &told))?;
+        Ok(Self { waiting, writer: Some(writer), counts, every_input, is_over: false })
     }
 
     pub(crate) fn record(&mut self, input: &Input, decisions: &[Decision]) {
-        if self.lines.len() >= LINES {
-            self.hand_over();
+        if self.is_over {
+            return;
         }
-        self.lines.push(Event::Input(*input));
-        self.lines.extend(decisions.iter().copied().map(Event::Decision));
+        // The writer holds the lock only while it exchanges two vectors.
+        let mut waiting = lock(&self.waiting);
+        if waiting.lines.len() >= WAITING {
+            // A gap would make the trace a false one: what comes later is not recorded either.
+            self.is_over = true;
+            self.counts.unrecorded("the disk is too slow");
+            return;
+        }
+        let was_few = waiting.lines.len() < LINES;
+        waiting.lines.push(Event::Input(*input));
+        waiting.lines.extend(decisions.iter().copied().map(Event::Decision));
+        let are_many = was_few && waiting.lines.len() >= LINES;
+        drop(waiting);
+        if self.every_input || are_many || decisions.iter().any(is_loss) {
+            self.wake();
+        }
     }
 
     /// Waits until all is written.
@@ -60,64 +92,109 @@ impl Tape {
     /// # Errors
     /// What the recorder met, or that the disk was too slow.
     pub(crate) fn finish(&mut self) -> io::Result<()> {
-        self.hand_over();
-        self.batches = None;
+        lock(&self.waiting).is_end = true;
+        self.wake();
         let written = match self.writer.take().map(JoinHandle::join) {
             Some(Ok(written)) => written,
             Some(Err(_)) => Err(io::Error::other("the recorder panicked")),
             None => Ok(()),
         };
-        if written.is_ok() && self.behind {
+        if written.is_ok() && self.is_over {
             return Err(io::Error::other("the disk is too slow for the trace"));
         }
         written
     }
 
-    fn hand_over(&mut self) {
-        let lines = std::mem::replace(&mut self.lines, Vec::with_capacity(LINES + 64));
-        if let Some(batches) = &self.batches
-            && batches.try_send(lines).is_err()
-        {
-            // A gap would make the trace a false one: what comes later is not recorded either.
-            tracing::error!("the disk is too slow, the trace ends here");
-            self.batches = None;
-            self.behind = true;
+    fn wake(&self) {
+        if let Some(writer) = &self.writer {
+            writer.thread().unpark();
         }
     }
 }
 
 impl Drop for Tape {
     fn drop(&mut self) {
-        if self.writer.is_some()
-            && let Err(error) = self.finish()
-        {
-            tracing::error!(%error, "the trace is not whole");
+        if self.writer.is_some() {
+            // It was told when it happened.
+            let _ = self.finish();
         }
     }
 }
 
+/// Writes what comes until its end.
+fn write(mut sink: Sink, waiting: &Mutex<Waiting>, counts: &Counts) -> io::Result<()> {
+    let mut lines = Vec::new();
+    let mut failed = None;
+    loop {
+        let is_end = {
+            let mut waiting = lock(waiting);
+            mem::swap(&mut lines, &mut waiting.lines);
+            waiting.is_end
+        };
+        if !lines.is_empty()
+            && failed.is_none()
+            && let Err(error) = sink.write(lines.drain(..))
+        {
+            counts.unrecorded(&error.to_string());
+            failed = Some(error);
+        }
+        lines.clear();
+        if is_end {
+            break;
+        }
+        thread::park_timeout(PERIOD);
+    }
+    failed.map_or_else(|| sink.finish(), Err)
+}
+
+/// What one wants to read of even if the process is killed.
+const fn is_loss(decision: &Decision) -> bool {
+    matches!(decision, Decision::Miss { .. } | Decision::RefuseOpen { .. })
+}
+
+/// Nothing panics while it is held.
+fn lock(waiting: &Mutex<Waiting>) -> MutexGuard<'_, Waiting> {
+    waiting.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 impl Sink {
-    /// Writes all there is.
-    fn write(self, events: impl Iterator<Item = Event>) -> io::Result<()> {
+    /// Writes whole inputs with their decisions, so that they are in the file.
+    fn write(&mut self, events: impl Iterator<Item = Event>) -> io::Result<()> {
         match self {
-            Self::Lines(mut recorder) => {
-                for event in events {
-                    match event {
-                        Event::Input(input) => recorder.input(&input),
-                        Event::Decision(decision) => recorder.decision(&decision),
-                    }
-                }
-                recorder.finish()
+            Self::Lines(recorder) => {
+                recorder.extend(events);
+                recorder.error().map_or(Ok(()), |error| Err(again(error, &recorder.file())))
             }
             #[cfg(feature = "mcap")]
-            Self::Mcap(mut mcap) => {
+            Self::Mcap(mcap) => {
                 for event in events {
                     mcap.event(&event).map_err(io::Error::other)?;
                 }
-                mcap.finish().map_err(io::Error::other)
+                mcap.flush().map_err(io::Error::other)
             }
         }
     }
+
+    fn finish(self) -> io::Result<()> {
+        match self {
+            Self::Lines(recorder) => recorder.finish(),
+            #[cfg(feature = "mcap")]
+            Self::Mcap(mcap) => mcap.finish().map_err(io::Error::other),
+        }
+    }
+
+    const fn every_input(&self) -> bool {
+        match self {
+            Self::Lines(recorder) => recorder.recording().every_input,
+            #[cfg(feature = "mcap")]
+            Self::Mcap(_) => false,
+        }
+    }
+}
+
+/// The error once more, with the file that it is about.
+fn again(error: &io::Error, file: &Path) -> io::Error {
+    io::Error::new(error.kind(), format!("{}: {error}", file.display()))
 }
 
 impl From<Recorder> for Sink {

@@ -6,8 +6,8 @@ use std::io::BufReader;
 use std::time::Duration;
 
 use fuseline_operator::{
-    Cloud, Commit, DropReason, Effect, Engine, Header, Item, Local, Opening, Outcome, Recorder,
-    Recording, Refusal, Rule,
+    Cloud, Commit, DropReason, Effect, Engine, Header, Item, Local, OfferRefusal, Opening, Outcome,
+    Recorder, Recording, Rule,
 };
 use fuseline_traces::judge;
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
@@ -25,7 +25,7 @@ fn header(commit: Commit) -> Header {
 }
 
 fn engine() -> Tested {
-    let local = Local { at_once: 1, waiting: 2, skip_answered: false };
+    let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
     Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap()
 }
 
@@ -124,7 +124,10 @@ fn the_gate_sees_the_true_length_of_the_queue() {
         engine.offer(t, t, 1, 100 * NS, t);
     }
     // Nothing was offered for an answered message.
-    assert_eq!(engine.counts().tally().sources[2].refused, BTreeMap::from([(Refusal::Closed, 4)]));
+    assert_eq!(
+        engine.counts().tally().sources[2].refused,
+        BTreeMap::from([(OfferRefusal::Closed, 4)])
+    );
     for t in 4..8 {
         assert_eq!(engine.open(t, t, None, 0), Opening::Computing, "{t}");
         engine.offer(t, t, 1, 100 * NS, t);
@@ -132,7 +135,7 @@ fn the_gate_sees_the_true_length_of_the_queue() {
     }
     // One is under way, two wait; the fourth was refused and its local result went at once.
     let west = &engine.counts().tally().sources[2];
-    assert_eq!(west.refused[&Refusal::Queue], 1);
+    assert_eq!(west.refused[&OfferRefusal::Queue], 1);
     assert_eq!(west.admitted, 3);
 }
 
@@ -205,12 +208,17 @@ fn meters_say_what_the_tally_says() {
     assert_eq!(seen, BTreeMap::from(expected));
 }
 
+/// How many computations gave their places back without a word.
+fn lost(engine: &Tested) -> usize {
+    usize::try_from(engine.counts().tally().sources[0].lost).unwrap()
+}
+
 /// One step of a random run.
 #[derive(Clone, Copy, Debug)]
 enum Step {
     Wait(u64),
     Open {
-        limit: Option<u64>,
+        deadline: Option<u64>,
     },
     Offer {
         back: u64,
@@ -233,7 +241,7 @@ enum Step {
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
         (0..20_u64).prop_map(Step::Wait),
-        proptest::option::of(1..60_u64).prop_map(|limit| Step::Open { limit }),
+        proptest::option::of(1..60_u64).prop_map(|deadline| Step::Open { deadline }),
         (0..4_u64, 1..=2_u16, 0..60_u64).prop_map(|(back, p, deadline)| Step::Offer {
             back,
             p,
@@ -248,17 +256,136 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
+/// Over topics, with four at once and a limit of 100.
+fn over_topics() -> Tested {
+    let local = Local { at_once: 4, waiting: 4, skip_answered: false, lossy: true };
+    Engine::new(&header(Commit::Eager), &[64, 64], local).unwrap()
+}
+
+/// Which computations were started.
+fn started(engine: &mut Tested) -> Vec<u64> {
+    let starts = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
+        Effect::Start { priority: 0, timestamp, .. } => Some(timestamp),
+        Effect::Start { .. } | Effect::Abort { .. } | Effect::Output(_) => None,
+    });
+    starts.collect()
+}
+
+#[test]
+fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_was_answered() {
+    let mut engine = over_topics();
+    for t in 0..6 {
+        assert_eq!(engine.open(t, t, Some(100 * NS), t), Opening::Computing);
+        engine.offer(t, t, 2, 50 * NS, t);
+        engine.result(t, t, 2, "east's");
+    }
+    // All are answered, so no timer of the rules is left.
+    assert!(engine.is_idle());
+    assert_eq!(started(&mut engine), [0, 1, 2, 3]);
+    assert_eq!(engine.next_due(), Some(100));
+    engine.tick(99);
+    assert_eq!(started(&mut engine), [0; 0]);
+    engine.tick(100);
+    assert_eq!((started(&mut engine), engine.next_due()), (vec![4], Some(101)));
+    assert_eq!(engine.counts().tally().sources[0].lost, 1);
+    engine.tick(101);
+    // Nothing waits any more: what else is lost is seen when it matters.
+    assert_eq!((started(&mut engine), engine.next_due()), (vec![5], None));
+    assert_eq!(engine.open(300, 6, Some(100 * NS), 6), Opening::Computing);
+    assert_eq!(started(&mut engine), [6]);
+    assert_eq!(engine.counts().tally().sources[0].lost, 6);
+}
+
+#[test]
+fn the_word_of_a_lost_computation_counts_when_it_comes_after_all_and_frees_nothing_twice() {
+    let mut engine = over_topics();
+    for t in 0..4 {
+        assert_eq!(engine.open(0, t, Some(100 * NS), t), Opening::Computing);
+    }
+    engine.tick(100);
+    assert_eq!(started(&mut engine), [0, 1, 2, 3]);
+    for t in 4..8 {
+        assert_eq!(engine.open(100, t, Some(100 * NS), t), Opening::Computing);
+    }
+    assert_eq!(started(&mut engine), [4, 5, 6, 7]);
+    engine.result(110, 0, 0, "local's of 0");
+    assert_eq!(engine.counts().tally().sources[0].dropped[&DropReason::Superseded], 1);
+    assert_eq!(engine.open(120, 8, Some(100 * NS), 8), Opening::Refused);
+    engine.result(130, 4, 0, "local's of 4");
+    assert_eq!(engine.open(140, 8, Some(100 * NS), 8), Opening::Computing);
+    assert_eq!(started(&mut engine), [8]);
+}
+
+#[test]
+fn a_computation_that_still_runs_keeps_its_place() {
+    let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
+    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap();
+    for t in 0..2 {
+        assert_eq!(engine.open(t, t, Some(100 * NS), t), Opening::Computing);
+    }
+    engine.tick(1000);
+    assert_eq!((started(&mut engine), engine.next_due()), (vec![0], None));
+    assert_eq!(engine.counts().tally().sources[0].lost, 0);
+}
+
+#[test]
+fn with_skip_answered_what_was_answered_takes_no_room_among_what_waits() {
+    let local = Local { at_once: 1, waiting: 1, skip_answered: true, lossy: false };
+    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[8, 8], local).unwrap();
+    for t in 0..8 {
+        assert_eq!(engine.open(t, t, None, t), Opening::Computing, "{t}");
+        engine.offer(t, t, 2, 50 * NS, t);
+        engine.result(t, t, 2, "east's");
+    }
+    engine.result(10, 0, 0, "local's of 0");
+    assert_eq!(started(&mut engine), [0]);
+    assert_eq!(engine.open(11, 8, None, 8), Opening::Computing);
+    assert_eq!(started(&mut engine), [8]);
+}
+
+#[test]
+fn why_sources_failed_is_told_with_the_item_and_counted_by_its_words() {
+    let mut engine = engine();
+    for t in 0..3 {
+        assert_eq!(engine.open(t, t, None, t), Opening::Computing);
+        engine.offer(t, t, 2, 50 * NS, t);
+        engine.fail(t, t, 2, if t == 1 { &"reset" } else { &"connection refused" });
+        engine.fail(t, t, 0, &"x".repeat(1000));
+        // It is superseded: nobody waited for it.
+        engine.fail(t, t, 0, &"too late to matter");
+    }
+    let mut items = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
+        Effect::Output(item) => Some(item),
+        Effect::Start { .. } | Effect::Abort { .. } => None,
+    });
+    let item = items.nth(1).unwrap();
+    let why: Vec<_> = item.failures.iter().map(|f| (f.source.priority, f.why.len())).collect();
+    assert_eq!((item.timestamp, why), (1, vec![(2, "reset".len()), (0, 200)]));
+    drop(items);
+    let tally = engine.counts().tally();
+    assert_eq!(tally.sources[1].reasons.to_string(), "2 × connection refused, 1 × reset");
+    assert_eq!(tally.sources[0].reasons.iter().next().unwrap().1, 3);
+    for n in 0..20 {
+        let t = n + 3;
+        let _ = engine.open(t, t, None, t);
+        engine.fail(t, t, 0, &format!("reason {n}"));
+    }
+    let reasons = engine.counts().tally().sources[0].reasons.clone();
+    assert_eq!((reasons.iter().count(), reasons.others()), (8, 13));
+}
+
 proptest! {
     #[test]
     fn whatever_happens_calls_are_bounded_messages_answered_once_and_the_trace_conforms(
         steps in proptest::collection::vec(step(), 1..200),
         patient in any::<bool>(),
         skip_answered in any::<bool>(),
+        lossy in any::<bool>(),
     ) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("trace.jsonl");
         let header = header(if patient { Commit::Patient } else { Commit::Eager });
-        let local = Local { at_once: 2, waiting: 4, skip_answered };
+        let local = Local { at_once: 2, waiting: 4, skip_answered, lossy };
         let mut engine: Tested = Engine::new(&header, &[2, 1], local).unwrap();
         let recorder = Recorder::create(&path, &header, Recording::default()).unwrap();
         engine.record(recorder).unwrap();
@@ -272,8 +399,8 @@ proptest! {
                     now += nanos;
                     engine.tick(now);
                 }
-                Step::Open { limit } => {
-                    if engine.open(now, next, limit.map(Duration::from_nanos), next)
+                Step::Open { deadline } => {
+                    if engine.open(now, next, deadline.map(Duration::from_nanos), next)
                         == Opening::NoRoom
                     {
                         engine.fail(now, next, 0, &"no room");
@@ -311,7 +438,8 @@ proptest! {
                         prop_assert!(due.is_none_or(|due| due > now));
                         prop_assert!(flying.insert((priority, timestamp)));
                         let calls = flying.iter().filter(|(p, _)| *p == priority).count();
-                        prop_assert!(calls <= at_once[usize::from(priority)]);
+                        let lost = if priority > 0 { 0 } else { lost(&engine) };
+                        prop_assert!(calls <= at_once[usize::from(priority)] + lost);
                     }
                     Effect::Abort { priority, timestamp } => {
                         prop_assert!(priority > 0);

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::{IpAddr, Ipv4Addr};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use futures_util::{StreamExt, pin_mut};
@@ -15,9 +16,11 @@ use rustdds::{
     QosPolicyBuilder, Subscriber, Timestamp, Topic, TopicKind,
 };
 use tokio::task::JoinSet;
+use tokio::time::Instant;
 use tracing::{info, warn};
 
 use crate::raw::{Cdr, Payload};
+use crate::rhythm::Rhythm;
 use crate::settings::Qos;
 
 /// How many samples a reliable publisher keeps for subscribers that have not acknowledged them; with
@@ -44,8 +47,16 @@ pub(crate) struct Domain {
 /// A publisher of serialized messages.
 pub(crate) struct Outlet {
     writer: Arc<DataWriter<Payload, Cdr>>,
+    stamper: Stamper,
     pub(crate) end: Arc<End>,
 }
+
+/// The source timestamps of one writer: the time of day that never goes back.
+///
+/// DDS refuses a time before that of the last sample, and Fast DDS drops such a sample from a history
+/// that is full; but the time of day is set back.
+#[derive(Debug, Default)]
+struct Stamper(AtomicU64);
 
 /// Who is at the other end of a topic.
 #[derive(Debug)]
@@ -54,6 +65,7 @@ pub(crate) struct End {
     /// The type's name in DDS.
     type_name: String,
     peers: Mutex<Peers>,
+    rhythm: Mutex<Rhythm>,
 }
 
 #[derive(Default, Debug)]
@@ -111,7 +123,7 @@ impl Domain {
                 seen.of_writer(&status, &participant);
             }
         });
-        Ok(Outlet { writer, end })
+        Ok(Outlet { writer, stamper: Stamper::default(), end })
     }
 
     /// Subscribes to a topic; `take` gets each message, in the order of its publisher.
@@ -140,7 +152,10 @@ impl Domain {
                     Some(status) = statuses.next() => seen.of_reader(&status, &participant),
                     sample = samples.next() => match sample {
                         Some(Ok(sample)) if seen.is_strange(sample.writer_guid()) => {}
-                        Some(sample) => take(sample.map(DeserializedCacheChange::into_value)).await,
+                        Some(sample) => {
+                            seen.heard(Instant::now());
+                            take(sample.map(DeserializedCacheChange::into_value)).await;
+                        }
                         None => break,
                     },
                 }
@@ -157,7 +172,7 @@ impl Domain {
 impl Outlet {
     /// Publishes without waiting. False if that cannot be: a reliable subscriber is too far behind.
     pub(crate) fn publish(&self, payload: Payload) -> bool {
-        match self.writer.write(payload, Some(Timestamp::now())) {
+        match self.writer.write(payload, Some(self.stamper.stamp(Timestamp::now()))) {
             Ok(()) => true,
             Err(WriteError::WouldBlock { .. }) => false,
             Err(error) => {
@@ -168,9 +183,32 @@ impl Outlet {
     }
 }
 
+impl Stamper {
+    fn stamp(&self, now: Timestamp) -> Timestamp {
+        let now = now.to_ticks();
+        Timestamp::from_ticks(now.max(self.0.fetch_max(now, Ordering::Relaxed)))
+    }
+}
+
 impl End {
-    fn new(topic: &str, ty: &str) -> Self {
-        Self { topic: topic.into(), type_name: dds_type(ty), peers: Mutex::default() }
+    pub(crate) fn new(topic: &str, ty: &str) -> Self {
+        let (peers, rhythm) = (Mutex::default(), Mutex::default());
+        Self { topic: topic.into(), type_name: dds_type(ty), peers, rhythm }
+    }
+
+    /// Says what is silence; none is for the gaps between messages to say.
+    pub(crate) fn patience(&self, patience: Option<std::time::Duration>) {
+        *self.rhythm() = Rhythm::new(patience);
+    }
+
+    /// A message came.
+    pub(crate) fn heard(&self, now: Instant) {
+        self.rhythm().beat(now);
+    }
+
+    /// How long nothing came, if that is too long with a publisher there.
+    pub(crate) fn silence(&self) -> Option<std::time::Duration> {
+        if self.matched() == 0 { None } else { self.rhythm().silence(Instant::now()) }
     }
 
     /// How many there are.
@@ -231,7 +269,7 @@ impl End {
     }
 
     /// A peer came or left.
-    fn change(&self, peer: GUID, by: i32, type_name: Option<&String>) {
+    pub(crate) fn change(&self, peer: GUID, by: i32, type_name: Option<&String>) {
         let mut peers = self.peers();
         if by <= 0 {
             peers.strangers.remove(&peer);
@@ -243,6 +281,7 @@ impl End {
             peers.strangers.insert(peer, other.clone());
         } else if peers.matched.insert(peer) {
             info!(topic = self.topic, peers = peers.matched.len(), "a peer came");
+            self.rhythm().rest(Instant::now());
         }
     }
 
@@ -254,6 +293,10 @@ impl End {
     /// What is changed is changed whole, so that a poisoned lock holds nothing strange.
     fn peers(&self) -> MutexGuard<'_, Peers> {
         self.peers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn rhythm(&self) -> MutexGuard<'_, Rhythm> {
+        self.rhythm.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -277,4 +320,35 @@ fn policies(qos: Qos) -> QosPolicyBuilder {
         .reliability(reliability)
         .durability(durability)
         .history(History::KeepLast { depth: qos.depth.into() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn source_timestamps_follow_the_time_of_day_but_never_go_back() {
+        let stamper = Stamper::default();
+        let stamps = [5, 9, 3, 8, 9, 10].map(|ticks| stamper.stamp(Timestamp::from_ticks(ticks)));
+        assert_eq!(stamps.map(Timestamp::to_ticks), [5, 9, 9, 9, 9, 10]);
+    }
+
+    #[test]
+    fn a_peer_with_another_type_is_no_peer_until_it_leaves() {
+        let (end, peer) = (End::new("/input", "a_msgs/msg/A"), GUID::GUID_UNKNOWN);
+        let other = "b_msgs::msg::dds_::B_".to_owned();
+        end.change(peer, 1, Some(&other));
+        assert_eq!((end.matched(), end.other_type(), end.is_strange(peer)), (0, Some(other), true));
+        end.change(peer, -1, None);
+        assert_eq!((end.matched(), end.other_type(), end.is_strange(peer)), (0, None, false));
+        end.change(peer, 1, Some(&"a_msgs::msg::dds_::A_".to_owned()));
+        assert_eq!((end.matched(), end.other_type(), end.is_strange(peer)), (1, None, false));
+        end.change(peer, -1, None);
+        assert_eq!(end.matched(), 0);
+    }
+
+    #[test]
+    fn names_of_types_are_those_of_dds() {
+        assert_eq!(dds_type("sensor_msgs/msg/Image"), "sensor_msgs::msg::dds_::Image_");
+    }
 }

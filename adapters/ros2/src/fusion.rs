@@ -181,8 +181,8 @@ impl Fusion {
         let timestamp = self.memory.next;
         self.memory.next += 1;
         self.memory.stamps.open(key, timestamp);
-        let limit = self.sources[LOCAL].deadline;
-        let opening = self.engine.open(now, timestamp, limit, payload.clone());
+        let deadline = self.sources[LOCAL].deadline;
+        let opening = self.engine.open(now, timestamp, deadline, payload.clone());
         if opening == Opening::Refused {
             return;
         }

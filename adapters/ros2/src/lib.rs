@@ -9,6 +9,7 @@ mod node;
 pub mod parameters;
 mod raw;
 mod report;
+mod rhythm;
 mod rosout;
 pub mod settings;
 mod source;

@@ -26,7 +26,10 @@ fn main() -> ExitCode {
         Action::Version => return print(&format!("fuseline-ros2 {}\n", env!("CARGO_PKG_VERSION"))),
         Action::Check | Action::Run => {}
     }
-    let settings = match Settings::from(&arguments, |name| std::env::var(name).ok()) {
+    let settings = match Settings::from(&arguments, |name| {
+        // What is no text is wrong where it is read, not missing.
+        std::env::var_os(name).map(|value| value.to_string_lossy().into_owned())
+    }) {
         Ok(settings) => settings,
         Err(error) => return told(&error),
     };

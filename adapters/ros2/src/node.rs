@@ -89,6 +89,7 @@ pub async fn run(
         let taken = taken.clone();
         async move { drop(taken.send(sample).await) }
     })?;
+    input_end.patience(settings.silence);
     let (decided, deadlines) = mpsc::channel(1);
     if let Some(topic) = &settings.deadline_topic {
         let qos = settings.qos(topic, Role::Subscription);
@@ -136,6 +137,7 @@ fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, ConfigError> 
         at_once: settings.local.in_flight.into(),
         waiting: settings.local.waiting.into(),
         skip_answered: false,
+        lossy: true,
     };
     Engine::new(&header(settings), &at_once, local)
 }

@@ -113,17 +113,22 @@ impl Reporter {
         let unread = intake.unread() - self.intake.unread();
         let unsent = intake.unsent - self.intake.unsent;
         let unfit = ends.iter().find_map(|end| unfit(end));
+        let silent = ends.iter().find_map(|end| silent(end));
         let nobody = ends.iter().find(|end| end.matched() == 0);
         let (level, message) = if missed > 0 {
             (ERROR, format!("{missed} messages missed"))
         } else if unsent > 0 {
             (ERROR, format!("{unsent} outputs not sent: a subscriber is too far behind"))
+        } else if let Some(why) = &tally.unrecorded {
+            (ERROR, format!("the recording has ended: {why}"))
         } else if refused > 0 {
             (WARN, format!("{refused} messages refused"))
         } else if unread > 0 {
             (WARN, format!("{unread} inputs not taken: no key, or one that is taken"))
         } else if let Some(unfit) = unfit {
             (WARN, unfit)
+        } else if let Some(silent) = silent {
+            (WARN, silent)
         } else if let Some(end) = nobody {
             (OK, format!("nobody on {}", end.topic))
         } else {
@@ -150,6 +155,7 @@ impl Reporter {
         let asked = now.admitted - before.admitted;
         let without = (now.timers + now.failed) - (before.timers + before.failed);
         let refused = total(&now.refused) - total(&before.refused);
+        let lost = now.lost - before.lost;
         let strange = (source.strays.unknown_stamp + source.strays.malformed)
             - (stray.unknown_stamp + stray.malformed);
         let heard = heard(now) - heard(before);
@@ -161,8 +167,12 @@ impl Reporter {
             (ERROR, format!("missing: {who}{unfit}"))
         } else if asked > 0 && without >= asked && heard == 0 {
             (ERROR, format!("missing: no result to {without} requests"))
+        } else if lost > 0 && heard == 0 {
+            (ERROR, format!("missing: no word of {lost} computations"))
         } else if without > 0 {
             (WARN, format!("falling back: {without} requests without a result in time"))
+        } else if lost > 0 {
+            (WARN, format!("no word of {lost} computations"))
         } else if refused > 0 {
             (WARN, format!("falling back: {refused} requests refused"))
         } else if strange > 0 {
@@ -179,6 +189,8 @@ impl Reporter {
             value("held", &now.held),
             value("timers", &now.timers),
             value("failed", &now.failed),
+            value("reasons", &now.reasons),
+            value("lost", &now.lost),
             value("cancelled", &now.cancelled),
             value("unknown_stamp", &source.strays.unknown_stamp),
             value("malformed", &source.strays.malformed),
@@ -254,6 +266,13 @@ fn unfit(end: &End) -> Option<String> {
     quality.or_else(|| Some(format!("another type on {topic}: {}", end.other_type()?)))
 }
 
+/// That messages came on a topic and come no longer.
+fn silent(end: &End) -> Option<String> {
+    let (topic, silence) = (&end.topic, end.silence()?);
+    let (matched, silence) = (end.matched(), silence.as_secs_f64());
+    Some(format!("nothing came on {topic} for {silence:.1} s; matched publishers: {matched}"))
+}
+
 fn end_values(end: &End) -> Vec<KeyValue> {
     let mut values = vec![value(&format!("matched {}", end.topic), &end.matched())];
     if let Some(unfit) = end.incompatible() {
@@ -274,3 +293,6 @@ fn value(key: &str, value: &dyn ToString) -> KeyValue {
 fn seconds(key: &str, duration: Duration) -> KeyValue {
     value(key, &format!("{:.6}", duration.as_secs_f64()))
 }
+
+#[cfg(test)]
+mod tests;

@@ -38,6 +38,8 @@ pub struct Settings {
     pub localhost_only: bool,
     /// The messages.
     pub input: Stream,
+    /// How long no input may come until that is told; none is for their usual gap to say.
+    pub silence: Option<Duration>,
     /// Their results.
     pub output: Stream,
     /// How many messages may be open at once, 1 to 1024.
@@ -200,6 +202,13 @@ impl Settings {
 /// Reads all parameters but those of quality of service.
 fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
     let input = stream(r, "input", Role::Subscription)?;
+    let silence = r.read(
+        "input.silence",
+        Value::Double(0.0),
+        "How long no input may come until diagnostics tell it, in seconds; 0 for ten usual gaps",
+        "seconds, at most 1e9, or 0 for ten usual gaps between inputs",
+        change::own_seconds,
+    )?;
     let output = stream(r, "output", Role::Publisher)?;
     let window = r.integer("window", 1..=1024, 16, "How many messages may be open at once")?.value;
     let commit = r.read(
@@ -235,6 +244,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         domain: domain.value,
         localhost_only,
         input,
+        silence: change::none_if_zero(silence.value),
         output,
         window,
         commit: commit.value,

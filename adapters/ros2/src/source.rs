@@ -139,3 +139,132 @@ fn read(path: impl AsRef<std::path::Path>) -> Result<Vec<u8>, GrpcError> {
     let path = path.as_ref();
     std::fs::read(path).map_err(|error| GrpcError::File { path: path.display().to_string(), error })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::future::ready;
+    use std::path::PathBuf;
+
+    use fuseline_operator::{Commit, Engine, Header, Local};
+    use fuseline_tokio::grpc::Server;
+    use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
+    use tokio::net::TcpListener;
+
+    use super::*;
+
+    /// What a server wants of its clients, and the files that a client has it in.
+    struct Secrets {
+        folder: tempfile::TempDir,
+        server: Server,
+    }
+
+    impl Secrets {
+        fn new() -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let mut params = CertificateParams::new([]).unwrap();
+            params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+            let key = KeyPair::generate().unwrap();
+            let ca = params.self_signed(&key).unwrap().pem();
+            let issuer = Issuer::new(params, key);
+            let sign = |name: &str| {
+                let key = KeyPair::generate().unwrap();
+                let params = CertificateParams::new([name.to_owned()]).unwrap();
+                (params.signed_by(&key, &issuer).unwrap().pem(), key.serialize_pem())
+            };
+            let (ours, our_key) = sign("robot");
+            for (name, text) in
+                [("ca", ca.as_str()), ("ours", &ours), ("key", &our_key), ("token", "a-token\n")]
+            {
+                std::fs::write(folder.path().join(name), text).unwrap();
+            }
+            let (theirs, their_key) = sign("localhost");
+            let server = Server {
+                identity: Some(Identity { certificate: theirs.into(), key: their_key.into() }),
+                client_ca: Some(ca.into()),
+                token: Some(Token::new("a-token").unwrap()),
+            };
+            Self { folder, server }
+        }
+
+        fn file(&self, name: &str) -> PathBuf {
+            self.folder.path().join(name)
+        }
+    }
+
+    /// One call's result.
+    async fn ask(grpc: &Grpc) -> Result<Payload, Error> {
+        let header =
+            Header { operator: None, window: 1, commit: Commit::Eager, clouds: Vec::new() };
+        let local = Local { at_once: 1, waiting: 0, skip_answered: false, lossy: true };
+        let engine = Engine::<Payload, Payload>::new(&header, &[], local).unwrap();
+        let call_of = Call::new(7, Duration::from_secs(60), 0, engine.counts());
+        let message = Payload { big_endian: true, body: b"message".as_slice().into() };
+        call(grpc).unwrap()(message, call_of).await
+    }
+
+    #[tokio::test]
+    async fn a_call_bears_the_token_and_the_certificate_of_their_files() {
+        let secrets = Secrets::new();
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = format!("https://localhost:{}", listener.local_addr().unwrap().port());
+        let echo = |request: grpc::Request| ready(Ok(grpc::Reply { payload: request.payload }));
+        let server = grpc::serve(echo, secrets.server.clone(), listener, std::future::pending());
+        let server = tokio::spawn(server);
+        let all = Grpc {
+            url,
+            ca: Some(secrets.file("ca")),
+            certificate: Some(secrets.file("ours")),
+            key: Some(secrets.file("key")),
+            token_file: Some(secrets.file("token")),
+            server_name: None,
+        };
+        let echoed = ask(&all).await.unwrap();
+        assert_eq!((echoed.big_endian, &echoed.body[..]), (true, b"message".as_slice()));
+        let without_token = Grpc { token_file: None, ..all.clone() };
+        let without_certificate = Grpc { certificate: None, key: None, ..all };
+        assert!(ask(&without_token).await.is_err(), "the server asks for no token");
+        assert!(ask(&without_certificate).await.is_err(), "the server asks for no certificate");
+        server.abort();
+    }
+
+    #[tokio::test]
+    async fn a_secret_that_is_set_and_cannot_be_read_is_an_error() {
+        let secrets = Secrets::new();
+        let write = |name: &str, bytes: &[u8]| {
+            std::fs::write(secrets.folder.path().join(name), bytes).unwrap();
+        };
+        write("not-unicode", b"a-token\xff");
+        write("empty", b" \n");
+        write("lines", b"a-token\nanother");
+        let plain = Grpc {
+            url: "https://localhost:1".into(),
+            ca: Some(secrets.file("ca")),
+            certificate: None,
+            key: None,
+            token_file: None,
+            server_name: None,
+        };
+        assert!(call(&plain).is_ok());
+        for file in ["none", ".", "not-unicode", "empty", "lines"] {
+            let path = secrets.file(file);
+            let shown = path.display().to_string();
+            let refused = call(&Grpc { token_file: Some(path), ..plain.clone() }).err().unwrap();
+            assert!(refused.to_string().starts_with(&shown), "{refused}");
+        }
+        for none in [
+            Grpc { ca: Some(secrets.file("none")), ..plain.clone() },
+            Grpc {
+                certificate: Some(secrets.file("none")),
+                key: Some(secrets.file("key")),
+                ..plain.clone()
+            },
+            Grpc {
+                certificate: Some(secrets.file("ours")),
+                key: Some(secrets.file("none")),
+                ..plain.clone()
+            },
+        ] {
+            assert!(matches!(call(&none), Err(GrpcError::File { .. })));
+        }
+    }
+}

@@ -171,6 +171,99 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
         .await;
 }
 
+/// Tells when it is dropped.
+struct Told(tokio::sync::mpsc::UnboundedSender<&'static str>);
+
+impl Drop for Told {
+    fn drop(&mut self) {
+        let _ = self.0.send("ended");
+    }
+}
+
+#[tokio::test]
+async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let url = format!("west.grpc.url:=http://{}", listener.local_addr().unwrap());
+    let (tell, mut told) = tokio::sync::mpsc::unbounded_channel();
+    let infer = move |_: grpc::Request| {
+        let tell = tell.clone();
+        async move {
+            tell.send("asked").unwrap();
+            let _told = Told(tell);
+            std::future::pending().await
+        }
+    };
+    tokio::spawn(grpc::serve(infer, Server::default(), listener, std::future::pending()));
+
+    let peers = async {
+        let mut node = ros::node_in(93, "camera")?;
+        let camera: Publisher<CompressedImage> =
+            publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
+        let asked: Subscription<CompressedImage> =
+            subscription(&mut node, "east/input", "sensor_msgs/CompressedImage")?;
+        let east: Publisher<PointStamped> =
+            publisher(&mut node, "east/output", "geometry_msgs/PointStamped")?;
+        timeout(LONG, node.wait_for_publisher("/east/input")).await?;
+        timeout(LONG, camera.wait_for_subscription(&node)).await?;
+        timeout(LONG, east.wait_for_subscription(&node)).await?;
+        let mut asked = Box::pin(asked.async_stream());
+
+        // West is asked and never answers; east, which outranks it, does.
+        let start = Instant::now();
+        for sec in 1.. {
+            assert!(start.elapsed() < LONG, "no call was aborted");
+            send(&camera, sec).await?;
+            if let Ok(Some(Ok((image, _)))) = timeout(Duration::from_secs(1), asked.next()).await {
+                let header = Header { frame_id: "east".into(), ..image.header };
+                east.publish(PointStamped { header, point: [0.0; 3] })
+                    .map_err(|e| e.to_string())?;
+            }
+            let ended = async { while told.recv().await != Some("ended") {} };
+            if timeout(Duration::from_secs(1), ended).await.is_ok() {
+                break;
+            }
+        }
+        Ok(())
+    };
+    let set = ["clouds:=[west, east]", &url, "deadline:=600.0", "local.deadline:=900.0"];
+    beside(settings(93, &set), peers).await;
+}
+
+#[tokio::test]
+async fn messages_of_another_type_are_not_taken_in() {
+    let peers = async {
+        let mut node = ros::node_in(94, "camera")?;
+        // RustDDS sends to a subscriber whatever the type's name there is; others do not.
+        let mut stranger = ros::node_in(94, "stranger")?;
+        let image: Publisher<CompressedImage> =
+            publisher(&mut stranger, "input", "sensor_msgs/Image")?;
+        timeout(LONG, image.wait_for_subscription(&stranger)).await?;
+        let asked: Subscription<CompressedImage> =
+            subscription(&mut node, "local/input", "sensor_msgs/CompressedImage")?;
+        timeout(LONG, node.wait_for_publisher("/local/input")).await?;
+        let mut asked = Box::pin(asked.async_stream());
+        let camera: Publisher<CompressedImage> =
+            publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
+        timeout(LONG, camera.wait_for_subscription(&node)).await?;
+        let start = Instant::now();
+        for sec in 1000.. {
+            assert!(start.elapsed() < LONG, "local was not asked");
+            send(&image, sec - 1000).await?;
+            send(&camera, sec).await?;
+            if let Ok(Some(Ok((image, _)))) = timeout(Duration::from_secs(1), asked.next()).await {
+                assert!(image.header.stamp.sec >= 1000, "a message of another type was taken in");
+                // What follows it was sent after the node had met both.
+                if sec > 1003 {
+                    break;
+                }
+            }
+        }
+        Ok(())
+    };
+    // Nobody answers, and each message may be asked for all the same.
+    beside(settings(94, &["local.deadline:=0.5", "local.in_flight:=64"]), peers).await;
+}
+
 async fn send(camera: &Publisher<CompressedImage>, sec: i32) -> Result<(), Any> {
     let header = Header { stamp: Time { sec, nanosec: 0 }, frame_id: "camera".into() };
     let image = CompressedImage { header, format: String::new(), data: vec![0; 100] };

@@ -17,7 +17,7 @@ pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
 
 /// One source asked for one message: it gives one result or one failure.
 ///
-/// Dropped, it gives neither: a cloud's timer closes its request then, and local's limit, if it has one.
+/// Dropped, it gives neither: a cloud's timer closes its request then, and local's deadline, if it has one.
 #[must_use = "the message waits for it"]
 pub struct Call<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) message: Message<'a, T, CLOUDS, WINDOW>,

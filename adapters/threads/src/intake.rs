@@ -29,7 +29,7 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WIND
         Self { owner, desk, cells }
     }
 
-    /// F1: a message with this timestamp came. `limit`, if any, is how long the local computation may take.
+    /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
     ///
     /// Answers the message, and the call for local.
     ///
@@ -39,9 +39,9 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WIND
         &mut self,
         now: Instant,
         timestamp: Timestamp,
-        limit: Option<Deadline>,
+        deadline: Option<Deadline>,
     ) -> Result<(Message<'a, T, CLOUDS, WINDOW>, Call<'a, T, CLOUDS, WINDOW>), OpenRefusal> {
-        let ticket = self.owner.open(now, timestamp, limit)?;
+        let ticket = self.owner.open(now, timestamp, deadline)?;
         let cells = &mut self.cells[ticket.place()];
         match Arc::get_mut(cells) {
             Some(cells) => cells.clear(),

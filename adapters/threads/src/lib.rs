@@ -38,10 +38,15 @@
 //!
 //! # When the plain machine does better
 //!
-//! Where one thread or task drives everything anyway. The tokio adapter stays with
-//! [`Fusion`](fuseline_core::Fusion) for that: each value has to reach its task through a queue in any case, nothing
-//! contends for the machine behind it, and its strict trace needs what only one caller can give, one clock and one
-//! order over all timestamps (F0, F5). It would gain neither in simplicity nor in speed.
+//! - **Two threads and the most messages a second**: a [`Fusion`](fuseline_core::Fusion) in a `std` `Mutex` carries
+//!   more, 35 against 25 million results a second in the project's table, since whoever has the lock keeps it for many calls.
+//!   What this machine buys instead is the tail, 0.13 ms against 4.8 ms at worst, and that nobody waits for a thread that
+//!   does not run. With one thread, or more than cores, the mutex carries less.
+//! - **One thread or task that drives everything anyway.** The tokio adapter stays with
+//!   [`Fusion`](fuseline_core::Fusion) for that: each value has to reach its task through a queue in any case, nothing
+//!   contends for the machine behind it, and its strict trace needs what only one caller can give, one clock and one
+//!   order over all timestamps (F0, F5). It would gain neither in simplicity nor in speed.
+//! - **A target without 64-bit compare-and-swap**: there is no such machine there.
 //!
 //! # What is not provided
 //!

@@ -10,13 +10,14 @@ mod prometheus;
 mod run;
 mod setup;
 mod stream;
+mod words;
 
 pub use fuseline_operator::{
-    Commit, ConfigError, DropReason, Forwarded, Item, Outcome, Recording, Refusal, Rule, Source,
-    SourceTally, Tally,
+    Commit, ConfigError, DropReason, Failure, Forwarded, Item, OfferRefusal, OpenRefusal, Outcome,
+    Reasons, Recording, Rule, Source, SourceTally, Tally,
 };
 pub use local::Local;
-pub use operator::{Config, Items, Operator, Running, SpawnError, Trace, spawn};
+pub use operator::{Config, Items, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]
 pub use prometheus::prometheus;
 pub use setup::{Call, Cloud, Setup};

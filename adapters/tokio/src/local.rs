@@ -21,7 +21,7 @@ pub struct Local<I, O> {
     /// How long a computation may take from when its message was taken in; none by default.
     ///
     /// Without it a message whose computation never ends stays open (A9).
-    pub limit: Option<Duration>,
+    pub deadline: Option<Duration>,
     /// How many messages may wait for a computation to end, as many as the window by default. For a
     /// message beyond, local fails (F4), so that the clouds alone can answer it.
     pub waiting: Option<usize>,
@@ -83,7 +83,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
     }
 
     fn new(at_once: usize, kind: Kind<I, O>) -> Self {
-        Self { limit: None, waiting: None, skip_answered: false, at_once: at_once.max(1), kind }
+        Self { deadline: None, waiting: None, skip_answered: false, at_once: at_once.max(1), kind }
     }
 }
 

@@ -46,7 +46,8 @@ pub struct Config {
     /// When the best in hand goes (F6); eager by default.
     pub commit: Commit,
     /// How many items each reader of the output may lag behind; at least 1, 16 by default. When one
-    /// lags further, no message is taken in until it caught up; what is open goes on.
+    /// lags further, no message is taken in until it caught up; what is open goes on. An output that
+    /// is neither read nor dropped so holds up the operator, and what waits for its end.
     pub output_len: usize,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
@@ -78,6 +79,11 @@ pub enum SpawnError {
     /// What its configuration and its clouds make is no machine.
     #[error("the operator's configuration is refused: {0}")]
     Config(#[from] ConfigError),
+    /// No reader could ever read an item.
+    #[error(
+        "an output of which readers may lag 0 items behind has no room for any; give at least 1"
+    )]
+    NoOutput,
     /// The trace's file cannot be made.
     #[error("the trace {path} cannot be written: {error}", path = path.display())]
     Trace {
@@ -91,11 +97,30 @@ pub enum SpawnError {
     Threads(io::Error),
 }
 
+/// Why an operator did not end well; what it counted is there all the same.
+#[derive(Debug, Error)]
+pub enum JoinError {
+    /// It ended, and its trace ends before it did. [`Tally::unrecorded`] said so when it happened.
+    #[error("the trace ends early: {error}")]
+    Trace {
+        /// Why.
+        error: io::Error,
+        /// Its counts, to its own end.
+        tally: Box<Tally>,
+    },
+    /// The runtime was shut down first.
+    #[error("the runtime was shut down before the operator ended")]
+    Stopped {
+        /// Its counts up to there.
+        tally: Box<Tally>,
+    },
+}
+
 /// Starts an operator on the current runtime, reading `input`; answers its output stream.
 ///
 /// When `input` ends, the operator runs on until every open message is answered, then ends its
 /// output and its trace. Timers see to that, except for a message whose local computation never
-/// ends and has no limit.
+/// ends and has no deadline.
 ///
 /// # Errors
 /// If the operator cannot be started as it is configured; nothing was started then.
@@ -105,6 +130,9 @@ pub fn spawn<P: Operator>(
     input: Reader<P::Input>,
 ) -> Result<(Running, Items<P::Output>), SpawnError> {
     let runtime = Handle::try_current().map_err(|_| SpawnError::NoRuntime)?;
+    if config.output_len == 0 {
+        return Err(SpawnError::NoOutput);
+    }
     let mut setup = Setup::new();
     let local = operator.setup(&mut setup);
     let header = header(&config, &setup.clouds);
@@ -113,6 +141,8 @@ pub fn spawn<P: Operator>(
         at_once: local.at_once,
         waiting: local.waiting.unwrap_or(config.window.into()),
         skip_answered: local.skip_answered,
+        // Tasks and threads end, or are still running.
+        lossy: false,
     };
     let mut engine = Engine::new(&header, &calls, bounds)?;
     let (arrived, arrivals) = mpsc::unbounded_channel();
@@ -125,7 +155,7 @@ pub fn spawn<P: Operator>(
     let counting = engine.counts();
     let (writer, output) = stream(config.output_len);
     let stop = Arc::new(Notify::new());
-    let run = Run::new(engine, setup.clouds, workers, local.limit, arrived, writer);
+    let run = Run::new(engine, setup.clouds, workers, local.deadline, arrived, writer);
     let task = run.run(input, arrivals, Arc::clone(&stop));
     let task = runtime.spawn(task.instrument(info_span!("operator", name = config.name)));
     Ok((Running { task, stop, counting }, output))
@@ -146,14 +176,19 @@ impl Running {
 
     /// Waits until the operator has ended and its trace is written; answers its counts.
     ///
+    /// It ends once its input has and every item found room, so the output is to be read meanwhile,
+    /// or dropped.
+    ///
     /// # Errors
     /// If the trace could not be written whole, or the runtime was shut down first.
-    pub async fn join(self) -> io::Result<Tally> {
-        match self.task.await {
-            Ok(written) => written?,
-            Err(error) => return Err(io::Error::other(error)),
+    pub async fn join(self) -> Result<Tally, JoinError> {
+        let ended = self.task.await;
+        let tally = Box::new(self.counting.tally());
+        match ended {
+            Ok(Ok(())) => Ok(*tally),
+            Ok(Err(error)) => Err(JoinError::Trace { error, tally }),
+            Err(_) => Err(JoinError::Stopped { tally }),
         }
-        Ok(self.counting.tally())
     }
 }
 

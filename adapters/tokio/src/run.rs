@@ -16,13 +16,14 @@ use crate::Error;
 use crate::local::{Workers, guarded};
 use crate::setup::{Call, Registered, Request};
 use crate::stream::{Reader, WriteError, Writer};
+use crate::words::Words;
 
 /// An operator's state while it runs.
 pub(crate) struct Run<I, O> {
     engine: Engine<O, Work<I, O>>,
     clouds: Vec<Registered<I, O>>,
     workers: Workers<I, O>,
-    limit: Option<Duration>,
+    deadline: Option<Duration>,
     start: Instant,
     arrived: Arrived<O>,
     calls: Calls,
@@ -58,13 +59,13 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
         engine: Engine<O, Work<I, O>>,
         clouds: Vec<Registered<I, O>>,
         workers: Workers<I, O>,
-        limit: Option<Duration>,
+        deadline: Option<Duration>,
         arrived: Arrived<O>,
         output: Writer<Item<O>>,
     ) -> Self {
         let counting = engine.counts();
         let (start, calls, outbox) = (Instant::now(), Calls::default(), VecDeque::new());
-        Self { engine, clouds, workers, limit, start, arrived, calls, output, outbox, counting }
+        Self { engine, clouds, workers, deadline, start, arrived, calls, output, outbox, counting }
     }
 
     /// Runs until the input has ended and every message is answered, or until told to stop.
@@ -118,7 +119,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
         // One instant for all of it: deadlines count from the message, and equal ones end together.
         let now = self.now();
         let job = Work::Local(Arc::clone(message));
-        let opening = self.engine.open(now, timestamp, self.limit, job);
+        let opening = self.engine.open(now, timestamp, self.deadline, job);
         if opening == Opening::Refused {
             return;
         }
@@ -144,7 +145,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
         let now = self.now();
         match result {
             Ok(value) => self.engine.result(now, timestamp, priority, value),
-            Err(error) => self.engine.fail(now, timestamp, priority, &error),
+            Err(error) => self.engine.fail(now, timestamp, priority, &Words(&*error)),
         }
     }
 
@@ -185,7 +186,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Run<I, O> {
     /// Hands items to the output while its readers have room.
     fn deliver(&mut self) {
         while let Some(item) = self.outbox.pop_front() {
-            match self.output.try_write(item) {
+            match self.output.write(item) {
                 // An output that nobody reads is no reason to end: traces and counts go on.
                 Ok(_) | Err(WriteError::Closed(_)) => {}
                 Err(WriteError::Full(item)) => {

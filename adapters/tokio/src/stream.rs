@@ -1,15 +1,21 @@
 //! Typed streams: what joins operators to one another and to the rest of a program.
 
+use std::pin::pin;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
+use futures_util::{Stream, StreamExt};
 use thiserror::Error;
-use tokio::sync::mpsc;
+use tokio::sync::{Semaphore, mpsc};
 
-/// A stream of `T` with one writer, each of whose readers may lag `capacity` (at least 1) messages
-/// behind.
+/// A stream of `T` with one writer, each of whose readers may lag `capacity` messages behind.
+///
+/// # Panics
+/// If `capacity` is 0: no message could ever be written.
 #[must_use]
 pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
-    let capacity = capacity.max(1);
+    assert!(capacity > 0, "a stream needs room for at least 1 message");
+    // More than a channel can have is as good as that.
+    let capacity = capacity.min(Semaphore::MAX_PERMITS);
     let (sender, receiver) = mpsc::channel(capacity);
     let joining = Arc::new(Mutex::new(Vec::new()));
     let reader = Reader { receiver, joining: Arc::downgrade(&joining), capacity };
@@ -19,6 +25,11 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
 /// The writing end of a stream. Dropping it ends the stream.
 ///
 /// A message's timestamp is its place in the stream, from 0, and the same for all readers.
+///
+/// One message is [written](Self::write) at once or not at all, never after a wait: who waits for
+/// an operator to take a message in, and meanwhile does not read that operator's output, waits for
+/// ever once the output is full. [`write_all`](Self::write_all) waits, but takes the writer along,
+/// so that it can only run beside whatever reads.
 #[derive(Debug)]
 pub struct Writer<T> {
     readers: Vec<mpsc::Sender<Numbered<T>>>,
@@ -50,22 +61,11 @@ pub enum WriteError<T> {
 }
 
 impl<T> Writer<T> {
-    /// Writes a message as soon as every reader has room for it; answers its timestamp.
-    ///
-    /// Dropping the future writes nothing.
-    ///
-    /// # Errors
-    /// [`WriteError::Closed`] alone.
-    pub async fn write(&mut self, message: T) -> Result<u64, WriteError<T>> {
-        self.room().await;
-        self.try_write(message)
-    }
-
     /// Writes a message if every reader has room for it now; answers its timestamp.
     ///
     /// # Errors
-    /// If some reader has no room, or there is none.
-    pub fn try_write(&mut self, message: T) -> Result<u64, WriteError<T>> {
+    /// If some reader has no room, or there is none; the message comes back.
+    pub fn write(&mut self, message: T) -> Result<u64, WriteError<T>> {
         self.admit();
         if self.readers.is_empty() {
             return Err(WriteError::Closed(message));
@@ -80,6 +80,37 @@ impl<T> Writer<T> {
             drop(reader.try_send((timestamp, Arc::clone(&message))));
         }
         Ok(timestamp)
+    }
+
+    /// Writes each message as soon as every reader has room for it, then ends the stream; answers
+    /// how many it has had.
+    ///
+    /// It is made for a task of its own, or to be joined with what reads:
+    ///
+    /// ```
+    /// # use fuseline_tokio::stream;
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() {
+    /// let (writer, mut reader) = stream(1);
+    /// let writing = tokio::spawn(writer.write_all(futures_util::stream::iter(["a", "b", "c"])));
+    /// while let Some(message) = reader.read().await {
+    ///     println!("{message}");
+    /// }
+    /// assert_eq!(writing.await.unwrap(), Ok(3));
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`WriteError::Closed`] alone.
+    pub async fn write_all(
+        mut self,
+        messages: impl Stream<Item = T>,
+    ) -> Result<u64, WriteError<T>> {
+        let mut messages = pin!(messages);
+        while let Some(message) = messages.next().await {
+            self.room().await;
+            self.write(message)?;
+        }
+        Ok(self.count)
     }
 
     /// Waits until every reader has room for a message.
@@ -133,8 +164,8 @@ mod tests {
     async fn every_reader_gets_every_message_in_order() {
         let (mut writer, mut one) = stream(2);
         let mut other = one.another();
-        assert_eq!(writer.write('a').await, Ok(0));
-        assert_eq!(writer.write('b').await, Ok(1));
+        assert_eq!(writer.write('a'), Ok(0));
+        assert_eq!(writer.write('b'), Ok(1));
         drop(writer);
         for reader in [&mut one, &mut other] {
             assert_eq!(reader.numbered().await, Some((0, Arc::new('a'))));
@@ -146,9 +177,9 @@ mod tests {
     #[tokio::test]
     async fn a_late_reader_sees_the_same_timestamps() {
         let (mut writer, one) = stream(2);
-        assert_eq!(writer.try_write('a'), Ok(0));
+        assert_eq!(writer.write('a'), Ok(0));
         let mut late = one.another();
-        assert_eq!(writer.try_write('b'), Ok(1));
+        assert_eq!(writer.write('b'), Ok(1));
         assert_eq!(late.numbered().await, Some((1, Arc::new('b'))));
     }
 
@@ -156,23 +187,58 @@ mod tests {
     async fn the_slowest_reader_holds_the_writer_back_and_loses_nothing() {
         let (mut writer, mut one) = stream(1);
         let mut slow = one.another();
-        assert_eq!(writer.try_write(1), Ok(0));
+        assert_eq!(writer.write(1), Ok(0));
         assert_eq!(one.read().await.as_deref(), Some(&1));
-        assert_eq!(writer.try_write(2), Err(WriteError::Full(2)));
+        assert_eq!(writer.write(2), Err(WriteError::Full(2)));
         assert_eq!(slow.read().await.as_deref(), Some(&1));
-        assert_eq!(writer.try_write(2), Ok(1));
+        assert_eq!(writer.write(2), Ok(1));
     }
 
     #[tokio::test]
     async fn a_dropped_reader_holds_nobody_back() {
         let (mut writer, one) = stream(1);
         let mut other = one.another();
-        assert_eq!(writer.try_write(1), Ok(0));
+        assert_eq!(writer.write(1), Ok(0));
         drop(one);
         assert_eq!(other.read().await.as_deref(), Some(&1));
-        assert_eq!(writer.try_write(2), Ok(1));
+        assert_eq!(writer.write(2), Ok(1));
         drop(other);
-        assert_eq!(writer.write(3).await, Err(WriteError::Closed(3)));
+        assert_eq!(writer.write(3), Err(WriteError::Closed(3)));
+    }
+
+    #[tokio::test]
+    async fn all_are_written_as_readers_make_room() {
+        let (writer, mut reader) = stream(1);
+        let reading = async {
+            let mut read = Vec::new();
+            while let Some(message) = reader.read().await {
+                read.push(*message);
+            }
+            read
+        };
+        let messages = futures_util::stream::iter(0..5);
+        let (written, read) = tokio::join!(writer.write_all(messages), reading);
+        assert_eq!((written, read), (Ok(5), vec![0, 1, 2, 3, 4]));
+    }
+
+    #[tokio::test]
+    async fn all_are_not_written_when_nobody_reads() {
+        let (writer, reader) = stream(2);
+        drop(reader);
+        let messages = futures_util::stream::iter([7, 8]);
+        assert_eq!(writer.write_all(messages).await, Err(WriteError::Closed(7)));
+    }
+
+    #[test]
+    #[should_panic(expected = "room for at least 1 message")]
+    fn a_stream_without_room_is_refused() {
+        drop(stream::<u8>(0));
+    }
+
+    #[test]
+    fn a_stream_of_any_length_can_be_made() {
+        let (mut writer, _reader) = stream(usize::MAX);
+        assert_eq!(writer.write(1), Ok(0));
     }
 
     #[test]

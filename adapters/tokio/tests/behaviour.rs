@@ -8,9 +8,10 @@ use std::sync::{Arc, Barrier, Mutex};
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Call, Config, Error, Item, Local, Operator, Outcome, Refusal, Setup, SpawnError, Trace,
+    Call, Config, Error, Item, Local, OfferRefusal, Operator, Outcome, Setup, SpawnError, Trace,
     WriteError, spawn, stream,
 };
+use futures_util::StreamExt;
 use support::Act::{Answers, Never};
 use support::{Script, line, play, play_default};
 use tokio::time::{Instant, sleep};
@@ -218,8 +219,8 @@ async fn operators_join_into_a_graph_and_readers_share_a_stream() {
     let (_, detections) = spawn(detector, Config::default(), frames).unwrap();
     let (_, mut log) = spawn(Script::new(), Config::default(), other_frames).unwrap();
     let (_, mut tracks) = spawn(Tracker, Config::default(), detections).unwrap();
-    camera.write(0).await.unwrap();
-    camera.write(1).await.unwrap();
+    camera.write(0).unwrap();
+    camera.write(1).unwrap();
     drop(camera);
     // The second message's detection comes first; the tracker counts what it gets.
     let tracked = tracks.read().await.unwrap();
@@ -254,12 +255,12 @@ async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
     let (mut camera, frames) = stream(8);
     let (running, mut output) =
         spawn(operator, Config { trace, ..Config::default() }, frames).unwrap();
-    camera.write(0).await.unwrap();
+    camera.write(0).unwrap();
     sleep(10 * MS).await;
     running.stop();
     assert!(output.read().await.is_none());
     assert_eq!(running.join().await.unwrap().messages, 1);
-    assert_eq!(camera.write(1).await, Err(WriteError::Closed(1)));
+    assert_eq!(camera.write(1), Err(WriteError::Closed(1)));
     tokio::task::yield_now().await;
     assert_eq!(seen.lock().unwrap().len(), 1);
     let written = std::fs::read_to_string(path).unwrap();
@@ -279,7 +280,7 @@ fn a_dropped_runtime_leaves_the_trace_whole() {
         let (mut camera, frames) = stream(8);
         let script = Script::new().cloud(1, 3_600_000, |_| Never);
         let (running, _) = spawn(script, Config { trace, ..Config::default() }, frames).unwrap();
-        camera.write(0).await.unwrap();
+        camera.write(0).unwrap();
         while running.tally().sources[1].admitted == 0 {
             tokio::task::yield_now().await;
         }
@@ -294,15 +295,14 @@ fn a_dropped_runtime_leaves_the_trace_whole() {
 
 #[tokio::test(start_paused = true)]
 async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
-    let (mut camera, frames) = stream(1);
+    let (camera, frames) = stream(1);
     let config = Config { output_len: 1, window: 2, ..Config::default() };
     let (running, mut output) = spawn(Script::new(), config, frames).unwrap();
-    let camera = tokio::spawn(async move {
-        for i in 0..8 {
-            camera.write(i).await.unwrap();
-            sleep(30 * MS).await;
-        }
+    let messages = futures_util::stream::iter(0..8).then(async |i| {
+        sleep(30 * MS).await;
+        i
     });
+    let camera = tokio::spawn(camera.write_all(messages));
     sleep(1000 * MS).await;
     // One item is on the stream and one waits; nothing was taken in since.
     assert_eq!(running.tally().messages, 2);
@@ -312,7 +312,38 @@ async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
         assert!(matches!(item.outcome, Outcome::Forwarded(_)));
     }
     assert!(output.read().await.is_none());
-    camera.await.unwrap();
+    assert_eq!(camera.await.unwrap(), Ok(8));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_camera_and_the_reader_of_its_output_in_one_task_never_wait_for_each_other() {
+    let (mut camera, frames) = stream(1);
+    let config = Config { output_len: 1, window: 2, ..Config::default() };
+    let (running, mut output) = spawn(Script::new(), config, frames).unwrap();
+    let mut ticks = tokio::time::interval(10 * MS);
+    let (mut lost, mut read) = (0, 0);
+    for frame in 0..50 {
+        ticks.tick().await;
+        // A stall: for a while nobody reads, though frames come.
+        if !(10..30).contains(&frame) {
+            while let Ok(Some(_)) = tokio::time::timeout(Duration::ZERO, output.read()).await {
+                read += 1;
+            }
+        }
+        match camera.write(frame) {
+            Ok(_) => {}
+            Err(WriteError::Full(_)) => lost += 1,
+            Err(WriteError::Closed(_)) => panic!("the operator ended"),
+        }
+    }
+    drop(camera);
+    while output.read().await.is_some() {
+        read += 1;
+    }
+    assert!(lost > 10, "{lost}");
+    assert_eq!(read + lost, 50);
+    let tally = running.join().await.unwrap();
+    assert_eq!(tally.messages + tally.refused.values().sum::<u64>(), read);
 }
 
 #[tokio::test(start_paused = true)]
@@ -321,7 +352,7 @@ async fn an_output_that_nobody_reads_stops_nothing() {
     let (running, output) = spawn(Script::new(), Config::default(), frames).unwrap();
     drop(output);
     for i in 0..5 {
-        camera.write(i).await.unwrap();
+        camera.write(i).unwrap();
     }
     drop(camera);
     let tally = running.join().await.unwrap();
@@ -346,7 +377,7 @@ async fn threads_compute_as_many_messages_at_once_as_there_are() {
     let (mut camera, frames) = stream(8);
     let (_, mut output) = spawn(operator, Config::default(), frames).unwrap();
     for i in 0..8 {
-        camera.write(i).await.unwrap();
+        camera.write(i).unwrap();
     }
     drop(camera);
     let mut last = 0;
@@ -367,8 +398,8 @@ async fn a_thread_that_panics_goes_on_with_the_next_message() {
     });
     let (mut camera, frames) = stream(8);
     let (_, mut output) = spawn(operator, Config::default(), frames).unwrap();
-    camera.write(0).await.unwrap();
-    camera.write(1).await.unwrap();
+    camera.write(0).unwrap();
+    camera.write(1).unwrap();
     assert_eq!(output.read().await.unwrap().outcome, Outcome::Missed);
     assert_eq!(output.read().await.unwrap().forwarded().unwrap().value, "local");
 }
@@ -387,6 +418,9 @@ async fn what_cannot_be_is_refused_before_anything_is_made() {
 
     let window = Config { window: 0, ..Config::default() };
     assert!(matches!(spawn(Script::new(), window, stream(1).1), Err(SpawnError::Config(_))));
+
+    let nothing = Config { output_len: 0, ..Config::default() };
+    assert!(matches!(spawn(Script::new(), nothing, stream(1).1), Err(SpawnError::NoOutput)));
 
     let nowhere = Some(Trace {
         path: folder.path().join("no/such/folder"),
@@ -407,9 +441,9 @@ async fn deadlines_of_nothing_and_of_ages_are_decided_by_the_rules() {
     let script = Script::new().cloud(1, 0, |_| Answers(1)).cloud(2, u64::MAX, |_| Answers(30));
     let played = play_default(script, &[0]).await;
     assert_eq!(played.items, "30.000 ms: 0 cloud 2 by arrival from 30 ms\n");
-    assert_eq!(played.tally.sources[1].refused.get(&Refusal::Deadline), Some(&1));
+    assert_eq!(played.tally.sources[1].refused.get(&OfferRefusal::Deadline), Some(&1));
 
-    let limit = Some(Duration::ZERO);
-    let played = play_default(Script { limit, ..Script::new() }, &[0]).await;
+    let deadline = Some(Duration::ZERO);
+    let played = play_default(Script { deadline, ..Script::new() }, &[0]).await;
     assert_eq!(played.items, "0.000 ms: 0 refused deadline\n");
 }

@@ -105,7 +105,7 @@ impl Operator for Vehicle {
 
 /// Sends one message and waits for its item.
 async fn ask(camera: &mut Writer<Vec<u8>>, output: &mut Items<Vec<u8>>) -> (Vec<u8>, Rule) {
-    camera.write(b"frame".into()).await.unwrap();
+    camera.write(b"frame".into()).unwrap();
     let item = output.read().await.unwrap();
     let forwarded = Item::forwarded(&item).unwrap();
     (forwarded.value.clone(), forwarded.rule)
@@ -152,7 +152,7 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
     let vehicle = Vehicle { remote: cloud.http(), deadline: LONG };
     let (_, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
 
-    camera.write(b"frame".into()).await.unwrap();
+    camera.write(b"frame".into()).unwrap();
     tokio::task::spawn_blocking(move || {
         arrivals.recv().unwrap();
         cloud.kill();

@@ -4,7 +4,7 @@ mod support;
 
 use std::time::Duration;
 
-use fuseline_tokio::{Commit, Config, DropReason, Refusal, Rule};
+use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, Rule};
 use support::Act::{Answers, Fails, Never, Panics};
 use support::{Part, Script, play, play_default};
 
@@ -63,8 +63,11 @@ async fn panics_of_local_and_of_a_call_are_failures() {
 
 #[tokio::test(start_paused = true)]
 async fn local_past_its_limit_is_late_and_never_aborted() {
-    let script =
-        Script { local: |_| Answers(80), limit: Some(Duration::from_millis(50)), ..Script::new() };
+    let script = Script {
+        local: |_| Answers(80),
+        deadline: Some(Duration::from_millis(50)),
+        ..Script::new()
+    };
     let played = play_default(script.cloud(1, 100, |_| Answers(90)), &[0]).await;
     assert_eq!(played.items, "90.000 ms: 0 cloud 1 by arrival from 90 ms\n");
     assert_eq!(played.tally.sources[0].dropped.get(&DropReason::Late), Some(&1));
@@ -97,7 +100,7 @@ async fn one_message_more_than_the_window_is_refused_full_and_downstream_learns(
         "10.000 ms: 1 refused full\n20.000 ms: 0 local by arrival from 20 ms\n\
          50.000 ms: 2 local by arrival from 50 ms\n"
     );
-    assert_eq!(played.tally.refused.get(&Refusal::Full), Some(&1));
+    assert_eq!(played.tally.refused.get(&OpenRefusal::Full), Some(&1));
 }
 
 #[tokio::test(start_paused = true)]
@@ -109,7 +112,7 @@ async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
     // the second call starts: the queue is one long, the gate still shut. At 130 ms it is empty.
     let played = play_default(script, &[0, 10, 20, 30, 105, 130]).await;
     let cloud = &played.tally.sources[1];
-    assert_eq!(cloud.refused.get(&Refusal::Queue), Some(&2));
+    assert_eq!(cloud.refused.get(&OfferRefusal::Queue), Some(&2));
     assert_eq!(cloud.admitted, 4);
     assert_eq!(
         played.items,
@@ -137,7 +140,7 @@ async fn every_message_of_a_long_run_with_everything_going_wrong_is_answered_onc
         7 => Panics(5),
         _ => Answers(20 + t % 40),
     };
-    let script = Script { local, limit: Some(Duration::from_millis(55)), ..Script::new() }
+    let script = Script { local, deadline: Some(Duration::from_millis(55)), ..Script::new() }
         .cloud(5, 60, |t| if t % 3 == 0 { Never } else { Answers(t * 7 % 90) })
         .cloud(9, 45, |t| if t % 5 == 0 { Fails(t * 3 % 50) } else { Answers(t * 13 % 70) })
         .cloud(2, 80, |t| if t % 7 == 0 { Panics(t % 20) } else { Answers(t * 11 % 120) });

@@ -27,7 +27,7 @@ async fn counters_and_histograms_are_served_over_http() {
 
     let (mut writer, input) = stream(8);
     let (running, _) = spawn(Double, Config::default(), input).unwrap();
-    writer.write(21).await.unwrap();
+    writer.write(21).unwrap();
     drop(writer);
     running.join().await.unwrap();
 

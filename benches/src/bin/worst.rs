@@ -33,9 +33,9 @@ fn ready(machine: &mut Machine, now: u64) -> Option<Ready<'_, 3, 16>> {
 }
 
 #[inline(never)]
-fn worst_open(machine: &mut Machine, now: u64, t: u64, limit: Option<Deadline>) {
+fn worst_open(machine: &mut Machine, now: u64, t: u64, deadline: Option<Deadline>) {
     if let Some(mut ready) = ready(machine, now) {
-        let _ = black_box(ready.open(Timestamp::new(t), limit));
+        let _ = black_box(ready.open(Timestamp::new(t), deadline));
     }
 }
 
@@ -82,9 +82,9 @@ fn inputs() {
             // Kept nearly full, touched anywhere, with dues that now and then coincide.
             if machine.len() < 16 - usize::try_from(random.below(3)).unwrap_or_default() {
                 newest += 1 + random.below(5);
-                let limit =
+                let deadline =
                     (random.below(2) == 0).then(|| Deadline::from_nanos(1 + random.below(40)));
-                worst_open(&mut machine, now, newest, limit);
+                worst_open(&mut machine, now, newest, deadline);
                 input_done();
             }
             let nth = usize::try_from(random.below(16)).unwrap_or_default() % machine.len().max(1);

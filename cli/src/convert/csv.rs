@@ -7,25 +7,24 @@ use std::io::Read;
 use csv::{Position, Reader, ReaderBuilder, StringRecord, Trim};
 use fuseline_traces::{Event, Header, Line, observed};
 
-use crate::convert::{ConvertError, Recorded};
+use crate::convert::recorded::{ConvertError, Recorded};
 use crate::fault::Fault;
 
 /// The keys that an event may have, with those that are instants and durations.
-const KEYS: [(&str, bool); 9] = [
+const KEYS: [(&str, bool); 8] = [
     ("ev", false),
     ("at", true),
     ("t", false),
     ("p", false),
     ("due", true),
     ("deadline", true),
-    ("limit", true),
     ("backlog", false),
     ("why", false),
 ];
 
 /// Events, with the keys that each may have beside `ev` and `at`.
 const EVENTS: [(&str, &[&str]); 13] = [
-    ("open", &["t", "limit"]),
+    ("open", &["t", "deadline"]),
     ("offer", &["t", "p", "deadline", "backlog"]),
     ("result", &["t", "p"]),
     ("fail", &["t", "p"]),

@@ -10,7 +10,7 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use crate::convert::{ConvertError, Recorded};
+use crate::convert::recorded::{ConvertError, Recorded};
 use crate::fault::Fault;
 
 /// No record of a channel of lines is longer, in bytes.

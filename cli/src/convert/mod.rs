@@ -2,23 +2,24 @@
 
 mod csv;
 mod mcap;
+mod recorded;
 
 use std::io::{self, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::{Decision, Event, Header, Input, Reader};
-use thiserror::Error;
 
-use crate::Exit;
-use crate::check::open;
 use crate::convert::csv::{Columns, Unit};
+use crate::convert::recorded::{ConvertError, Recorded};
+use crate::exit::Exit;
 use crate::fault::Fault;
-use crate::whole;
+use crate::input::{is_standard, open};
+use crate::output::{Output, refuse_onto_stdout};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
 A CSV file has a row an event and names its columns in its first row. The columns at, ev, t, p, due,
-deadline, limit, backlog and why are read, those that a row's event has; --column gives one another
+deadline, backlog and why are read, those that a row's event has; --column gives one another
 name. An MCAP file has a JSON channel, /fuseline/trace, each message a line of a trace; a message
 without at has its log time. Its first message may be the header.
 
@@ -53,7 +54,7 @@ pub(crate) struct Args {
     /// Put the events in the order of their instants, holding all of them.
     #[arg(long)]
     sort: bool,
-    /// The trace; without it standard output.
+    /// The trace; without it, or with -, standard output.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -64,36 +65,18 @@ pub(crate) enum Format {
     Mcap,
 }
 
-/// Why something recorded cannot be converted.
-#[derive(Debug, Error)]
-pub(crate) enum ConvertError {
-    #[error("{file}: is it CSV or MCAP? Name it so, or say --from")]
-    Format { file: String },
-    #[error(
-        "{file}: no header; give one with --header FILE, a file that begins with {{\"fuseline\":1,…}}"
-    )]
-    NoHeader { file: String },
-    #[error("{file}:{line}: {message}")]
-    Row { file: String, line: u64, message: String },
-    #[error("{file}: message {number}: {message}")]
-    Message { file: String, number: u64, message: String },
-    #[error("{file}: {message}")]
-    File { file: String, message: String },
-}
-
-/// What is read: perhaps a header, then events.
-pub(crate) trait Recorded {
-    /// The header that it has itself.
-    fn header(&mut self) -> Result<Option<Header>, Fault>;
-    /// The next event; none at the end.
-    fn next_event(&mut self) -> Result<Option<Event>, Fault>;
-}
-
 /// Converts a file; nothing is written to a named output before all is read.
 pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let name = args.file.display().to_string();
     let format = args.from.or_else(|| format_of(&args.file));
     let format = format.ok_or(ConvertError::Format { file: name })?;
+    let inputs: Vec<&Path> =
+        [Some(&*args.file), args.header.as_deref()].into_iter().flatten().collect();
+    let named = args.output.as_deref().filter(|path| !is_standard(path));
+    let output = named.map(|path| Output::new(path, &inputs)).transpose()?;
+    if output.is_none() {
+        refuse_onto_stdout(&inputs)?;
+    }
     let (name, file) = open(&args.file)?;
     let mut recorded: Box<dyn Recorded> = match format {
         Format::Csv => {
@@ -111,12 +94,12 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
         None => own,
     };
     let header = header.ok_or_else(|| ConvertError::NoHeader { file: name.clone() })?;
-    let Some(output) = &args.output else {
-        let mut out = BufWriter::new(io::stdout().lock());
-        write(&mut out, &header, &mut *recorded, args.sort)?;
-        return Ok(Exit::Conforms);
-    };
-    whole::write(output, |out| write(out, &header, &mut *recorded, args.sort))?;
+    let mut write = |out: &mut dyn Write| write(out, &header, &mut *recorded, args.sort);
+    if let Some(output) = output {
+        output.write(|out| write(out))?;
+    } else {
+        write(&mut BufWriter::new(io::stdout().lock()))?;
+    }
     Ok(Exit::Conforms)
 }
 
@@ -129,7 +112,7 @@ fn format_of(path: &Path) -> Option<Format> {
 }
 
 fn write(
-    out: &mut impl Write,
+    out: &mut dyn Write,
     header: &Header,
     recorded: &mut dyn Recorded,
     sort: bool,

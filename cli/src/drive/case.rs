@@ -4,20 +4,13 @@ use std::fmt::Write as _;
 use std::io::BufReader;
 use std::path::Path;
 
+use fuseline_kit::{Generator, Run};
 use fuseline_traces::corpus::CASES;
-use fuseline_traces::{Event, Header, Input, Reader, unpack};
+use fuseline_traces::unpack;
 use sha2::{Digest, Sha256};
 
-use super::generate::Generator;
-use crate::check::open;
 use crate::fault::Fault;
-
-/// A configuration and what happens to its operator.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Run {
-    pub(super) header: Header,
-    pub(super) inputs: Vec<Input>,
-}
+use crate::input::open;
 
 /// A run with its name.
 #[derive(Clone, Debug)]
@@ -94,30 +87,6 @@ impl Suite {
             let _ = write!(hash, "{byte:02x}");
         }
         hash
-    }
-}
-
-impl Run {
-    /// Reads a header and inputs; decisions are left out.
-    pub(super) fn read(name: &str, text: impl std::io::BufRead) -> Result<Self, Fault> {
-        let mut reader = Reader::new(name, text)?;
-        let (header, mut inputs) = (reader.header().clone(), Vec::new());
-        while let Some(event) = reader.next_event()? {
-            if let Event::Input(input) = event {
-                inputs.push(input);
-            }
-        }
-        Ok(Self { header, inputs })
-    }
-
-    /// Appends the header and the inputs, a line each.
-    fn write(&self, out: &mut Vec<u8>) {
-        self.header.write(out);
-        out.push(b'\n');
-        for input in &self.inputs {
-            input.write(out);
-            out.push(b'\n');
-        }
     }
 }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use indicatif::HumanCount;
 
 use super::report::{Mark, Report};
+use crate::exit::Exit;
 
 /// So much of the suite's digest is shown, in characters.
 const DIGEST: usize = 16;
@@ -104,7 +105,7 @@ fn suite(report: &Report) -> String {
 
 /// What the runs reached, kind by kind, with what they did not.
 fn reached(report: &Report) -> Vec<(String, String)> {
-    let shares = report.coverage.shares().into_iter();
+    let shares = report.reach.shares().into_iter();
     let line = shares.map(|share| {
         let missing = if share.missing.is_empty() {
             String::new()
@@ -118,9 +119,9 @@ fn reached(report: &Report) -> Vec<(String, String)> {
 
 fn verdict(report: &Report) -> &'static str {
     match report.exit() {
-        crate::Exit::Conforms => "conforms",
-        crate::Exit::Differs => "does not conform",
-        crate::Exit::BadInput => "was not driven to the end",
+        Exit::Conforms => "conforms",
+        Exit::Differs => "does not conform",
+        Exit::BadInput => "was not driven to the end",
     }
 }
 
@@ -163,7 +164,7 @@ td:last-child{white-space:nowrap}table.reached td:last-child{white-space:normal}
 
 fn html(report: &Report) -> String {
     let (name, verdict) = (escaped(&report.name), verdict(report));
-    let colour = if report.exit() == crate::Exit::Conforms { "good" } else { "bad" };
+    let colour = if report.exit() == Exit::Conforms { "good" } else { "bad" };
     let mut text = format!(
         "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>{name} {verdict}</title>\n\

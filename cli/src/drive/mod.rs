@@ -1,15 +1,10 @@
 //! `fuseline drive`: another implementation, driven through cases and judged.
 
 mod case;
-mod coverage;
-mod draw;
-mod edge;
-mod generate;
 mod junit;
 mod matrix;
 mod peer;
 mod report;
-mod scene;
 mod shrink;
 #[cfg(test)]
 mod tests;
@@ -23,20 +18,25 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
+use fuseline_kit::{Generator, Reach};
 use fuseline_traces::Commit;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanCount, ProgressBar, ProgressStyle};
+use thiserror::Error;
 
 use self::case::{Case, Suite};
-use self::coverage::Coverage;
-use self::generate::Generator;
 use self::report::{Found, Mark, Report};
 use self::shrink::{Finding, What, shrink};
 use self::trial::{Bench, Stop};
-use crate::Exit;
-use crate::fault::Fault;
+use crate::complain::complain;
+use crate::exit::Exit;
+use crate::fault::{Fault, plain};
 use crate::interrupt::Interrupt;
+use crate::output::{self, Output};
+use crate::seconds::seconds;
 use crate::sink::Sink;
 
+/// How often it is told how far it is, where there is no terminal.
+const TELL: Duration = Duration::from_secs(10);
 /// The most clouds of a generated run, if nothing else is asked for.
 const CLOUDS: u8 = 4;
 
@@ -44,9 +44,10 @@ const CLOUDS: u8 = 4;
 #[command(after_help = "\
 The command is started once. On its standard input it gets a trace's header, then one input a line;
 after each line, the header too, it answers with its decisions, one a line, and then {\"ev\":\"done\"}.
-A further header begins the next run. It ends when its input ends. The corpus comes first, then
+A further header begins the next run. It ends, with code 0, when its input ends. The corpus comes first, then
 generated runs up to the first difference, which is told in a smallest run. What each line means is
-in SPEC.md; traces/examples has templates in Python and C++.
+in SPEC.md; traces/examples has templates in Python and C++. An answer is waited for until it is there:
+flush the output after each.
 
 Exit code 0 if nothing differs, 1 on a difference or if the command misbehaves, 2 if it cannot be
 started or Ctrl-C came before a difference.
@@ -73,7 +74,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "CASE", num_args = 1.., conflicts_with_all = ["cases", "seed"])]
     run: Vec<String>,
     /// How long an answer may take, in seconds.
-    #[arg(long, value_name = "S", default_value = "5", value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value = "5", value_parser = wait, allow_negative_numbers = true)]
     wait: Duration,
     /// What to call the implementation; the command if not given.
     #[arg(long)]
@@ -103,10 +104,21 @@ enum Rules {
     Both,
 }
 
-fn seconds(text: &str) -> Result<Duration, String> {
-    let seconds = text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
-    let allowed = Duration::from_millis(1)..=Duration::from_secs(3600);
-    seconds.filter(|s| allowed.contains(s)).ok_or_else(|| "seconds, from 0.001 to 3600".to_owned())
+fn wait(text: &str) -> Result<Duration, &'static str> {
+    seconds(text, 0.001..=3600.0).ok_or("it must be seconds, from 0.001 to 3600")
+}
+
+/// Why a command cannot be driven.
+#[derive(Debug, Error)]
+enum DriveError {
+    #[error("{command:?}: {}; give a program that can be started", plain(.source))]
+    Start { command: OsString, source: io::Error },
+}
+
+impl From<DriveError> for Fault {
+    fn from(error: DriveError) -> Self {
+        Self::own(error)
+    }
 }
 
 /// Drives the command through all cases and tells what came of it.
@@ -124,13 +136,14 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     };
     let created = |path: &Path| fs::create_dir_all(path).map_err(|source| create(path, source));
     args.save.as_deref().map_or(Ok(()), created)?;
+    let outputs = Outputs::new(args, &suite)?;
     let mut driver = Driver::new(args, suite);
     match driver.all() {
         Ok(()) => {}
         Err(Stop::Interrupted) => driver.report.was_interrupted = true,
         Err(Stop::Start(source)) => {
             let command = args.command.first().cloned().unwrap_or_default();
-            return Err(Fault::Start { command, source });
+            return Err(DriveError::Start { command, source }.into());
         }
     }
     let report = driver.finish();
@@ -139,13 +152,13 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
             fs::write(path, found.finding.told.trace()).map_err(|source| create(path, source))?;
         }
     }
-    if let Some(path) = &args.junit {
-        let text = junit::xml(&report).map_err(|error| create(path, io::Error::other(error)))?;
-        fs::write(path, text).map_err(|source| create(path, source))?;
+    if let Some(output) = &outputs.junit {
+        let text = junit::xml(&report).map_err(|error| Fault::Output(io::Error::other(error)))?;
+        output.write(|out| out.write_all(text.as_bytes()).map_err(Fault::Output))?;
     }
-    for matrix in &args.matrix {
-        fs::write(matrix.path(), matrix.text(&report))
-            .map_err(|source| create(matrix.path(), source))?;
+    for (matrix, output) in args.matrix.iter().zip(&outputs.matrix) {
+        let text = matrix.text(&report);
+        output.write(|out| out.write_all(text.as_bytes()).map_err(Fault::Output))?;
     }
     let mut out = Sink::new(anstream::stdout());
     if args.json {
@@ -154,6 +167,37 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
         report.tell(&mut out).map_err(Fault::Output)?;
     }
     Ok(report.exit())
+}
+
+/// Where results go; nothing of it is read.
+struct Outputs {
+    junit: Option<Output>,
+    matrix: Vec<Output>,
+}
+
+impl Outputs {
+    fn new(args: &Args, suite: &Suite) -> Result<Self, Fault> {
+        let read: Vec<&Path> = args.run.iter().map(Path::new).collect();
+        if let Some(directory) = &args.save {
+            for case in &suite.fixed {
+                output::file(&smallest(directory, &case.id), &read)?;
+            }
+        }
+        let output = |path: &Path| Output::new(path, &read);
+        Ok(Self {
+            junit: args.junit.as_deref().map(output).transpose()?,
+            matrix: args
+                .matrix
+                .iter()
+                .map(|matrix| output(matrix.path()))
+                .collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+/// Where the smallest run of a case is saved.
+fn smallest(directory: &Path, case: &str) -> PathBuf {
+    directory.join(format!("{case}.jsonl"))
 }
 
 fn create(path: &Path, source: io::Error) -> Fault {
@@ -176,6 +220,8 @@ struct Driver<'a> {
     bench: Bench,
     bar: ProgressBar,
     since: Instant,
+    /// When it was last told how far it is, where there is no bar.
+    told: Instant,
     report: Report,
 }
 
@@ -203,9 +249,10 @@ impl<'a> Driver<'a> {
             was_interrupted: false,
             inputs: 0,
             took: Duration::ZERO,
-            coverage: Coverage::default(),
+            reach: Reach::default(),
         };
-        Self { args, bench, bar, since: Instant::now(), report }
+        let now = Instant::now();
+        Self { args, bench, bar, since: now, told: now, report }
     }
 
     /// All fixed cases, and the generated ones up to the first difference.
@@ -256,9 +303,14 @@ impl<'a> Driver<'a> {
     fn run(&mut self, case: &Case) -> Result<Option<Finding>, Stop> {
         let finding = Finding::of(self.bench.try_run(&case.run)?);
         if finding.is_none() {
-            self.report.coverage.watch(&case.run);
+            self.report.reach.watch(&case.run);
         }
         self.bar.inc(1);
+        if self.bar.is_hidden() && self.told.elapsed() >= TELL {
+            self.told = Instant::now();
+            let [so_far, all] = [self.report.runs(), self.report.suite.len()].map(HumanCount);
+            complain(format_args!("{so_far} of {all} runs"));
+        }
         self.report.inputs = self.bench.inputs;
         self.report.took = self.since.elapsed();
         Ok(finding)
@@ -267,7 +319,7 @@ impl<'a> Driver<'a> {
     /// Notes what is wrong, in a smallest run.
     fn find(&mut self, case: Case, finding: Finding) {
         let finding = shrink(&mut self.bench, finding);
-        let saved = self.args.save.as_ref().map(|dir| dir.join(format!("{}.jsonl", case.id)));
+        let saved = self.args.save.as_ref().map(|dir| smallest(dir, &case.id));
         let replay = self.replay(&case.name, saved.as_deref());
         let of = case.run.inputs.len();
         self.report.found.push(Found { case: case.id, of, finding, saved, replay });

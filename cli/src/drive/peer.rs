@@ -52,7 +52,10 @@ pub(super) enum Trouble {
 /// What a command may not do.
 #[derive(Debug, Error)]
 pub(super) enum Misbehaviour {
-    #[error("it did not answer within {} s", .0.as_secs_f64())]
+    #[error(
+        "it did not answer within {} s; an output that is not flushed after each answer looks so",
+        .0.as_secs_f64()
+    )]
     Silent(Duration),
     #[error("it ended before it answered: {0}")]
     Ended(ExitStatus),
@@ -70,6 +73,8 @@ pub(super) enum Misbehaviour {
     Unasked(String),
     #[error("it ran on for {} s after its input ended", .0.as_secs_f64())]
     Lingers(Duration),
+    #[error("it failed at its end: {0}")]
+    Failed(ExitStatus),
 }
 
 impl Misbehaviour {
@@ -157,7 +162,8 @@ impl Peer {
         }
     }
 
-    /// Ends the input and waits until the command ends; nobody asks for what it writes then.
+    /// Ends the input and waits until the command ends, with code 0; nobody asks for what it writes
+    /// then.
     pub(super) fn end(mut self) -> Result<(), Trouble> {
         self.quiet()?;
         self.input = None;
@@ -172,7 +178,11 @@ impl Peer {
             std::thread::sleep(Duration::from_millis(1));
         }
         // What it wrote before it ended is there now: a line too many is seen however it was timed.
-        self.quiet()
+        self.quiet()?;
+        match self.reap() {
+            Some(status) if !status.success() => Err(Misbehaviour::Failed(status).into()),
+            Some(_) | None => Ok(()),
+        }
     }
 
     fn send(&mut self, mut line: &[u8], until: Instant) -> Result<(), Trouble> {
@@ -258,9 +268,14 @@ impl Peer {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
+        self.reap().map_or(Misbehaviour::Closed, Misbehaviour::Ended)
+    }
+
+    /// How the command ended, which it has; what it started is ended too.
+    fn reap(&mut self) -> Option<ExitStatus> {
         self.kill();
         self.reaped = true;
-        self.child.wait().map_or(Misbehaviour::Closed, Misbehaviour::Ended)
+        self.child.wait().ok()
     }
 
     /// Whether the command itself has ended. It stays to be reaped, so that its group keeps its

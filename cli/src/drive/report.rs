@@ -5,17 +5,17 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
+use fuseline_kit::Reach;
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use textwrap::{Options, WordSplitter};
 
 use super::case::Suite;
-use super::coverage::Coverage;
 use super::peer::Misbehaviour;
 use super::shrink::{Finding, What};
 use super::words;
-use crate::Exit;
+use crate::exit::Exit;
 use crate::verdict::{BAD, Breach, GOOD};
 
 /// So many failed cases are named.
@@ -47,7 +47,7 @@ pub(super) struct Report {
     pub(super) was_interrupted: bool,
     pub(super) inputs: u64,
     pub(super) took: Duration,
-    pub(super) coverage: Coverage,
+    pub(super) reach: Reach,
 }
 
 /// What became of a case.
@@ -203,7 +203,7 @@ impl Report {
             tell_fact(out, "  generated ", &self.generated_line())?;
         }
         if self.exit() == Exit::Conforms {
-            let shares = self.coverage.shares().into_iter();
+            let shares = self.reach.shares().into_iter();
             let reached: Vec<_> = shares
                 .map(|share| format!("{} of {} {}", share.reached, share.all, share.kind))
                 .collect();
@@ -308,7 +308,7 @@ impl Report {
             "at_end": self.at_end.as_ref().map(ToString::to_string),
             "inputs": self.inputs,
             "seconds": self.took.as_secs_f64(),
-            "reached": self.coverage.counts(),
+            "reached": self.reach.counts().map(|(mark, count)| (mark, count.into())).collect::<Map<_, _>>(),
         })
     }
 }

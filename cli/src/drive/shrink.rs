@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::mem::discriminant;
 use std::time::{Duration, Instant};
 
+use fuseline_kit::Run;
 use fuseline_traces::{Cloud, Header, Input, Rule};
 
-use super::case::Run;
 use super::peer::Misbehaviour;
 use super::trial::{Bench, Outcome, Stop, Told};
 
@@ -210,7 +210,9 @@ fn cost(run: &Run) -> (usize, usize, usize, u128) {
         digits(cloud.p.into()) + digits(cloud.limit) + digits(cloud.resume) * odd(cloud)
     });
     let of_inputs = inputs.iter().map(|input| match *input {
-        Input::Open { at, t, limit } => digits(at) + digits(t) + limit.map_or(0, |d| 1 + digits(d)),
+        Input::Open { at, t, deadline } => {
+            digits(at) + digits(t) + deadline.map_or(0, |d| 1 + digits(d))
+        }
         Input::Offer { at, t, p, deadline, backlog } => {
             [at, t, p, deadline, backlog].map(digits).iter().sum()
         }
@@ -239,8 +241,8 @@ const fn source(input: &Input) -> Option<u64> {
 /// Puts a small number in a field, or none where it may be left out; says whether there is one.
 fn replace(input: &mut Input, field: usize, small: Option<u64>) -> bool {
     let place = match (input, field) {
-        (Input::Open { limit, .. }, 1) if limit.is_some() => {
-            *limit = small;
+        (Input::Open { deadline, .. }, 1) if deadline.is_some() => {
+            *deadline = small;
             return true;
         }
         (

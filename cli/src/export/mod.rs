@@ -2,23 +2,26 @@
 
 mod mcap;
 mod perfetto;
+mod viewer;
 
-use std::io::{self, BufReader, Seek, Write};
+use std::io::BufReader;
 use std::path::PathBuf;
 
-use fuseline_operator::{Mcap, McapError};
-use fuseline_traces::{Event, Header, Reader, unpack};
-use thiserror::Error;
+use fuseline_traces::{Reader, unpack};
 
-use crate::Exit;
-use crate::check::open;
+use crate::exit::Exit;
+use crate::export::mcap::Messages;
+use crate::export::perfetto::Tracks;
+use crate::export::viewer::Writer;
 use crate::fault::Fault;
-use crate::whole;
+use crate::input::open;
+use crate::output::Output;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-Perfetto: a JSON trace for ui.perfetto.dev with a track for local and for each cloud, a slice for each
-request from its admission to its end, named by its timestamp, and an instant for each output.
+Perfetto: a JSON trace for ui.perfetto.dev with a track for local and for each cloud, more of the same
+name where calls overlap. A call is a slice from its admission to its end, named by its timestamp and by
+how it ended; what was forwarded or missed stands on a track of its own.
 MCAP: for Foxglove; the topic /fuseline/trace has each line as a JSON message, the header first, and
 /fuseline/outputs what was forwarded or missed. `fuseline convert` reads it back.
 
@@ -32,7 +35,7 @@ pub(crate) struct Args {
     file: PathBuf,
     #[command(flatten)]
     viewer: Viewer,
-    /// The file to write; it appears once it is whole.
+    /// The file to write, which appears once it is whole; - is standard output.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
@@ -48,50 +51,23 @@ struct Viewer {
     mcap: bool,
 }
 
-/// Why a trace cannot be written for a viewer.
-#[derive(Debug, Error)]
-pub(crate) enum ExportError {
-    #[error(transparent)]
-    Io(#[from] io::Error),
-    #[error(transparent)]
-    Mcap(#[from] McapError),
-    #[error(transparent)]
-    Json(#[from] serde_json::Error),
-}
-
-/// Takes a trace line by line.
-trait Writer {
-    fn event(&mut self, event: &Event) -> Result<(), ExportError>;
-    fn finish(self: Box<Self>) -> Result<(), ExportError>;
-}
-
 /// Writes the trace for the viewer.
 pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
+    let output = Output::new(&args.output, &[&args.file])?;
     let (name, file) = open(&args.file)?;
     let trace = unpack(BufReader::new(file));
     let trace = trace.map_err(|source| Fault::Open { name: name.clone(), source })?;
     let mut reader = Reader::observed(name, trace)?;
-
-    let name = args.output.display().to_string();
-    let wrong = |source: ExportError| Fault::Export { name: name.clone(), source };
-    whole::write(&args.output, |out| {
-        let mut writer = writer(&args.viewer, out, reader.header()).map_err(wrong)?;
+    output.write(|out| {
+        let mut writer: Box<dyn Writer> = if args.viewer.mcap {
+            Box::new(Messages::new(out, reader.header()).map_err(Fault::Output)?)
+        } else {
+            Box::new(Tracks::new(out, reader.header()).map_err(Fault::Output)?)
+        };
         while let Some(event) = reader.next_event()? {
-            writer.event(&event).map_err(wrong)?;
+            writer.event(&event).map_err(Fault::Output)?;
         }
-        writer.finish().map_err(wrong)
+        writer.finish().map_err(Fault::Output)
     })?;
     Ok(Exit::Conforms)
-}
-
-fn writer<'a, W: Write + Seek + 'a>(
-    viewer: &Viewer,
-    out: W,
-    header: &Header,
-) -> Result<Box<dyn Writer + 'a>, ExportError> {
-    Ok(if viewer.mcap {
-        Box::new(Mcap::new(out, header, 0)?)
-    } else {
-        Box::new(perfetto::Tracks::new(out, header)?)
-    })
 }

@@ -1,149 +1,256 @@
 //! The Trace Event Format, which ui.perfetto.dev reads: tracks of slices and instants.
 //!
-//! Requests of one cloud overlap, so that each is an asynchronous slice of its cloud's track. Instants are microseconds there,
+//! Slices of one track must not overlap there, and calls to one source do: a source has as many
+//! tracks as calls were ever under way at once, all with its name. Instants are microseconds there,
 //! written as decimals, so that no nanosecond is lost.
 
 use std::collections::BTreeMap;
-use std::io::Write;
+use std::io::{self, Write};
 
 use fuseline_traces::{Decision, Event, Header, Input};
 use serde_json::json;
 
-use crate::export::ExportError;
+use crate::export::viewer;
 
-/// The process of all tracks; local's has number 0, a cloud's its priority's, outputs the one beyond all priorities.
+/// The process of all tracks.
 const PROCESS: u32 = 1;
-const OUTPUTS: u64 = 1 << 16;
+/// The track of what was forwarded or missed; those of sources follow as they are needed.
+const OUTPUTS: u32 = 1;
 
 /// A file that is being written.
 pub(super) struct Tracks<W> {
     out: W,
-    /// When the slices began that have not ended, by timestamp and priority.
-    open: BTreeMap<(u64, u64), u64>,
+    /// By priority; all that is not registered shares the last one.
+    sources: BTreeMap<Option<u64>, Source>,
+    /// The slices that have not ended, by timestamp and priority.
+    open: BTreeMap<(u64, u64), Slice>,
     latest: u64,
+    /// The number of the latest track.
+    latest_track: u32,
     is_first: bool,
 }
 
+/// Local, a cloud, or all that is neither.
+struct Source {
+    name: String,
+    tracks: Vec<Track>,
+}
+
+/// Slices of one source that do not overlap.
+#[derive(Clone, Copy)]
+struct Track {
+    number: u32,
+    /// When the last slice ended; none while it has not.
+    free: Option<u64>,
+}
+
+/// A call under way.
+#[derive(Clone, Copy)]
+struct Slice {
+    at: u64,
+    due: Option<u64>,
+    /// Which of its source's tracks it is on.
+    place: usize,
+}
+
 impl<W: Write> Tracks<W> {
-    pub(super) fn new(mut out: W, header: &Header) -> Result<Self, ExportError> {
+    pub(super) fn new(mut out: W, header: &Header) -> io::Result<Self> {
         out.write_all(b"{\"displayTimeUnit\":\"ns\",\"traceEvents\":[")?;
-        let mut tracks = Self { out, open: BTreeMap::new(), latest: 0, is_first: true };
-        let operator = header.operator.as_deref().unwrap_or("operator");
-        tracks.named("process_name", 0, operator)?;
-        tracks.named("thread_name", 0, "local")?;
-        for cloud in &header.clouds {
+        let local = (Some(0), "local".to_owned());
+        let clouds = header.clouds.iter().map(|cloud| {
             let p = u64::from(cloud.p);
-            let name =
-                cloud.name.as_ref().map_or_else(|| format!("p {p}"), |n| format!("p {p} {n}"));
-            tracks.named("thread_name", p, &name)?;
+            (Some(p), cloud.name.clone().unwrap_or_else(|| format!("cloud {p}")))
+        });
+        let others = (None, "not registered".to_owned());
+        let named = [local].into_iter().chain(clouds).chain([others]);
+        let source = |(p, name)| (p, Source { name, tracks: Vec::new() });
+        let mut tracks = Self {
+            out,
+            sources: named.map(source).collect(),
+            open: BTreeMap::new(),
+            latest: 0,
+            latest_track: OUTPUTS,
+            is_first: true,
+        };
+        let operator = header.operator.as_deref().unwrap_or("operator");
+        tracks.told("process_name", OUTPUTS, "name", operator)?;
+        tracks.track(OUTPUTS, "outputs")?;
+        let sources: Vec<Option<u64>> = tracks.sources.keys().copied().collect();
+        for p in sources.into_iter().flatten() {
+            tracks.add(Some(p))?;
         }
-        tracks.named("thread_name", OUTPUTS, "outputs")?;
         Ok(tracks)
     }
 
-    fn named(&mut self, kind: &str, track: u64, name: &str) -> Result<(), ExportError> {
-        self.put(
-            None,
-            &json!({
-                "ph": "M", "pid": PROCESS, "tid": track, "name": kind, "args": {"name": name},
-            }),
-        )
+    /// A track of this name below those there are.
+    fn track(&mut self, number: u32, name: &str) -> io::Result<()> {
+        self.told("thread_name", number, "name", name)?;
+        self.told("thread_sort_index", number, "sort_index", number)
     }
 
-    /// Appends an event, at an instant if it has one: in microseconds, exactly.
-    fn put(&mut self, at: Option<u64>, event: &serde_json::Value) -> Result<(), ExportError> {
+    /// Says something about a track.
+    fn told(
+        &mut self,
+        what: &str,
+        number: u32,
+        key: &str,
+        value: impl serde::Serialize,
+    ) -> io::Result<()> {
+        let event = json!({
+            "ph": "M", "pid": PROCESS, "tid": number, "name": what, "args": {key: value},
+        });
+        self.put("", &event)
+    }
+
+    /// One more track for a source.
+    fn add(&mut self, p: Option<u64>) -> io::Result<()> {
+        self.latest_track += 1;
+        let number = self.latest_track;
+        let Some(source) = self.sources.get_mut(&p) else { return Ok(()) };
+        source.tracks.push(Track { number, free: Some(0) });
+        let name = match source.tracks.len() {
+            1 => source.name.clone(),
+            others => format!("{} ({others})", source.name),
+        };
+        self.track(number, &name)
+    }
+
+    /// The source of that priority.
+    fn source(&self, p: u64) -> Option<u64> {
+        Some(p).filter(|p| self.sources.contains_key(&Some(*p)))
+    }
+
+    /// The number of a source's first track.
+    fn first(&mut self, p: u64) -> io::Result<u32> {
+        let p = self.source(p);
+        if self.sources.get(&p).is_none_or(|source| source.tracks.is_empty()) {
+            self.add(p)?;
+        }
+        Ok(self.number(p, 0))
+    }
+
+    fn number(&self, p: Option<u64>, place: usize) -> u32 {
+        let track = self.sources.get(&p).and_then(|source| source.tracks.get(place));
+        track.map_or(OUTPUTS, |track| track.number)
+    }
+
+    /// Appends an event; its times, exact, stand before its other keys.
+    fn put(&mut self, times: &str, event: &serde_json::Value) -> io::Result<()> {
         self.out.write_all(if self.is_first { b"\n{" } else { b",\n{" })?;
         self.is_first = false;
-        if let Some(at) = at {
-            write!(self.out, "\"ts\":{}.{:03},", at / 1000, at % 1000)?;
-        }
         let event = event.to_string();
-        self.out.write_all(event.trim_start_matches('{').as_bytes())?;
+        write!(self.out, "{times}{}", event.trim_start_matches('{'))
+    }
+
+    fn begin(&mut self, at: u64, t: u64, p: u64, due: Option<u64>) -> io::Result<()> {
+        if self.open.contains_key(&(t, p)) {
+            return Ok(());
+        }
+        let source = self.source(p);
+        let is_free = |track: &Track| track.free.is_some_and(|free| free <= at);
+        let tracks = self.sources.get(&source).map_or(&[][..], |source| &source.tracks);
+        let place = tracks.iter().position(is_free).unwrap_or(tracks.len());
+        if place == tracks.len() {
+            self.add(source)?;
+        }
+        self.occupy(source, place, None);
+        self.open.insert((t, p), Slice { at, due, place });
         Ok(())
     }
 
-    fn begin(&mut self, at: u64, t: u64, p: u64, due: Option<u64>) -> Result<(), ExportError> {
-        if self.open.insert((t, p), at).is_some() {
-            return Ok(());
+    fn occupy(&mut self, p: Option<u64>, place: usize, free: Option<u64>) {
+        let track = self.sources.get_mut(&p).and_then(|source| source.tracks.get_mut(place));
+        if let Some(track) = track {
+            track.free = free;
         }
-        self.put(
-            Some(at),
-            &json!({
-                "ph": "b", "cat": "request", "id": format!("{t}.{p}"), "pid": PROCESS, "tid": p,
-                "name": format!("t {t}"), "args": {"t": t, "p": p, "due": due},
-            }),
-        )
     }
 
-    fn end(&mut self, at: u64, t: u64, p: u64, how: &str) -> Result<(), ExportError> {
-        let Some(began) = self.open.remove(&(t, p)) else { return Ok(()) };
+    fn end(&mut self, at: u64, t: u64, p: u64, how: &str) -> io::Result<()> {
+        let Some(Slice { at: began, due, place }) = self.open.remove(&(t, p)) else {
+            return Ok(());
+        };
         // F0: an instant may go back, a slice cannot.
         let at = at.max(began);
+        let source = self.source(p);
+        self.occupy(source, place, Some(at));
+        let times = format!("\"ts\":{},\"dur\":{},", micros(began), micros(at - began));
         self.put(
-            Some(at),
+            &times,
             &json!({
-                "ph": "e", "cat": "request", "id": format!("{t}.{p}"), "pid": PROCESS, "tid": p,
-                "name": format!("t {t}"), "args": {"end": how},
+                "ph": "X", "cat": "call", "pid": PROCESS, "tid": self.number(source, place),
+                "name": format!("timestamp {t}: {how}"),
+                "args": {"t": t, "p": p, "due": due, "end": how},
             }),
         )
     }
 
-    fn instant(&mut self, at: u64, track: u64, t: u64, what: &str) -> Result<(), ExportError> {
+    fn instant(&mut self, at: u64, track: u32, t: u64, what: &str) -> io::Result<()> {
         self.put(
-            Some(at),
+            &format!("\"ts\":{},", micros(at)),
             &json!({
                 "ph": "i", "s": "t", "pid": PROCESS, "tid": track,
-                "name": format!("{what} t {t}"), "args": {"t": t},
+                "name": format!("timestamp {t}: {what}"), "args": {"t": t},
             }),
         )
+    }
+
+    /// An instant on a source's track.
+    fn of_source(&mut self, at: u64, p: u64, t: u64, what: &str) -> io::Result<()> {
+        let track = self.first(p)?;
+        self.instant(at, track, t, what)
     }
 
     /// Ends what a timestamp still has.
-    fn retire(&mut self, at: u64, t: u64) -> Result<(), ExportError> {
+    fn retire(&mut self, at: u64, t: u64) -> io::Result<()> {
         let left: Vec<u64> =
             self.open.range((t, 0)..=(t, u64::MAX)).map(|((_, p), _)| *p).collect();
         for p in left {
             // F7: local computes on, a cloud is cancelled.
-            self.end(at, t, p, if p == 0 { "retired" } else { "cancelled" })?;
+            self.end(at, t, p, if p == 0 { "no longer needed" } else { "cancelled" })?;
         }
         Ok(())
     }
 
-    fn decision(&mut self, decision: &Decision) -> Result<(), ExportError> {
+    fn decision(&mut self, decision: &Decision) -> io::Result<()> {
         match *decision {
             Decision::Request { at, t, p, due } => self.begin(at, t, p, Some(due)),
-            Decision::Hold { at, t, p } => self.instant(at, p, t, "hold"),
-            Decision::Timer { at, t, p } => self.end(at, t, p, "timer"),
+            Decision::Hold { at, t, p } => self.of_source(at, p, t, "result held"),
+            Decision::Timer { at, t, p } => self.end(at, t, p, "timer fired"),
             Decision::Cancel { at, t, p } => self.end(at, t, p, "cancelled"),
             Decision::Drop { at, t, p, why } => {
-                self.instant(at, track(p), t, &format!("drop {why}"))
+                self.of_source(at, p, t, &format!("dropped, {why}"))
             }
-            Decision::Refuse { at, t, p, why } => {
-                self.instant(at, p.map_or(0, track), t, &format!("refuse {why}"))?;
-                if p.is_none() { self.end(at, t, 0, "refused") } else { Ok(()) }
+            Decision::RefuseOpen { at, t, why } => {
+                self.of_source(at, 0, t, &format!("refused, {why}"))?;
+                self.end(at, t, 0, "refused")
+            }
+            Decision::RefuseOffer { at, t, p, why } => {
+                self.of_source(at, p, t, &format!("refused, {why}"))
             }
             Decision::Emit { at, t, p } => {
-                self.instant(at, OUTPUTS, t, &format!("p {p}"))?;
+                let name = self.sources.get(&self.source(p)).map(|source| source.name.clone());
+                self.instant(at, OUTPUTS, t, &format!("from {}", name.unwrap_or_default()))?;
                 self.retire(at, t)
             }
             Decision::Miss { at, t } => {
-                self.instant(at, OUTPUTS, t, "miss")?;
+                self.instant(at, OUTPUTS, t, "missed")?;
                 self.retire(at, t)
             }
         }
     }
 }
 
-impl<W: Write> super::Writer for Tracks<W> {
-    fn event(&mut self, event: &Event) -> Result<(), ExportError> {
+impl<W: Write> viewer::Writer for Tracks<W> {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
         let at = match event {
             Event::Input(input) => input.at(),
             Event::Decision(decision) => decision.at(),
         };
         self.latest = self.latest.max(at);
         match event {
-            Event::Input(Input::Open { at, t, limit }) => {
-                self.begin(*at, *t, 0, limit.map(|limit| at.saturating_add(limit)))
+            Event::Input(Input::Open { at, t, deadline }) => {
+                let due = deadline.map(|deadline| at.saturating_add(deadline));
+                self.begin(*at, *t, 0, due)
             }
             Event::Input(Input::Result { at, t, p }) => self.end(*at, *t, *p, "result"),
             Event::Input(Input::Fail { at, t, p }) => self.end(*at, *t, *p, "failure"),
@@ -152,18 +259,17 @@ impl<W: Write> super::Writer for Tracks<W> {
         }
     }
 
-    fn finish(mut self: Box<Self>) -> Result<(), ExportError> {
+    fn finish(mut self: Box<Self>) -> io::Result<()> {
         let left: Vec<(u64, u64)> = self.open.keys().copied().collect();
         for (t, p) in left {
-            self.end(self.latest, t, p, "open")?;
+            self.end(self.latest, t, p, "still open")?;
         }
         self.out.write_all(b"\n]}\n")?;
-        self.out.flush()?;
-        Ok(())
+        self.out.flush()
     }
 }
 
-/// An unregistered cloud has no track of its own.
-fn track(p: u64) -> u64 {
-    if p < OUTPUTS { p } else { 0 }
+/// Microseconds, exactly.
+fn micros(nanos: u64) -> String {
+    format!("{}.{:03}", nanos / 1000, nanos % 1000)
 }

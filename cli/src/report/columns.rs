@@ -3,23 +3,32 @@
 //! Events stand in the order of the file, so that an event's line is its place plus 2. Instants are
 //! differences: the page reads them as doubles, exact up to 104 days.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-use fuseline_traces::{Commit, Decision, DropReason, Event, Header, Input, Refusal};
+use fuseline_traces::{Decision, Event, Header, Input};
 use serde::Serialize;
 use serde::ser::Serializer;
 
 use crate::judging::Manner;
+use crate::policies::Quantile;
+use crate::reckoning::{Account, Outcome, Reckoning, Row};
+use crate::report::reasons;
 use crate::verdict::{Breach, Found};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;
+/// How many of the deadlines that requests had are drawn.
+const DEADLINES: usize = 3;
 
 /// One trace while it is read.
 pub(crate) struct Columns {
     events: Vec<Event>,
     /// The sources in the order of their first mention: local, the header's, strangers.
     sources: BTreeMap<u64, usize>,
+    reckoning: Reckoning,
+    /// How often requests had so long.
+    deadlines: BTreeMap<u64, u64>,
 }
 
 /// One trace as the page has it.
@@ -37,10 +46,17 @@ pub(crate) struct Told {
     lines: u64,
     violations: Vec<Violation>,
     more: u64,
+    account: Sums,
+    /// How long requests had, the commonest first.
+    deadlines: Vec<Exact>,
     /// The instant from which `at` counts.
     origin: Exact,
     /// The timestamps, ascending, each as its difference from the one before.
     timestamps: Vec<Exact>,
+    /// What became of each: the place of the source whose result was forwarded, or a number below 0.
+    outcome: Vec<i64>,
+    /// What became of their requests: for each timestamp a digit a source, the fate's column, or 0.
+    fates: String,
     /// A letter an event.
     ev: String,
     /// Each instant as its difference from the event's before.
@@ -51,6 +67,35 @@ pub(crate) struct Told {
     p: Vec<usize>,
     /// What some events have more, in their order; see `more_of`.
     x: Vec<i128>,
+}
+
+/// What the trace comes to; the page counts nothing itself.
+#[derive(Serialize)]
+struct Sums {
+    messages: u64,
+    forwarded: u64,
+    missed: u64,
+    refused: u64,
+    open: u64,
+    response: [Response; 3],
+    rows: Vec<Line>,
+}
+
+/// One source's row.
+#[derive(Serialize)]
+struct Line {
+    place: usize,
+    counts: [u64; 8],
+    response: [Response; 3],
+}
+
+/// A quantile of response times in nanoseconds; `never` where so many messages have no output.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Response {
+    Exactly(u64),
+    Never(&'static str),
+    None,
 }
 
 #[derive(Serialize)]
@@ -78,8 +123,13 @@ struct Violation {
 struct Exact(u64);
 
 impl Columns {
-    pub(crate) fn new(header: &Header) -> Self {
-        let mut columns = Self { events: Vec::new(), sources: BTreeMap::new() };
+    pub(crate) fn new(header: &Header, is_observed: bool) -> Self {
+        let mut columns = Self {
+            events: Vec::new(),
+            sources: BTreeMap::new(),
+            reckoning: Reckoning::new(header.clouds.iter().map(|cloud| cloud.p), is_observed),
+            deadlines: BTreeMap::new(),
+        };
         columns.source(0);
         let mut clouds: Vec<u64> = header.clouds.iter().map(|cloud| cloud.p.into()).collect();
         clouds.sort_unstable();
@@ -93,6 +143,10 @@ impl Columns {
         if let Some(p) = priority(&event) {
             self.source(p);
         }
+        if let Event::Decision(Decision::Request { at, due, .. }) = event {
+            *self.deadlines.entry(due.saturating_sub(at)).or_default() += 1;
+        }
+        self.reckoning.event(&event);
         self.events.push(event);
     }
 
@@ -113,10 +167,7 @@ impl Columns {
             file: summary.file.to_owned(),
             operator: header.operator.clone(),
             window: header.window,
-            commit: match header.commit {
-                Commit::Eager => "eager",
-                Commit::Patient => "patient",
-            },
+            commit: header.commit.as_str(),
             observed: manner.map(|slack| [slack.tolerance, slack.lateness]),
             sources: self.named(header),
             conforms: summary.conforms,
@@ -124,8 +175,12 @@ impl Columns {
             lines: summary.lines,
             more: summary.violations - breaches.len() as u64,
             violations: breaches.iter().map(|breach| Violation::new(breach, place)).collect(),
+            account: self.sums(),
+            deadlines: self.deadlines(),
             origin: Exact(origin),
             timestamps: differences(&timestamps),
+            outcome: timestamps.iter().map(|t| self.outcome(*t)).collect(),
+            fates: self.fates(&timestamps),
             ev: self.events.iter().map(letter).collect(),
             at: Vec::with_capacity(self.events.len()),
             t: Vec::with_capacity(self.events.len()),
@@ -146,6 +201,49 @@ impl Columns {
         told
     }
 
+    /// The place of a source that the trace mentions.
+    fn place(&self, p: u64) -> usize {
+        self.sources.get(&p).copied().unwrap_or_default()
+    }
+
+    fn sums(&self) -> Sums {
+        let Account { messages, forwarded, missed, refused, open, response, rows } =
+            self.reckoning.account();
+        let line = |Row { p, counts, response }| {
+            let response = response.map(Response::new);
+            Line { place: self.place(p), counts, response }
+        };
+        let mut rows: Vec<Line> = rows.into_iter().map(line).collect();
+        rows.sort_unstable_by_key(|line| line.place);
+        let response = response.map(Response::new);
+        Sums { messages, forwarded, missed, refused, open, response, rows }
+    }
+
+    fn deadlines(&self) -> Vec<Exact> {
+        let mut counted: Vec<(&u64, &u64)> = self.deadlines.iter().collect();
+        counted.sort_by_key(|(deadline, count)| (Reverse(**count), **deadline));
+        counted.into_iter().take(DEADLINES).map(|(deadline, _)| Exact(*deadline)).collect()
+    }
+
+    fn outcome(&self, t: u64) -> i64 {
+        match self.reckoning.outcome(t) {
+            Outcome::Forwarded { p } => i64::try_from(self.place(p)).unwrap_or(i64::MAX),
+            Outcome::Missed => -1,
+            Outcome::Open => -2,
+            Outcome::Unopened => -3,
+        }
+    }
+
+    fn fates(&self, timestamps: &[u64]) -> String {
+        let mut sources: Vec<(usize, u64)> =
+            self.sources.iter().map(|(p, place)| (*place, *p)).collect();
+        sources.sort_unstable();
+        let fates = timestamps.iter().flat_map(|t| {
+            sources.iter().map(|(_, p)| self.reckoning.fate(*t, *p).unwrap_or_default())
+        });
+        fates.filter_map(|fate| char::from_digit(u32::try_from(fate).ok()?, 10)).collect()
+    }
+
     fn named(&self, header: &Header) -> Vec<Source> {
         let mut named: Vec<(usize, Source)> = Vec::with_capacity(self.sources.len());
         for (&p, &place) in &self.sources {
@@ -155,6 +253,18 @@ impl Columns {
         }
         named.sort_unstable_by_key(|(place, _)| *place);
         named.into_iter().map(|(_, source)| source).collect()
+    }
+}
+
+impl Response {
+    fn new(quantile: Option<Quantile>) -> Self {
+        match quantile {
+            Some(Quantile::Exactly(at) | Quantile::AtLeast(at)) => {
+                Self::Exactly(u64::try_from(at.as_nanos()).unwrap_or(u64::MAX))
+            }
+            Some(Quantile::Never) => Self::Never("never"),
+            None => Self::None,
+        }
     }
 }
 
@@ -197,7 +307,7 @@ const fn letter(event: &Event) -> char {
         Event::Input(Input::Fail { .. }) => 'x',
         Event::Input(Input::Tick { .. }) => '.',
         Event::Decision(Decision::Timer { .. }) => 't',
-        Event::Decision(Decision::Refuse { .. }) => 'n',
+        Event::Decision(Decision::RefuseOpen { .. } | Decision::RefuseOffer { .. }) => 'n',
         Event::Decision(Decision::Request { .. }) => 'q',
         Event::Decision(Decision::Hold { .. }) => 'h',
         Event::Decision(Decision::Drop { .. }) => 'd',
@@ -210,48 +320,39 @@ const fn letter(event: &Event) -> char {
 const fn priority(event: &Event) -> Option<u64> {
     match event {
         Event::Input(Input::Open { .. } | Input::Tick { .. })
-        | Event::Decision(Decision::Miss { .. }) => None,
+        | Event::Decision(Decision::RefuseOpen { .. } | Decision::Miss { .. }) => None,
         Event::Input(Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. })
         | Event::Decision(
             Decision::Timer { p, .. }
+            | Decision::RefuseOffer { p, .. }
             | Decision::Request { p, .. }
             | Decision::Hold { p, .. }
             | Decision::Drop { p, .. }
             | Decision::Emit { p, .. }
             | Decision::Cancel { p, .. },
         ) => Some(*p),
-        Event::Decision(Decision::Refuse { p, .. }) => *p,
     }
 }
 
-/// What an event has more: an open its limit or −1, an offer its deadline and backlog, a request the
+/// What an event has more: an open its deadline or −1, an offer its deadline and backlog, a request the
 /// time to its due instant, a refusal and a drop the place of their reason.
 fn more_of(event: &Event, x: &mut Vec<i128>) {
+    let place = |place: usize| i128::try_from(place).unwrap_or(i128::MAX);
     match *event {
-        Event::Input(Input::Open { limit, .. }) => x.push(limit.map_or(-1, i128::from)),
+        Event::Input(Input::Open { deadline, .. }) => x.push(deadline.map_or(-1, i128::from)),
         Event::Input(Input::Offer { deadline, backlog, .. }) => {
             x.extend([i128::from(deadline), i128::from(backlog)]);
         }
         Event::Decision(Decision::Request { at, due, .. }) => {
             x.push(i128::from(due) - i128::from(at));
         }
-        Event::Decision(Decision::Refuse { why, .. }) => x.push(match why {
-            Refusal::Order => 0,
-            Refusal::Full => 1,
-            Refusal::Deadline => 2,
-            Refusal::Unknown => 3,
-            Refusal::Closed => 4,
-            Refusal::Duplicate => 5,
-            Refusal::Outranked => 6,
-            Refusal::Queue => 7,
-        }),
-        Event::Decision(Decision::Drop { why, .. }) => x.push(match why {
-            DropReason::Unknown => 0,
-            DropReason::Superseded => 1,
-            DropReason::Unsolicited => 2,
-            DropReason::Duplicate => 3,
-            DropReason::Late => 4,
-        }),
+        Event::Decision(Decision::RefuseOpen { why, .. }) => {
+            x.push(place(reasons::place_of_open(why)));
+        }
+        Event::Decision(Decision::RefuseOffer { why, .. }) => {
+            x.push(place(reasons::place_of_offer(why)));
+        }
+        Event::Decision(Decision::Drop { why, .. }) => x.push(place(why.index())),
         Event::Input(Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. })
         | Event::Decision(
             Decision::Timer { .. }

@@ -2,21 +2,26 @@
 
 mod columns;
 mod page;
+mod reasons;
 
-use std::io::BufReader;
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::unpack;
 use thiserror::Error;
 
-use crate::Exit;
-use crate::check::open;
+use crate::exit::Exit;
 use crate::fault::Fault;
-use crate::judging::{How, Judging, Manner, reader};
+use crate::input::open;
+use crate::judging::{End, How, Judging, Manner, next_event, reader};
+use crate::output::Output;
 use crate::report::columns::{Columns, Told};
+use crate::report::page::Data;
 use crate::sink::Sink;
 use crate::verdict::Found;
-use crate::whole;
+
+#[cfg(test)]
+pub(crate) use crate::report::tests::data;
 
 /// How many events a page may hold; a browser takes no text much longer than theirs.
 const EVENTS: usize = 10_000_000;
@@ -38,7 +43,7 @@ pub(crate) struct Args {
     /// The traces, plain or gzipped; - is standard input.
     #[arg(value_name = "TRACE", required = true)]
     traces: Vec<PathBuf>,
-    /// The page.
+    /// The page; - is standard output.
     #[arg(short, long, value_name = "FILE", default_value = "report.html")]
     output: PathBuf,
     #[command(flatten)]
@@ -52,36 +57,89 @@ pub(crate) enum ReportError {
     TooLong { file: String },
 }
 
+impl From<ReportError> for Fault {
+    fn from(error: ReportError) -> Self {
+        Self::own(error)
+    }
+}
+
 /// Judges each trace and writes the page once all are read.
 pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
+    let inputs: Vec<&Path> = args.traces.iter().map(PathBuf::as_path).collect();
+    let output = Output::new(&args.output, &inputs)?;
     let (mut told, mut exit, mut room) = (Vec::new(), Exit::Conforms, EVENTS);
-    let mut out = Sink::new(anstream::stdout());
+    let mut out: Box<dyn Write> = if output.is_stdout() {
+        Box::new(Sink::new(anstream::stderr()))
+    } else {
+        Box::new(Sink::new(anstream::stdout()))
+    };
     for path in &args.traces {
-        let (one, verdict) = read(args.how.manner(), path, &mut room)?;
+        let (one, verdict) = read_file(args.how.manner(), args.how.end(), path, &mut room)?;
         verdict.summary().tell(&mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict.exit());
         told.push(one);
     }
-    let name = args.output.display().to_string();
-    let fault = |source| Fault::Create { name, source };
-    whole::write(&args.output, |out| page::write(out, &told).map_err(fault))?;
+    write(&output, &told)?;
     Ok(exit)
 }
 
-/// Reads and judges one trace; `room` is how many events more the page can hold.
-fn read(manner: Manner, path: &Path, room: &mut usize) -> Result<(Told, Found), Fault> {
+/// Makes the page of one trace, judged strictly.
+pub(crate) fn of(trace: &Path, page: &Path) -> Result<(), Fault> {
+    let output = Output::new(page, &[trace])?;
+    let (told, _) = read_file(None, End::Whole, trace, &mut EVENTS.clone())?;
+    write(&output, &[told])
+}
+
+/// Writes the page of what was told.
+fn write(output: &Output, told: &[Told]) -> Result<(), Fault> {
+    output.write(|out| page::write(out, &Data::new(told)).map_err(Fault::Output))
+}
+
+fn read_file(
+    manner: Manner,
+    end: End,
+    path: &Path,
+    room: &mut usize,
+) -> Result<(Told, Found), Fault> {
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let mut reader = reader(manner, &name, trace)?;
+    read(manner, end, &name, trace, room)
+}
+
+/// Reads and judges one trace; `room` is how many events more the page can hold.
+fn read(
+    manner: Manner,
+    end: End,
+    name: &str,
+    trace: impl BufRead,
+    room: &mut usize,
+) -> Result<(Told, Found), Fault> {
+    let mut reader = reader(manner, name, trace)?;
     let header = reader.header().clone();
-    let mut judging = Judging::new(manner, &name, &header);
-    let mut columns = Columns::new(&header);
-    while let Some(event) = reader.next_event()? {
-        *room = room.checked_sub(1).ok_or_else(|| ReportError::TooLong { file: name.clone() })?;
+    let mut judging = Judging::new(manner, name, &header);
+    let mut columns = Columns::new(&header, manner.is_some());
+    while let Some(event) = next_event(&mut reader, end)? {
+        let too_long = || ReportError::TooLong { file: name.to_owned() };
+        *room = room.checked_sub(1).ok_or_else(too_long)?;
         judging.line(reader.line(), &event)?;
         columns.push(event);
     }
-    let verdict = judging.finish();
+    let verdict = judging.finish(end);
     Ok((columns.told(&header, manner, &verdict), verdict))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Value;
+
+    use super::*;
+
+    /// What the page of this trace is told.
+    pub(crate) fn data(trace: &[u8]) -> Value {
+        let (told, found) = read(None, End::Whole, "trace", trace, &mut EVENTS.clone()).unwrap();
+        assert!(found.summary().conforms);
+        let data = serde_json::to_vec(&Data::new(&[told])).unwrap();
+        serde_json::from_slice(&data).unwrap()
+    }
 }

@@ -2,7 +2,11 @@
 
 use std::io::{self, Write};
 
+use serde::Serialize;
+
+use crate::reckoning::COLUMNS;
 use crate::report::columns::Told;
+use crate::report::reasons::{Reason, drops, refusals};
 
 /// The text; each mark in it is replaced by what it names.
 const PAGE: &str = include_str!("../../report/page.html");
@@ -11,14 +15,30 @@ const SCRIPT: &str = include_str!("../../report/dist/report.js");
 const STYLE: &str = include_str!("../../report/dist/report.css");
 const LICENSES: &str = include_str!("../../report/dist/LICENSES.txt");
 
+/// All that the page is told; it has no words of its own for these.
+#[derive(Serialize)]
+pub(crate) struct Data<'a> {
+    /// What is counted about a source's requests: word and meaning.
+    columns: [(&'static str, &'static str); COLUMNS.len()],
+    refusals: Vec<Reason>,
+    drops: [Reason; 5],
+    traces: &'a [Told],
+}
+
+impl<'a> Data<'a> {
+    pub(crate) fn new(traces: &'a [Told]) -> Self {
+        Self { columns: COLUMNS, refusals: refusals(), drops: drops(), traces }
+    }
+}
+
 /// Writes it.
-pub(crate) fn write(out: &mut impl Write, told: &[Told]) -> io::Result<()> {
+pub(crate) fn write(out: &mut impl Write, data: &Data<'_>) -> io::Result<()> {
     for (i, part) in PAGE.split("@@").enumerate() {
         match (i % 2, part) {
             (1, "licenses") => out.write_all(LICENSES.as_bytes())?,
             (1, "style") => out.write_all(STYLE.as_bytes())?,
             (1, "script") => out.write_all(SCRIPT.as_bytes())?,
-            (1, "data") => serde_json::to_writer(Inline(&mut *out), told)?,
+            (1, "data") => serde_json::to_writer(Inline(&mut *out), data)?,
             (_, text) => out.write_all(text.as_bytes())?,
         }
     }

@@ -1,7 +1,6 @@
 //! The camera: a detector operator fed with frames, its clouds behind gRPC.
 
 use std::net::Ipv4Addr;
-use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -10,8 +9,8 @@ use std::{future, io};
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{
-    Config, Items, Local, Operator, Recording, Rule, Running, Setup, SourceTally, Trace, Writer,
-    spawn, stream,
+    Config, Items, JoinError, Local, Operator, Recording, Rule, Running, Setup, SourceTally,
+    SpawnError, Trace, WriteError, Writer, spawn, stream,
 };
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
@@ -22,19 +21,15 @@ use crate::fault::Fault;
 use crate::files;
 use crate::interrupt::Interrupt;
 use crate::run::cloud::Remote;
+use crate::run::driven::Driven;
+use crate::run::error::RunError;
 use crate::run::live::Live;
 use crate::run::plan::{Plan, Server};
 
 /// How often it is asked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
-
-/// What came of driving the camera.
-pub(crate) struct Driven {
-    /// Requests sent to each cloud.
-    pub(crate) sent: Vec<u64>,
-    /// Whether the user ended it.
-    pub(crate) interrupted: bool,
-}
+/// How often it is asked whether there is room for a frame that waits.
+const ROOM: Duration = Duration::from_millis(1);
 
 /// A camera, its operator and its clouds, started.
 pub(crate) struct Camera<'a> {
@@ -80,6 +75,7 @@ impl Operator for Detector<'_> {
             let registered =
                 setup.use_cloud(handle, message_handler, response_handler, cloud.priority);
             registered.name.clone_from(&cloud.name);
+            registered.calls = self.plan.calls;
         }
         let (model, seed) = (self.plan.local.clone(), self.plan.seed);
         Local::futures(self.plan.workers, move |_, timestamp| {
@@ -96,7 +92,7 @@ impl Operator for Detector<'_> {
 ///
 /// # Errors
 /// If something cannot be started.
-pub(crate) async fn start<'a>(plan: &'a Plan, trace: &Path) -> Result<Camera<'a>, Fault> {
+pub(crate) async fn start(plan: &Plan) -> Result<Camera<'_>, Fault> {
     let began = Arc::new(OnceLock::new());
     let mut servers = JoinSet::new();
     let connections = connect(plan, &began, &mut servers).await?;
@@ -106,51 +102,54 @@ pub(crate) async fn start<'a>(plan: &'a Plan, trace: &Path) -> Result<Camera<'a>
         name: "detector".to_owned(),
         window: plan.window,
         commit: plan.commit,
-        trace: Some(Trace { path: trace.to_owned(), recording: Recording::default() }),
+        trace: Some(Trace { path: plan.trace.clone(), recording: Recording::default() }),
         ..Config::default()
     };
     let (frames, input) = stream(1);
-    let (running, output) = spawn(detector, config, input)?;
+    let (running, output) = spawn(detector, config, input).map_err(cannot_spawn)?;
     began.get_or_init(Instant::now);
     Ok(Camera { plan, frames, running, output, sent, _servers: servers })
 }
 
 impl Camera<'_> {
     /// Feeds the operator until the plan is done or the user ends it.
-    ///
-    /// # Errors
-    /// If the trace cannot be written.
-    pub(crate) async fn drive(
-        mut self,
-        live: &mut Live<'_>,
-        interrupt: &Interrupt,
-    ) -> Result<Driven, Fault> {
+    pub(crate) async fn drive(mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> Driven {
         let interrupted = self.shoot(live, interrupt).await;
         self.catch_up(live).await;
         // Without frames to come the operator ends once all is answered.
         drop((self.frames, self.output));
-        let tally = self.running.join().await.map_err(Fault::Trace)?;
+        let so_far = self.running.tally();
+        let (tally, unrecorded) = match self.running.join().await {
+            Ok(tally) => (tally, None),
+            Err(JoinError::Trace { error, tally }) => (*tally, Some(error)),
+            Err(error @ JoinError::Stopped { .. }) => (so_far, Some(io::Error::other(error))),
+        };
         live.show(&tally);
         let sent = self.sent.iter().map(|sent| sent.load(Ordering::Relaxed)).collect();
-        Ok(Driven { sent, interrupted })
+        Driven { sent, interrupted, unrecorded }
     }
 
     /// Writes a frame every period; says whether the user ended it.
     async fn shoot(&mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> bool {
+        let Self { plan, frames, running, output, .. } = self;
         let image = Bytes::from(vec![0; REQUEST_BYTES]);
-        let (mut frames, mut looks) = (interval(self.plan.period), interval(live.period()));
-        let mut written = 0;
-        while written < self.plan.frames {
+        let (mut period, mut looks) = (interval(plan.period), interval(live.period()));
+        // Where the operator lags behind, a frame waits until outputs were read.
+        let (mut shot, mut waiting) = (0, None);
+        while shot < plan.frames {
             tokio::select! {
                 () = interrupt.wait() => return true,
-                _ = frames.tick() => {
-                    if self.frames.write(Frame(image.clone())).await.is_err() {
-                        break;
-                    }
-                    written += 1;
+                _ = period.tick(), if waiting.is_none() => waiting = Some(Frame(image.clone())),
+                () = sleep(ROOM), if waiting.is_some() => {}
+                Some(item) = output.read() => live.item(&item),
+                _ = looks.tick() => live.show(&running.tally()),
+            }
+            if let Some(frame) = waiting.take() {
+                match frames.write(frame) {
+                    Ok(_) => shot += 1,
+                    Err(WriteError::Full(frame)) => waiting = Some(frame),
+                    Err(WriteError::Closed(_)) => break,
                 }
-                Some(item) = self.output.read() => live.item(&item),
-                _ = looks.tick() => live.show(&self.running.tally()),
             }
         }
         false
@@ -176,6 +175,16 @@ impl Camera<'_> {
     }
 }
 
+/// Why the operator could not be started.
+fn cannot_spawn(error: SpawnError) -> Fault {
+    match error {
+        SpawnError::Trace { path, error } => {
+            Fault::Create { name: path.display().to_string(), source: error }
+        }
+        error => RunError::from(error).into(),
+    }
+}
+
 /// Whether computations were begun that have not come to an end.
 fn is_behind(local: &SourceTally) -> bool {
     let ended = local.outputs.get(&Rule::Arrival).copied().unwrap_or_default()
@@ -197,7 +206,7 @@ async fn connect(
         let remote = match &cloud.server {
             Server::Remote(remote) => describe(remote)?,
             Server::Emulated(emulation) => {
-                let (listener, url) = listen().await.map_err(Fault::Loopback)?;
+                let (listener, url) = listen().await.map_err(RunError::Loopback)?;
                 let infer = answer(emulation.clone(), Arc::clone(began));
                 servers.spawn(grpc::serve(
                     infer,
@@ -210,7 +219,7 @@ async fn connect(
         };
         let connection = remote.connect();
         connections.push(
-            connection.map_err(|source| Fault::Remote { cloud: cloud.name.clone(), source })?,
+            connection.map_err(|source| RunError::Remote { cloud: cloud.name.clone(), source })?,
         );
     }
     Ok(connections)
@@ -226,7 +235,7 @@ async fn listen() -> io::Result<(TcpListener, String)> {
 fn describe(remote: &Remote) -> Result<grpc::Remote, Fault> {
     let Remote { url, ca, cert, key, token } = remote;
     Ok(grpc::Remote {
-        ca: ca.as_deref().map(files::bytes).transpose()?,
+        ca: ca.as_deref().map(files::certificates).transpose()?,
         identity: files::identity(cert.as_deref(), key.as_deref())?,
         token: token.as_deref().map(files::token).transpose()?,
         ..grpc::Remote::new(url)

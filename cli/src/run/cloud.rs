@@ -1,6 +1,6 @@
 //! Which clouds a run has, and what `--cloud`, `--drive` and `--start` say about them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use crate::emulation::EmulationError;
 use crate::models::{Model, ModelError};
+use crate::seconds::seconds;
 
 /// One cloud as asked for.
 #[derive(Clone, PartialEq, Debug)]
@@ -88,6 +89,21 @@ pub(crate) const DEFAULTS: [&str; 2] = [
     "name=west,priority=1,model=DETR-ResNet-101,drive=cicv5g/rural_n8_v10,start=62",
     "name=east,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150",
 ];
+
+impl Wanted {
+    /// The files that tell of it, as far as they are there.
+    pub(crate) fn files(&self) -> Vec<&Path> {
+        match &self.place {
+            Place::Emulated { drive, .. } => {
+                let file = drive.rsplit_once(':').map_or(&**drive, |(file, _)| file);
+                vec![Path::new(drive), Path::new(file)]
+            }
+            Place::Remote { remote: Remote { ca, cert, key, token, .. }, .. } => {
+                [ca, cert, key, token].into_iter().flatten().map(PathBuf::as_path).collect()
+            }
+        }
+    }
+}
 
 /// Puts other drives and starts to the clouds that they name. Another drive begins at 0 unless a
 /// start is given.
@@ -212,7 +228,7 @@ impl Keys {
             }
             let model = model.ok_or(CloudError::Missing("model or url"))?;
             let drive = self.drive.ok_or(CloudError::Missing("drive or url"))?;
-            let start = seconds(self.start.as_deref().unwrap_or("0"))?;
+            let start = start(self.start.as_deref().unwrap_or("0"))?;
             Place::Emulated { model, drive, start }
         };
         Ok(Wanted { name, priority, place })
@@ -243,15 +259,13 @@ impl FromStr for Named<Duration> {
     type Err = CloudError;
 
     fn from_str(text: &str) -> Result<Self, CloudError> {
-        Self::parse(text, seconds)
+        Self::parse(text, start)
     }
 }
 
 /// Seconds with a fraction, from 0 to a year.
-pub(crate) fn seconds(text: &str) -> Result<Duration, CloudError> {
-    let seconds = text.parse().ok().filter(|seconds| (0.0..=31_536_000.0).contains(seconds));
-    let start = seconds.map(Duration::from_secs_f64);
-    start.ok_or_else(|| CloudError::Value {
+fn start(text: &str) -> Result<Duration, CloudError> {
+    seconds(text, 0.0..=31_536_000.0).ok_or_else(|| CloudError::Value {
         key: "start",
         value: text.to_owned(),
         wanted: "seconds, 0 or more",

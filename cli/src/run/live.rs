@@ -8,6 +8,7 @@ use fuseline_tokio::{Item, SourceTally, Tally};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use tokio::time::Instant;
 
+use crate::complain::complain;
 use crate::emulation::Emulation;
 use crate::run::plan::Plan;
 use crate::run::table::{millis, secs};
@@ -67,7 +68,7 @@ impl<'a> Live<'a> {
                 }
             }
             View::Plain if elapsed.is_zero() || tally.messages == 0 => {}
-            View::Plain => eprintln!("{}", self.plain(elapsed, tally)),
+            View::Plain => complain(self.plain(elapsed, tally)),
         }
     }
 
@@ -82,13 +83,11 @@ impl<'a> Live<'a> {
 
     fn time(&self, elapsed: Duration, tally: &Tally) -> String {
         let refused: u64 = tally.refused.values().sum();
-        format!(
-            "{} of {}, {} messages, {} missed, {refused} refused",
-            secs(elapsed.min(self.plan.span)),
-            secs(self.plan.span),
-            tally.messages,
-            tally.missed,
-        )
+        let (span, missed) = (self.plan.span, tally.missed);
+        let (elapsed, frames) = (elapsed.min(span).as_secs(), tally.messages + refused);
+        let word = if frames == 1 { "frame" } else { "frames" };
+        let told = format!("{frames} {word}, {missed} missed, {refused} refused");
+        format!("{elapsed} s of {}: {told}", secs(span))
     }
 
     fn source(&self, i: usize, elapsed: Duration, tally: &SourceTally) -> String {

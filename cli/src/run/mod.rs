@@ -3,51 +3,51 @@
 
 mod camera;
 mod cloud;
-mod ledger;
+mod driven;
+mod error;
 mod live;
 mod plan;
+mod queue;
 mod report;
 mod table;
 
 use std::io::{self, Write};
+use std::path::Path;
 
 use tokio::runtime::Runtime;
 
-use crate::Exit;
+use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
+use crate::run::error::RunError;
 use crate::run::live::Live;
 use crate::run::plan::Plan;
 use crate::run::report::Reading;
 use crate::run::table::Introduction;
 use crate::sink::Sink;
-use crate::whole::beside;
 
-pub(crate) use crate::run::cloud::{CloudError, seconds};
-pub(crate) use crate::run::plan::{Args, PlanError};
+pub(crate) use crate::run::plan::Args;
+#[cfg(test)]
+pub(crate) use crate::run::table::sources_table;
 
 /// Runs what the options say, reports it, and keeps its trace.
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let plan = Plan::new(args)?;
     let name = plan.trace.display().to_string();
-    let trace = beside(&plan.trace)
-        .map_err(|error| Fault::Create { name: name.clone(), source: error.kind().into() })?;
     let interrupt = Interrupt::watch();
     let mut out = Sink::new(anstream::stdout());
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
-    let camera = runtime.block_on(camera::start(&plan, trace.path()))?;
+    let camera = runtime.block_on(camera::start(&plan))?;
     if !args.json {
         writeln!(out, "{}", Introduction(&plan)).map_err(Fault::Output)?;
     }
     let mut live = Live::new(&plan);
     let driven = runtime.block_on(camera.drive(&mut live, &interrupt));
     live.end();
-    let driven = driven?;
     // Whatever still runs belongs to calls that were given up.
     runtime.shutdown_background();
 
-    let reading = Reading::new(trace.path(), &name, &plan)?;
-    trace.persist(&plan.trace).map_err(|error| Fault::Create { name, source: error.error })?;
+    let reading = Reading::new(&plan.trace, &name, &plan)?;
     let report = reading.report(&plan, &driven);
     if args.json {
         serde_json::to_writer(&mut out, &report)
@@ -57,5 +57,25 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
         writeln!(out, "{report}").and_then(|()| report.trace.tell(&mut out, 0, false))
     }
     .map_err(Fault::Output)?;
-    Ok(report.trace.exit())
+    if let Some(page) = plan.page.as_ref().filter(|_| driven.unrecorded.is_none()) {
+        make(page, &plan)?;
+        if !args.json {
+            writeln!(out, "{}: the page of this run", page.display()).map_err(Fault::Output)?;
+        }
+    }
+    match driven.unrecorded {
+        Some(source) => Err(RunError::Unrecorded { trace: name, source }.into()),
+        None => Ok(report.trace.exit()),
+    }
+}
+
+/// Makes the page of the run's trace, and opens it if that is wanted and can be done.
+fn make(page: &Path, plan: &Plan) -> Result<(), Fault> {
+    crate::report::of(&plan.trace, page)?;
+    if plan.open
+        && let Err(error) = open::that_detached(page)
+    {
+        eprintln!("warning: no browser opens {}: {error}", page.display());
+    }
+    Ok(())
 }

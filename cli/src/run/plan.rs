@@ -1,7 +1,7 @@
 //! The plan of a run: its options, checked, with models and drives at hand.
 
 use std::num::NonZero;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::ValueEnum;
@@ -9,8 +9,12 @@ use fuseline_tokio::Commit;
 use thiserror::Error;
 
 use crate::emulation::Emulation;
+use crate::fault::Fault;
+use crate::input::is_standard;
 use crate::models::Model;
+use crate::output;
 use crate::run::cloud::{self, CloudsError, Named, Place, Remote, Wanted};
+use crate::seconds::seconds;
 
 /// How many messages a run may have; each is remembered for the policies.
 const MESSAGES: u64 = 1_000_000;
@@ -23,31 +27,35 @@ replies are real gRPC on 127.0.0.1, timers and the operator run in real time. So
 same models and networks again, but not the same nanoseconds. The trace replays exactly.
 
 Built-in drives: cicv5g/{arterial_n78_v80, rural_n8_v0, rural_n8_v10, strong_to_weak_n8_v30,
-urban_n78_v40, weak_to_strong_n8_v50} and vnperf/{downtown, highway}:{verizon, sprint}. Others are
+urban_n78_v40, weak_to_strong_n8_v50} and vnperf/{downtown, highway}:{verizon, sprint, wifi}. Others are
 CSV files with columns sent_ms or second, and rtt_ms or NETWORK_rtt_ms; -1 is no network: what is
 sent then waits for it. A drive that is over starts again.
 
 Examples:
   fuseline run --seconds 10 --commit patient
+  fuseline run --report --open
   fuseline run --drive west=vnperf/downtown:verizon --start west=300
   fuseline run --cloud name=a,priority=1,model=DINO-SWIN-Small,drive=my.csv,start=5
   fuseline run --cloud name=b,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051")]
 pub(crate) struct Args {
-    /// How long the camera runs.
-    #[arg(long, value_name = "S", default_value = "30", value_parser = seconds)]
+    /// How long the camera runs, in seconds: more than 0, up to 86400.
+    #[arg(long, value_name = "S", default_value = "30", value_parser = span, allow_negative_numbers = true)]
     seconds: Duration,
     /// How many frames the camera takes a second, 0.1 to 1000.
-    #[arg(long, value_name = "HZ", default_value = "10", value_parser = rate)]
+    #[arg(long, value_name = "HZ", default_value = "10", value_parser = rate,
+        allow_negative_numbers = true)]
     rate: f64,
-    /// How long a cloud may take, in milliseconds.
+    /// How long a cloud may take, in milliseconds: 1 to 60000.
     #[arg(long, value_name = "MS", default_value = "500",
+        allow_negative_numbers = true,
         value_parser = clap::value_parser!(u64).range(1..=60_000))]
     deadline: u64,
     /// When the best result in hand goes.
     #[arg(long, value_enum, default_value = "eager")]
     commit: CommitRule,
-    /// How many messages may be open at once.
+    /// How many messages may be open at once, 1 to 1024.
     #[arg(long, value_name = "N", default_value = "16",
+        allow_negative_numbers = true,
         value_parser = clap::value_parser!(u16).range(1..=1024))]
     window: u16,
     /// Decides how the emulated runtimes stray.
@@ -56,9 +64,14 @@ pub(crate) struct Args {
     /// The model computed locally, as NAME@orin or NAME@a100.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-50@orin")]
     local: Model,
-    /// How many messages local computes at once.
-    #[arg(long, value_name = "N", default_value = "4", value_parser = workers)]
+    /// How many messages local computes at once, 1 to 1024.
+    #[arg(long, value_name = "N", default_value = "4", value_parser = workers,
+        allow_negative_numbers = true)]
     workers: NonZero<usize>,
+    /// How many calls to one cloud may be under way at once, 1 to 1024; more wait.
+    #[arg(long, value_name = "N", default_value = "8", value_parser = workers,
+        allow_negative_numbers = true)]
+    calls: NonZero<usize>,
     /// A cloud instead of the two there are; repeatable. Keys: name, priority and model with drive
     /// and start, or with url, ca, cert, key and token (the last four are files) for a server
     /// elsewhere.
@@ -70,9 +83,16 @@ pub(crate) struct Args {
     /// Where a cloud's drive begins, in seconds; repeatable.
     #[arg(long = "start", value_name = "CLOUD=S")]
     starts: Vec<Named<Duration>>,
-    /// Where the trace is written once it is whole.
+    /// Where the trace is written, from the start of the run on.
     #[arg(long, value_name = "FILE", default_value = "fuseline-trace.jsonl")]
     trace: PathBuf,
+    /// Make the trace's page too, as fuseline report does, and tell where it is.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true,
+        default_missing_value = "report.html")]
+    report: Option<PathBuf>,
+    /// Open the page in a browser.
+    #[arg(long, requires = "report")]
+    open: bool,
     /// Print the report as one JSON object.
     #[arg(long)]
     pub(crate) json: bool,
@@ -100,9 +120,15 @@ pub(crate) struct Plan {
     pub(crate) seed: u64,
     pub(crate) local: Model,
     pub(crate) workers: usize,
+    /// How many calls to one cloud may be under way at once.
+    pub(crate) calls: usize,
     /// In the order asked for.
     pub(crate) clouds: Vec<Cloud>,
     pub(crate) trace: PathBuf,
+    /// Where the trace's page is wanted.
+    pub(crate) page: Option<PathBuf>,
+    /// Whether it is to be opened in a browser.
+    pub(crate) open: bool,
 }
 
 /// One cloud of a run.
@@ -129,14 +155,24 @@ pub(crate) enum PlanError {
     Clouds(#[from] CloudsError),
     #[error("{frames} frames are too many; choose --seconds and --rate for at most {MESSAGES}")]
     Frames { frames: u64 },
+    #[error("--report={0}: that is the trace or standard output; give the page a name of its own")]
+    Page(String),
+    #[error("--trace -: a trace is read again once it is written; name a file")]
+    Stdout,
+}
+
+impl From<PlanError> for Fault {
+    fn from(error: PlanError) -> Self {
+        Self::own(error)
+    }
 }
 
 impl Plan {
     /// Checks the options and loads the drives.
     ///
     /// # Errors
-    /// The first [`PlanError`] that holds.
-    pub(crate) fn new(args: &Args) -> Result<Self, PlanError> {
+    /// The first that holds.
+    pub(crate) fn new(args: &Args) -> Result<Self, Fault> {
         let period = Duration::from_secs_f64(args.rate.recip());
         // What is a whole number of frames but for rounding is one.
         #[expect(
@@ -146,10 +182,12 @@ impl Plan {
         )]
         let frames = (args.seconds.as_secs_f64() * args.rate - 1e-6).ceil() as u64;
         if frames > MESSAGES {
-            return Err(PlanError::Frames { frames });
+            return Err(PlanError::Frames { frames }.into());
         }
         let mut wanted = args.clouds.clone();
-        cloud::adjust(&mut wanted, &args.drives, &args.starts)?;
+        cloud::adjust(&mut wanted, &args.drives, &args.starts).map_err(PlanError::from)?;
+        let trace = trace(&args.trace, &wanted)?;
+        let page = args.report.as_ref().map(|path| page(path, &args.trace, &wanted)).transpose()?;
         let clouds = wanted.into_iter().map(|cloud| Cloud::new(cloud, args.seed));
         Ok(Self {
             span: args.seconds,
@@ -165,8 +203,11 @@ impl Plan {
             seed: args.seed,
             local: args.local.clone(),
             workers: args.workers.get(),
-            clouds: clouds.collect::<Result<_, CloudsError>>()?,
-            trace: args.trace.clone(),
+            calls: args.calls.get(),
+            clouds: clouds.collect::<Result<_, CloudsError>>().map_err(PlanError::from)?,
+            trace,
+            page,
+            open: args.open,
         })
     }
 
@@ -199,13 +240,30 @@ impl Cloud {
     }
 }
 
+/// The file for the trace, which is none of those that the clouds are told with.
+fn trace(path: &Path, clouds: &[Wanted]) -> Result<PathBuf, Fault> {
+    if is_standard(path) {
+        return Err(PlanError::Stdout.into());
+    }
+    let read: Vec<&Path> = clouds.iter().flat_map(Wanted::files).collect();
+    output::file(path, &read)
+}
+
+/// The page, which is neither the trace nor standard output.
+fn page(page: &Path, trace: &Path, clouds: &[Wanted]) -> Result<PathBuf, Fault> {
+    let absolute = [page, trace].map(|path| std::path::absolute(path).ok());
+    if is_standard(page) || absolute[0].is_some() && absolute[0] == absolute[1] {
+        return Err(PlanError::Page(page.display().to_string()).into());
+    }
+    let read: Vec<&Path> = clouds.iter().flat_map(Wanted::files).chain([trace]).collect();
+    output::file(page, &read)?;
+    Ok(page.to_owned())
+}
+
 /// Up to a day.
-fn seconds(text: &str) -> Result<Duration, &'static str> {
-    let seconds = text.parse().ok().filter(|seconds| (0.0..=86_400.0).contains(seconds));
-    seconds
-        .filter(|s| *s > 0.0)
-        .map(Duration::from_secs_f64)
-        .ok_or("it must be seconds, more than 0 and up to a day")
+fn span(text: &str) -> Result<Duration, &'static str> {
+    let span = seconds(text, 0.0..=86_400.0).filter(|span| !span.is_zero());
+    span.ok_or("it must be seconds, more than 0 and up to 86400, a day")
 }
 
 fn rate(text: &str) -> Result<f64, &'static str> {

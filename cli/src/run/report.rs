@@ -1,25 +1,27 @@
 //! The report: what a run came to, for people's tables and for `--json`.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
 
-use fuseline_traces::{Event, Judge, Reader, Verdict};
+use fuseline_traces::{Judge, Reader, Verdict};
 use serde::{Serialize, Serializer};
 
 use crate::emulation::REQUEST_BYTES;
 use crate::fault::Fault;
 use crate::policies::{Arrival, Policy, Quantile, Score};
-use crate::run::camera::Driven;
-use crate::run::ledger::{Fates, Ledger};
+use crate::reckoning::{Account, COLUMNS, Reckoning, Row};
+use crate::run::driven::Driven;
 use crate::run::plan::{Cloud, Plan};
+use crate::run::queue::Queues;
 use crate::verdict::Found;
 
 /// What a run came to.
 #[derive(Debug, Serialize)]
 pub(crate) struct Report {
-    /// Messages that the camera sent and the operator answered.
+    /// Messages that came: forwarded, missed, refused or open.
     pub(crate) messages: u64,
     /// Whether it was ended before its time.
     pub(crate) interrupted: bool,
@@ -28,6 +30,8 @@ pub(crate) struct Report {
     pub(crate) deadline_ms: u64,
     pub(crate) commit: &'static str,
     pub(crate) window: u16,
+    /// Calls at once to one cloud.
+    pub(crate) calls: usize,
     pub(crate) seed: u64,
     /// Local first, then the clouds.
     pub(crate) sources: Vec<SourceReport>,
@@ -35,6 +39,10 @@ pub(crate) struct Report {
     pub(crate) missed: u64,
     /// Messages refused for a full window.
     pub(crate) refused: u64,
+    /// Messages still open when the run ended.
+    pub(crate) open: u64,
+    #[serde(skip)]
+    pub(crate) account: Account,
     /// How long after its due instant a timer was served at most; none if none fired.
     pub(crate) timer_lag_ms: Option<f64>,
     /// Fusion first.
@@ -56,8 +64,8 @@ pub(crate) struct SourceReport {
     pub(crate) forwarded: u64,
     /// The same as a part of all messages.
     pub(crate) share: f64,
-    /// How its requests ended; local has none.
-    pub(crate) requests: Option<Fates>,
+    /// What its offers came to, by word.
+    pub(crate) requests: BTreeMap<&'static str, u64>,
     pub(crate) sent_bytes: u64,
 }
 
@@ -76,7 +84,8 @@ pub(crate) struct PolicyReport {
 
 /// What the trace tells and what the judge says of it.
 pub(crate) struct Reading {
-    pub(crate) ledger: Ledger,
+    pub(crate) reckoning: Reckoning,
+    pub(crate) queues: Queues,
     pub(crate) verdict: Verdict,
 }
 
@@ -91,79 +100,77 @@ impl Reading {
         let mut reader = Reader::new(name, BufReader::new(file))?;
         let mut judge = Judge::new(name, reader.header());
         let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
-        let mut ledger = Ledger::new(&priorities);
+        let mut queues = Queues::new(priorities.iter().copied(), plan.calls);
+        let mut reckoning = Reckoning::new(priorities, false);
         while let Some(event) = reader.next_event()? {
             judge.line(reader.line(), &event);
-            match event {
-                Event::Input(input) => ledger.input(&input),
-                Event::Decision(decision) => ledger.decision(&decision),
-            }
+            reckoning.event(&event);
+            queues.event(&event);
         }
-        ledger.finish();
-        Ok(Self { ledger, verdict: judge.finish() })
+        Ok(Self { reckoning, queues, verdict: judge.finish() })
     }
 
     /// Puts everything together.
     pub(crate) fn report(self, plan: &Plan, driven: &Driven) -> Report {
         let sent: Vec<u64> = driven.sent.iter().map(|sent| sent * REQUEST_BYTES as u64).collect();
-        let (ends, fates) = (self.ledger.ends(), self.ledger.fates());
-        let total = ends.forwarded.iter().sum::<u64>() + ends.missed + ends.refused;
-        let share = |forwarded: u64| if total == 0 { 0.0 } else { ratio(forwarded, total) };
-        let local = SourceReport {
-            name: "local".to_owned(),
-            priority: 0,
-            model: Some(plan.local.to_string()),
-            emulated: true,
-            drive: None,
-            forwarded: ends.forwarded[0],
-            share: share(ends.forwarded[0]),
-            requests: None,
-            sent_bytes: 0,
+        let account = self.reckoning.account();
+        let source = |row: &Row, i: usize| {
+            let cloud = i.checked_sub(1).and_then(|i| plan.clouds.get(i));
+            let emulation = cloud.and_then(Cloud::emulation);
+            let model = cloud.map_or(Some(&plan.local), |cloud| cloud.model.as_ref());
+            SourceReport {
+                name: cloud.map_or_else(|| "local".to_owned(), |cloud| cloud.name.clone()),
+                priority: cloud.map_or(0, |cloud| cloud.priority),
+                model: model.map(ToString::to_string),
+                emulated: cloud.is_none() || emulation.is_some(),
+                drive: emulation.map(|emulation| emulation.drive.name().to_owned()),
+                forwarded: row.forwarded(),
+                share: share(row.forwarded(), account.messages),
+                requests: COLUMNS.iter().map(|(word, _)| *word).zip(row.counts).skip(1).collect(),
+                sent_bytes: cloud.map_or(0, |_| sent.get(i - 1).copied().unwrap_or_default()),
+            }
         };
-        let clouds = plan.clouds.iter().enumerate().map(|(i, cloud)| SourceReport {
-            name: cloud.name.clone(),
-            priority: cloud.priority,
-            model: cloud.model.as_ref().map(ToString::to_string),
-            emulated: cloud.emulation().is_some(),
-            drive: cloud.emulation().map(|emulation| emulation.drive.name().to_owned()),
-            forwarded: ends.forwarded[i + 1],
-            share: share(ends.forwarded[i + 1]),
-            requests: fates.get(i).copied(),
-            sent_bytes: sent.get(i).copied().unwrap_or_default(),
-        });
+        let sources = account.rows.iter().enumerate().map(|(i, row)| source(row, i)).collect();
         Report {
-            messages: total,
+            messages: account.messages,
             interrupted: driven.interrupted,
             rate: plan.rate,
             deadline_ms: plan.deadline_ms,
             commit: plan.commit.as_str(),
             window: plan.window,
+            calls: plan.calls,
             seed: plan.seed,
-            sources: [local].into_iter().chain(clouds).collect(),
-            missed: ends.missed,
-            refused: ends.refused,
-            timer_lag_ms: self.ledger.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
-            policies: self.policies(plan, sent.iter().sum()),
+            sources,
+            missed: account.missed,
+            refused: account.refused,
+            open: account.open,
+            timer_lag_ms: self.reckoning.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
+            policies: self.policies(plan, &account, sent.iter().sum()),
+            account,
             trace: Found::Strict(self.verdict),
         }
     }
 
-    /// Each policy's score over the same messages.
-    fn policies(&self, plan: &Plan, sent: u64) -> Vec<PolicyReport> {
-        let planned = |source: usize, opened: Duration, t: u64| {
-            // Local's result either came or is not known; a cloud's call may have been ended.
-            let emulation = plan.clouds.get(source.checked_sub(1)?)?.emulation()?;
-            Some(emulation.reply_after(opened, t).map_or(Arrival::Never, Arrival::At))
+    /// Each policy's score over the same messages and the same requests.
+    fn policies(&self, plan: &Plan, account: &Account, sent: u64) -> Vec<PolicyReport> {
+        // Local's result either came or is not known; a cloud's call may have been ended.
+        let planned = |source: usize, opened: u64, t: u64| {
+            let place = source.checked_sub(1)?;
+            let emulation = plan.clouds.get(place)?.emulation()?;
+            let sent = self.queues.sent(place, t)?;
+            let waited = Duration::from_nanos(sent.saturating_sub(opened));
+            let reply = emulation.reply_after(Duration::from_nanos(sent), t);
+            Some(reply.map_or(Arrival::Never, |reply| Arrival::At(waited + reply)))
         };
-        let messages = self.ledger.messages(planned);
+        let messages = self.reckoning.messages(planned);
         let ap = |cloud: &Cloud| cloud.model.as_ref().and_then(|model| model.ap);
         let aps: Vec<Option<f64>> =
             [plan.local.ap].into_iter().chain(plan.clouds.iter().map(ap)).collect();
         let deadline = plan.deadline();
-        let clouds = plan.clouds.len() as u64;
+        let admitted: Vec<u64> = account.rows.iter().map(Row::requests).collect();
         let report = |policy: Policy, name: String| {
             let Score { ap, in_time, quantiles } = policy.score(&messages, &aps, deadline);
-            let requests = policy.requests(messages.len() as u64, clouds);
+            let requests = policy.requests(&admitted);
             let sent_bytes = requests.map_or(sent, |requests| requests * REQUEST_BYTES as u64);
             PolicyReport { policy: name, mean_ap: ap, in_time, response_ms: quantiles, sent_bytes }
         };
@@ -180,10 +187,10 @@ impl Reading {
     }
 }
 
-/// A part of a whole that is not 0.
+/// A part of a whole; 0 of nothing.
 #[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
-pub(crate) fn ratio(part: u64, whole: u64) -> f64 {
-    part as f64 / whole as f64
+pub(crate) fn share(part: u64, whole: u64) -> f64 {
+    if whole == 0 { 0.0 } else { part as f64 / whole as f64 }
 }
 
 /// Milliseconds; `{"at_least":…}` where some are not known, null where so many messages have no

@@ -7,11 +7,14 @@ use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
 use crate::policies::Quantile;
+use crate::reckoning::{Account, COLUMNS, Row};
 use crate::run::plan::{Cloud, Plan, Server};
-use crate::run::report::{PolicyReport, Report, SourceReport};
+use crate::run::report::{PolicyReport, Report, share};
 
 /// Shorter outages are not worth a word.
 const OUTAGE: Duration = Duration::from_secs(1);
+/// The column of requests that are open as the run ends.
+const OPEN: usize = 6;
 /// How many outages of one cloud are told.
 const OUTAGES: usize = 4;
 
@@ -76,7 +79,12 @@ impl fmt::Display for Report {
         if self.interrupted {
             writeln!(f, "Ended early; this is what there was.\n")?;
         }
-        writeln!(f, "{}\n", self.sources_table().trim_fmt())?;
+        let name = |row: &Row| {
+            let source = self.sources.iter().find(|source| u64::from(source.priority) == row.p);
+            format!("{} {}", row.p, source.map_or("", |source| source.name.as_str()))
+        };
+        writeln!(f, "{}\n", sources_table(&self.account, name).trim_fmt())?;
+        writeln!(f, "{}\n", Messages(&self.account))?;
         writeln!(f, "{}\n", self.policies_table().trim_fmt())?;
         writeln!(
             f,
@@ -84,6 +92,18 @@ impl fmt::Display for Report {
              more, counts 0.",
             self.deadline_ms
         )?;
+        let refused: u64 = self.account.rows.iter().map(Row::refused).sum();
+        if self.refused + refused > 0 {
+            writeln!(
+                f,
+                "All policies have the same limits: a window of {}, gates, {} to a cloud at once.\n\
+                 What they refused, {} and {}, no policy has.",
+                self.window,
+                counted(self.calls as u64, "call"),
+                counted(self.refused, "message"),
+                counted(refused, "request"),
+            )?;
+        }
         if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
             writeln!(
                 f,
@@ -101,31 +121,20 @@ impl fmt::Display for Report {
     }
 }
 
-impl Report {
-    /// Who answered, and what became of the requests.
-    fn sources_table(&self) -> Table {
-        let mut table = table([
-            "source",
-            "outputs",
-            "share",
-            "on time",
-            "late",
-            "superseded",
-            "refused",
-            "failed",
-        ]);
-        for source in &self.sources {
-            table.add_row(source_row(source));
-        }
-        for (name, count) in [("missed", self.missed), ("refused", self.refused)] {
-            if count > 0 {
-                table.add_row([name, &count.to_string()]);
-            }
-        }
-        align(&mut table);
-        table
-    }
+/// What became of the messages, in a sentence.
+struct Messages<'a>(&'a Account);
 
+impl fmt::Display for Messages<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Account { messages, forwarded, missed, refused, open, .. } = *self.0;
+        let messages = counted(messages, "message");
+        write!(f, "{messages}: {forwarded} forwarded, {missed} missed")?;
+        write!(f, ", {refused} refused")?;
+        if open > 0 { write!(f, ", {open} open") } else { Ok(()) }
+    }
+}
+
+impl Report {
     /// What fusion bought and what it cost.
     fn policies_table(&self) -> Table {
         let mut table = table(["policy", "mean AP", "in time", "p50", "p90", "p99", "sent"]);
@@ -153,17 +162,22 @@ impl Report {
     }
 }
 
-fn source_row(source: &SourceReport) -> Vec<String> {
-    let mut row = vec![
-        format!("{} {}", source.priority, source.name),
-        source.forwarded.to_string(),
-        format!("{:.1} %", 100.0 * source.share),
-    ];
-    if let Some(fates) = source.requests {
-        let counts = [fates.on_time, fates.late, fates.superseded, fates.refused, fates.failed];
-        row.extend(counts.map(|count| count.to_string()));
+/// Who answered, and what became of the requests, in the reckoning's words; `name` calls a source.
+pub(crate) fn sources_table(account: &Account, name: impl Fn(&Row) -> String) -> Table {
+    // Most traces end with all decided.
+    let is_open = account.rows.iter().any(|row| row.counts[OPEN] > 0);
+    let told: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
+    let words = told.iter().map(|i| COLUMNS[*i].0);
+    let mut table = Table::new();
+    table.load_style(STYLE);
+    table.set_header(["source", "share"].into_iter().chain(words));
+    for row in &account.rows {
+        let counts = told.iter().map(|i| row.counts[*i].to_string());
+        let share = percent(row.forwarded(), account.messages);
+        table.add_row([name(row), share].into_iter().chain(counts));
     }
-    row
+    align(&mut table);
+    table
 }
 
 /// When which clouds are out of reach, in one line; nothing if none is known to be.
@@ -221,6 +235,10 @@ fn align(table: &mut Table) {
     }
 }
 
+fn counted(count: u64, what: &str) -> String {
+    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
+}
+
 /// Whole milliseconds.
 pub(crate) fn millis(duration: Duration) -> String {
     format!("{:.0} ms", duration.as_secs_f64() * 1000.0)
@@ -241,7 +259,7 @@ fn percent(part: u64, whole: u64) -> String {
     if whole == 0 {
         return "–".to_owned();
     }
-    format!("{:.1} %", 100.0 * crate::run::report::ratio(part, whole))
+    format!("{:.1} %", 100.0 * share(part, whole))
 }
 
 #[expect(clippy::cast_precision_loss, reason = "a few hundred")]

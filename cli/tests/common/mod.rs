@@ -1,7 +1,7 @@
 //! The built command, run as a user runs it.
 
 use std::io::Write;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output, Stdio};
 
 /// The command with these arguments.
 pub(crate) fn fuseline(args: &[&str]) -> Command {
@@ -28,10 +28,4 @@ pub(crate) fn out(output: &Output) -> &str {
 /// What it complained about.
 pub(crate) fn err(output: &Output) -> &str {
     str::from_utf8(&output.stderr).unwrap()
-}
-
-/// Presses Ctrl-C.
-pub(crate) fn interrupt(child: &Child) {
-    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(sent.success());
 }

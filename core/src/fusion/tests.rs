@@ -134,8 +134,8 @@ fn clock_that_goes_back_counts_as_the_greatest_seen() {
 fn firings_come_by_due_instant_then_by_timestamp() {
     let mut fusion = machine(4, Commit::Eager);
     let mut inputs = ready(&mut fusion, 0);
-    for (count, limit, near) in [(1, 30, 20), (2, 10, 20), (3, 40, 20)] {
-        assert_eq!(inputs.open(t(count), Some(ns(limit))), Opening::Accepted);
+    for (count, deadline, near) in [(1, 30, 20), (2, 10, 20), (3, 40, 20)] {
+        assert_eq!(inputs.open(t(count), Some(ns(deadline))), Opening::Accepted);
         let due = Instant::from_nanos(near);
         assert_eq!(inputs.offer(t(count), NEAR, ns(near), 0), Admission::Admitted { due });
     }
@@ -223,4 +223,33 @@ fn machine_stays_small() {
     assert!(size_of::<Fusion<3, 16>>() <= 1600, "{} bytes", size_of::<Fusion<3, 16>>());
     assert!(size_of::<Fusion<15, 1024>>() <= 192 * 1024);
     assert_eq!(size_of::<Slot>(), 8);
+}
+
+#[test]
+fn ready_fires_what_at_fires_and_leaves_the_same_machine() {
+    let clouds = [Cloud::new(NEAR, 9), Cloud::new(FAR, 9)];
+    for commit in [Commit::Eager, Commit::Patient] {
+        let mut by_ready = Fusion::<2, 4>::new(4, commit, &clouds).unwrap();
+        let mut ready = by_ready.ready(Instant::START, |_| {});
+        for count in 0..4 {
+            assert_eq!(ready.open(t(count), Some(ns(5 + count))), Opening::Accepted);
+            for (cloud, deadline) in [(NEAR, 10 + count % 2), (FAR, 20 - count)] {
+                let admission = ready.offer(t(count), cloud, ns(deadline), 0);
+                assert!(matches!(admission, Admission::Admitted { .. }));
+            }
+        }
+        // Before the first due instant, at it, after some and after all.
+        for now in [4, 5, 10, 18, 99] {
+            let (mut by_at, mut one_by_one) = (by_ready.clone(), std::vec::Vec::new());
+            while let At::Fired(firing) = by_at.at(Instant::from_nanos(now)) {
+                one_by_one.push(firing);
+            }
+            let mut at_once = std::vec::Vec::new();
+            let ready = by_ready.ready(Instant::from_nanos(now), |firing| at_once.push(firing));
+            assert_eq!(ready.now(), Instant::from_nanos(now));
+            assert_eq!(at_once, one_by_one);
+            assert!(by_ready == by_at);
+        }
+        assert!(by_ready.is_empty());
+    }
 }

@@ -37,7 +37,7 @@ pub struct Desk<const CLOUDS: usize, const WINDOW: usize> {
 #[repr(align(64))]
 pub(super) struct Place<const CLOUDS: usize> {
     pub(super) word: AtomicU64,
-    limit_due: AtomicU64,
+    local_due: AtomicU64,
     dues: [AtomicU64; CLOUDS],
 }
 
@@ -201,7 +201,7 @@ impl<const CLOUDS: usize> Place<CLOUDS> {
     fn new() -> Self {
         Self {
             word: AtomicU64::new(0),
-            limit_due: AtomicU64::new(0),
+            local_due: AtomicU64::new(0),
             dues: core::array::from_fn(|_| AtomicU64::new(0)),
         }
     }
@@ -226,7 +226,7 @@ impl<const CLOUDS: usize> Place<CLOUDS> {
 
     fn due(&self, source: Source) -> Option<&AtomicU64> {
         match usize::from(source.index()).checked_sub(1) {
-            None => Some(&self.limit_due),
+            None => Some(&self.local_due),
             Some(cloud) => self.dues.get(cloud),
         }
     }

@@ -42,7 +42,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Intake<'a, CLOUDS, WINDOW> {
         Self { desk, owner }
     }
 
-    /// F1: a message with this timestamp came. `limit`, if any, is how long the local computation may take.
+    /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
     ///
     /// Looks at no place twice, and only once where messages leave in the order in which they came.
     ///
@@ -52,7 +52,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Intake<'a, CLOUDS, WINDOW> {
         &mut self,
         now: Instant,
         timestamp: Timestamp,
-        limit: Option<Deadline>,
+        deadline: Option<Deadline>,
     ) -> Result<Ticket, OpenRefusal> {
         if self.owner.newest.is_some_and(|newest| timestamp <= newest) {
             return Err(OpenRefusal::Order);
@@ -60,14 +60,14 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Intake<'a, CLOUDS, WINDOW> {
         let Some((index, place, word)) = self.free_place() else {
             return Err(OpenRefusal::Full);
         };
-        if let Some(limit) = limit {
-            let due = now.saturating_add(limit);
+        if let Some(deadline) = deadline {
+            let due = now.saturating_add(deadline);
             if due <= now {
                 return Err(OpenRefusal::Deadline);
             }
             place.set_due(Source::LOCAL, due);
         }
-        let word = word.opened(Slot::open(limit.is_some()));
+        let word = word.opened(Slot::open(deadline.is_some()));
         // No exchange: nobody else writes a free place. Relaxed: who has the ticket got it after this.
         place.word.store(word.bits(), Ordering::Relaxed);
         self.owner.newest = Some(timestamp);

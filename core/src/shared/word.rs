@@ -7,8 +7,8 @@ use crate::source::Sources;
 ///
 /// | bits | a cloud is | local is |
 /// |---|---|---|
-/// | 00 | not requested | pending, without a limit |
-/// | 01 | pending | pending, its limit armed |
+/// | 00 | not requested | pending, without a deadline |
+/// | 01 | pending | pending, its deadline armed |
 /// | 10 | cached | cached |
 /// | 11 | closed | closed |
 ///

@@ -30,7 +30,7 @@ const THREE_CLOUDS: &[Mark] = &[Mark::OfferOutranked];
 const TWO_TIMESTAMPS: &[Mark] = &[Mark::OpenFull, Mark::OpenRoom];
 /// What needs two timestamps open at once.
 const TWO_OPEN: &[Mark] = &[Mark::TimestampsTogether];
-/// What needs a limit.
+/// What needs a deadline of local.
 const LIMITS: &[Mark] = &[
     Mark::OpenLimited,
     Mark::LimitAlone,

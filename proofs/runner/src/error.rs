@@ -31,6 +31,9 @@ pub(crate) enum Error {
         /// What it said.
         said: String,
     },
+    /// The seeded faults cannot be read, or one cannot be seeded.
+    #[error(transparent)]
+    Faults(#[from] fuseline_evidence::Error),
     /// There is nothing of this name.
     #[error("there is no {kind} {name}")]
     Name {

@@ -5,11 +5,11 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use fuseline_evidence::hex;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::error::Error;
-use crate::fault::hex;
 use crate::ledger::Line;
 use crate::record;
 use crate::source::{Harness, Sources};
@@ -52,12 +52,7 @@ impl Kept {
     /// # Errors
     /// It cannot be read.
     pub(crate) fn load(root: &Path) -> Result<Self, Error> {
-        let path = Self::path(root);
-        if !path.exists() {
-            return Ok(Self::default());
-        }
-        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-        serde_json::from_str(&text).map_err(|error| Error::content(&path, &error))
+        record::load(&Self::path(root))
     }
 
     /// Takes over which harnesses the slow tier has. A new one is not proved yet.

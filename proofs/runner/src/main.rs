@@ -1,8 +1,8 @@
 //! Runs the proofs and keeps their ledger. `proofs/prove` finds the engine and starts this.
 
+mod beyond;
 mod check;
 mod error;
-mod fault;
 mod kani_engine;
 mod kept;
 mod ledger;

@@ -4,10 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use fuseline_evidence::SeededFault;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
-use crate::fault::Fault;
 use crate::source::Sources;
 
 /// The ratchet. Numbers may rise with `--record`; where they fall, the run fails.
@@ -44,12 +45,7 @@ impl Record {
     /// # Errors
     /// It cannot be read.
     pub(crate) fn load(root: &Path) -> Result<Self, Error> {
-        let path = Self::path(root);
-        if !path.exists() {
-            return Ok(Self::default());
-        }
-        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-        serde_json::from_str(&text).map_err(|error| Error::content(&path, &error))
+        load(&Self::path(root))
     }
 
     /// # Errors
@@ -101,7 +97,7 @@ impl Record {
     /// Pairs to run so that each fault is caught that some of `harnesses` can catch, and each of these catches one.
     pub(crate) fn pairs(
         &self,
-        faults: &[Fault],
+        faults: &[SeededFault],
         harnesses: &BTreeSet<&str>,
     ) -> BTreeSet<(String, String)> {
         let names: BTreeSet<&str> = faults.iter().map(|fault| fault.name.as_str()).collect();
@@ -131,6 +127,18 @@ impl Record {
         }
         pairs
     }
+}
+
+/// Reads a value from JSON; an empty one if there is no file yet.
+///
+/// # Errors
+/// The file cannot be read.
+pub(crate) fn load<T: DeserializeOwned + Default>(path: &Path) -> Result<T, Error> {
+    if !path.exists() {
+        return Ok(T::default());
+    }
+    let text = fs::read_to_string(path).map_err(Error::file(path))?;
+    serde_json::from_str(&text).map_err(|error| Error::content(path, &error))
 }
 
 /// Writes a value as JSON.

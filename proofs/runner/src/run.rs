@@ -6,11 +6,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
+use fuseline_evidence::{SeededFault, Tree, load_faults};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::beyond::Beyond;
 use crate::check::{self, Checked, Verdict};
 use crate::error::Error;
-use crate::fault::{self, Fault};
 use crate::kept::{self, Kept};
 use crate::ledger::Line;
 use crate::record::{Caught, Record};
@@ -75,8 +76,8 @@ impl Run<'_> {
         names: &[String],
         slow: bool,
     ) -> Result<bool, Error> {
-        let faults = fault::load(self.tree)?;
-        let beyond = fault::beyond(self.tree, &faults)?;
+        let faults = load_faults(&Tree::new(self.tree.to_owned()))?;
+        let beyond = Beyond::load(self.tree, &faults)?;
         let mut good = true;
         let mut wrong = |what: String| {
             eprintln!("{what}");
@@ -134,11 +135,11 @@ impl Run<'_> {
         names: &[String],
         by: &[String],
     ) -> Result<bool, Error> {
-        let faults = fault::load(self.tree)?;
-        let beyond = fault::beyond(self.tree, &faults)?;
+        let faults = load_faults(&Tree::new(self.tree.to_owned()))?;
+        let beyond = Beyond::load(self.tree, &faults)?;
         record.take(self.sources);
         record.faults.retain(|name, _| faults.iter().any(|fault| fault.name == *name));
-        let wanted: Vec<&Fault> = faults
+        let wanted: Vec<&SeededFault> = faults
             .iter()
             .filter(|fault| !beyond.holds(fault))
             .filter(|fault| {
@@ -150,7 +151,7 @@ impl Run<'_> {
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
         let kept = Mutex::new(record);
-        let catches = |fault: &Fault, harness: &Harness| {
+        let catches = |fault: &SeededFault, harness: &Harness| {
             let checked = self.under(&tools, &copy, fault, harness)?;
             let caught = matches!(checked.verdict, Verdict::Refuted(_));
             let mut record = kept.lock().unwrap_or_else(PoisonError::into_inner);
@@ -194,7 +195,8 @@ impl Run<'_> {
             let fast = self.sources.harnesses.iter().filter(|harness| !harness.is_slow());
             fast.filter(|h| !record.faults.values().any(|c| c.by.contains(&h.name))).collect()
         };
-        let reachable: Vec<&Fault> = faults.iter().filter(|fault| !beyond.holds(fault)).collect();
+        let reachable: Vec<&SeededFault> =
+            faults.iter().filter(|fault| !beyond.holds(fault)).collect();
         let busy = self.all(
             "harnesses",
             &idle,
@@ -219,7 +221,7 @@ impl Run<'_> {
         &self,
         tools: &Tools,
         copy: &Copy,
-        fault: &Fault,
+        fault: &SeededFault,
         harness: &Harness,
     ) -> Result<Checked, Error> {
         if !fault.file.starts_with("core/src/") {
@@ -227,7 +229,11 @@ impl Run<'_> {
             return Ok(Checked { verdict, seconds: 0.0, peak_mib: 0 });
         }
         let name = format!("{}.{}", fault.name, harness.name);
-        let faulty = copy.with(&name, &fault.file, &fault.seed(self.tree)?)?;
+        let faulty = copy.with(
+            &name,
+            &fault.file,
+            &fault.seed(&Tree::new(self.tree.to_owned()).text(&fault.file)?)?,
+        )?;
         let checked = check::refute(tools, &faulty, harness, self.limits);
         faulty.remove();
         checked
@@ -308,7 +314,7 @@ impl Run<'_> {
 }
 
 /// What the ledger says of one question.
-fn line(harness: &Harness, fault: Option<&Fault>, checked: Checked) -> Line {
+fn line(harness: &Harness, fault: Option<&SeededFault>, checked: Checked) -> Line {
     let good = match (&checked.verdict, fault) {
         (Verdict::Proved, None) | (Verdict::Refuted(_), Some(_)) => true,
         (_, _) => false,
@@ -340,7 +346,7 @@ fn none(kind: &'static str, name: &str) -> Error {
     Error::Name { kind, name: name.to_owned() }
 }
 
-fn is_cited(harness: &Harness, fault: &Fault) -> bool {
+fn is_cited(harness: &Harness, fault: &SeededFault) -> bool {
     cites(harness).iter().any(|id| fault.breaks.contains(id))
 }
 

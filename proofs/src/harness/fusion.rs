@@ -35,7 +35,7 @@ fn later(a: Instant, b: Instant) -> Instant {
 /// The armed timers that are due exactly then, by looking at each.
 fn due_at<const CLOUDS: usize>(entry: &Entry<CLOUDS>, due: Instant) -> u16 {
     let armed = entry.slot.armed().bits();
-    let mut fired = armed & u16::from(entry.limit_due == due);
+    let mut fired = armed & u16::from(entry.local_due == due);
     for (i, of_cloud) in entry.dues.iter().enumerate() {
         fired |= armed & u16::from(*of_cloud == due) << (i + 1);
     }
@@ -140,7 +140,7 @@ pub fn f5_firing_is_settled() {
 }
 
 /// F1, A11, A14, A25, A31: an open is refused for the first reason that holds and then changes nothing; else the timestamp is
-/// open, waits for local, and its limit is armed if it has one.
+/// open, waits for local, and its deadline is armed if it has one.
 ///
 /// Bounds: window of 1, 8 clouds.
 #[kani::proof]
@@ -149,9 +149,9 @@ pub fn f1_open_by_the_rule() {
     let mut fusion = if kani::any() { at_rest() } else { any_empty::<CLOUDS, 1>() };
     let before = fusion.clone();
     let timestamp = any_timestamp();
-    let limit = if kani::any() { Some(any_deadline()) } else { None };
-    let opening = told::open(&mut fusion, timestamp, limit);
-    let due = limit.map(|limit| before.now.saturating_add(limit));
+    let deadline = if kani::any() { Some(any_deadline()) } else { None };
+    let opening = told::open(&mut fusion, timestamp, deadline);
+    let due = deadline.map(|deadline| before.now.saturating_add(deadline));
     let expected = if before.newest.is_some_and(|newest| newest >= timestamp) {
         Opening::Refused(OpenRefusal::Order)
     } else if before.len() == 1 {
@@ -167,9 +167,9 @@ pub fn f1_open_by_the_rule() {
     if opening == Opening::Accepted {
         let entry = &fusion.open.entries[0];
         let is_open = fusion.open.nodes[0].timestamp == timestamp && fusion.len() == 1;
-        kani::assert(is_open && entry.slot == Slot::open(limit.is_some()), "F1: it is open");
+        kani::assert(is_open && entry.slot == Slot::open(deadline.is_some()), "F1: it is open");
         kani::assert(fusion.newest == Some(timestamp), "F1: it is the greatest ever opened");
-        kani::assert(fusion.next_due() == due, "P8: its limit is armed, nothing else");
+        kani::assert(fusion.next_due() == due, "P8: its deadline is armed, nothing else");
         kani::assert(due.is_none_or(|due| due > fusion.now), "A20: nothing is due at once");
     } else {
         let same = fusion.newest == before.newest
@@ -179,8 +179,11 @@ pub fn f1_open_by_the_rule() {
         kani::assert(same, "F1: a refused open changes nothing");
     }
     kani::cover!(opening == Opening::Refused(OpenRefusal::Full), "the window is full");
-    kani::cover!(opening == Opening::Refused(OpenRefusal::Deadline), "the limit is zero");
-    kani::cover!(opening == Opening::Accepted && due == Some(Instant::END), "the limit saturates");
+    kani::cover!(opening == Opening::Refused(OpenRefusal::Deadline), "the deadline is zero");
+    kani::cover!(
+        opening == Opening::Accepted && due == Some(Instant::END),
+        "the deadline saturates"
+    );
     kani::cover!(
         timestamp.as_u64() == u64::MAX && opening == Opening::Accepted,
         "the last timestamp"
@@ -236,7 +239,7 @@ pub fn f2_offer_and_its_due() {
         let expected = if own { due } else { entry.dues[i] };
         kani::assert(after.dues[i] == expected, "P8: its own timer is armed, no other");
     }
-    kani::assert(after.limit_due == entry.limit_due, "P8: the limit is as it was");
+    kani::assert(after.local_due == entry.local_due, "P8: the deadline is as it was");
     kani::assert(fusion.now == before.now && fusion.newest == before.newest, "F0: the clock stays");
     kani::cover!(is_admitted && due == Instant::END, "its due instant saturates");
     kani::cover!(admission == Admission::Refused(OfferRefusal::Queue), "its gate is shut");
@@ -284,7 +287,7 @@ fn arrival<const CLOUDS: usize>(event: fn(Source) -> Event, is_result: bool) -> 
             kani::assert(!own || now < entry.dues[i], "P2 never late: it comes before its due");
         }
         let limited = entry.slot.armed().contains(Source::LOCAL) && source == Source::LOCAL;
-        kani::assert(!limited || now < entry.limit_due, "P2 never late: local within its limit");
+        kani::assert(!limited || now < entry.local_due, "P2 never late: local within its deadline");
     }
     outcome
 }
@@ -315,7 +318,7 @@ pub fn f4_fail_has_its_outcome() {
     kani::cover!(matches!(outcome, Outcome::Dropped(DropReason::Unknown)), "it is unknown");
 }
 
-/// P5, P7: by the latest due instant ever armed the timestamp is retired, if it was opened with a limit or has local's result.
+/// P5, P7: by the latest due instant ever armed the timestamp is retired, if it was opened with a deadline or has local's result.
 ///
 /// The rank is the number of armed timers. Each firing lowers it or retires the timestamp, no firing arms a timer beyond the
 /// latest, and when the machine takes inputs at the latest or after it, the rank is 0.
@@ -331,7 +334,7 @@ pub fn p7_retired_by_the_latest_due() {
     let armed = entry.slot.armed();
     let bounded = |entry: &Entry<CLOUDS>| {
         let armed = entry.slot.armed().bits();
-        let mut bounded = armed & 1 == 0 || entry.limit_due <= latest;
+        let mut bounded = armed & 1 == 0 || entry.local_due <= latest;
         for (i, due) in entry.dues.iter().enumerate() {
             bounded &= armed >> (i + 1) & 1 == 0 || *due <= latest;
         }
@@ -411,7 +414,7 @@ pub fn p10_lateness_decides_nothing() {
 /// The same timestamp open with the same sets and the same due instants, or none.
 fn same_open<const CLOUDS: usize>(a: &Single<CLOUDS>, b: &Single<CLOUDS>) -> bool {
     let (of_a, of_b) = (&a.open.entries[0], &b.open.entries[0]);
-    let mut same = of_a.slot == of_b.slot && of_a.limit_due == of_b.limit_due;
+    let mut same = of_a.slot == of_b.slot && of_a.local_due == of_b.local_due;
     for i in 0..CLOUDS {
         same &= of_a.dues[i] == of_b.dues[i];
     }
@@ -436,7 +439,7 @@ fn again<const CLOUDS: usize>(fusion: &Single<CLOUDS>) -> Single<CLOUDS> {
 /// P10, A2: two firings in one call are two calls with one firing each: a late call fires what a call at each due instant
 /// fires, in the same order, and leaves the same state.
 ///
-/// Bounds: window of 1, 1 cloud and the limit.
+/// Bounds: window of 1, 1 cloud and the deadline.
 #[kani::proof]
 #[kani::unwind(3)]
 pub fn p10_two_firings_are_two_calls() {

@@ -23,7 +23,7 @@ const TIMESTAMPS: [Timestamp; 2] = [Timestamp::new(5), Timestamp::new(8)];
 
 /// One timestamp's life as seen from outside.
 struct Seen {
-    /// The due instants of the limit and of the request, if there are.
+    /// The due instants of the deadline and of the request, if there are.
     dues: [Option<Instant>; 2],
     /// Whether local's and the cloud's result were held.
     held: [bool; 2],
@@ -148,7 +148,7 @@ impl<const WINDOW: usize> Known<WINDOW> {
             let (a, b) = (&self.entries[i], &before.entries[i]);
             self.open[i] == before.open[i]
                 && a.slot == b.slot
-                && a.limit_due == b.limit_due
+                && a.local_due == b.local_due
                 && a.dues[0] == b.dues[0]
         })
     }
@@ -191,14 +191,14 @@ fn opens<const WINDOW: usize>(
     fusion: &mut Fusion<1, WINDOW>,
     timestamp: Timestamp,
 ) -> Option<Seen> {
-    let limit = if kani::any() { Some(any_deadline()) } else { None };
-    let due = limit.map(|limit| fusion.now.saturating_add(limit));
+    let deadline = if kani::any() { Some(any_deadline()) } else { None };
+    let due = deadline.map(|deadline| fusion.now.saturating_add(deadline));
     let is_past = due.is_some_and(|due| due <= fusion.now);
-    if told::open(fusion, timestamp, limit) != Opening::Accepted {
-        kani::assert(is_past, "F1: it opens unless its limit is past");
+    if told::open(fusion, timestamp, deadline) != Opening::Accepted {
+        kani::assert(is_past, "F1: it opens unless its deadline is past");
         return None;
     }
-    kani::assert(!is_past, "F1: it opens only before its limit");
+    kani::assert(!is_past, "F1: it opens only before its deadline");
     Some(Seen { dues: [due, None], held: [false; 2], ends: 0 })
 }
 
@@ -235,7 +235,7 @@ fn result<const WINDOW: usize>(
     kani::assert(is_gone == (seen.ends == 1), "F3: it is superseded exactly after the end");
     let alone = !is_cloud && seen.dues[1].is_none() && seen.ends == 0 && outcome != Outcome::Held;
     ended(seen, outcome, Some(priority));
-    // A limit that fired leaves nothing to wait for without a request.
+    // A deadline that fired leaves nothing to wait for without a request.
     kani::assert(!alone || seen.ends == 1, "P6 free without cloud: it goes the moment it arrives");
     if outcome == Outcome::Held {
         seen.held[usize::from(is_cloud)] = true;

@@ -236,26 +236,26 @@ pub fn p6_free_without_cloud() {
     let waits = decision == Decision::Held;
     let awaited = !before.pending().clouds().is_empty();
     kani::assert(!waits || awaited, "P6 free without cloud: it waits for a cloud alone");
-    kani::cover!(alone && before.armed().contains(Source::LOCAL), "it had a limit");
+    kani::cover!(alone && before.armed().contains(Source::LOCAL), "it had a deadline");
     kani::cover!(waits, "it waits for a cloud");
 }
 
-/// P7: an open timestamp waits for local or has an armed timer; opened with a limit it always has one, and the firing of
+/// P7: an open timestamp waits for local or has an armed timer; opened with a deadline it always has one, and the firing of
 /// all of them retires it. Nothing but an admitted offer arms another.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
 pub fn p7_no_stall() {
     let commit = any_commit();
-    kani::assert(is_limited(Slot::open(true)), "P7 no stall: a limit is armed");
+    kani::assert(is_limited(Slot::open(true)), "P7 no stall: a deadline is armed");
     let before = any_slot(commit, CLOUDS);
     let waits = before.pending().contains(Source::LOCAL) || !before.armed().is_empty();
     kani::assert(waits, "P7 no stall: it waits for local or a timer");
-    // Whether it was opened with a limit is known of some states only: the invariant of those is `is_limited`.
+    // Whether it was opened with a deadline is known of some states only: the invariant of those is `is_limited`.
     let limited = is_limited(before);
     kani::assert(
         !limited || !before.armed().is_empty(),
-        "P7 no stall: with a limit a timer is armed",
+        "P7 no stall: with a deadline a timer is armed",
     );
     let event = any_event();
     let (after, decision) = step(before, commit, event);
@@ -267,11 +267,11 @@ pub fn p7_no_stall() {
     let (end, _) = step(before, commit, Event::Timers(before.armed()));
     kani::assert(!limited || !end.is_open(), "P7 no stall: once all timers fired it is retired");
     kani::cover!(limited && decision == Decision::Missed, "a limited timestamp is missed");
-    kani::cover!(!limited && end.is_open(), "one without a limit waits for local");
+    kani::cover!(!limited && end.is_open(), "one without a deadline waits for local");
 }
 
 /// P8, A3, F3: a timer is live from its admission until it fires, its failure is accepted, its result is held under
-/// patient or the timestamp is retired; the limit's until local's result or failure is accepted.
+/// patient or the timestamp is retired; the deadline's until local's result or failure is accepted.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -297,7 +297,7 @@ pub fn p8_timers() {
     let is_one_more = bits(offered)[2] == bits(before)[2] | armed;
     kani::assert(is_one_more, "P8 timers: an admitted request arms its own");
     let open = [Slot::open(false), Slot::open(true)].map(|slot| slot.armed().bits());
-    kani::assert(open == [0, 1], "P8 timers: just opened there is the limit's or none");
+    kani::assert(open == [0, 1], "P8 timers: just opened there is the deadline's or none");
     kani::cover!(
         decision == Decision::Held && after.armed() != before.armed(),
         "a timer ends as a result is held"
@@ -457,7 +457,7 @@ pub fn f6_settle_by_the_rule() {
     kani::cover!(forwards && commit == Commit::Patient, "patient has nothing better to wait for");
     kani::cover!(
         fired == 1 && decision == Decision::Waiting && cached != 0,
-        "the limit commits nothing"
+        "the deadline commits nothing"
     );
     kani::cover!(decision == Decision::Missed, "nothing came");
 }

@@ -18,7 +18,7 @@ use crate::told;
 use crate::valid::{in_order, is_tree, same_node};
 use crate::window::{Entry, Place, Window};
 
-/// The tree knows one due instant of each timestamp, the earliest. The limit's is enough for it to be any, or none; that
+/// The tree knows one due instant of each timestamp, the earliest. Local's is enough for it to be any, or none; that
 /// it is the earliest of several, `fusion` shows.
 type Tree = Window<0, 4>;
 
@@ -101,7 +101,7 @@ macro_rules! any_node_of_four {
 }
 
 fn same_entry<const CLOUDS: usize>(a: &Entry<CLOUDS>, b: &Entry<CLOUDS>) -> bool {
-    a.slot == b.slot && a.limit_due == b.limit_due && (0..CLOUDS).all(|i| a.dues[i] == b.dues[i])
+    a.slot == b.slot && a.local_due == b.local_due && (0..CLOUDS).all(|i| a.dues[i] == b.dues[i])
 }
 
 /// Whether every timestamp but that of `place` is in both trees, at the same place, with the same entry.

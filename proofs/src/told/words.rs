@@ -126,7 +126,7 @@ pub(crate) fn stepped(before: Slot, event: Event, decided: Decision) {
 
 pub(crate) fn offered(source: Source, refusal: Option<OfferRefusal>) {
     match refusal {
-        Some(why) => refuse(1, Some(of(source)), of_offers(why)),
+        Some(why) => refuse(1, of(source), why),
         None => decision(trace::Decision::Request { at: 0, t: 1, p: of(source), due: 1 }),
     }
 }
@@ -181,21 +181,21 @@ pub(crate) fn came_to<const CLOUDS: usize, const WINDOW: usize>(at: &At<'_, CLOU
 pub(crate) fn open<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
     timestamp: Timestamp,
-    limit: Option<Deadline>,
+    deadline: Option<Deadline>,
 ) {
     machine(fusion);
     let (at, t) = (fusion.now.as_nanos(), timestamp.as_u64());
-    input(trace::Input::Open { at, t, limit: limit.map(Deadline::as_nanos) });
+    input(trace::Input::Open { at, t, deadline: deadline.map(Deadline::as_nanos) });
 }
 
 pub(crate) fn opened(timestamp: Timestamp, opening: Opening) {
     if let Opening::Refused(why) = opening {
         let why = match why {
-            OpenRefusal::Order => trace::Refusal::Order,
-            OpenRefusal::Full => trace::Refusal::Full,
-            OpenRefusal::Deadline => trace::Refusal::Deadline,
+            OpenRefusal::Order => trace::OpenRefusal::Order,
+            OpenRefusal::Full => trace::OpenRefusal::Full,
+            OpenRefusal::Deadline => trace::OpenRefusal::Deadline,
         };
-        refuse(timestamp.as_u64(), None, why);
+        decision(trace::Decision::RefuseOpen { at: 0, t: timestamp.as_u64(), why });
     }
 }
 
@@ -220,7 +220,7 @@ pub(crate) fn admitted((timestamp, cloud): Of, admission: Admission) {
         Admission::Admitted { due } => {
             decision(trace::Decision::Request { at: 0, t, p, due: due.as_nanos() });
         }
-        Admission::Refused(why) => refuse(t, Some(p), of_offers(why)),
+        Admission::Refused(why) => refuse(t, p, why),
     }
 }
 
@@ -273,17 +273,14 @@ fn drop(t: u64, p: u64, why: DropReason) {
     decision(trace::Decision::Drop { at: 0, t, p, why });
 }
 
-fn refuse(t: u64, p: Option<u64>, why: trace::Refusal) {
-    decision(trace::Decision::Refuse { at: 0, t, p, why });
-}
-
-fn of_offers(why: OfferRefusal) -> trace::Refusal {
-    match why {
-        OfferRefusal::Unknown => trace::Refusal::Unknown,
-        OfferRefusal::Closed => trace::Refusal::Closed,
-        OfferRefusal::Duplicate => trace::Refusal::Duplicate,
-        OfferRefusal::Outranked => trace::Refusal::Outranked,
-        OfferRefusal::Deadline => trace::Refusal::Deadline,
-        OfferRefusal::Queue => trace::Refusal::Queue,
-    }
+fn refuse(t: u64, p: u64, why: OfferRefusal) {
+    let why = match why {
+        OfferRefusal::Unknown => trace::OfferRefusal::Unknown,
+        OfferRefusal::Closed => trace::OfferRefusal::Closed,
+        OfferRefusal::Duplicate => trace::OfferRefusal::Duplicate,
+        OfferRefusal::Outranked => trace::OfferRefusal::Outranked,
+        OfferRefusal::Deadline => trace::OfferRefusal::Deadline,
+        OfferRefusal::Queue => trace::OfferRefusal::Queue,
+    };
+    decision(trace::Decision::RefuseOffer { at: 0, t, p, why });
 }

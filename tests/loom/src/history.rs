@@ -125,9 +125,9 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Member<'a, CLOUDS, WINDOW> {
         let now = Instant::from_nanos(now);
         let ticket = self.tickets.get(&input.timestamp()).copied();
         Some(match input {
-            Input::Open { t, limit } => {
-                let limit = limit.map(Deadline::from_nanos);
-                let opened = self.intake.as_mut()?.open(now, Timestamp::new(t), limit);
+            Input::Open { t, deadline } => {
+                let deadline = deadline.map(Deadline::from_nanos);
+                let opened = self.intake.as_mut()?.open(now, Timestamp::new(t), deadline);
                 self.tickets.extend(opened.map(|ticket| (t, ticket)));
                 Answer::Opened(opened.map(drop))
             }

@@ -12,8 +12,8 @@ pub enum Input {
     Open {
         /// The timestamp.
         t: u64,
-        /// The limit.
-        limit: Option<u64>,
+        /// The deadline.
+        deadline: Option<u64>,
     },
     /// F2.
     Offer {
@@ -132,16 +132,16 @@ impl<const C: usize> From<Firing<C>> for Fired {
     }
 }
 
-/// An open without a limit.
+/// An open without a deadline.
 #[must_use]
 pub const fn open(now: u64, t: u64) -> Timed {
-    (now, Input::Open { t, limit: None })
+    (now, Input::Open { t, deadline: None })
 }
 
-/// An open with a limit.
+/// An open with a deadline.
 #[must_use]
-pub const fn limited(now: u64, t: u64, limit: u64) -> Timed {
-    (now, Input::Open { t, limit: Some(limit) })
+pub const fn limited(now: u64, t: u64, deadline: u64) -> Timed {
+    (now, Input::Open { t, deadline: Some(deadline) })
 }
 
 /// An offer with an empty queue.

@@ -34,7 +34,7 @@ impl Sequential {
     /// What the machine answers here; it moves on.
     pub fn apply(&mut self, now: u64, input: Input) -> Answer {
         match input {
-            Input::Open { t, limit } => Answer::Opened(self.accept(now, t, limit)),
+            Input::Open { t, deadline } => Answer::Opened(self.accept(now, t, deadline)),
             Input::Offer { t, p, deadline, backlog } => {
                 let fired = self.expire(now, t);
                 Answer::Offered(fired, self.admit(t, p, now.saturating_add(deadline), now, backlog))
@@ -50,19 +50,19 @@ impl Sequential {
         }
     }
 
-    fn accept(&mut self, now: u64, t: u64, limit: Option<u64>) -> Result<(), OpenRefusal> {
+    fn accept(&mut self, now: u64, t: u64, deadline: Option<u64>) -> Result<(), OpenRefusal> {
         if self.newest >= Some(t) {
             return Err(OpenRefusal::Order);
         }
         if self.open.len() >= self.window {
             return Err(OpenRefusal::Full);
         }
-        let due = limit.map(|limit| now.saturating_add(limit));
+        let due = deadline.map(|deadline| now.saturating_add(deadline));
         if due.is_some_and(|due| due <= now) {
             return Err(OpenRefusal::Deadline);
         }
         let dues = due.map(|due| (0, due)).into_iter().collect();
-        self.open.insert(t, Message { slot: Slot::open(limit.is_some()), dues });
+        self.open.insert(t, Message { slot: Slot::open(deadline.is_some()), dues });
         self.newest = Some(t);
         Ok(())
     }

@@ -65,9 +65,9 @@ fn by_any_thread() -> impl Strategy<Value = Timed> {
 }
 
 fn by_the_owner() -> impl Strategy<Value = Timed> {
-    let limit = prop::option::of(0..15_u64);
+    let deadline = prop::option::of(0..15_u64);
     let input = prop_oneof![
-        2 => (0..6_u64, limit).prop_map(|(t, limit)| Input::Open { t, limit }),
+        2 => (0..6_u64, deadline).prop_map(|(t, deadline)| Input::Open { t, deadline }),
         3 => (0..6_u64, 0..4_u8, 0..15_u64, 0..5_u64)
             .prop_map(|(t, p, deadline, backlog)| Input::Offer { t, p, deadline, backlog }),
     ];

@@ -112,10 +112,10 @@ fn owner<'a>(
     answers: &Answers,
 ) {
     for t in (0..MESSAGES).map(Timestamp::new) {
-        let limit = Some(Deadline::from_nanos(12));
+        let deadline = Some(Deadline::from_nanos(12));
         let (message, local) = loop {
             answers.clock.fetch_add(1, Ordering::Relaxed);
-            match intake.open(answers.now(), t, limit) {
+            match intake.open(answers.now(), t, deadline) {
                 Ok(opened) => break opened,
                 Err(OpenRefusal::Full) => thread::yield_now(),
                 Err(why) => panic!("{t:?} was refused {why:?}"),

@@ -1,9 +1,8 @@
 //! A run as bytes, in a form that suits a fuzzer: any bytes are a run, and small changes of them
 //! make a run that is close.
 
+use fuseline_kit::Run;
 use fuseline_traces::{Cloud, Commit, Header, Input};
-
-use crate::Run;
 
 /// Eight bytes follow, least first.
 const LONG: u8 = u8::MAX;
@@ -67,8 +66,8 @@ impl<'a> Bytes<'a> {
         }
         let t = self.near(newest);
         match kind {
-            0 => Input::Open { at, t, limit: None },
-            1 => Input::Open { at, t, limit: Some(self.number()) },
+            0 => Input::Open { at, t, deadline: None },
+            1 => Input::Open { at, t, deadline: Some(self.number()) },
             2 => Input::Result { at, t, p: self.source(clouds) },
             3 => Input::Fail { at, t, p: self.source(clouds) },
             _ => {
@@ -142,10 +141,10 @@ pub(super) fn write(run: &Run, out: &mut Vec<u8>) {
             near(t, newest, out);
         }
         match *input {
-            Input::Open { t, limit, .. } => {
+            Input::Open { t, deadline, .. } => {
                 newest = t;
-                if let Some(limit) = limit {
-                    number(limit, out);
+                if let Some(deadline) = deadline {
+                    number(deadline, out);
                 }
             }
             Input::Result { p, .. } | Input::Fail { p, .. } => source(p, clouds, out),
@@ -161,8 +160,8 @@ pub(super) fn write(run: &Run, out: &mut Vec<u8>) {
 
 const fn kind(input: &Input) -> u8 {
     match input {
-        Input::Open { limit: None, .. } => 0,
-        Input::Open { limit: Some(_), .. } => 1,
+        Input::Open { deadline: None, .. } => 0,
+        Input::Open { deadline: Some(_), .. } => 1,
         Input::Result { .. } => 2,
         Input::Fail { .. } => 3,
         Input::Offer { .. } => 4,

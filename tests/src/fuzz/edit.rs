@@ -1,6 +1,6 @@
 //! One change of a trace's decisions, its inputs left as they are.
 
-use fuseline_traces::{Decision, DropReason, Event, Refusal};
+use fuseline_traces::{Decision, DropReason, Event, OfferRefusal, OpenRefusal};
 
 use super::bytes::Bytes;
 
@@ -95,12 +95,13 @@ impl Edit {
         let more = |value: u64, by: i8| value.wrapping_add_signed(by.into());
         let (at, t, p) = (more(was.at, at), more(was.t, t), more(was.p, p));
         let turned = |place: usize, by: i8, all: usize| place.wrapping_add_signed(by.into()) % all;
-        let refusal = Refusal::ALL[turned(was.why, why, Refusal::ALL.len())];
+        let of_open = OpenRefusal::ALL[turned(was.why, why, OpenRefusal::ALL.len())];
+        let of_offer = OfferRefusal::ALL[turned(was.why, why, OfferRefusal::ALL.len())];
         let dropped = DropReason::ALL[turned(was.why, why, DropReason::ALL.len())];
         Event::Decision(match turned(was.kind, kind, 9) {
             0 => Decision::Timer { at, t, p },
-            1 => Decision::Refuse { at, t, p: None, why: refusal },
-            2 => Decision::Refuse { at, t, p: Some(p), why: refusal },
+            1 => Decision::RefuseOpen { at, t, why: of_open },
+            2 => Decision::RefuseOffer { at, t, p, why: of_offer },
             3 => Decision::Request { at, t, p, due: more(was.due, due) },
             4 => Decision::Hold { at, t, p },
             5 => Decision::Drop { at, t, p, why: dropped },
@@ -129,18 +130,15 @@ impl Words {
             Event::Input(input) => words(0, input.at(), input.t().unwrap_or_default(), 0),
             Event::Decision(decision) => match decision {
                 Decision::Timer { at, t, p } => words(0, at, t, p),
-                Decision::Refuse { at, t, p, why } => {
-                    let place = Refusal::ALL.iter().position(|other| *other == why);
-                    let kind = 1 + usize::from(p.is_some());
-                    let why = place.unwrap_or_default();
-                    Self { why, ..words(kind, at, t, p.unwrap_or_default()) }
+                Decision::RefuseOpen { at, t, why } => {
+                    Self { why: why.index(), ..words(1, at, t, 0) }
+                }
+                Decision::RefuseOffer { at, t, p, why } => {
+                    Self { why: why.index(), ..words(2, at, t, p) }
                 }
                 Decision::Request { at, t, p, due } => Self { due, ..words(3, at, t, p) },
                 Decision::Hold { at, t, p } => words(4, at, t, p),
-                Decision::Drop { at, t, p, why } => {
-                    let place = DropReason::ALL.iter().position(|other| *other == why);
-                    Self { why: place.unwrap_or_default(), ..words(5, at, t, p) }
-                }
+                Decision::Drop { at, t, p, why } => Self { why: why.index(), ..words(5, at, t, p) },
                 Decision::Emit { at, t, p } => words(6, at, t, p),
                 Decision::Miss { at, t } => words(7, at, t, 0),
                 Decision::Cancel { at, t, p } => words(8, at, t, p),

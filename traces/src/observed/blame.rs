@@ -143,7 +143,7 @@ fn of_output(story: &Story, allowed: &[Allowed], slack: Slack, end: u64) -> (Bro
     let request = story.requests.iter().find(|(q, ..)| *q == p);
     let due = match request {
         Some((_, _, due)) => Some(*due),
-        None => story.open.and_then(|(at, limit)| Some(at.saturating_add(limit?))),
+        None => story.open.and_then(|(at, deadline)| Some(at.saturating_add(deadline?))),
     };
     let in_time = due.map(|due| {
         due.saturating_add(slack.lateness).saturating_add(slack.tolerance.saturating_mul(2))

@@ -10,8 +10,9 @@ use super::blame::{Blame, of_account, of_again, of_refused};
 use super::story::Slack;
 use super::verdict::{Verdict, Violation};
 use super::watch::{Account, Watch};
-use crate::event::{Decision, DropReason, Event, Header, Input};
+use crate::event::{Decision, Event, Header, Input};
 use crate::read::{ReadError, Reader};
+use crate::reason::DropReason;
 
 /// How many violations a verdict tells; it counts the rest.
 const VIOLATIONS: usize = 100;
@@ -154,9 +155,21 @@ impl Judge {
 
     /// Ends the trace.
     #[must_use]
-    pub fn finish(mut self) -> Verdict {
+    pub fn finish(self) -> Verdict {
+        let end = self.greatest;
+        self.finish_at(end)
+    }
+
+    /// Ends a trace that goes on, or was cut short: what may come yet is not missing.
+    #[must_use]
+    pub fn finish_early(self) -> Verdict {
+        let end = self.certain();
+        self.finish_at(end)
+    }
+
+    fn finish_at(mut self, end: u64) -> Verdict {
         while let Some((t, watch)) = self.watched.pop_first() {
-            self.close(t, &watch, &self.account(t, &watch), self.greatest);
+            self.close(t, &watch, &self.account(t, &watch), end);
         }
         self.verdict.conforms &= self.verdict.judged > 0;
         self.verdict
@@ -186,7 +199,7 @@ impl Judge {
             Event::Input(Input::Open { .. })
             | Event::Decision(
                 Decision::Request { .. }
-                | Decision::Refuse { p: None, .. }
+                | Decision::RefuseOpen { .. }
                 | Decision::Emit { .. }
                 | Decision::Miss { .. },
             ) => true,
@@ -199,7 +212,7 @@ impl Judge {
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
             | Event::Decision(
                 Decision::Timer { .. }
-                | Decision::Refuse { .. }
+                | Decision::RefuseOffer { .. }
                 | Decision::Hold { .. }
                 | Decision::Drop { .. }
                 | Decision::Cancel { .. },
@@ -227,9 +240,7 @@ impl Judge {
                 self.close(t, &watch, &account, self.greatest);
                 continue;
             }
-            // What may come yet has its true instant after this.
-            let since = self.slack.tolerance.saturating_mul(3).saturating_add(1);
-            let end = self.greatest.saturating_sub(since);
+            let end = self.certain();
             if !watch.is_overdue && !account.story.is_explained(self.header.commit, self.slack, end)
             {
                 watch.is_overdue = true;
@@ -243,6 +254,11 @@ impl Judge {
                 self.close(t, &watch, &self.account(t, &watch), self.greatest);
             }
         }
+    }
+
+    /// What may come yet has its true instant after this.
+    const fn certain(&self) -> u64 {
+        self.greatest.saturating_sub(self.slack.tolerance.saturating_mul(3).saturating_add(1))
     }
 
     /// Whether a timestamp is not open, nothing having come out: it was refused, never opened, or retired before.

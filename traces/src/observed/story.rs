@@ -17,7 +17,7 @@ pub struct Slack {
 /// What was observed of one timestamp.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Story {
-    /// When it was opened, and with which limit.
+    /// When it was opened, and with which deadline.
     pub open: Option<(u64, Option<u64>)>,
     /// The clouds' priorities, when each was asked, and its due instant.
     pub requests: Vec<(u64, u64, u64)>,
@@ -104,10 +104,11 @@ impl Story {
             Timer { served, by: if to > end { NEVER } else { to } }
         };
         let open = self.open.map_or(0, |(at, _)| span(at).from);
-        let limit = self.open.and_then(|(at, limit)| Some(Time::from(at) + Time::from(limit?)));
+        let deadline =
+            self.open.and_then(|(at, deadline)| Some(Time::from(at) + Time::from(deadline?)));
         let local = Source {
             asked: open,
-            timer: limit.map(timer),
+            timer: deadline.map(timer),
             result: None,
             failure: None,
             last: NEVER,

@@ -96,7 +96,7 @@ impl Broken {
                  the moment it arrives."
             }
             Self::P7 => {
-                "An open timestamp waits for local or has an armed timer. One opened with a limit \
+                "An open timestamp waits for local or has an armed timer. One opened with a deadline \
                  is retired by the latest due instant ever armed for it."
             }
         }

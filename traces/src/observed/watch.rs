@@ -3,7 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::story::{Slack, Story};
-use crate::event::{Decision, DropReason, Event, Input};
+use crate::event::{Decision, Event, Input};
+use crate::reason::DropReason;
 
 /// So many facts are kept before those are left out that decide nothing.
 const MANY: usize = 64;
@@ -37,7 +38,7 @@ pub(super) struct Watch {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct Open {
     at: u64,
-    limit: Option<u64>,
+    deadline: Option<u64>,
     line: u64,
 }
 
@@ -82,8 +83,8 @@ impl Watch {
         self.line = line;
         let known = |p| if p == 0 || is_cloud(p) { p } else { STRANGER };
         match *event {
-            Event::Input(Input::Open { at, limit, .. }) => {
-                self.opens.push(Open { at, limit, line });
+            Event::Input(Input::Open { at, deadline, .. }) => {
+                self.opens.push(Open { at, deadline, line });
             }
             Event::Input(Input::Result { at, p, .. }) => self.comes(known(p), at, true),
             Event::Input(Input::Fail { at, p, .. }) => self.comes(known(p), at, false),
@@ -96,7 +97,7 @@ impl Watch {
             Event::Decision(Decision::Request { p, .. }) => {
                 self.stranger.get_or_insert((line, p));
             }
-            Event::Decision(Decision::Refuse { at, p: None, .. }) => self.refusals.push(at),
+            Event::Decision(Decision::RefuseOpen { at, .. }) => self.refusals.push(at),
             Event::Decision(Decision::Drop { at, p, why, .. }) => match why {
                 DropReason::Unknown => self.drops(known(p), at, true),
                 DropReason::Superseded if records_opens => self.drops(known(p), at, false),
@@ -110,7 +111,7 @@ impl Watch {
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
             | Event::Decision(
                 Decision::Timer { .. }
-                | Decision::Refuse { p: Some(_), .. }
+                | Decision::RefuseOffer { .. }
                 | Decision::Hold { .. }
                 | Decision::Cancel { .. },
             ) => {}
@@ -159,7 +160,7 @@ impl Watch {
         } else {
             let dues = self.requests.iter().map(|(_, _, due)| *due);
             let limits =
-                self.opens.iter().map(|open| open.at.saturating_add(open.limit.unwrap_or(0)));
+                self.opens.iter().map(|open| open.at.saturating_add(open.deadline.unwrap_or(0)));
             let came = self.came.iter().map(|came| came.at);
             (settled.chain(dues).chain(limits).chain(came).max(), 2)
         };
@@ -185,7 +186,7 @@ impl Watch {
         for came in self.came.iter().filter(|came| !is_none(came)) {
             (if came.is_result { &mut results } else { &mut failures }).push((came.p, came.at));
         }
-        let open = opens.first().map(|open| (open.at, open.limit));
+        let open = opens.first().map(|open| (open.at, open.deadline));
         Account {
             story: Story { open, requests: self.requests.clone(), results, failures, outputs },
             lines: self.outputs.iter().map(|(.., line)| *line).collect(),

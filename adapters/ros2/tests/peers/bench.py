@@ -18,14 +18,17 @@ class Bench:
         self.folder, self.programs = Path(folder), programs
         self.nodes, self.others = [], []
 
-    def node(self, settings, arguments=(), name="fuseline"):
-        node = self.refused(settings, arguments, name)
+    def node(self, settings, arguments=(), name="fuseline", wall_clock=False):
+        """A node that runs; its wall clock can be moved if `wall_clock` says so."""
+        if wall_clock and not self.programs["clock"]:
+            raise Skipped("no clock that can be moved")
+        node = self.refused(settings, arguments, name, self.programs["clock"] if wall_clock else None)
         node.until_running()
         return node
 
-    def refused(self, settings, arguments=(), name="fuseline"):
+    def refused(self, settings, arguments=(), name="fuseline", wall_clock=None):
         """A node that may end by itself."""
-        node = Node(self.programs["node"], self.folder, settings, arguments, name)
+        node = Node(self.programs["node"], self.folder, settings, arguments, name, wall_clock)
         self.nodes.append(node)
         return node
 

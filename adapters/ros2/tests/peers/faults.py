@@ -8,7 +8,7 @@ import time
 from forwarding import check
 from graph import again, publishes, quality, subscribes, until
 from messages import ERROR, OK, WARN, Header, Image, Point, PointStamped, String, Time, answered, bytes_as
-from node import parameters
+from node import POINTS, parameters
 from roles import Camera, Listener, Model, ready
 
 PERIOD_S = 0.02
@@ -98,6 +98,82 @@ def a_cloud_that_hangs_for_a_while_is_heard_again_when_it_goes_on(bench):
     drops = node.events("drop", p=1)
     assert drops and {line["why"] for line in drops} <= {"late", "superseded"}, drops
     print(f"{len(stream.run)} inputs, {len(drops)} late results dropped")
+
+
+# What a user has who sets no more than must be set: local may have four messages at once.
+USUAL_LOCAL = {"deadline": 1.0}
+
+
+def until_local_answers(camera, listener):
+    """Inputs that no cloud answers: first one that local does, then each of twenty."""
+    def is_answered():
+        stamp, _ = camera.ask("local=0.02")
+        (status,) = until(lambda: listener.status_of(stamp), "a status")
+        return status.message != "missed"
+
+    until(is_answered, "an input that local answers")
+    run = []
+    for _ in range(20):
+        run.append(camera.ask("local=0.02")[0])
+        time.sleep(PERIOD_S)
+    listener.until_answered(run)
+    assert [listener.status_of(stamp)[0]["source"] for stamp in run] == ["local"] * 20
+
+
+def results_of_local_that_are_lost_take_none_of_its_places(bench):
+    node = bench.node(parameters(["west"], deadline=0.3, local=USUAL_LOCAL))
+    camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
+    ready(camera, listener, local, west)
+    # Local does not answer, which is what a lost request or result looks like.
+    lost = [camera.ask("west=0.02")[0] for _ in range(8)]
+    listener.until_answered(lost)
+    until_local_answers(camera, listener)
+    assert node.ends() == 0
+
+
+def a_local_that_is_killed_is_asked_again_when_it_returns(bench):
+    node = bench.node(parameters(deadline=0.3, local=USUAL_LOCAL))
+    camera, listener = Camera(), Listener()
+    process = bench.model_process("local")
+    listener.until_health("local", {OK})
+    camera.output.until_matched()
+    listener.until_matched()
+    stream = Stream(camera, "local=0.02")
+    until(lambda: len(listener.results.heard) > 20, "results of local")
+    os.kill(process.pid, signal.SIGKILL)
+    time.sleep(1)
+    bench.model_process("local")
+    stream.end()
+    until_local_answers(camera, listener)
+    assert node.ends() == 0
+
+
+def inputs_that_come_no_longer_from_a_publisher_that_is_there_are_told(bench):
+    node = bench.node(parameters(input=POINTS | {"silence": 0.5}))
+    camera, listener, local = Camera(), Listener(), Model("local")
+    ready(camera, listener, local)
+    status = listener.until_health("fusion", {WARN})
+    assert "nothing came on /input" in status.message, status
+    stream = Stream(camera, "local=0")
+    listener.until_health("fusion", {OK})
+    stream.end()
+    assert node.ends() == 0
+
+
+def inputs_may_rest_as_long_as_their_parameter_says(bench):
+    # Twenty times as long as they may by default.
+    node = bench.node(parameters(input=POINTS | {"silence": 40.0}))
+    camera, listener, local = Camera(), Listener(), Model("local")
+    ready(camera, listener, local)
+    # So many that the gaps of the beginning are forgotten.
+    for _ in range(40):
+        camera.ask("local=0")
+        time.sleep(PERIOD_S)
+    listener.until_health("fusion", {OK})
+    heard = len(listener.diagnostics.heard)
+    listener.diagnostics.until_heard(heard + 20)
+    assert listener.health("fusion").level == OK, listener.health("fusion")
+    assert node.ends() == 0
 
 
 def a_peer_with_another_type_name_does_not_match(bench):

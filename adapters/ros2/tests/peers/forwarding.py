@@ -191,7 +191,7 @@ def what_nobody_answers_is_missed_and_said_so(bench):
     ready(camera, listener, local, west)
     stamp, at = camera.ask("")
     until(lambda: listener.status_of(stamp), "a status of the missed input")
-    assert time.monotonic() - at >= 0.5, "missed before the limit of local"
+    assert time.monotonic() - at >= 0.5, "missed before the deadline of local"
     assert node.ends() == 0
     (status,) = listener.status_of(stamp)
     assert status.level == WARN and status.message == "missed", status

@@ -30,9 +30,14 @@ def parameters(clouds=(), **others):
 class Node:
     """A run of `fuseline-ros2`. Its trace and its log are in `folder`."""
 
-    def __init__(self, program, folder, settings, arguments=(), name="fuseline"):
+    def __init__(self, program, folder, settings, arguments=(), name="fuseline", wall_clock=None):
         self.folder = folder / name
         self.folder.mkdir()
+        environment = os.environ | {"NO_COLOR": "1"}
+        if wall_clock:
+            self.offset_file = self.folder / "offset"
+            self.offset_file.write_text("0")
+            environment |= {"LD_PRELOAD": wall_clock, "CLOCK_OFFSET": str(self.offset_file)}
         self.trace_file = self.folder / "trace.jsonl"
         self.log_file = self.folder / "log"
         settings = {"trace": {"file": str(self.trace_file)} | settings.pop("trace", {})} | settings
@@ -40,8 +45,14 @@ class Node:
         with open(self.log_file, "w") as log:
             self.process = subprocess.Popen(
                 [program, "--ros-args", "--params-file", str(self.folder / "parameters.yaml"), *arguments],
-                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=os.environ | {"NO_COLOR": "1"})
+                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=environment)
         self.code = None
+
+    def wall_clock(self, seconds):
+        """Its wall clock is so many seconds off from now on."""
+        # One write, for it is read all the time.
+        with open(self.offset_file, "r+b", buffering=0) as offset:
+            offset.write(f"{seconds:<16}\n".encode())
 
     def until_exit(self, cap=15):
         self.code = self.process.wait(timeout=cap)

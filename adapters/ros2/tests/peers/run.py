@@ -1,6 +1,6 @@
 """Runs the tests with real peers, each in a network of its own.
 
-    python3 run.py --node PROGRAM --fuseline PROGRAM [--fastdds PROGRAM] [--list] [NAME…]
+    python3 run.py --node PROGRAM --fuseline PROGRAM [--fastdds PROGRAM] [--clock LIBRARY] [--list] [NAME…]
 
 A NAME is a part of a test's name. Without the right to make networks the tests share the loopback of the machine,
 each with a domain of its own.
@@ -17,6 +17,7 @@ import tempfile
 import time
 import traceback
 
+import clock
 import faults
 import forwarding
 import images
@@ -34,7 +35,7 @@ def cases():
     """Every public function of the test modules that takes a bench."""
     return {
         name: case
-        for module in (forwarding, running, faults, images)
+        for module in (forwarding, running, faults, clock, images)
         for name, case in vars(module).items()
         if inspect.isfunction(case) and case.__module__ == module.__name__
         and list(inspect.signature(case).parameters) == ["bench"] and not name.startswith("_")
@@ -99,11 +100,13 @@ def main():
     parser.add_argument("--node", required=True)
     parser.add_argument("--fuseline", required=True)
     parser.add_argument("--fastdds")
+    parser.add_argument("--clock")
     parser.add_argument("--alone", metavar="NAME")
     parser.add_argument("--list", action="store_true")
     parser.add_argument("names", nargs="*")
     chosen = parser.parse_args()
-    programs = {"node": chosen.node, "fuseline": chosen.fuseline, "fastdds": chosen.fastdds}
+    programs = {"node": chosen.node, "fuseline": chosen.fuseline, "fastdds": chosen.fastdds,
+                "clock": chosen.clock}
     if chosen.alone:
         alone(chosen.alone, programs)
     names = [name for name in cases() if not chosen.names or any(part in name for part in chosen.names)]

@@ -173,6 +173,16 @@ def without_a_key_the_node_refuses_to_start(bench):
         print(log.replace(str(bench.folder), ""))
 
 
+def a_secret_that_is_set_and_cannot_be_read_ends_the_start(bench):
+    token = bench.folder / "token"
+    token.write_bytes(b"a-token\xff")
+    for number, (path, what) in enumerate({bench.folder / "missing": "cannot be read", token: "has no token"}.items()):
+        grpc = {"url": "http://127.0.0.1:1", "token_file": str(path)}
+        node = bench.refused(parameters(["west"], west={"grpc": grpc}), name=f"refused{number}")
+        assert node.until_exit() == 2, f"exit {node.code}"
+        assert f"the cloud west: {path} {what}" in node.log(), node.log()
+
+
 def names_and_parameters_of_the_command_line_go_before_those_of_files(bench):
     arguments = ["-r", "input:=/camera/points", "-r", "output:=/detections", "-r", "__ns:=/robot", "-r", "__node:=eyes",
                  "-p", "deadline:=0.2", "-p", "eyes:west.deadline:=0.4", "-p", "other:deadline:=9.0"]

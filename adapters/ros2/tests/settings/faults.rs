@@ -1,5 +1,9 @@
 //! What is wrong, where, and what to do about it.
 
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
+use std::process::Command;
+
 use crate::{TYPES, settings, with};
 
 /// What is wrong with a file, below the node's name.
@@ -233,4 +237,17 @@ fn each_topic_has_one_use_after_remapping() {
         "-p input.topic:=local/input: local.input_topic is /local/input, and so is input.topic; \
          give each a topic of its own"
     );
+}
+
+#[test]
+fn a_variable_that_is_no_text_is_wrong_and_not_missing() {
+    let checked = Command::new(env!("CARGO_BIN_EXE_fuseline-ros2"))
+        .args(["--check", "--ros-args"])
+        .args(TYPES.split(' '))
+        .env("ROS_DOMAIN_ID", OsStr::from_bytes(b"4\xff"))
+        .output()
+        .unwrap();
+    let told = String::from_utf8(checked.stderr).unwrap();
+    assert_eq!(checked.status.code(), Some(2), "{told}");
+    assert!(told.contains("ROS_DOMAIN_ID: domain_id is "), "{told}");
 }

@@ -56,7 +56,7 @@ fn two_types_are_enough() {
     assert_eq!(all.input.topic, "/input");
     assert_eq!(all.input.type_name, "sensor_msgs/msg/Image");
     assert_eq!((all.input.key, all.output.key), (Key::Header, Key::Header));
-    assert_eq!(all.output.topic, "/output");
+    assert_eq!((all.output.topic.as_str(), all.silence), ("/output", None));
     assert_eq!((all.window, all.commit), (16, Commit::Eager));
     assert_eq!(all.deadline, Duration::from_millis(500));
     assert_eq!(all.deadline_topic, None);
@@ -82,7 +82,7 @@ fn two_types_are_enough() {
 const FULL: &str = "
 /car/front:
   ros__parameters:
-    input: {type: my_msgs/msg/Frame, topic: /camera/image, key: uint64, key_offset: 8}
+    input: {type: my_msgs/msg/Frame, topic: /camera/image, key: uint64, key_offset: 8, silence: 3}
     output: {type: vision_msgs/msg/Detection2DArray, topic: detections}
     window: 4
     commit: patient
@@ -124,6 +124,7 @@ fn everything_can_be_set() {
     let all = settings(&[FULL], RENAMED).unwrap();
     assert_eq!((all.domain, all.localhost_only), (7, true));
     assert_eq!(all.input.key, Key::Integer { offset: 8, kind: Kind::U64 });
+    assert_eq!(all.silence, Some(Duration::from_secs(3)));
     assert_eq!((all.window, all.commit), (4, Commit::Patient));
     assert_eq!(all.deadline, Duration::from_secs(1));
     assert_eq!(all.deadline_topic.as_deref(), Some("/car/front/deadline"));

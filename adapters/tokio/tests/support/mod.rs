@@ -26,7 +26,7 @@ pub(crate) enum Act {
 /// An operator whose sources do as they are told for each timestamp.
 pub(crate) struct Script {
     pub(crate) local: fn(u64) -> Act,
-    pub(crate) limit: Option<Duration>,
+    pub(crate) deadline: Option<Duration>,
     pub(crate) clouds: Vec<Part>,
 }
 
@@ -51,7 +51,7 @@ pub(crate) struct Played {
 impl Script {
     /// Local alone, after 20 ms.
     pub(crate) fn new() -> Self {
-        Self { local: |_| Act::Answers(20), limit: None, clouds: Vec::new() }
+        Self { local: |_| Act::Answers(20), deadline: None, clouds: Vec::new() }
     }
 
     /// With one more cloud.
@@ -78,7 +78,7 @@ impl Operator for Script {
         }
         let local = self.local;
         let mut local = Local::futures(64, move |_, t| act(local(t), "local".into()));
-        local.limit = self.limit;
+        local.deadline = self.deadline;
         local
     }
 }
@@ -114,7 +114,7 @@ where
     tokio::spawn(async move {
         for (i, ms) in messages_ms.into_iter().enumerate() {
             sleep_until(start + Duration::from_millis(ms)).await;
-            writer.write(i as u64).await.unwrap();
+            writer.write(i as u64).unwrap();
         }
     });
     let mut items = String::new();

@@ -9,7 +9,7 @@ fn judge() -> Judge {
 }
 
 fn opened(at: u64, t: u64) -> Event {
-    Event::Input(Input::Open { at, t, limit: None })
+    Event::Input(Input::Open { at, t, deadline: None })
 }
 
 fn came(at: u64, t: u64) -> Event {

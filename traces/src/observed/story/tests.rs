@@ -140,8 +140,8 @@ impl Search<'_> {
         }
         match fact {
             Fact::Open => {
-                let (at, limit) = self.story.open.unwrap();
-                state.open(limit.map(|limit| i64::try_from(at + limit).unwrap()));
+                let (at, deadline) = self.story.open.unwrap();
+                state.open(deadline.map(|deadline| i64::try_from(at + deadline).unwrap()));
                 true
             }
             Fact::Request(i) => {
@@ -195,11 +195,11 @@ impl Search<'_> {
 }
 
 impl State {
-    fn open(&mut self, limit: Option<i64>) {
+    fn open(&mut self, deadline: Option<i64>) {
         self.is_open = true;
         self.requested.insert(0);
         self.pending.insert(0);
-        self.armed.extend(limit.map(|due| (0, due)));
+        self.armed.extend(deadline.map(|due| (0, due)));
     }
 
     fn result(&mut self, commit: Commit, p: u64) {

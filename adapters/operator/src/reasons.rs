@@ -1,0 +1,72 @@
+//! Why results did not come, counted by their words.
+
+use std::fmt;
+use std::sync::Arc;
+
+/// How many reasons are told apart.
+const KINDS: usize = 8;
+/// How many bytes of a reason are kept.
+const BYTES: usize = 200;
+
+/// The reasons of a source's accepted failures (F4), with how often each was given.
+///
+/// The first eight are told apart; what fails for yet other reasons is counted together.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Reasons {
+    known: Vec<(Arc<str>, u64)>,
+    others: u64,
+}
+
+impl Reasons {
+    /// Counts a reason; answers its words, shared.
+    pub(crate) fn count(&mut self, why: &str) -> Arc<str> {
+        if let Some((known, count)) = self.known.iter_mut().find(|(known, _)| **known == *why) {
+            *count += 1;
+            return Arc::clone(known);
+        }
+        let why: Arc<str> = why.into();
+        if self.known.len() < KINDS {
+            self.known.push((Arc::clone(&why), 1));
+        } else {
+            self.others += 1;
+        }
+        why
+    }
+
+    /// The reasons that are told apart, in the order in which they first came.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, u64)> {
+        self.known.iter().map(|(why, count)| (&**why, *count))
+    }
+
+    /// How many failures had other reasons.
+    #[must_use]
+    pub const fn others(&self) -> u64 {
+        self.others
+    }
+}
+
+/// `30 × connection refused, 2 × deadline exceeded`; nothing if there are none.
+impl fmt::Display for Reasons {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, (why, count)) in self.iter().enumerate() {
+            let comma = if place > 0 { ", " } else { "" };
+            write!(f, "{comma}{count} × {why}")?;
+        }
+        if self.others > 0 {
+            write!(f, ", {} × other reasons", self.others)?;
+        }
+        Ok(())
+    }
+}
+
+/// The first words of a reason.
+pub(crate) fn words(why: &dyn fmt::Display) -> String {
+    let mut words = why.to_string();
+    if words.len() > BYTES {
+        let end = '…'.len_utf8();
+        let cut = (0..=BYTES - end).rev().find(|place| words.is_char_boundary(*place));
+        words.truncate(cut.unwrap_or(0));
+        words.push('…');
+    }
+    words
+}

@@ -1,0 +1,207 @@
+//! Which level each state has, and what is said of it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use fuseline_operator::{
+    self as shared, DropReason, Engine, Forwarded, Header, Local, OfferRefusal, OpenRefusal,
+    Outcome,
+};
+use rustdds::GUID;
+use tokio::time::Instant;
+
+use super::*;
+use crate::source::Way;
+
+/// What happened to the node, then the level and the message of it.
+type NodeCase = (fn(&mut Tally, &mut Intake), u8, &'static str);
+/// The same of a source.
+type SourceCase = (fn(&mut SourceTally, &mut Source), u8, &'static str);
+
+/// The counts of a node with one cloud, at its start.
+fn none() -> Tally {
+    let west = shared::Cloud { p: 1, name: Some("west".into()), limit: 31, resume: 0 };
+    let header =
+        Header { operator: None, window: 4, commit: shared::Commit::Eager, clouds: vec![west] };
+    let local = Local { at_once: 1, waiting: 1, skip_answered: false, lossy: true };
+    Engine::<Payload, Payload>::new(&header, &[1], local).unwrap().counts().tally()
+}
+
+/// A source that needs no topics.
+fn source(priority: u16, name: &str) -> Source {
+    let way = Way::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
+    let (deadline, strays) = (None, Strays::default());
+    Source { priority, name: name.into(), way, enabled: true, deadline, strays }
+}
+
+fn sources() -> [Source; 2] {
+    [source(0, "local"), source(1, "west")]
+}
+
+/// Both ends of the node, each with a peer.
+fn ends() -> [End; 2] {
+    let ends = ["/input", "/output"].map(|topic| End::new(topic, "a_msgs/msg/A"));
+    for end in &ends {
+        end.change(GUID::GUID_UNKNOWN, 1, None);
+    }
+    ends
+}
+
+/// What is said of a part of the node after a period in which this happened.
+fn said(
+    part: usize,
+    happened: impl FnOnce(&mut Tally, &mut Intake, &mut [Source; 2], &[End; 2]),
+) -> (u8, String) {
+    let (mut tally, mut intake, mut sources, ends) = (none(), Intake::default(), sources(), ends());
+    let mut reporter = Reporter::new("/fuseline", none());
+    happened(&mut tally, &mut intake, &mut sources, &ends);
+    let ends = ends.each_ref();
+    let mut first = reporter.period(tally.clone(), intake, &sources, &ends);
+    // What happened once is told once.
+    let mut next = reporter.period(tally, intake, &sources, &ends);
+    let (status, next) = (first.swap_remove(part), next.swap_remove(part));
+    assert_eq!(status.name, format!("/fuseline: {}", ["fusion", "local", "west"][part]));
+    assert_eq!(status.values, next.values, "counts are since the start");
+    let lasts = ["not enabled", "nobody", "another type", "incompatible"];
+    if !lasts.iter().any(|state| status.message.starts_with(state)) {
+        assert_eq!(next.level, OK, "{}", next.message);
+    }
+    (status.level, status.message)
+}
+
+#[test]
+fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
+    let fusion = |happened: fn(&mut Tally, &mut Intake)| {
+        said(0, |tally, intake, _, _| happened(tally, intake))
+    };
+    let cases: [NodeCase; 9] = [
+        (|tally, _| tally.messages = 5, OK, "each message answered"),
+        (|tally, _| tally.missed = 2, ERROR, "2 messages missed"),
+        (
+            |_, intake| intake.unsent = 3,
+            ERROR,
+            "3 outputs not sent: a subscriber is too far behind",
+        ),
+        (|tally, _| tally.refused = [(OpenRefusal::Full, 4)].into(), WARN, "4 messages refused"),
+        (|_, intake| intake.short = 1, WARN, "1 inputs not taken: no key, or one that is taken"),
+        (|_, intake| intake.nanosec = 1, WARN, "1 inputs not taken: no key, or one that is taken"),
+        (|_, intake| intake.encoding = 1, WARN, "1 inputs not taken: no key, or one that is taken"),
+        (
+            |_, intake| intake.duplicate_stamp = 1,
+            WARN,
+            "1 inputs not taken: no key, or one that is taken",
+        ),
+        (|_, intake| intake.stamp_backwards = 1, OK, "each message answered"),
+    ];
+    for (happened, level, message) in cases {
+        assert_eq!(fusion(happened), (level, message.to_owned()));
+    }
+}
+
+#[test]
+fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
+    let ends = |happened: fn(&[End; 2])| said(0, |_, _, _, ends| happened(ends));
+    let gone = ends(|ends| ends[1].change(GUID::GUID_UNKNOWN, -1, None));
+    assert_eq!(gone, (OK, "nobody on /output".to_owned()));
+    let other = ends(|ends| {
+        ends[0].change(GUID::GUID_UNKNOWN, -1, None);
+        ends[0].change(GUID::GUID_UNKNOWN, 1, Some(&"other".to_owned()));
+    });
+    assert_eq!(other, (WARN, "another type on /input: other".to_owned()));
+}
+
+#[test]
+fn the_node_warns_of_inputs_that_come_no_longer() {
+    let [input, output] = ends();
+    let hour = Duration::from_secs(3600);
+    let now = Instant::now();
+    input.patience(Some(hour));
+    let said = || {
+        let mut said = Reporter::new("/fuseline", none());
+        let said = said.period(none(), Intake::default(), &sources(), &[&input, &output]);
+        (said[0].level, said[0].message.clone())
+    };
+    let well = (OK, "each message answered".to_owned());
+    assert_eq!(said(), well, "none came yet");
+    input.heard(now);
+    assert_eq!(said(), well);
+    input.patience(Some(hour));
+    input.heard(now.checked_sub(2 * hour).unwrap());
+    let (level, message) = said();
+    assert_eq!(level, WARN, "{message}");
+    assert!(message.starts_with("nothing came on /input for 72"), "{message}");
+    assert!(message.ends_with(" s; matched publishers: 1"), "{message}");
+    input.change(GUID::GUID_UNKNOWN, -1, None);
+    assert_eq!(said(), (OK, "nobody on /input".to_owned()));
+    input.change(GUID::GUID_UNKNOWN, 1, None);
+    assert_eq!(said(), well, "its publisher has as long to begin");
+}
+
+#[test]
+fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result() {
+    let west = |happened: fn(&mut SourceTally, &mut Source)| {
+        said(2, |tally, _, sources, _| happened(&mut tally.sources[1], &mut sources[1]))
+    };
+    let cases: [SourceCase; 9] = [
+        (|_, _| {}, OK, "in time"),
+        (|_, west| west.enabled = false, OK, "not enabled"),
+        (
+            |tally, _| (tally.admitted, tally.timers) = (3, 3),
+            ERROR,
+            "missing: no result to 3 requests",
+        ),
+        (
+            |tally, _| (tally.admitted, tally.failed) = (3, 3),
+            ERROR,
+            "missing: no result to 3 requests",
+        ),
+        (
+            |tally, _| (tally.admitted, tally.timers, tally.held) = (3, 3, 1),
+            WARN,
+            "falling back: 3 requests without a result in time",
+        ),
+        (
+            |tally, _| {
+                (tally.admitted, tally.timers) = (3, 3);
+                tally.dropped.insert(DropReason::Late, 1);
+            },
+            WARN,
+            "falling back: 3 requests without a result in time",
+        ),
+        (
+            |tally, _| (tally.admitted, tally.failed) = (3, 1),
+            WARN,
+            "falling back: 1 requests without a result in time",
+        ),
+        (
+            |tally, _| tally.refused = [(OfferRefusal::Queue, 2)].into(),
+            WARN,
+            "falling back: 2 requests refused",
+        ),
+        (|_, west| west.strays.unknown_stamp = 2, WARN, "2 results of no message"),
+    ];
+    for (happened, level, message) in cases {
+        assert_eq!(west(happened), (level, message.to_owned()));
+    }
+}
+
+#[test]
+fn the_status_of_a_message_names_its_source_and_warns_without_one() {
+    let ms = Duration::from_millis;
+    let of = |outcome| {
+        let item =
+            Item { timestamp: 3, opened: ms(10), decided: ms(40), outcome, failures: Vec::new() };
+        of_item("/fuseline", None, &item)
+    };
+    let source = shared::Source { priority: 1, name: "west".into() };
+    let value = Payload { big_endian: false, body: bytes::Bytes::new() };
+    let arrived = ms(30);
+    let forwarded = Forwarded { value, source, arrived, rule: Rule::Arrival };
+    let status = of(Outcome::Forwarded(forwarded));
+    let told = |key| status.values.iter().find(|pair| pair.key == key).unwrap().value.as_str();
+    assert_eq!((status.level, told("source"), told("rule")), (OK, "west", "F3"));
+    assert_eq!(["timestamp", "arrived_s", "decided_s"].map(told), ["3", "0.020000", "0.030000"]);
+    assert_eq!((of(Outcome::Missed).level, &*of(Outcome::Missed).message), (WARN, "missed"));
+    let refused = of(Outcome::Refused(OpenRefusal::Full));
+    assert_eq!((refused.level, &*refused.message), (WARN, "refused: full"));
+}

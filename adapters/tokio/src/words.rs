@@ -1,0 +1,42 @@
+//! An error in words, with what caused it.
+
+use std::error::Error;
+use std::fmt;
+
+/// `it: its cause: the cause's cause`; a cause that the words before it name is left out.
+pub(crate) struct Words<'a>(pub(crate) &'a (dyn Error + 'static));
+
+impl fmt::Display for Words<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut said = self.0.to_string();
+        let mut cause = self.0.source();
+        while let Some(error) = cause {
+            let words = error.to_string();
+            if !said.contains(&words) {
+                said.push_str(": ");
+                said.push_str(&words);
+            }
+            cause = error.source();
+        }
+        f.write_str(&said)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+
+    use super::*;
+
+    #[derive(Debug, thiserror::Error)]
+    #[error("{0}")]
+    struct Outer(&'static str, #[source] io::Error);
+
+    #[test]
+    fn a_cause_is_named_once() {
+        let cause = || io::Error::other("connection refused");
+        assert_eq!(Words(&Outer("no call", cause())).to_string(), "no call: connection refused");
+        let told = Outer("no call, connection refused", cause());
+        assert_eq!(Words(&told).to_string(), "no call, connection refused");
+    }
+}

@@ -1,0 +1,37 @@
+//! What the readers of recordings share: what they are asked, and what can be wrong.
+
+use fuseline_traces::{Event, Header};
+use thiserror::Error;
+
+use crate::fault::Fault;
+
+/// What is read: perhaps a header, then events.
+pub(super) trait Recorded {
+    /// The header that it has itself.
+    fn header(&mut self) -> Result<Option<Header>, Fault>;
+    /// The next event; none at the end.
+    fn next_event(&mut self) -> Result<Option<Event>, Fault>;
+}
+
+/// Why something recorded cannot be converted.
+#[derive(Debug, Error)]
+pub(super) enum ConvertError {
+    #[error("{file}: is it CSV or MCAP? Name it so, or say --from")]
+    Format { file: String },
+    #[error(
+        "{file}: no header; give one with --header FILE, a file that begins with {{\"fuseline\":1,…}}"
+    )]
+    NoHeader { file: String },
+    #[error("{file}:{line}: {message}")]
+    Row { file: String, line: u64, message: String },
+    #[error("{file}: message {number}: {message}")]
+    Message { file: String, number: u64, message: String },
+    #[error("{file}: {message}")]
+    File { file: String, message: String },
+}
+
+impl From<ConvertError> for Fault {
+    fn from(error: ConvertError) -> Self {
+        Self::own(error)
+    }
+}

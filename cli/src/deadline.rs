@@ -1,0 +1,366 @@
+//! `fuseline deadline`: which deadline is safe at a speed, and which is worth it.
+
+use std::fmt;
+use std::io::{self, Read, Write};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
+use csv::{Position, ReaderBuilder, StringRecord, Trim};
+use fuseline_deadline::{
+    Case, Choice, Classes, Figure, Guard, Hazard, Impact, Invalid, Loss, Observation, Parameters,
+    Situation, Source, Span, Survival, Verdict, least_loss, mean_loss,
+};
+use serde::Serialize;
+use thiserror::Error;
+
+use crate::exit::Exit;
+use crate::fault::Fault;
+use crate::input::open;
+use crate::sink::Sink;
+
+/// A line below the header and no other.
+const STYLE: TableStyle =
+    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
+/// The columns of a file of observations; the last may be missing.
+const COLUMNS: [&str; 3] = ["response_s", "answered", "count"];
+
+#[derive(clap::Args)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "\
+Metres and seconds. A figure that is not known exactly is given as LEAST..GREATEST; its side that
+keeps the guarantee is taken. The vehicle brakes when three frames in a row report an obstacle at
+rest. Every frame goes to local and to the cloud, outputs leave at most 5 ms after they are due, and
+2 m are to be left where local alone stops.
+
+guard is the longest deadline with which no obstacle is hit that local alone would not have hit, if
+local sees it from its range on and the cloud reports whatever local would:
+  case 1  local alone surely stops: as long as that stays so
+  case 2  local alone surely does not stop: as long as the cloud might
+  case 3  neither is sure: no later than local alone
+expected is, up to there, the deadline of least mean loss: the square of the speed at impact, in
+m²/s². With --class it is the mean over the classes, by weight.
+
+--observed is CSV with the columns response_s, answered (1: the result came then; 0: the call was
+given up then, inf: it failed) and, if wanted, count. Without it every call counts as late.
+
+Exit code 0 when told, 2 if something makes no sense.
+
+Examples:
+  fuseline deadline --speed 11,18,20,22,24
+  fuseline deadline --speed 22 --deceleration 7..8 --local-response 0.28..0.32
+  fuseline deadline --speed 18,22 --policy expected --observed calls.csv --json"
+)]
+pub(crate) struct Args {
+    /// Speeds, in m/s.
+    #[arg(long, required = true, value_name = "V,V,…", value_delimiter = ',', value_parser = speed)]
+    speed: Vec<f64>,
+    /// How the deadline is chosen.
+    #[arg(long, default_value = "guard")]
+    policy: Policy,
+    /// How the calls of the cloud ended; - is standard input.
+    #[arg(long, value_name = "FILE")]
+    observed: Option<PathBuf>,
+    /// Full braking, in m/s².
+    #[arg(long, value_name = "A", default_value = "7.5", value_parser = span)]
+    deceleration: Span,
+    /// From the decision to brake until the brakes bite, in s.
+    #[arg(long, value_name = "S", default_value = "0.1", value_parser = span)]
+    brake_delay: Span,
+    /// Frames of the camera, in Hz.
+    #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate)]
+    rate: Span,
+    /// How far away local begins to report an obstacle, in m.
+    #[arg(long, value_name = "M", default_value = "39", value_parser = span)]
+    range_local: Span,
+    /// How far away the cloud begins to report an obstacle, in m.
+    #[arg(long, value_name = "M", default_value = "57", value_parser = span)]
+    range_cloud: Span,
+    /// From a frame's capture until local's result, in s.
+    #[arg(long, value_name = "S", default_value = "0.3017", value_parser = span)]
+    local_response: Span,
+    /// The nearest place from which something may come into sight, in m [default: none].
+    #[arg(long, value_name = "M", value_parser = reveal)]
+    reveal: Option<f64>,
+    /// A class of hazards, with its weight and both ranges, in m; instead of the two ranges, again for each class.
+    #[arg(
+        long,
+        value_name = "WEIGHT,RL,RC",
+        conflicts_with_all = ["range_local", "range_cloud"],
+        value_parser = hazard
+    )]
+    class: Vec<Hazard>,
+    /// Print one JSON object a line and speed, in seconds: speed, `budget_local`, `budget_cloud`, case, guard, deadline,
+    /// loss.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Policy {
+    /// The longest that is safe.
+    Guard,
+    /// The one of least mean loss among those that are safe.
+    Expected,
+}
+
+/// Why no deadline can be told.
+#[derive(Debug, Error)]
+enum DeadlineError {
+    #[error("{invalid}; change {}", options(*.invalid))]
+    Invalid { invalid: Invalid },
+    #[error("{file}: no calls below its first row; give some, or leave --observed out")]
+    Nothing { file: String },
+    #[error("{file}:{line}: {message}")]
+    Row { file: String, line: u64, message: String },
+}
+
+impl From<DeadlineError> for Fault {
+    fn from(error: DeadlineError) -> Self {
+        Self::own(error)
+    }
+}
+
+/// What is told for one speed.
+#[derive(Serialize)]
+struct Row {
+    speed: f64,
+    budget_local: f64,
+    budget_cloud: f64,
+    case: u8,
+    guard: f64,
+    deadline: f64,
+    loss: f64,
+    #[serde(skip)]
+    why: Case,
+}
+
+/// Tells a deadline for each speed.
+pub(crate) fn tell(args: &Args) -> Result<Exit, Fault> {
+    let guard = guard(args).map_err(|invalid| DeadlineError::Invalid { invalid })?;
+    let observed = match &args.observed {
+        Some(path) => {
+            let (name, file) = open(path)?;
+            read(&name, file)?
+        }
+        None => Vec::new(),
+    };
+    let rows = args.speed.iter().map(|speed| Row::new(args, &guard, &observed, *speed));
+    let mut out = Sink::new(anstream::stdout());
+    if args.json {
+        for row in rows {
+            serde_json::to_writer(&mut out, &row)
+                .map_err(io::Error::from)
+                .and_then(|()| writeln!(out))
+                .map_err(Fault::Output)?;
+        }
+    } else {
+        let rows: Vec<Row> = rows.collect();
+        writeln!(out, "{}", Told { args, rows: &rows }).map_err(Fault::Output)?;
+    }
+    Ok(Exit::Conforms)
+}
+
+fn guard(args: &Args) -> Result<Guard, Invalid> {
+    let Args { deceleration, brake_delay, range_local, range_cloud, local_response, .. } = *args;
+    let period = Span::new(args.rate.greatest.recip(), args.rate.least.recip());
+    let classes = match &args.class[..] {
+        [] => Hazard { weight: 1.0, range_local, range_cloud }.into(),
+        classes => Classes::new(classes)?,
+    };
+    Guard::new(Parameters {
+        deceleration,
+        brake_delay,
+        period_local: period,
+        period_cloud: period,
+        local_response,
+        classes,
+        ..Parameters::default()
+    })
+}
+
+impl Row {
+    fn new(args: &Args, guard: &Guard, observed: &[Observation], speed: f64) -> Self {
+        let situation = Situation { reveal: args.reveal, ..Situation::at(speed) };
+        let Verdict { budget_local, budget_cloud, case, deadline: cap } = guard.judge(&situation);
+        let impact = Impact::from(guard);
+        let loss = |source: Source, response| impact.loss(&situation, source, response);
+        let steps = Survival::new(observed.iter().copied(), &[]);
+        let Choice { deadline, loss } = match args.policy {
+            Policy::Guard => {
+                let (_, local_response) = guard.local_response();
+                Choice { deadline: cap, loss: mean_loss(steps, local_response, cap, loss) }
+            }
+            Policy::Expected => least_loss(steps, guard.local_response(), cap, loss),
+        };
+        Self {
+            speed,
+            budget_local,
+            budget_cloud,
+            case: case.number(),
+            guard: cap.as_secs_f64(),
+            deadline: deadline.as_secs_f64(),
+            loss,
+            why: case,
+        }
+    }
+}
+
+/// The rows for people.
+struct Told<'a> {
+    args: &'a Args,
+    rows: &'a [Row],
+}
+
+impl fmt::Display for Told<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut table = Table::new();
+        table.load_style(STYLE).set_header([
+            "speed",
+            "local until",
+            "cloud until",
+            "guard",
+            "deadline",
+            "loss",
+            "case",
+        ]);
+        for row in self.rows {
+            let case = match row.why {
+                Case::LocalStops => "1: local alone stops",
+                Case::CloudAlone => "2: the cloud alone might",
+                Case::Unsure => "3: no later than local",
+            };
+            table.add_row([
+                format!("{} m/s", row.speed),
+                format!("{:.4} s", row.budget_local),
+                format!("{:.4} s", row.budget_cloud),
+                format!("{:.4} s", row.guard),
+                format!("{:.4} s", row.deadline),
+                format!("{:.1}", row.loss),
+                case.to_owned(),
+            ]);
+        }
+        for column in table.column_iter_mut().take(6) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        writeln!(f, "{}\n", table.trim_fmt())?;
+        f.write_str(
+            "Results of local and of the cloud suffice to stop until so long after capture; guard is the \
+             longest\nsafe deadline. The loss is the mean square of the speed at impact, in m²/s².",
+        )?;
+        if self.args.observed.is_none() {
+            f.write_str(
+                " Nothing was\nobserved, so every call counts as late; --observed FILE tells more.",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// The observations in a file, sorted.
+fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
+    let fault = |line, message| DeadlineError::Row { file: file.to_owned(), line, message };
+    let broken = |error: csv::Error| {
+        let line = error.position().map_or(1, Position::line);
+        fault(line, error.to_string())
+    };
+    let mut rows = ReaderBuilder::new().trim(Trim::All).from_reader(inner);
+    let names = rows.headers().map_err(broken)?.clone();
+    let places = COLUMNS.map(|column| names.iter().position(|name| name == column));
+    let [Some(response), Some(answered), count] = places else {
+        let missing = if places[0].is_none() { COLUMNS[0] } else { COLUMNS[1] };
+        let message = format!("no column {missing:?}; the first row names the columns");
+        return Err(fault(1, message).into());
+    };
+    let (mut row, mut observed) = (StringRecord::new(), Vec::new());
+    while rows.read_record(&mut row).map_err(broken)? {
+        let line = row.position().map_or(0, Position::line);
+        let cell = |place: usize| row.get(place).unwrap_or_default();
+        let wrong = |column, text: &str, wanted| {
+            fault(line, format!("column {column:?}: {text:?} is {wanted}"))
+        };
+        let is_answered = match cell(answered) {
+            "1" => true,
+            "0" => false,
+            text => return Err(wrong(COLUMNS[1], text, "neither 1 nor 0").into()),
+        };
+        let text = cell(response);
+        let wanted = "no time in seconds that a call could take";
+        let response = match text.parse() {
+            Ok(f64::INFINITY) if !is_answered => Ok(Duration::MAX),
+            Ok(seconds) => Duration::try_from_secs_f64(seconds).map_err(|_| wanted),
+            Err(_) => Err(wanted),
+        };
+        let response = response.map_err(|wanted| wrong(COLUMNS[0], text, wanted))?;
+        let count = match count.map(cell) {
+            None | Some("") => 1,
+            Some(text) => {
+                text.parse().map_err(|_| wrong(COLUMNS[2], text, "no number of calls"))?
+            }
+        };
+        observed.push(Observation { response, is_answered, count });
+    }
+    if observed.iter().all(|observation| observation.count == 0) {
+        return Err(DeadlineError::Nothing { file: file.to_owned() }.into());
+    }
+    observed.sort_by_key(Observation::key);
+    Ok(observed)
+}
+
+/// The options that could be at fault.
+fn options(invalid: Invalid) -> &'static str {
+    match invalid {
+        Invalid::Span(figure) | Invalid::NotAbove0(figure) | Invalid::Below0(figure) => {
+            match figure {
+                Figure::Deceleration => "--deceleration",
+                Figure::BrakeDelay => "--brake-delay",
+                Figure::PeriodLocal | Figure::PeriodCloud => "--rate",
+                Figure::LocalResponse => "--local-response",
+                Figure::RangeLocal => "--range-local or --class",
+                Figure::RangeCloud => "--range-cloud or --class",
+                Figure::Weight => "--class",
+                Figure::Lateness | Figure::Margin => "the options",
+            }
+        }
+        Invalid::CloudSeesLess => "--range-local, --range-cloud or --class",
+        Invalid::Classes(_) => "--class",
+        Invalid::NoFrames | Invalid::Probes { .. } => "the options",
+    }
+}
+
+/// `FIGURE` or `LEAST..GREATEST`.
+fn span(text: &str) -> Result<Span, String> {
+    let (least, greatest) = text.split_once("..").unwrap_or((text, text));
+    match (least.parse(), greatest.parse()) {
+        (Ok(least), Ok(greatest)) => Ok(Span::new(least, greatest)),
+        _ => Err("write a number, or LEAST..GREATEST such as 7.2..7.7".to_owned()),
+    }
+}
+
+/// `WEIGHT,RL,RC`.
+fn hazard(text: &str) -> Result<Hazard, String> {
+    let wrong = "write WEIGHT,RL,RC such as 1,39,57";
+    let cells: Vec<&str> = text.split(',').collect();
+    let [weight, local, cloud] = cells[..] else { return Err(wrong.to_owned()) };
+    let weight = weight.parse().map_err(|_| wrong)?;
+    Ok(Hazard { weight, range_local: span(local)?, range_cloud: span(cloud)? })
+}
+
+fn rate(text: &str) -> Result<Span, String> {
+    let rate = span(text)?;
+    let is_rate = rate.least > 0.0 && rate.greatest.is_finite();
+    is_rate.then_some(rate).ok_or_else(|| "write a number of Hz above 0".to_owned())
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed: Option<f64> = text.parse().ok();
+    let speed = speed.filter(|speed| speed.is_finite() && *speed > 0.0);
+    speed.ok_or_else(|| "write a number of m/s above 0".to_owned())
+}
+
+fn reveal(text: &str) -> Result<f64, String> {
+    let reveal: Option<f64> = text.parse().ok();
+    let reveal = reveal.filter(|reveal| reveal.is_finite() && *reveal >= 0.0);
+    reveal.ok_or_else(|| "write a number of metres, 0 or more".to_owned())
+}

@@ -1,0 +1,11 @@
+//! What the formats of viewers have in common.
+
+use std::io;
+
+use fuseline_traces::Event;
+
+/// Takes a trace line by line.
+pub(super) trait Writer {
+    fn event(&mut self, event: &Event) -> io::Result<()>;
+    fn finish(self: Box<Self>) -> io::Result<()>;
+}

@@ -1,0 +1,45 @@
+//! What is read: files, or standard input for `-`.
+
+use std::fs::{File, Metadata};
+use std::io::{self, Read};
+use std::path::Path;
+
+use crate::fault::Fault;
+
+/// Opens a file, or standard input for `-`, with the name to call it.
+pub(crate) fn open(path: &Path) -> Result<(String, Box<dyn Read>), Fault> {
+    if is_standard(path) {
+        return Ok((name(path), Box::new(io::stdin())));
+    }
+    match File::open(path) {
+        Ok(file) => Ok((name(path), Box::new(file))),
+        Err(source) => Err(Fault::Open { name: name(path), source }),
+    }
+}
+
+/// What an input is called.
+pub(crate) fn name(path: &Path) -> String {
+    if is_standard(path) { "stdin".to_owned() } else { path.display().to_string() }
+}
+
+/// Whether a path stands for standard input, or output.
+pub(crate) fn is_standard(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// What is known of the file that an input is read from.
+pub(crate) fn metadata(path: &Path) -> Option<Metadata> {
+    if is_standard(path) { of_stream(io::stdin()) } else { path.metadata().ok() }
+}
+
+/// What is known of the file behind a standard stream.
+#[cfg(unix)]
+pub(crate) fn of_stream(stream: impl std::os::fd::AsFd) -> Option<Metadata> {
+    File::from(stream.as_fd().try_clone_to_owned().ok()?).metadata().ok()
+}
+
+/// What is known of the file behind a standard stream: nothing on this system.
+#[cfg(not(unix))]
+pub(crate) fn of_stream<S>(_: S) -> Option<Metadata> {
+    None
+}

@@ -1,0 +1,170 @@
+//! What is written: files that appear whole or not at all, or standard output for `-`.
+
+use std::fs::{self, File, Metadata};
+use std::io::{self, BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::process;
+use std::sync::{Arc, OnceLock};
+
+use tempfile::{Builder, NamedTempFile};
+use thiserror::Error;
+
+use crate::exit::INTERRUPTED;
+use crate::fault::Fault;
+use crate::input;
+
+/// Where a command writes; it is none of what it reads.
+pub(crate) struct Output {
+    name: String,
+    /// The file, links followed; none is standard output.
+    file: Option<PathBuf>,
+}
+
+/// Why nothing can be written to a path.
+#[derive(Debug, Error)]
+enum OutputError {
+    #[error("{0}: a directory; name a file in it")]
+    Directory(String),
+    #[error("{0}: a device or a pipe; name a file, or - for standard output")]
+    Special(String),
+    #[error("{0}: a link to a file that is not there; name the file itself")]
+    Dangling(String),
+}
+
+impl From<OutputError> for Fault {
+    fn from(error: OutputError) -> Self {
+        Self::own(error)
+    }
+}
+
+impl Output {
+    /// The file at `path`, or standard output for `-`.
+    ///
+    /// # Errors
+    /// If one of `inputs` is the same file, however it is named, or it can be no file.
+    pub(crate) fn new(path: &Path, inputs: &[&Path]) -> Result<Self, Fault> {
+        if input::is_standard(path) {
+            refuse_onto_stdout(inputs)?;
+            return Ok(Self { name: "standard output".to_owned(), file: None });
+        }
+        Ok(Self { name: path.display().to_string(), file: Some(file(path, inputs)?) })
+    }
+
+    /// Whether what is written goes to standard output.
+    pub(crate) const fn is_stdout(&self) -> bool {
+        self.file.is_none()
+    }
+
+    /// Writes by `put`; if that fails or Ctrl-C ends it, nothing was written. Once in a command.
+    ///
+    /// # Errors
+    /// What `put` fails with; its [`Fault::Output`] is told with the name of the output.
+    pub(crate) fn write(
+        &self,
+        put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
+        let fault = |source| Fault::Create { name: self.name.clone(), source };
+        let Some(path) = &self.file else { return to_stdout(put) };
+        let unfinished: Arc<OnceLock<PathBuf>> = Arc::default();
+        let left = Arc::clone(&unfinished);
+        // Where the system refuses a handler, Ctrl-C leaves the unfinished file.
+        let _ = ctrlc::set_handler(move || {
+            let _ = left.get().map(fs::remove_file);
+            process::exit(INTERRUPTED);
+        });
+        let whole = beside(path).map_err(fault)?;
+        let _ = unfinished.set(whole.path().to_owned());
+        let mut out = BufWriter::new(File::create(whole.path()).map_err(fault)?);
+        put(&mut out).map_err(|error| match error {
+            Fault::Output(source) => fault(source),
+            error => error,
+        })?;
+        out.flush().map_err(fault)?;
+        whole.persist(path).map_err(|error| fault(error.error))?;
+        Ok(())
+    }
+}
+
+/// The file at a path, links followed.
+///
+/// # Errors
+/// If one of `inputs` is the same file, however it is named, or it is no file.
+pub(crate) fn file(path: &Path, inputs: &[&Path]) -> Result<PathBuf, Fault> {
+    let name = || path.display().to_string();
+    let metadata = match path.metadata() {
+        Ok(metadata) => metadata,
+        Err(_) if path.is_symlink() => return Err(OutputError::Dangling(name()).into()),
+        // A file to be made; what hinders that shows when it is.
+        Err(_) if path.file_name().is_some() => return Ok(path.to_owned()),
+        Err(_) => return Err(OutputError::Directory(name()).into()),
+    };
+    if metadata.is_dir() {
+        return Err(OutputError::Directory(name()).into());
+    }
+    if !metadata.is_file() {
+        return Err(OutputError::Special(name()).into());
+    }
+    if let Some(input) = same(&metadata, Some(path), inputs) {
+        return Err(Fault::Same { output: name(), input });
+    }
+    path.canonicalize().map_err(|source| Fault::Create { name: name(), source })
+}
+
+/// Sees that standard output does not go to a file that is read.
+///
+/// # Errors
+/// If it does.
+pub(crate) fn refuse_onto_stdout(inputs: &[&Path]) -> Result<(), Fault> {
+    let stdout = input::of_stream(io::stdout()).filter(Metadata::is_file);
+    match stdout.and_then(|stdout| same(&stdout, None, inputs)) {
+        Some(input) => Err(Fault::Same { output: "standard output".to_owned(), input }),
+        None => Ok(()),
+    }
+}
+
+/// The name of the input that is the same file.
+fn same(output: &Metadata, path: Option<&Path>, inputs: &[&Path]) -> Option<String> {
+    let is_same = |input: &Path| {
+        let known = input::metadata(input).filter(Metadata::is_file);
+        known.is_some_and(|metadata| is_one(output, path, &metadata, input))
+    };
+    inputs.iter().find(|input| is_same(input)).map(|input| input::name(input))
+}
+
+/// Whether two are one file: hard links and symbolic ones are.
+#[cfg(unix)]
+fn is_one(output: &Metadata, _: Option<&Path>, input: &Metadata, _: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (output.dev(), output.ino()) == (input.dev(), input.ino())
+}
+
+/// Whether two are one file: symbolic links are.
+#[cfg(not(unix))]
+fn is_one(_: &Metadata, output: Option<&Path>, _: &Metadata, input: &Path) -> bool {
+    let [output, input] = [output, Some(input)].map(|path| path?.canonicalize().ok());
+    output.is_some() && output == input
+}
+
+/// Gathers all in a file without a name first.
+fn to_stdout(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Result<(), Fault> {
+    let mut out = BufWriter::new(tempfile::tempfile().map_err(Fault::Output)?);
+    put(&mut out)?;
+    let mut whole = out.into_inner().map_err(|error| Fault::Output(error.into_error()))?;
+    whole.rewind().map_err(Fault::Output)?;
+    let mut stdout = io::stdout().lock();
+    io::copy(&mut whole, &mut stdout).and_then(|_| stdout.flush()).map_err(Fault::Output)
+}
+
+/// A file with a temporary name beside `path`, to be renamed to it once it is whole.
+fn beside(path: &Path) -> io::Result<NamedTempFile> {
+    let directory = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        Some(_) | None => Path::new("."),
+    };
+    let mut builder = Builder::new();
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut prefix = std::ffi::OsString::from(".");
+    prefix.push(path.file_name().unwrap_or_default());
+    builder.prefix(&prefix).suffix(".tmp").tempfile_in(directory)
+}

@@ -1,0 +1,331 @@
+//! The reckoning: what became of each message and of each request, read from a trace.
+//!
+//! The tables of `fuseline run` and the page of `fuseline report` tell this and no other, in the
+//! words of [`COLUMNS`].
+
+mod story;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use fuseline_traces::{Decision, DropReason, Event, Input};
+
+use crate::policies::{Arrival, Forwarded, Message, Quantile, quantiles};
+use crate::reckoning::story::{Call, End, Fate, Seal, Story};
+
+/// What is counted about a source's requests, each with its meaning. Local has a request for each
+/// message that was taken on. The first is the sum of the next six.
+pub(crate) const COLUMNS: [(&str, &str); 8] = [
+    ("requests", "offers admitted (F2); local's are the messages taken on (F1)"),
+    ("forwarded", "its result went downstream (F7)"),
+    ("discarded", "its result came in time and was held; another source's was forwarded (F7)"),
+    ("late", "its timer fired before a result came (F5)"),
+    ("failed", "its failure was accepted (F4)"),
+    (
+        "superseded",
+        "it was pending when another source's result was forwarded: a cloud's call is cancelled \
+         then, local's goes on (F7)",
+    ),
+    ("open", "pending, or its result held, as the trace ends"),
+    ("refused", "offers refused; they are no requests (F2)"),
+];
+
+/// What a trace tells, taken line by line.
+///
+/// Each request has one fate, so that a row adds up whatever the trace holds. Where an observed
+/// trace lacks a decision's line, the request's own lines tell its fate: a result before its due
+/// instant and its message's end was in time.
+pub(crate) struct Reckoning {
+    /// Local's priority, the clouds', then those of strangers that a trace asks or forwards against
+    /// the rules.
+    priorities: Vec<u64>,
+    /// How many of them are local and the clouds.
+    known: usize,
+    /// Whether lines of decisions may be missing.
+    is_observed: bool,
+    /// Offers refused, by source.
+    refused: Vec<u64>,
+    /// Opens refused.
+    turned_away: u64,
+    stories: BTreeMap<u64, Story>,
+    timer_lag: Option<Duration>,
+}
+
+/// What a trace comes to.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Account {
+    /// Messages that came: forwarded, missed, refused or open.
+    pub(crate) messages: u64,
+    pub(crate) forwarded: u64,
+    pub(crate) missed: u64,
+    /// Opens refused (F1).
+    pub(crate) refused: u64,
+    /// Open as the trace ends.
+    pub(crate) open: u64,
+    /// Response times over all messages that ended: 50, 90 and 99 % of them do not exceed these.
+    pub(crate) response: [Option<Quantile>; 3],
+    /// Local first, then the clouds in the order given.
+    pub(crate) rows: Vec<Row>,
+}
+
+/// What one source's requests came to.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Row {
+    pub(crate) p: u64,
+    /// As [`COLUMNS`] says.
+    pub(crate) counts: [u64; 8],
+    /// Response times of the messages that its results answered.
+    pub(crate) response: [Option<Quantile>; 3],
+}
+
+/// What became of a timestamp.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Outcome {
+    Forwarded {
+        p: u64,
+    },
+    Missed,
+    Open,
+    /// Its open was refused, or there is none.
+    Unopened,
+}
+
+impl Row {
+    pub(crate) const fn requests(&self) -> u64 {
+        self.counts[0]
+    }
+
+    pub(crate) const fn refused(&self) -> u64 {
+        self.counts[7]
+    }
+
+    pub(crate) const fn forwarded(&self) -> u64 {
+        self.counts[Fate::Forwarded as usize]
+    }
+}
+
+impl Reckoning {
+    /// Nothing yet, for clouds of these priorities.
+    pub(crate) fn new(clouds: impl IntoIterator<Item = u16>, is_observed: bool) -> Self {
+        let priorities: Vec<u64> =
+            [0].into_iter().chain(clouds.into_iter().map(u64::from)).collect();
+        let known = priorities.len();
+        Self {
+            refused: vec![0; known],
+            priorities,
+            known,
+            is_observed,
+            turned_away: 0,
+            stories: BTreeMap::new(),
+            timer_lag: None,
+        }
+    }
+
+    /// Takes the next line of the trace.
+    pub(crate) fn event(&mut self, event: &Event) {
+        match event {
+            Event::Input(input) => self.input(input),
+            Event::Decision(decision) => self.decision(decision),
+        }
+    }
+
+    fn input(&mut self, input: &Input) {
+        match *input {
+            Input::Open { at, t, deadline } => {
+                let story = self.stories.entry(t).or_default();
+                // No refusal came between.
+                story.accept();
+                story.offered = Some(at);
+                if story.opened.is_none() {
+                    story.call(0).due = deadline.map(|deadline| at.saturating_add(deadline));
+                }
+            }
+            Input::Offer { .. } | Input::Tick { .. } => {}
+            Input::Result { at, t, p } => self.with(t, p, |call| {
+                call.settle();
+                call.arrived.get_or_insert(at);
+                call.answered.get_or_insert(at);
+            }),
+            Input::Fail { at, t, p } => self.with(t, p, |call| {
+                call.settle();
+                call.failing = Some(at);
+            }),
+        }
+    }
+
+    fn decision(&mut self, decision: &Decision) {
+        match *decision {
+            Decision::Timer { at, t, p } => {
+                let mut due = None;
+                self.with(t, p, |call| {
+                    due = call.due;
+                    call.seal(Seal::Late, at);
+                });
+                let lag = due.map(|due| Duration::from_nanos(at.saturating_sub(due)));
+                self.timer_lag = self.timer_lag.max(lag);
+            }
+            Decision::RefuseOpen { t, .. } => {
+                self.turned_away += 1;
+                if let Some(story) = self.stories.get_mut(&t) {
+                    story.offered = None;
+                }
+            }
+            Decision::RefuseOffer { p, .. } => {
+                if let Some(source) = self.source(p) {
+                    self.refused[source] += 1;
+                }
+            }
+            Decision::Request { t, p, due, .. } => self.with_any(t, p, |call| {
+                call.is_asked = true;
+                call.due = Some(due);
+            }),
+            Decision::Hold { at, t, p } => self.with(t, p, |call| call.seal(Seal::InTime, at)),
+            Decision::Drop { at, t, p, why } => self.with(t, p, |call| {
+                let was_result = call.failing.take().is_none();
+                call.answered = None;
+                if was_result && why == DropReason::Late {
+                    call.seal(Seal::Late, at);
+                }
+            }),
+            Decision::Emit { at, t, p } => {
+                self.with_any(t, p, |call| {
+                    call.is_asked = true;
+                    call.seal(Seal::InTime, at);
+                });
+                let source = self.source(p);
+                self.stories.entry(t).or_default().end.get_or_insert(End { at, source });
+            }
+            Decision::Miss { at, t } => {
+                let story = self.stories.entry(t).or_default();
+                story.end.get_or_insert(End { at, source: None });
+            }
+            Decision::Cancel { at, t, p } => {
+                self.with(t, p, |call| call.seal(Seal::Superseded, at));
+            }
+        }
+    }
+
+    /// How long after its due instant a timer was served at most; none if none fired.
+    pub(crate) const fn timer_lag(&self) -> Option<Duration> {
+        self.timer_lag
+    }
+
+    /// What became of a timestamp.
+    pub(crate) fn outcome(&self, t: u64) -> Outcome {
+        match self.stories.get(&t) {
+            Some(Story { end: Some(End { source: Some(source), .. }), .. }) => {
+                Outcome::Forwarded { p: self.priorities[*source] }
+            }
+            Some(Story { end: Some(_), .. }) => Outcome::Missed,
+            Some(story) if story.is_message() => Outcome::Open,
+            Some(_) | None => Outcome::Unopened,
+        }
+    }
+
+    /// What became of the request for a timestamp, as its place in [`COLUMNS`]; none if there is
+    /// none.
+    pub(crate) fn fate(&self, t: u64, p: u64) -> Option<usize> {
+        let story = self.stories.get(&t).filter(|story| story.is_message())?;
+        Some(story.fate(self.source(p)?, self.is_observed)? as usize)
+    }
+
+    /// What it all comes to.
+    pub(crate) fn account(&self) -> Account {
+        let row = |(source, p): (usize, &u64)| {
+            let refused = self.refused.get(source).copied().unwrap_or_default();
+            (Row { p: *p, counts: [0, 0, 0, 0, 0, 0, 0, refused], response: [None; 3] }, Vec::new())
+        };
+        let mut rows: Vec<(Row, Vec<Arrival>)> =
+            self.priorities.iter().enumerate().map(row).collect();
+        let (mut forwarded, mut missed, mut open) = (0, 0, 0);
+        let mut responses = vec![Arrival::Never; usize::try_from(self.turned_away).unwrap_or(0)];
+        for story in self.stories.values().filter(|story| story.is_message()) {
+            match story.end {
+                Some(end @ End { source: Some(source), .. }) => {
+                    forwarded += 1;
+                    if let Some(response) = story.response(end).map(Arrival::At) {
+                        responses.push(response);
+                        rows[source].1.push(response);
+                    }
+                }
+                Some(End { source: None, .. }) => {
+                    missed += 1;
+                    responses.push(Arrival::Never);
+                }
+                None => open += 1,
+            }
+            for (source, (row, _)) in rows.iter_mut().enumerate() {
+                if let Some(fate) = story.fate(source, self.is_observed) {
+                    row.counts[0] += 1;
+                    row.counts[fate as usize] += 1;
+                }
+            }
+        }
+        let rows = rows
+            .into_iter()
+            .map(|(row, mut responses)| Row { response: quantiles(&mut responses), ..row });
+        Account {
+            messages: forwarded + missed + open + self.turned_away,
+            forwarded,
+            missed,
+            refused: self.turned_away,
+            open,
+            response: quantiles(&mut responses),
+            rows: rows.collect(),
+        }
+    }
+
+    /// The messages that ended, for the policies: each with what each known source gave.
+    ///
+    /// What was refused nobody got. Where a call was ended before its result, `planned(source,
+    /// opened, t)` tells when that would have come since the message's instant, if it can.
+    pub(crate) fn messages(
+        &self,
+        planned: impl Fn(usize, u64, u64) -> Option<Arrival>,
+    ) -> Vec<Message> {
+        let ended = |(t, story): (&u64, &Story)| {
+            if story.begin().is_some() && story.end.is_none() {
+                return None;
+            }
+            let arrivals = (0..self.known).map(|source| {
+                let opened = story.begin().filter(|_| story.is_asked(source));
+                let Some(opened) = opened else { return Arrival::Never };
+                let call = story.calls.get(source).copied().unwrap_or_default();
+                let bound = call.sealed.map(|(_, at)| at).or(story.end.map(|end| end.at));
+                let since = |at: u64| Duration::from_nanos(at.saturating_sub(opened));
+                match (call.arrived, story.fate(source, self.is_observed)) {
+                    (Some(arrived), _) => Arrival::At(since(arrived)),
+                    (None, Some(Fate::Failed)) => Arrival::Never,
+                    (None, _) => planned(source, opened, *t)
+                        .unwrap_or(Arrival::After(since(bound.unwrap_or(opened)))),
+                }
+            });
+            let forwarded = story.end.and_then(|end| {
+                Some(Forwarded { source: end.source?, response: story.response(end)? })
+            });
+            Some(Message { arrivals: arrivals.collect(), forwarded })
+        };
+        self.stories.iter().filter_map(ended).collect()
+    }
+
+    /// The source's call for a timestamp, if the source is known.
+    fn with(&mut self, t: u64, p: u64, act: impl FnOnce(&mut Call)) {
+        if let Some(source) = self.source(p) {
+            act(self.stories.entry(t).or_default().call(source));
+        }
+    }
+
+    /// The same, for a stranger too.
+    fn with_any(&mut self, t: u64, p: u64, act: impl FnOnce(&mut Call)) {
+        if self.source(p).is_none() {
+            self.priorities.push(p);
+        }
+        self.with(t, p, act);
+    }
+
+    fn source(&self, p: u64) -> Option<usize> {
+        self.priorities.iter().position(|known| *known == p)
+    }
+}

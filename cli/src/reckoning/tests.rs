@@ -1,0 +1,310 @@
+use std::time::Duration;
+
+use fuseline_arbiter::Arbiter;
+use fuseline_kit::{Generator, Run};
+use fuseline_operator::{Engine, Local, Opening, Recorder, Recording, SourceTally, Tally};
+use fuseline_traces::{Cloud, Commit, Header, Reader};
+use serde_json::Value;
+
+use super::*;
+use crate::report::data;
+use crate::run::sources_table;
+
+const MS: u64 = 1_000_000;
+const CLOUDS: [u16; 3] = [7, 3, 5];
+
+/// Applies inputs to the core and reckons its decisions.
+fn reckoning(inputs: &[Input]) -> Reckoning {
+    let cloud = |p| Cloud { p, name: None, limit: 2, resume: 1 };
+    let clouds = CLOUDS.map(cloud).to_vec();
+    let header = Header { operator: None, window: 2, commit: Commit::Eager, clouds };
+    let (mut arbiter, mut reckoning) =
+        (Arbiter::<15, 1024>::new(&header).unwrap(), Reckoning::new(CLOUDS, false));
+    for input in inputs {
+        reckoning.input(input);
+        arbiter.decide(input, |decision| reckoning.decision(&decision));
+    }
+    reckoning
+}
+
+/// What a source's requests came to, without what is 0.
+fn fates(reckoning: &Reckoning, p: u64) -> Vec<(&'static str, u64)> {
+    let account = reckoning.account();
+    let row = account.rows.iter().find(|row| row.p == p).unwrap();
+    let named = COLUMNS.iter().map(|(word, _)| *word).zip(row.counts);
+    named.skip(1).filter(|(_, count)| *count > 0).collect()
+}
+
+fn open(at: u64, t: u64) -> Input {
+    Input::Open { at: at * MS, t, deadline: None }
+}
+
+fn offer(at: u64, t: u64, p: u64) -> Input {
+    Input::Offer { at: at * MS, t, p, deadline: 500 * MS, backlog: 0 }
+}
+
+fn result(at: u64, t: u64, p: u64) -> Input {
+    Input::Result { at: at * MS, t, p }
+}
+
+fn fail(at: u64, t: u64, p: u64) -> Input {
+    Input::Fail { at: at * MS, t, p }
+}
+
+const fn at(ms: u64) -> Arrival {
+    Arrival::At(Duration::from_millis(ms))
+}
+
+const fn after(ms: u64) -> Arrival {
+    Arrival::After(Duration::from_millis(ms))
+}
+
+#[test]
+fn the_best_clouds_result_supersedes_the_other_request_and_local() {
+    let told = reckoning(&[open(10, 0), offer(10, 0, 7), offer(10, 0, 3), result(180, 0, 7)]);
+    assert_eq!(fates(&told, 7), [("forwarded", 1)]);
+    assert_eq!(fates(&told, 3), [("superseded", 1)]);
+    assert_eq!(fates(&told, 0), [("superseded", 1)]);
+    assert_eq!(fates(&told, 5), []);
+    let messages = told.messages(|_, _, _| None);
+    assert_eq!(messages[0].arrivals, [after(170), at(170), after(170), Arrival::Never]);
+    assert_eq!(messages[0].forwarded.unwrap().response, Duration::from_millis(170));
+}
+
+#[test]
+fn a_held_result_goes_or_is_discarded_and_the_one_timed_out_is_late() {
+    let told = reckoning(&[
+        open(0, 0),
+        offer(0, 0, 7),
+        offer(0, 0, 3),
+        result(100, 0, 3),
+        result(300, 0, 0),
+        Input::Tick { at: 500 * MS },
+        result(900, 0, 7),
+    ]);
+    assert_eq!(fates(&told, 7), [("late", 1)]);
+    assert_eq!(fates(&told, 3), [("forwarded", 1)]);
+    assert_eq!(fates(&told, 0), [("discarded", 1)]);
+    // What came after the end was seen all the same.
+    assert_eq!(
+        told.messages(|_, _, _| None)[0].arrivals,
+        [at(300), at(900), at(100), Arrival::Never]
+    );
+}
+
+#[test]
+fn a_failure_after_its_timer_in_the_same_input_is_late_and_no_failure() {
+    // At 500 the timers fire and local goes; only then is the failure looked at, and dropped.
+    let told = reckoning(&[open(0, 0), offer(0, 0, 7), result(9, 0, 0), fail(500, 0, 7)]);
+    assert_eq!(fates(&told, 7), [("late", 1)]);
+    assert_eq!(fates(&told, 0), [("forwarded", 1)]);
+}
+
+#[test]
+fn an_accepted_failure_counts() {
+    let told = reckoning(&[open(0, 0), offer(0, 0, 7), fail(20, 0, 7), result(30, 0, 0)]);
+    assert_eq!(fates(&told, 7), [("failed", 1)]);
+    assert_eq!(told.messages(|_, _, _| None)[0].arrivals[1], Arrival::Never);
+}
+
+#[test]
+fn refused_offers_and_refused_messages_count_apart() {
+    let told = reckoning(&[open(0, 0), open(1, 1), open(2, 2), offer(2, 2, 7), offer(3, 1, 7)]);
+    let Account { messages, refused, open, .. } = told.account();
+    assert_eq!((messages, refused, open), (3, 1, 2));
+    assert_eq!(fates(&told, 7), [("open", 1), ("refused", 1)]);
+    // Only what ended is weighed, and what was refused nobody got.
+    let messages = told.messages(|_, _, _| Some(at(1)));
+    assert_eq!(messages.len(), 1);
+    assert_eq!(messages[0].arrivals, [Arrival::Never; 4]);
+}
+
+#[test]
+fn an_open_that_is_refused_changes_nothing_about_the_one_before() {
+    let told = reckoning(&[open(0, 0), open(5, 0), result(10, 0, 0)]);
+    assert_eq!(told.outcome(0), Outcome::Forwarded { p: 0 });
+    let Account { messages, forwarded, refused, response, .. } = told.account();
+    assert_eq!((messages, forwarded, refused), (2, 1, 1));
+    assert_eq!(response[0], Some(Quantile::Exactly(Duration::from_millis(10))));
+}
+
+#[test]
+fn a_held_result_stays_in_time_when_its_timer_commits_a_better_one() {
+    let told = reckoning(&[
+        open(0, 0),
+        offer(0, 0, 3),
+        offer(5, 0, 5),
+        offer(9, 0, 7),
+        result(100, 0, 3),
+        result(200, 0, 5),
+        Input::Tick { at: 500 * MS },
+    ]);
+    assert_eq!(fates(&told, 7), [("superseded", 1)]);
+    assert_eq!(fates(&told, 3), [("discarded", 1)]);
+    assert_eq!(fates(&told, 5), [("forwarded", 1)]);
+}
+
+#[test]
+fn a_second_offer_is_refused_and_no_request() {
+    let told = reckoning(&[open(0, 0), offer(0, 0, 7), offer(1, 0, 7), result(2, 0, 7)]);
+    assert_eq!(fates(&told, 7), [("forwarded", 1), ("refused", 1)]);
+}
+
+#[test]
+fn a_message_nobody_answers_is_missed() {
+    let told = reckoning(&[open(0, 0), fail(5, 0, 0)]);
+    assert_eq!((told.account().missed, told.outcome(0)), (1, Outcome::Missed));
+    assert_eq!(told.account().response, [Some(Quantile::Never); 3]);
+    assert_eq!(told.messages(|_, _, _| None)[0].forwarded, None);
+}
+
+#[test]
+fn a_plan_stands_in_for_a_call_that_was_ended() {
+    let told = reckoning(&[open(10, 0), offer(10, 0, 3), offer(10, 0, 7), result(180, 0, 7)]);
+    let planned = |source, opened, t| {
+        assert_eq!((opened, t), (10 * MS, 0));
+        (source == 2).then(|| at(220))
+    };
+    let expected = [after(170), at(170), at(220), Arrival::Never];
+    assert_eq!(told.messages(planned)[0].arrivals, expected);
+}
+
+#[test]
+fn an_observed_trace_without_decisions_tells_each_fate_by_its_facts() {
+    let mut told = Reckoning::new([1, 2, 3], true);
+    let request = |p, due| Decision::Request { at: 0, t: 0, p, due };
+    told.input(&Input::Open { at: 0, t: 0, deadline: None });
+    for (p, due) in [(1, 10), (2, 50), (3, 50)] {
+        told.decision(&request(p, due));
+    }
+    for (at, p) in [(4, 2), (12, 1), (20, 0)] {
+        told.input(&Input::Result { at, t: 0, p });
+    }
+    told.decision(&Decision::Emit { at: 20, t: 0, p: 0 });
+    assert_eq!(fates(&told, 0), [("forwarded", 1)]);
+    assert_eq!(fates(&told, 1), [("late", 1)]);
+    assert_eq!(fates(&told, 2), [("discarded", 1)]);
+    assert_eq!(fates(&told, 3), [("superseded", 1)]);
+}
+
+/// Drives an operator through a run's inputs; answers its own tally and the trace that it recorded.
+fn operate(run: &Run) -> (Tally, Vec<u8>) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("trace.jsonl");
+    let local = Local { at_once: 1, waiting: usize::MAX, skip_answered: false, lossy: false };
+    let mut engine: Engine<(), ()> = Engine::new(&run.header, &[1; 15], local).unwrap();
+    engine.record(Recorder::create(&path, &run.header, Recording::default()).unwrap()).unwrap();
+    for input in &run.inputs {
+        let cloud = |p: u64| u16::try_from(p).ok();
+        match *input {
+            Input::Open { at, t, deadline } => {
+                let opening = engine.open(at, t, deadline.map(Duration::from_nanos), ());
+                assert_ne!(opening, Opening::NoRoom);
+            }
+            Input::Offer { at, t, p, deadline, .. } => {
+                if let Some(p) = cloud(p) {
+                    engine.offer(at, t, p, Duration::from_nanos(deadline), ());
+                }
+            }
+            Input::Result { at, t, p } => {
+                if let Some(p) = cloud(p) {
+                    engine.result(at, t, p, ());
+                }
+            }
+            Input::Fail { at, t, p } => {
+                if let Some(p) = cloud(p) {
+                    engine.fail(at, t, p, &"it failed");
+                }
+            }
+            Input::Tick { at } => engine.tick(at),
+        }
+        while engine.next_effect().is_some() {}
+    }
+    engine.finish().unwrap();
+    (engine.counts().tally(), std::fs::read(path).unwrap())
+}
+
+fn reckon(trace: &[u8]) -> Reckoning {
+    let mut reader = Reader::new("trace", trace).unwrap();
+    let clouds = reader.header().clouds.iter().map(|cloud| cloud.p);
+    let mut reckoning = Reckoning::new(clouds, false);
+    while let Some(event) = reader.next_event().unwrap() {
+        reckoning.event(&event);
+    }
+    reckoning
+}
+
+/// A row as the operator counted it; what it does not count apart is told by the sums.
+fn holds(row: &Row, tally: &SourceTally, is_local: bool) {
+    let [requests, forwarded, discarded, late, failed, superseded, open, refused] = row.counts;
+    assert_eq!(requests, forwarded + discarded + late + failed + superseded + open, "{row:?}");
+    assert_eq!(requests, tally.admitted, "{row:?}");
+    assert_eq!(forwarded, tally.forwarded(), "{row:?}");
+    assert_eq!(failed, tally.failed, "{row:?}");
+    assert_eq!(refused, tally.refused.values().sum::<u64>(), "{row:?}");
+    // A held result's timer fires too; local's is gone then.
+    assert!(late == tally.timers || !is_local && late < tally.timers, "{row:?}");
+    if !is_local {
+        assert_eq!(superseded, tally.cancelled, "{row:?}");
+    }
+    // Accepted results are those held and those forwarded at once; pending ones are what is left.
+    let at_once = tally.outputs.get(&fuseline_operator::Rule::Arrival).copied().unwrap_or(0);
+    let accepted = tally.held + at_once;
+    assert!(
+        forwarded + discarded <= accepted && accepted <= forwarded + discarded + open,
+        "{row:?}"
+    );
+}
+
+/// The numbers in a row of a table for people.
+fn numbers(line: &str) -> Vec<u64> {
+    line.split_whitespace().filter_map(|word| word.parse().ok()).collect()
+}
+
+#[test]
+fn run_and_page_tell_what_the_operator_counted() {
+    let generator = Generator { seed: 1, commit: None, clouds: 15 };
+    // Two of them fill the greatest window, ten are long.
+    for number in 0..500 {
+        let run = generator.run(number);
+        let (tally, trace) = operate(&run);
+        let reckoning = reckon(&trace);
+        let account = reckoning.account();
+        assert_eq!(account.missed, tally.missed);
+        assert_eq!(account.forwarded, tally.forwarded());
+        assert_eq!(account.refused, tally.refused.values().sum::<u64>());
+        assert_eq!(account.messages, tally.messages + account.refused);
+        assert_eq!(account.rows.len(), tally.sources.len());
+        for (i, (row, tally)) in account.rows.iter().zip(&tally.sources).enumerate() {
+            assert_eq!(row.p, u64::from(tally.source.priority));
+            holds(row, tally, i == 0);
+        }
+
+        let table = sources_table(&account, |row| format!("source-{}", row.p)).to_string();
+        let shown: Vec<&str> = table.lines().filter(|line| line.contains("source-")).collect();
+        assert_eq!(shown.len(), account.rows.len());
+        let page = data(&trace);
+        let told = &page["traces"][0]["account"];
+        for (row, line) in account.rows.iter().zip(shown) {
+            let mut counts = row.counts.to_vec();
+            if !table.contains(" open ") {
+                assert_eq!(counts.remove(6), 0);
+            }
+            assert_eq!(&numbers(line)[..], &counts[..]);
+            let place = page["traces"][0]["sources"].as_array().unwrap();
+            let place = place.iter().position(|source| source["p"] == row.p).unwrap();
+            let told = told["rows"].as_array().unwrap();
+            let told = told.iter().find(|row| row["place"] == place).unwrap();
+            assert_eq!(&told["counts"], &serde_json::json!(row.counts));
+        }
+        for (word, count) in [
+            ("messages", account.messages),
+            ("forwarded", account.forwarded),
+            ("missed", account.missed),
+            ("refused", account.refused),
+            ("open", account.open),
+        ] {
+            assert_eq!(&told[word], &Value::from(count));
+        }
+    }
+}

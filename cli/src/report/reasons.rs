@@ -1,0 +1,34 @@
+//! The reasons of refusals and drops, each with its word and its sentence, as the page tells them.
+
+use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
+use serde::Serialize;
+
+/// One reason; the columns name it by its place.
+#[derive(Serialize)]
+pub(crate) struct Reason {
+    word: &'static str,
+    sentence: &'static str,
+}
+
+/// Those of refusals: an open's, then an offer's.
+pub(crate) fn refusals() -> Vec<Reason> {
+    let opens = OpenRefusal::ALL.map(|why| Reason { word: why.as_str(), sentence: why.sentence() });
+    let offers =
+        OfferRefusal::ALL.map(|why| Reason { word: why.as_str(), sentence: why.sentence() });
+    opens.into_iter().chain(offers).collect()
+}
+
+/// Those of drops, each at its index.
+pub(crate) fn drops() -> [Reason; DropReason::ALL.len()] {
+    DropReason::ALL.map(|why| Reason { word: why.as_str(), sentence: why.sentence() })
+}
+
+/// The place of an open's refusal among [`refusals`].
+pub(crate) const fn place_of_open(why: OpenRefusal) -> usize {
+    why.index()
+}
+
+/// The place of an offer's refusal among [`refusals`].
+pub(crate) const fn place_of_offer(why: OfferRefusal) -> usize {
+    OpenRefusal::ALL.len() + why.index()
+}

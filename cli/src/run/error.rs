@@ -1,0 +1,31 @@
+//! What can go wrong with a run once it is planned.
+
+use std::io;
+
+use fuseline_tokio::SpawnError;
+use fuseline_tokio::grpc::RemoteError;
+use thiserror::Error;
+
+use crate::fault::{Fault, chain, plain};
+
+/// Why a run cannot begin, or has no whole trace.
+#[derive(Debug, Error)]
+pub(super) enum RunError {
+    #[error("cloud {cloud:?}: {}", chain(.source))]
+    Remote { cloud: String, source: RemoteError },
+    #[error("{0}; choose other options for the clouds or the window")]
+    Spawn(#[from] SpawnError),
+    #[error("no port on 127.0.0.1: {}; free some", plain(.0))]
+    Loopback(io::Error),
+    #[error(
+        "{trace}: {}; the tables tell what was written: make room, or name another --trace",
+        plain(.source)
+    )]
+    Unrecorded { trace: String, source: io::Error },
+}
+
+impl From<RunError> for Fault {
+    fn from(error: RunError) -> Self {
+        Self::own(error)
+    }
+}

@@ -1,0 +1,133 @@
+//! Where the values of held results wait, beside the machine.
+
+use crate::answer::{Firing, Outcome};
+use crate::priority::Priority;
+use crate::time::Timestamp;
+
+/// The values of held results: one for each open timestamp, that of its best, for up to `WINDOW` timestamps.
+///
+/// Only the best result in hand can ever be forwarded (P3), so a lesser one's value is dropped when a better one is
+/// held, and what is left when its timestamp is retired. Tell it every outcome and every firing, and nothing leaks.
+/// Each call looks at all `WINDOW` places at most twice.
+#[derive(Debug)]
+pub struct Held<V, const WINDOW: usize> {
+    places: [Option<Place<V>>; WINDOW],
+}
+
+#[derive(Debug)]
+struct Place<V> {
+    timestamp: Timestamp,
+    source: Priority,
+    value: V,
+}
+
+impl<V, const WINDOW: usize> Held<V, WINDOW> {
+    /// Nothing is held. `WINDOW` is the machine's.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { places: [const { None }; WINDOW] }
+    }
+
+    /// F3: what became of a result and its value. Answers the value to be sent downstream, if it is forwarded.
+    #[must_use = "a forwarded value must be sent"]
+    pub fn result<const CLOUDS: usize>(
+        &mut self,
+        timestamp: Timestamp,
+        source: Priority,
+        value: V,
+        outcome: &Outcome<CLOUDS>,
+    ) -> Option<V> {
+        match outcome {
+            Outcome::Held => {
+                self.hold(Place { timestamp, source, value });
+                None
+            }
+            Outcome::Forwarded { by, .. } if *by == source => {
+                // F7: what else was held for it is discarded.
+                self.take(timestamp);
+                Some(value)
+            }
+            Outcome::Forwarded { .. }
+            | Outcome::Dropped(_)
+            | Outcome::Waiting
+            | Outcome::Missed => self.settled(timestamp, outcome),
+        }
+    }
+
+    /// F4: what became of a failure. Answers the value to be sent downstream, if one is forwarded.
+    #[must_use = "a forwarded value must be sent"]
+    pub fn failure<const CLOUDS: usize>(
+        &mut self,
+        timestamp: Timestamp,
+        outcome: &Outcome<CLOUDS>,
+    ) -> Option<V> {
+        self.settled(timestamp, outcome)
+    }
+
+    /// F5: timers fired. Answers the value to be sent downstream, if one is forwarded.
+    #[must_use = "a forwarded value must be sent"]
+    pub fn firing<const CLOUDS: usize>(&mut self, firing: &Firing<CLOUDS>) -> Option<V> {
+        self.settled(firing.timestamp, &firing.outcome)
+    }
+
+    /// How many values are held.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.places.iter().flatten().count()
+    }
+
+    /// Whether nothing is held.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.places.iter().all(Option::is_none)
+    }
+
+    fn settled<const CLOUDS: usize>(
+        &mut self,
+        timestamp: Timestamp,
+        outcome: &Outcome<CLOUDS>,
+    ) -> Option<V> {
+        match outcome {
+            // Retired: what was held leaves, whether it is sent or not.
+            Outcome::Forwarded { by, .. } => {
+                let best = self.take(timestamp)?;
+                (best.source == *by).then_some(best.value)
+            }
+            Outcome::Missed => {
+                self.take(timestamp);
+                None
+            }
+            Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting => None,
+        }
+    }
+
+    /// Keeps the better one of this and what is held for its timestamp.
+    fn hold(&mut self, new: Place<V>) {
+        let is_same = |held: &Place<V>| held.timestamp == new.timestamp;
+        if let Some(held) = self.places.iter_mut().flatten().find(|held| is_same(held)) {
+            if held.source < new.source {
+                *held = new;
+            }
+            return;
+        }
+        let free = self.places.iter_mut().find(|place| place.is_none());
+        debug_assert!(free.is_some(), "the places are fewer than the open timestamps");
+        if let Some(place) = free {
+            *place = Some(new);
+        }
+    }
+
+    fn take(&mut self, timestamp: Timestamp) -> Option<Place<V>> {
+        let is_same = |held: &Place<V>| held.timestamp == timestamp;
+        self.places.iter_mut().find(|place| place.as_ref().is_some_and(is_same))?.take()
+    }
+}
+
+impl<V, const WINDOW: usize> Default for Held<V, WINDOW> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests;

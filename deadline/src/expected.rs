@@ -1,0 +1,164 @@
+//! The deadline that costs least.
+
+use core::time::Duration;
+
+use crate::invalid::{Figure, Invalid};
+use crate::loss::{Loss, Source};
+use crate::observations::Observations;
+use crate::parameters::above_0;
+use crate::policy::{Decision, End, Policy, Reason, Situation, rounded_down};
+use crate::span::Span;
+use crate::survival::{Observation, Step, Survival};
+
+/// The deadline of least mean loss, by how the last `WINDOW` calls of the cloud ended.
+///
+/// It knows nothing of safety: let a [`Guard`](crate::Guard) [cap](Policy::caps) it. A cloud that is gone leaves nothing
+/// to wait for, so the deadline becomes local's response, before which waiting costs no time.
+///
+/// A call that is given up at a short deadline cannot show that its result would have come soon after. So one message in
+/// `probe_every` waits as long as the cap allows. `WINDOW` ends of calls after a cloud went or came back, all that the
+/// policy knows is from after that, a probe at least among it.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Expected<L, const WINDOW: usize = 64> {
+    loss: L,
+    local_response: (Duration, Duration),
+    probe_every: Option<u32>,
+    observations: Observations<WINDOW>,
+    /// Messages since the last probe.
+    since: u32,
+}
+
+/// A deadline and what it costs.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Choice {
+    /// The deadline.
+    pub deadline: Duration,
+    /// The mean loss of a message.
+    pub loss: f64,
+}
+
+impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
+    /// A policy that has seen no call yet, for a local computation that takes so long, in seconds.
+    ///
+    /// One message in `probe_every` is a probe, the first of all among them. None is for a driver that lets calls run on
+    /// past their due instants and tells their true ends: there is nothing to probe then.
+    ///
+    /// # Errors
+    /// If local's response is no time above 0, or `probe_every` is 0 or greater than `WINDOW`.
+    pub fn new(
+        loss: L,
+        local_response: impl Into<Span>,
+        probe_every: Option<u32>,
+    ) -> Result<Self, Invalid> {
+        let local_response = local_response.into();
+        above_0(Figure::LocalResponse, local_response)?;
+        if let Some(every) = probe_every
+            && (every == 0 || every as usize > WINDOW)
+        {
+            return Err(Invalid::Probes { every, window: WINDOW });
+        }
+        let Span { least, greatest } = local_response;
+        Ok(Self {
+            loss,
+            local_response: (rounded_down(least), rounded_down(greatest)),
+            probe_every,
+            observations: Observations::new(),
+            since: u32::MAX,
+        })
+    }
+
+    /// What is known of the cloud.
+    #[must_use]
+    pub const fn observations(&self) -> &Observations<WINDOW> {
+        &self.observations
+    }
+}
+
+impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision {
+        self.since = self.since.saturating_add(1);
+        if self.probe_every.is_some_and(|every| self.since >= every) {
+            self.since = 0;
+            return Decision { deadline: cap, reason: Reason::Probe };
+        }
+        let steps = Survival::new(self.observations.sorted(), situation.under_way);
+        let Choice { deadline, loss } =
+            least_loss(steps, self.local_response, cap, |source, response| {
+                self.loss.loss(situation, source, response)
+            });
+        Decision::within(cap, deadline, Reason::Expected { loss })
+    }
+
+    fn ended(&mut self, end: End) {
+        self.observations.add(end);
+    }
+}
+
+/// The deadline of least mean loss, from local's least response to `cap`; of several the shortest.
+///
+/// `local_response` is the least and the greatest. What is answered before the deadline is the cloud's, all else local's:
+/// at the deadline, or at local's greatest response if that is later. It looks at local's least response and at each step
+/// once, for a result that comes at its due instant is late: nothing lies between.
+pub fn least_loss<'a, I: Iterator<Item = Observation> + 'a>(
+    steps: Survival<'a, I>,
+    local_response: (Duration, Duration),
+    cap: Duration,
+    loss: impl Fn(Source, Duration) -> f64,
+) -> Choice {
+    let (shortest, local_response) = local_response;
+    let mut means = Means { in_time: 0.0, survival: 1.0, local_response, loss };
+    let mut steps = steps.peekable();
+    let shortest = shortest.min(cap);
+    while let Some(step) = steps.next_if(|step| step.response < shortest) {
+        means.take(step);
+    }
+    let mut best = means.choice(shortest);
+    for step in steps {
+        let deadline = step.response.saturating_add(Duration::from_nanos(1));
+        if deadline > cap {
+            break;
+        }
+        means.take(step);
+        let choice = means.choice(deadline);
+        if choice.loss < best.loss {
+            best = choice;
+        }
+    }
+    best
+}
+
+/// The mean loss under `deadline`; `local_response` is the greatest.
+pub fn mean_loss<'a, I: Iterator<Item = Observation> + 'a>(
+    steps: Survival<'a, I>,
+    local_response: Duration,
+    deadline: Duration,
+    loss: impl Fn(Source, Duration) -> f64,
+) -> f64 {
+    let mut means = Means { in_time: 0.0, survival: 1.0, local_response, loss };
+    steps.take_while(|step| step.response < deadline).for_each(|step| means.take(step));
+    means.choice(deadline).loss
+}
+
+/// The mean loss, step by step.
+struct Means<F> {
+    /// Of what is in time, times its share.
+    in_time: f64,
+    /// The share that is late.
+    survival: f64,
+    local_response: Duration,
+    loss: F,
+}
+
+impl<F: Fn(Source, Duration) -> f64> Means<F> {
+    /// These results are in time.
+    fn take(&mut self, step: Step) {
+        self.in_time += step.mass * (self.loss)(Source::Cloud, step.response);
+        self.survival = step.survival;
+    }
+
+    /// Everything later is late.
+    fn choice(&self, deadline: Duration) -> Choice {
+        let late = (self.loss)(Source::Local, deadline.max(self.local_response));
+        Choice { deadline, loss: self.in_time + self.survival * late }
+    }
+}

@@ -1,0 +1,147 @@
+//! The longest deadline that is safe.
+
+use core::time::Duration;
+
+use crate::invalid::Invalid;
+use crate::parameters::{Hazard, Parameters};
+use crate::policy::{Case, Decision, End, Policy, Reason, Situation, rounded_down};
+use crate::span::Span;
+
+/// The longest deadline with which fusion never hits what local alone would not have hit: T2 of the crate's
+/// documentation, under its conditions.
+///
+/// Any shorter deadline keeps that guarantee, so whatever policy it [`caps`](Policy::caps) has it too.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Guard {
+    parameters: Parameters,
+}
+
+/// What the guard found for a situation.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Verdict {
+    /// How long after capture local's results surely suffice to stop, in seconds; of the class that decides. No number
+    /// if nothing is known.
+    pub budget_local: f64,
+    /// How long after capture the cloud's results may suffice to stop, in seconds; of the class that has longest. No
+    /// number if nothing is known.
+    pub budget_cloud: f64,
+    /// The case.
+    pub case: Case,
+    /// The longest deadline that is safe.
+    pub deadline: Duration,
+}
+
+/// A class of hazards in a situation, in seconds after capture. What is no number decides nothing.
+struct Sight {
+    /// Local's results by then surely suffice to stop.
+    local: f64,
+    /// Local's results from then on surely do not suffice.
+    lost: f64,
+    /// The cloud's results until then may suffice.
+    cloud: f64,
+}
+
+impl Guard {
+    /// A guard for this vehicle.
+    ///
+    /// # Errors
+    /// The first figure that makes no sense.
+    pub fn new(parameters: Parameters) -> Result<Self, Invalid> {
+        parameters.check()?;
+        Ok(Self { parameters })
+    }
+
+    /// The longest deadline that is safe now, and why. It looks at each class once.
+    #[must_use]
+    pub fn judge(&self, situation: &Situation<'_>) -> Verdict {
+        let Parameters { local_response, lateness, margin, .. } = self.parameters;
+        let (mut stops, mut least, mut cloud) = (None, f64::NAN, f64::NAN);
+        let mut is_unsure = false;
+        for hazard in self.parameters.classes.as_slice() {
+            let sight = self.sight(hazard, situation);
+            least = sight.local.min(least);
+            cloud = sight.cloud.max(cloud);
+            if sight.local - lateness >= local_response.greatest {
+                stops = Some(sight.local.min(stops.unwrap_or(f64::INFINITY)));
+            } else if sight.lost < local_response.least {
+                // Local alone collides with this class, whatever fusion does.
+            } else {
+                is_unsure = true;
+            }
+        }
+        let (case, deadline) = match stops {
+            _ if is_unsure => (Case::Unsure, local_response.least),
+            Some(stops) => {
+                // At rest there is no end of time, and none is needed for a margin.
+                let spared =
+                    if stops.is_finite() { margin / situation.speed.greatest } else { 0.0 };
+                (Case::LocalStops, local_response.greatest.max(stops - lateness - spared))
+            }
+            // A result that is held goes at its due instant and the lateness after it, at the latest.
+            None if cloud - lateness > local_response.least => (Case::CloudAlone, cloud - lateness),
+            None => (Case::Unsure, local_response.least),
+        };
+        let budget_local = stops.filter(|_| !is_unsure).unwrap_or(least);
+        Verdict { budget_local, budget_cloud: cloud, case, deadline: rounded_down(deadline) }
+    }
+
+    /// Local's least and greatest response.
+    #[must_use]
+    pub const fn local_response(&self) -> (Duration, Duration) {
+        let Span { least, greatest } = self.parameters.local_response;
+        (rounded_down(least), rounded_down(greatest))
+    }
+
+    /// What the guard was made of.
+    #[must_use]
+    pub const fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    fn sight(&self, hazard: &Hazard, situation: &Situation<'_>) -> Sight {
+        let Parameters { deceleration, brake_delay, frames, .. } = self.parameters;
+        let Parameters { period_local, period_cloud, .. } = self.parameters;
+        let Hazard { range_local, range_cloud, .. } = *hazard;
+        let Some((speed, reveal)) = known(situation) else {
+            return Sight { local: f64::NAN, lost: f64::NAN, cloud: f64::NAN };
+        };
+        let frames = f64::from(frames);
+        let time = |range: f64, speed: f64, deceleration: f64, brake_delay: f64, frames: f64| {
+            range / speed - speed / (2.0 * deceleration) - brake_delay - frames
+        };
+        // The range may begin just after a frame, so one frame more than those that report may be needed.
+        let local = time(
+            range_local.least.min(reveal),
+            speed.greatest,
+            deceleration.least,
+            brake_delay.greatest,
+            frames * period_local.greatest,
+        );
+        let at_best = |range: f64, frames: f64| {
+            time(range, speed.least, deceleration.greatest, brake_delay.least, frames)
+        };
+        // Not capped by `reveal`: what came into sight a frame ago did so further away, and local may be about to stop for
+        // it, though it would not for what comes into sight from now on.
+        let lost = at_best(range_local.greatest, (frames - 1.0) * period_local.least);
+        let cloud = at_best(range_cloud.greatest.min(reveal), frames * period_cloud.least);
+        Sight { local, lost, cloud }
+    }
+}
+
+impl Policy for Guard {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision {
+        let Verdict { case, deadline, .. } = self.judge(situation);
+        Decision::within(cap, deadline, Reason::Guard(case))
+    }
+
+    fn ended(&mut self, _: End) {}
+}
+
+/// The speed and the nearest place behind which something may be; none if a figure is none.
+pub(crate) fn known(situation: &Situation<'_>) -> Option<(Span, f64)> {
+    let reveal = situation.reveal.unwrap_or(f64::INFINITY);
+    let is_known = situation.speed.is_sound() && situation.speed.least >= 0.0 && reveal >= 0.0;
+    let Span { least, greatest } = situation.speed;
+    // -0 is at rest as well, but what is divided by it has the other sign.
+    is_known.then_some((Span::new(least.abs(), greatest.abs()), reveal))
+}

@@ -1,0 +1,97 @@
+//! Why a policy is not made.
+
+use core::error::Error;
+use core::fmt::{self, Display, Formatter};
+
+use crate::parameters::Classes;
+
+/// Why figures make no policy. Nothing is refused later.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Invalid {
+    /// An end is infinite or no number, or the least is above the greatest.
+    Span(Figure),
+    /// It must be above 0, at its least too.
+    NotAbove0(Figure),
+    /// It must not be below 0.
+    Below0(Figure),
+    /// The planner must want at least one frame.
+    NoFrames,
+    /// So many classes of hazards were given; there must be one, and at most [`Classes::MOST`].
+    Classes(usize),
+    /// The cloud sees some class less far than local: its result in time would hide what local reports, so no deadline
+    /// is safe.
+    CloudSeesLess,
+    /// A window of so many calls does not hold one probe of each round; see [`Expected::new`](crate::Expected::new).
+    Probes {
+        /// One message in so many was to be a probe.
+        every: u32,
+        /// The calls that are remembered.
+        window: usize,
+    },
+}
+
+/// A figure that a policy is made of.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Figure {
+    /// Deceleration, in m/s².
+    Deceleration,
+    /// Delay of the brakes, in seconds.
+    BrakeDelay,
+    /// Time between frames that local takes, in seconds.
+    PeriodLocal,
+    /// Time between frames that the cloud takes, in seconds.
+    PeriodCloud,
+    /// Local's response, in seconds.
+    LocalResponse,
+    /// Lateness of an output, in seconds.
+    Lateness,
+    /// Margin, in metres.
+    Margin,
+    /// Weight of a class of hazards.
+    Weight,
+    /// Distance from which local reports, in metres.
+    RangeLocal,
+    /// Distance from which the cloud reports, in metres.
+    RangeCloud,
+}
+
+impl Display for Invalid {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Span(figure) => {
+                write!(f, "{figure}: it must be finite, and its least not above its greatest")
+            }
+            Self::NotAbove0(figure) => write!(f, "{figure}: it must be above 0"),
+            Self::Below0(figure) => write!(f, "{figure}: it must not be below 0"),
+            Self::NoFrames => f.write_str("0 frames to brake; the planner needs at least one"),
+            Self::Classes(classes) => {
+                write!(f, "{classes} classes of hazards; there must be 1 to {}", Classes::MOST)
+            }
+            Self::CloudSeesLess => f.write_str(
+                "the cloud sees less far than local: in time it would hide what local reports, so no deadline is safe",
+            ),
+            Self::Probes { every, window } => {
+                write!(f, "a probe every {every} messages; it must be every 1 to {window}")
+            }
+        }
+    }
+}
+
+impl Error for Invalid {}
+
+impl Display for Figure {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Deceleration => "deceleration",
+            Self::BrakeDelay => "delay of the brakes",
+            Self::PeriodLocal => "time between local's frames",
+            Self::PeriodCloud => "time between the cloud's frames",
+            Self::LocalResponse => "local's response",
+            Self::Lateness => "lateness",
+            Self::Margin => "margin",
+            Self::Weight => "weight of a class",
+            Self::RangeLocal => "local's range",
+            Self::RangeCloud => "the cloud's range",
+        })
+    }
+}

@@ -1,0 +1,34 @@
+#![doc = include_str!("../README.md")]
+#![no_std]
+#![warn(
+    clippy::arithmetic_side_effects,
+    clippy::expect_used,
+    clippy::indexing_slicing,
+    clippy::integer_division,
+    clippy::panic,
+    clippy::unwrap_used,
+    clippy::wildcard_enum_match_arm
+)]
+
+#[cfg(test)]
+extern crate std;
+
+mod expected;
+mod guard;
+mod invalid;
+mod loss;
+mod observations;
+mod parameters;
+mod policy;
+mod span;
+mod survival;
+
+pub use expected::{Choice, Expected, least_loss, mean_loss};
+pub use guard::{Guard, Verdict};
+pub use invalid::{Figure, Invalid};
+pub use loss::{Accuracy, Impact, Loss, Source};
+pub use observations::Observations;
+pub use parameters::{Classes, Hazard, Parameters};
+pub use policy::{Capped, Case, Constant, Decision, End, Policy, Reason, Situation};
+pub use span::Span;
+pub use survival::{Observation, Step, Survival};

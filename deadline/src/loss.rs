@@ -1,0 +1,101 @@
+//! What an output costs, by whose it is and when it comes.
+
+use core::time::Duration;
+
+use crate::guard::{Guard, known};
+use crate::parameters::{Hazard, Parameters};
+use crate::policy::Situation;
+
+/// What it costs that this source answers so long after capture. Any unit; less is better.
+///
+/// A function of the same form is a loss too. Where it is no number, no deadline is chosen for its sake.
+pub trait Loss {
+    /// The loss of one message.
+    fn loss(&self, situation: &Situation<'_>, source: Source, response: Duration) -> f64;
+}
+
+/// Whose result an output is.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Source {
+    /// The computation on board.
+    Local,
+    /// The cloud whose deadline is chosen.
+    Cloud,
+}
+
+/// Square of the speed at impact, in m²/s², with an obstacle at rest that comes into range just after a frame: the mean
+/// over the classes, by weight.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Impact {
+    parameters: Parameters,
+}
+
+/// Accuracy lost against the better source, and a price for each millisecond of waiting.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Accuracy {
+    /// Local's accuracy, such as its AP.
+    pub local: f64,
+    /// The cloud's.
+    pub cloud: f64,
+    /// What a millisecond costs, in the unit of accuracy.
+    pub price_per_ms: f64,
+}
+
+impl From<&Guard> for Impact {
+    fn from(guard: &Guard) -> Self {
+        Self { parameters: *guard.parameters() }
+    }
+}
+
+impl Loss for Impact {
+    fn loss(&self, situation: &Situation<'_>, source: Source, response: Duration) -> f64 {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for hazard in self.parameters.classes.as_slice() {
+            sum += hazard.weight * self.impact(hazard, situation, source, response);
+            weights += hazard.weight;
+        }
+        sum / weights
+    }
+}
+
+impl Loss for Accuracy {
+    fn loss(&self, _: &Situation<'_>, source: Source, response: Duration) -> f64 {
+        let accuracy = match source {
+            Source::Local => self.local,
+            Source::Cloud => self.cloud,
+        };
+        self.local.max(self.cloud) - accuracy + self.price_per_ms * response.as_secs_f64() * 1e3
+    }
+}
+
+impl<F: Fn(&Situation<'_>, Source, Duration) -> f64> Loss for F {
+    fn loss(&self, situation: &Situation<'_>, source: Source, response: Duration) -> f64 {
+        self(situation, source, response)
+    }
+}
+
+impl Impact {
+    fn impact(
+        &self,
+        hazard: &Hazard,
+        situation: &Situation<'_>,
+        source: Source,
+        response: Duration,
+    ) -> f64 {
+        let Parameters { deceleration, brake_delay, frames, .. } = self.parameters;
+        let Some((speed, reveal)) = known(situation) else { return f64::NAN };
+        let (range, period) = match source {
+            Source::Local => (hazard.range_local, self.parameters.period_local),
+            Source::Cloud => (hazard.range_cloud, self.parameters.period_cloud),
+        };
+        let speed = speed.greatest;
+        let delay =
+            response.as_secs_f64() + brake_delay.greatest + f64::from(frames) * period.greatest;
+        let gap = range.least.min(reveal) - speed * delay;
+        if gap > 0.0 {
+            (speed * speed - 2.0 * deceleration.least * gap).max(0.0)
+        } else {
+            speed * speed
+        }
+    }
+}

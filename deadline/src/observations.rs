@@ -1,0 +1,88 @@
+//! The last calls of one cloud.
+
+use core::time::Duration;
+
+use crate::policy::End;
+use crate::survival::Observation;
+
+/// The ends of the last `WINDOW` calls, in fixed memory, sorted for [`Survival`](crate::Survival).
+///
+/// Nothing older has any effect, so `WINDOW` calls after a network changed it is known as it is now.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Observations<const WINDOW: usize> {
+    /// Sorted; those from `len` on mean nothing.
+    calls: [Call; WINDOW],
+    len: usize,
+    /// How many calls ended before the next.
+    ended: u64,
+}
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+struct Call {
+    observation: Observation,
+    /// How many calls ended before it.
+    number: u64,
+}
+
+const NONE: Observation = Observation { response: Duration::ZERO, is_answered: false, count: 0 };
+
+impl<const WINDOW: usize> Observations<WINDOW> {
+    /// Nothing observed yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        const { assert!(WINDOW > 0, "a window of no calls remembers nothing") };
+        Self { calls: [Call { observation: NONE, number: 0 }; WINDOW], len: 0, ended: 0 }
+    }
+
+    /// Remembers how a call ended, and forgets the one `WINDOW` calls ago. Its cost is that of `WINDOW` comparisons.
+    pub fn add(&mut self, end: End) {
+        let (response, is_answered) = match end {
+            End::Answered(response) => (response, true),
+            End::Censored(age) => (age, false),
+            // It was seen to its end: no result will ever come.
+            End::Failed(_) => (Duration::MAX, false),
+        };
+        let observation = Observation { response, is_answered, count: 1 };
+        if self.len == WINDOW {
+            let oldest = self.ended.wrapping_sub(WINDOW as u64);
+            let place = self.calls.iter().position(|call| call.number == oldest);
+            self.close(place.unwrap_or_default());
+        }
+        let sorted = self.calls.get(..self.len).unwrap_or_default();
+        let place = sorted.partition_point(|call| call.observation.key() <= observation.key());
+        self.insert(place, Call { observation, number: self.ended });
+        self.ended = self.ended.wrapping_add(1);
+    }
+
+    /// What is remembered, in the order that [`Survival`](crate::Survival) wants.
+    #[must_use]
+    pub fn sorted(&self) -> impl ExactSizeIterator<Item = Observation> + Clone {
+        let calls = self.calls.get(..self.len).unwrap_or_default();
+        calls.iter().map(|call| call.observation)
+    }
+
+    /// Takes the call at `place` out.
+    fn close(&mut self, place: usize) {
+        if let Some(calls) = self.calls.get_mut(place..self.len) {
+            calls.rotate_left(usize::from(!calls.is_empty()));
+            self.len = self.len.saturating_sub(1);
+        }
+    }
+
+    /// Puts a call at `place`, where there is room for it.
+    fn insert(&mut self, place: usize, call: Call) {
+        if let Some(calls) = self.calls.get_mut(place..=self.len) {
+            calls.rotate_right(1);
+            if let Some(first) = calls.first_mut() {
+                *first = call;
+                self.len = self.len.saturating_add(1);
+            }
+        }
+    }
+}
+
+impl<const WINDOW: usize> Default for Observations<WINDOW> {
+    fn default() -> Self {
+        Self::new()
+    }
+}

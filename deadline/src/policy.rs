@@ -1,0 +1,175 @@
+//! What every policy answers and is told.
+
+use core::time::Duration;
+
+use crate::span::Span;
+
+/// Chooses the deadlines of one cloud's requests.
+///
+/// Keep one policy for each cloud. Ask it once for each message that is about to be sent, give the deadline to the
+/// machine, and tell it how each call ended. It needs no clock, allocates nothing and never fails.
+pub trait Policy {
+    /// The deadline of the request that is about to be made, counted from the capture of its message, and at most `cap`.
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision;
+
+    /// A call has ended so.
+    fn ended(&mut self, end: End);
+
+    /// This policy's deadline as the cap of another's.
+    ///
+    /// A cap is handed down rather than cut off afterwards: what is best below a cap may lie far below what is best
+    /// without.
+    fn caps<P: Policy>(self, policy: P) -> Capped<Self, P>
+    where
+        Self: Sized,
+    {
+        Capped { cap: self, policy }
+    }
+}
+
+/// What a policy may know when it is asked.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Situation<'a> {
+    /// The vehicle's speed from this message's capture until it could brake for it, in m/s.
+    ///
+    /// With a span that is no speed, not a number or below 0 perhaps, nothing is known, and nothing is risked.
+    pub speed: Span,
+    /// The distance to the nearest place from which something may have come or may come into sight, in metres, if that
+    /// is known: a corner, a parked van. A place counts until [`frames`](crate::Parameters::frames) frames after
+    /// whatever is behind it is in sight.
+    pub reveal: Option<f64>,
+    /// How old each call under way is, the oldest first. It may be left out; policies then see an outage later.
+    pub under_way: &'a [Duration],
+}
+
+/// How a call ended, and how long after the capture of its message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum End {
+    /// Its result came then, in time or late.
+    Answered(Duration),
+    /// It failed then: no result will come.
+    Failed(Duration),
+    /// It was given up then, by its timer or because its timestamp was retired: its result would have come later.
+    Censored(Duration),
+}
+
+/// A deadline, and why it is that one.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Decision {
+    /// The deadline.
+    pub deadline: Duration,
+    /// Why.
+    pub reason: Reason,
+}
+
+/// Why a deadline is in force.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Reason {
+    /// It never changes.
+    Constant,
+    /// The guard allows no more.
+    Guard(Case),
+    /// It costs least, by what was observed: the mean loss is this.
+    Expected {
+        /// The mean loss of a message.
+        loss: f64,
+    },
+    /// This message waits as long as allowed, to see what longer deadlines would bring.
+    Probe,
+    /// The cap that was handed in is in force.
+    Cap,
+}
+
+/// Which case of the guard holds.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Case {
+    /// 1: local alone surely stops, with time to spare.
+    LocalStops,
+    /// 2: local alone surely does not stop, and the cloud still might.
+    CloudAlone,
+    /// 3: neither is sure; nothing may be later than local alone.
+    Unsure,
+}
+
+/// The same deadline for every message. It knows nothing of safety.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Constant(pub Duration);
+
+/// A policy under the cap of another; made by [`Policy::caps`].
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Capped<C, P> {
+    cap: C,
+    policy: P,
+}
+
+impl Situation<'_> {
+    /// A vehicle at `speed`, in m/s, of which no more is known.
+    #[must_use]
+    pub fn at(speed: impl Into<Span>) -> Self {
+        Self { speed: speed.into(), reveal: None, under_way: &[] }
+    }
+}
+
+impl Decision {
+    /// The deadline, or the cap where that is shorter.
+    pub(crate) fn within(cap: Duration, deadline: Duration, reason: Reason) -> Self {
+        if deadline <= cap {
+            Self { deadline, reason }
+        } else {
+            Self { deadline: cap, reason: Reason::Cap }
+        }
+    }
+}
+
+impl Policy for Constant {
+    fn decide(&mut self, _: &Situation<'_>, cap: Duration) -> Decision {
+        Decision::within(cap, self.0, Reason::Constant)
+    }
+
+    fn ended(&mut self, _: End) {}
+}
+
+impl<C: Policy, P: Policy> Policy for Capped<C, P> {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision {
+        let cap = self.cap.decide(situation, cap);
+        let decision = self.policy.decide(situation, cap.deadline);
+        if decision.reason == Reason::Cap { cap } else { decision }
+    }
+
+    fn ended(&mut self, end: End) {
+        self.cap.ended(end);
+        self.policy.ended(end);
+    }
+}
+
+impl<P: Policy + ?Sized> Policy for &mut P {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision {
+        (**self).decide(situation, cap)
+    }
+
+    fn ended(&mut self, end: End) {
+        (**self).ended(end);
+    }
+}
+
+impl Case {
+    /// Its number: 1 to 3.
+    #[must_use]
+    pub const fn number(self) -> u8 {
+        match self {
+            Self::LocalStops => 1,
+            Self::CloudAlone => 2,
+            Self::Unsure => 3,
+        }
+    }
+}
+
+/// The nanoseconds in so many seconds, rounded down: 0 for what is no time, the most there is for what is too long.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the cast rounds down and stays within the range, which is what is wanted"
+)]
+pub(crate) const fn rounded_down(seconds: f64) -> Duration {
+    Duration::from_nanos((seconds * 1e9) as u64)
+}

@@ -1,0 +1,93 @@
+//! How long a cloud's results take, from calls of which some were given up.
+
+use core::iter::Peekable;
+use core::time::Duration;
+
+/// Calls that were seen until the same age.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Observation {
+    /// The age, counted from the capture of the message.
+    pub response: Duration,
+    /// Whether the results came then; otherwise they had not come until then, and nothing more is known.
+    pub is_answered: bool,
+    /// How many calls.
+    pub count: u64,
+}
+
+/// The estimate of Kaplan and Meier: which share of calls is not answered by when, though some are known only not to
+/// have been answered by an age. Gives a step for each distinct response, in ascending order.
+///
+/// Neither fast nor lost: a call that was given up counts as long as it was seen, then no more. Of calls that were
+/// answered and given up at the same age, those that were given up are counted as not answered by it.
+#[derive(Clone, Debug)]
+pub struct Survival<'a, I: Iterator<Item = Observation>> {
+    sorted: Peekable<I>,
+    /// The oldest first.
+    under_way: &'a [Duration],
+    at_risk: u64,
+    unanswered: f64,
+}
+
+/// A response that was observed.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Step {
+    /// The response.
+    pub response: Duration,
+    /// The share of calls that is answered exactly then.
+    pub mass: f64,
+    /// The share of calls that is not answered by then.
+    pub survival: f64,
+}
+
+impl Observation {
+    /// The order that [`Survival`] wants: by response, those answered before those given up.
+    #[must_use]
+    pub const fn key(&self) -> (Duration, bool) {
+        (self.response, !self.is_answered)
+    }
+}
+
+impl<'a, I: Iterator<Item = Observation> + Clone> Survival<'a, I> {
+    /// The estimate from observations in the order of their [`key`](Observation::key) and from the ages of the calls
+    /// under way, the oldest first. In another order it is some other estimate.
+    pub fn new(sorted: I, under_way: &'a [Duration]) -> Self {
+        let counts = sorted.clone().map(|observation| observation.count);
+        let at_risk = counts.fold(under_way.len() as u64, u64::saturating_add);
+        Self { sorted: sorted.peekable(), under_way, at_risk, unanswered: 1.0 }
+    }
+}
+
+impl<I: Iterator<Item = Observation>> Iterator for Survival<'_, I> {
+    type Item = Step;
+
+    fn next(&mut self) -> Option<Step> {
+        loop {
+            let Observation { response, is_answered, mut count } = self.sorted.next()?;
+            if is_answered && count > 0 {
+                while let [older @ .., youngest] = self.under_way
+                    && *youngest < response
+                {
+                    self.under_way = older;
+                    self.at_risk = self.at_risk.saturating_sub(1);
+                }
+                while let Some(more) =
+                    self.sorted.next_if(|next| next.is_answered && next.response == response)
+                {
+                    count = count.saturating_add(more.count);
+                }
+                let remain = self.at_risk.saturating_sub(count);
+                let before = self.unanswered;
+                self.unanswered *= share(remain, self.at_risk);
+                self.at_risk = remain;
+                let mass = before - self.unanswered;
+                return Some(Step { response, mass, survival: self.unanswered });
+            }
+            self.at_risk = self.at_risk.saturating_sub(count);
+        }
+    }
+}
+
+#[expect(clippy::cast_precision_loss, reason = "a share needs no more than 53 bits")]
+fn share(part: u64, whole: u64) -> f64 {
+    part as f64 / whole as f64
+}

@@ -1,0 +1,299 @@
+//! Observations, the estimate from them, and the deadline that costs least.
+
+use std::cell::Cell;
+use std::time::Duration;
+
+use fuseline_deadline::{
+    Accuracy, Choice, Constant, Decision, End, Expected, Figure, Guard, Impact, Invalid, Loss,
+    Observation, Observations, Parameters, Policy, Reason, Situation, Source, Survival, least_loss,
+    mean_loss,
+};
+use proptest::prelude::*;
+
+const LOCAL_MS: u64 = 300;
+/// Four points of accuracy, or 200 ms of waiting.
+const ACCURACY: Accuracy = Accuracy { local: 42.0, cloud: 46.0, price_per_ms: 0.02 };
+
+fn ms(millis: u64) -> Duration {
+    Duration::from_millis(millis)
+}
+
+fn observation(millis: u64, is_answered: bool, count: u64) -> Observation {
+    Observation { response: ms(millis), is_answered, count }
+}
+
+fn survival<'a>(
+    observations: &[Observation],
+    under_way: &'a [Duration],
+) -> Survival<'a, impl Iterator<Item = Observation> + Clone + use<'a>> {
+    let mut sorted = observations.to_vec();
+    sorted.sort_by_key(Observation::key);
+    Survival::new(sorted.into_iter(), under_way)
+}
+
+fn policy<const WINDOW: usize>(probe_every: Option<u32>) -> Expected<Accuracy, WINDOW> {
+    Expected::new(ACCURACY, 0.3, probe_every).unwrap()
+}
+
+/// What becomes of the next message when the cloud would answer after so many ms; `None` never.
+fn message(policy: &mut impl Policy, response: Option<u64>) -> Decision {
+    let decision = policy.decide(&Situation::at(10.0), ms(500));
+    let answered = response.map(ms).filter(|response| *response < decision.deadline);
+    policy.ended(answered.map_or(End::Censored(decision.deadline), End::Answered));
+    decision
+}
+
+#[test]
+fn the_estimate_of_a_small_sample() {
+    let calls = [
+        observation(1, true, 1),
+        observation(2, false, 1),
+        observation(3, true, 1),
+        observation(3, false, 1),
+        observation(5, true, 1),
+        observation(9, false, 1),
+    ];
+    let steps: Vec<_> = survival(&calls, &[]).map(|step| (step.response, step.survival)).collect();
+    let expected = [(ms(1), 5.0 / 6.0), (ms(3), 5.0 / 6.0 * 0.75), (ms(5), 5.0 / 6.0 * 0.75 * 0.5)];
+    assert_eq!(steps, expected);
+}
+
+#[test]
+fn a_call_that_was_given_up_is_not_fast() {
+    assert_eq!(survival(&[observation(310, false, 20)], &[]).next(), None);
+    let mut gone = policy::<32>(None);
+    (0..32).for_each(|_| gone.ended(End::Censored(ms(310))));
+    assert_eq!(message(&mut gone, None).deadline, ms(LOCAL_MS));
+}
+
+#[test]
+fn a_call_that_was_given_up_is_not_lost_either() {
+    let calls =
+        [observation(310, false, 1000), observation(340, true, 3), observation(500, false, 1)];
+    let last = survival(&calls, &[]).last().unwrap();
+    assert!((last.survival - 0.25).abs() < 1e-12, "only four calls were seen so long: {last:?}");
+}
+
+#[test]
+fn a_call_that_failed_is_never_answered() {
+    let mut observations = Observations::<8>::new();
+    observations.add(End::Failed(ms(1)));
+    observations.add(End::Answered(ms(200)));
+    let steps: Vec<_> = Survival::new(observations.sorted(), &[]).collect();
+    assert_eq!((steps.len(), steps[0].survival), (1, 0.5));
+}
+
+#[test]
+fn calls_under_way_show_an_outage_before_they_end() {
+    let calls = [observation(320, true, 10)];
+    let choose = |under_way: &[Duration]| {
+        let loss = |source, response| ACCURACY.loss(&Situation::at(10.0), source, response);
+        least_loss(survival(&calls, under_way), (ms(LOCAL_MS), ms(LOCAL_MS)), ms(500), loss)
+            .deadline
+    };
+    assert_eq!(choose(&[]), ms(320) + Duration::from_nanos(1));
+    assert_eq!(choose(&[ms(400); 90]), ms(LOCAL_MS));
+    assert_eq!(choose(&[ms(10); 90]), choose(&[]), "too young to tell");
+}
+
+#[test]
+fn waiting_pays_where_the_cloud_is_worth_it_and_not_before_it_was_seen() {
+    let mut policy = policy::<64>(Some(16));
+    let first = message(&mut policy, Some(340));
+    assert_eq!((first.deadline, first.reason), (ms(500), Reason::Probe));
+    let second = message(&mut policy, Some(340));
+    assert_eq!(second.deadline, ms(340) + Duration::from_nanos(1));
+    assert!(
+        matches!(second.reason, Reason::Expected { loss } if (loss - 6.8).abs() < 1e-9),
+        "{second:?}"
+    );
+}
+
+/// A slower cloud than local comes and goes. All that is known after a window of calls is from after the change.
+#[test]
+fn a_cloud_that_is_gone_costs_no_time_and_is_found_again_within_a_window_of_calls() {
+    const WINDOW: u32 = 64;
+    let mut policy = policy::<{ WINDOW as usize }>(Some(16));
+    let mut last_change = |response, deadline| {
+        let mut changed = 0;
+        for number in 1..=405 {
+            let decision = message(&mut policy, response);
+            if decision.reason != Reason::Probe && decision.deadline != deadline {
+                changed = number;
+            }
+        }
+        changed
+    };
+    let worth_it = ms(340) + Duration::from_nanos(1);
+    for _ in 0..3 {
+        let found = last_change(Some(340), worth_it);
+        let left = last_change(None, ms(LOCAL_MS));
+        println!("found after {found} messages, left after {left}");
+        assert!(found <= WINDOW && left <= WINDOW, "{found}, {left}");
+    }
+}
+
+/// Calls that are given up at the deadline hide how late the rest would have been; probes show it.
+#[test]
+fn a_deadline_that_gives_up_the_slowest_calls_does_not_creep_down() {
+    let mut policy = policy::<64>(Some(16));
+    let responses = (0..2000_u64).map(|number| 320 + number * 7919 % 60);
+    let deadlines: Vec<_> =
+        responses.map(|response| message(&mut policy, Some(response))).collect();
+    let late = deadlines[100..].iter().filter(|decision| decision.deadline < ms(370)).count();
+    assert!(late < 190, "{late} of 1900 deadlines leave out a sixth of the results");
+}
+
+#[test]
+fn a_fast_cloud_that_is_gone_never_costs_time_but_for_probes() {
+    let mut policy = policy::<64>(None);
+    for number in 0..1000 {
+        let response = (number / 100 % 2 == 0).then_some(186);
+        assert_eq!(message(&mut policy, response).deadline, ms(LOCAL_MS));
+    }
+}
+
+#[test]
+fn the_best_below_a_cap_is_not_the_cap() {
+    let mut policy = policy::<4>(None);
+    for millis in [400, 460, 460, 460] {
+        policy.ended(End::Answered(ms(millis)));
+    }
+    let mut deadline = |cap| policy.decide(&Situation::at(10.0), ms(cap)).deadline;
+    assert_eq!(deadline(500), ms(460) + Duration::from_nanos(1));
+    assert_eq!(deadline(450), ms(LOCAL_MS), "a share of a quarter is not worth the wait");
+    assert_eq!(deadline(250), ms(250));
+}
+
+#[test]
+fn a_constant_caps_a_guard_that_caps_what_is_expected() {
+    let guard = Guard::new(Parameters::default()).unwrap();
+    let expected = Expected::<_, 16>::new(Impact::from(&guard), 0.3017, None).unwrap();
+    let mut policy = Constant(ms(800)).caps(guard.caps(expected));
+    (0..16).for_each(|_| policy.ended(End::Answered(ms(600))));
+    let mut at = |speed: f64| policy.decide(&Situation::at(speed), Duration::MAX);
+    let rho = Duration::from_micros(301_700);
+    assert_eq!(at(20.0).deadline, rho, "the guard allows too little to reach 600 ms");
+    assert_eq!(at(22.0).deadline, ms(600) + Duration::from_nanos(1));
+    assert_eq!(at(18.0).deadline, rho, "local alone stops as well, so waiting buys nothing");
+    // A probe waits as long as is allowed, no longer.
+    let probing = Expected::<_, 16>::new(Impact::from(&guard), 0.3017, Some(1)).unwrap();
+    let mut policy = Constant(ms(800)).caps(guard.caps(probing));
+    let decision = policy.decide(&Situation::at(22.0), Duration::MAX);
+    assert_eq!((decision.deadline, decision.reason), (ms(800), Reason::Probe));
+}
+
+#[test]
+fn a_loss_that_is_no_number_decides_nothing() {
+    let calls = [observation(200, true, 3), observation(350, true, 3)];
+    for odd in [f64::NAN, f64::INFINITY] {
+        let local = (ms(LOCAL_MS), ms(LOCAL_MS));
+        let choice = least_loss(survival(&calls, &[]), local, ms(500), |_, _| odd);
+        assert_eq!(choice.deadline, ms(LOCAL_MS));
+    }
+}
+
+#[test]
+fn a_policy_that_could_not_work_is_refused() {
+    let made = |local: f64, probe_every| Expected::<_, 8>::new(ACCURACY, local, probe_every).err();
+    assert_eq!(made(0.3, Some(8)), None);
+    assert_eq!(made(0.3, Some(9)), Some(Invalid::Probes { every: 9, window: 8 }));
+    assert_eq!(made(0.3, Some(0)), Some(Invalid::Probes { every: 0, window: 8 }));
+    assert_eq!(made(0.0, None), Some(Invalid::NotAbove0(Figure::LocalResponse)));
+    assert_eq!(made(f64::NAN, None), Some(Invalid::Span(Figure::LocalResponse)));
+}
+
+/// Counted, not timed: the loss is asked at most twice for each call that is remembered, and twice more.
+#[test]
+fn a_decision_costs_no_more_after_a_million_calls() {
+    let asked = Cell::new(0_u64);
+    let loss = |situation: &Situation<'_>, source: Source, response: Duration| {
+        asked.set(asked.get() + 1);
+        ACCURACY.loss(situation, source, response)
+    };
+    let mut policy = Expected::<_, 128>::new(&loss, 0.3, None).unwrap();
+    for number in 1..=1_000_000_u64 {
+        policy.ended(End::Answered(Duration::from_micros(300_000 + number * 7919 % 190_000)));
+        if [1000, 10_000, 1_000_000].contains(&number) {
+            asked.set(0);
+            policy.decide(&Situation::at(10.0), ms(500));
+            assert!((128..=2 * 128 + 1).contains(&asked.get()), "{} after {number}", asked.get());
+        }
+    }
+}
+
+fn observations() -> impl Strategy<Value = Vec<Observation>> {
+    let some = (1..40_u64, any::<bool>(), 0..4_u64);
+    prop::collection::vec(
+        some.prop_map(|(ms, answered, count)| observation(ms * 10, answered, count)),
+        0..30,
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// By the definition: a product over the distinct answered responses of the share of calls that were seen so long
+    /// and not answered then.
+    #[test]
+    fn the_estimate_is_the_product_over_all_who_were_seen_so_long(
+        calls in observations(),
+        mut ages in prop::collection::vec(1..40_u64, 0..10),
+    ) {
+        ages.sort_unstable_by(|one, other| other.cmp(one));
+        let under_way: Vec<_> = ages.iter().map(|age| ms(age * 10)).collect();
+        for step in survival(&calls, &under_way) {
+            let mut product = 1.0;
+            for millis in (10..400).step_by(10).take_while(|millis| ms(*millis) <= step.response) {
+                let at = |call: &&Observation| call.response == ms(millis) && call.is_answered;
+                let answered: u64 = calls.iter().filter(at).map(|call| call.count).sum();
+                let seen = calls.iter().filter(|call| call.response >= ms(millis));
+                let seen: u64 = seen.map(|call| call.count).sum();
+                let young = under_way.iter().filter(|age| **age >= ms(millis)).count() as u64;
+                if answered > 0 {
+                    let number = |calls| f64::from(u32::try_from(calls).unwrap());
+                    product *= 1.0 - number(answered) / number(seen + young);
+                }
+            }
+            prop_assert!((step.survival - product).abs() < 1e-12, "{step:?}, not {product}");
+        }
+    }
+
+    #[test]
+    fn no_deadline_costs_less_than_the_one_chosen(calls in observations(), cap in 250..450_u64) {
+        let loss = |source, response| ACCURACY.loss(&Situation::at(10.0), source, response);
+        let steps = || survival(&calls, &[]);
+        let Choice { deadline, loss: least } = least_loss(steps(), (ms(200), ms(260)), ms(cap), loss);
+        prop_assert!(deadline >= ms(200) && deadline <= ms(cap));
+        prop_assert!((mean_loss(steps(), ms(260), deadline, loss) - least).abs() < 1e-9);
+        for millis in 200..=cap {
+            for candidate in [ms(millis), ms(millis) + Duration::from_nanos(1)] {
+                if candidate <= ms(cap) {
+                    let other = mean_loss(steps(), ms(260), candidate, loss);
+                    prop_assert!(least <= other + 1e-9, "{other} at {candidate:?}, {least} at {deadline:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_last_calls_are_remembered_and_no_other(ends in prop::collection::vec((0..3, 1..50_u64), 0..40)) {
+        let mut observations = Observations::<7>::new();
+        let mut all = Vec::new();
+        for (kind, millis) in ends {
+            let (end, observation) = match kind {
+                0 => (End::Answered(ms(millis)), observation(millis, true, 1)),
+                1 => (End::Censored(ms(millis)), observation(millis, false, 1)),
+                _ => {
+                    let never = Observation { response: Duration::MAX, is_answered: false, count: 1 };
+                    (End::Failed(ms(millis)), never)
+                }
+            };
+            observations.add(end);
+            all.push(observation);
+            let mut last = all[all.len().saturating_sub(7)..].to_vec();
+            last.sort_by_key(Observation::key);
+            prop_assert_eq!(observations.sorted().collect::<Vec<_>>(), last);
+        }
+    }
+}

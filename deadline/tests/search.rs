@@ -1,0 +1,248 @@
+//! Random drives look for an obstacle that fusion hits and local alone does not.
+
+mod random;
+mod vehicle;
+
+use std::sync::LazyLock;
+
+use fuseline_deadline::{Classes, Guard, Hazard, Parameters, Situation, Span};
+use random::Random;
+use vehicle::{Drive, Frame};
+
+/// Drives per search.
+const DRIVES: u64 = 240_000;
+
+/// A drive, and what a guard is told about it: spans in which the truth lies.
+struct Setting {
+    drive: Drive,
+    parameters: Parameters,
+    speed: Span,
+}
+
+/// A span around the truth; exact in half of the cases.
+fn around(random: &mut Random, truth: f64) -> Span {
+    if random.chance(0.5) {
+        return Span::exactly(truth);
+    }
+    let (below, above) = (random.between(0.9, 1.0), random.between(1.0, 1.1));
+    Span::new(truth * below, truth * above)
+}
+
+/// How a cloud behaves during one drive.
+#[derive(Clone, Copy)]
+enum Network {
+    Silent,
+    Steady,
+    Mixed,
+    Outage,
+}
+
+fn setting(number: u64, is_hidden: bool) -> Setting {
+    let random = &mut Random(number);
+    let period = 1.0 / random.one_of(&[10.0, 20.0, 30.0]);
+    let speed = random.between(8.0, 32.0);
+    let deceleration = random.between(4.0, 10.0);
+    let brake_delay = random.between(0.0, 0.3);
+    let (least, span) = (random.between(0.05, 0.5), random.one_of(&[0.0, 0.01, 0.1]));
+    let local_response = Span::new(least, least + span);
+    let range_local = random.between(20.0, 65.0);
+    let range_cloud = range_local * random.between(1.0, 1.8);
+    let hidden_beyond = if is_hidden { random.between(3.0, range_cloud) } else { f64::INFINITY };
+    let reports = random.one_of(&[1, 2, 3, 4_u32]);
+    let lateness = random.one_of(&[0.0, 0.005, 0.02]);
+    let is_serial = random.chance(0.3);
+    let network =
+        random.one_of(&[Network::Silent, Network::Steady, Network::Mixed, Network::Outage]);
+
+    let start = range_cloud + speed * period * random.between(0.0, 1.0);
+    let (steady, outage) = (random.between(0.05, 2.5), random.between(0.0, start / speed));
+    let mut free = 0.0;
+    let mut frames = Vec::new();
+    for frame in 0.. {
+        let captured = f64::from(frame) * period;
+        let gap = start - speed * captured;
+        // Braking from here on is too late, whatever is seen.
+        if frame > 0 && gap <= speed * speed / (2.0 * deceleration) {
+            break;
+        }
+        let takes = random.between(local_response.least, local_response.greatest);
+        let is_taken = !is_serial || captured >= free;
+        if is_taken {
+            free = captured + takes;
+        }
+        let cloud = match network {
+            Network::Steady => steady,
+            Network::Mixed => {
+                random.one_of(&[0.1, 0.3, 0.6, 1.2, f64::INFINITY]) * random.between(0.5, 1.5)
+            }
+            Network::Outage if captured < outage => steady,
+            Network::Silent | Network::Outage => f64::INFINITY,
+        };
+        let lateness = random.between(0.0, lateness);
+        frames.push(Frame { captured, gap, local: is_taken.then_some(takes), cloud, lateness });
+    }
+
+    let rounded_up = |response: f64| (response / period - 1e-9).ceil() * period;
+    let period_local = if is_serial {
+        Span::new(rounded_up(local_response.least), rounded_up(local_response.greatest))
+    } else {
+        period.into()
+    };
+    let hazard = Hazard {
+        weight: 1.0,
+        range_local: around(random, range_local),
+        range_cloud: range_cloud.into(),
+    };
+    let margin = random.one_of(&[0.0, 2.0]);
+    let widest = range_cloud.max(hazard.range_local.greatest);
+    let hazard = Hazard { range_cloud: Span::new(range_cloud.min(widest), widest), ..hazard };
+    let other = Hazard {
+        weight: 2.0,
+        range_local: random.between(10.0, 70.0).into(),
+        range_cloud: random.between(70.0, 90.0).into(),
+    };
+    let classes =
+        if random.chance(0.3) { Classes::new(&[other, hazard]).unwrap() } else { hazard.into() };
+    Setting {
+        parameters: Parameters {
+            deceleration: around(random, deceleration),
+            brake_delay: around(random, brake_delay),
+            frames: reports,
+            period_local,
+            period_cloud: period.into(),
+            local_response,
+            lateness,
+            margin,
+            classes,
+        },
+        speed: around(random, speed),
+        drive: Drive {
+            speed,
+            deceleration,
+            brake_delay,
+            reports,
+            range_local,
+            range_cloud,
+            hidden_beyond,
+            frames,
+        },
+    }
+}
+
+/// What came of all drives under one policy.
+#[derive(Clone, Default, Debug)]
+struct Found {
+    /// Drives in which fusion collides and local alone does not.
+    worse: u64,
+    /// The seed of the first of them.
+    seed: Option<u64>,
+    /// Drives in which local alone collides and fusion does not.
+    better: u64,
+}
+
+/// All drives towards one kind of obstacle.
+#[derive(Default, Debug)]
+struct Search {
+    /// By [`DEADLINES`].
+    found: [Found; 4],
+    /// Drives in which local alone stops.
+    local_stops: u64,
+    /// By case of the guard for an obstacle in sight.
+    cases: [u64; 3],
+}
+
+/// The deadline of a frame, in seconds.
+type Deadline = fn(&Setting, &Guard, &Frame) -> f64;
+
+const DEADLINES: [Deadline; 4] = [
+    |setting, _, _| setting.parameters.local_response.least,
+    |setting, guard, _| guard.judge(&Situation::at(setting.speed)).deadline.as_secs_f64(),
+    |setting, guard, frame| {
+        let situation = Situation { reveal: Some(frame.gap), ..Situation::at(setting.speed) };
+        guard.judge(&situation).deadline.as_secs_f64()
+    },
+    |_, _, _| 0.5,
+];
+const T1: usize = 0;
+const GUARD: usize = 1;
+const GUARD_THAT_IS_TOLD: usize = 2;
+const HALF_A_SECOND: usize = 3;
+
+static IN_SIGHT: LazyLock<Search> = LazyLock::new(|| search(false));
+static HIDDEN: LazyLock<Search> = LazyLock::new(|| search(true));
+
+fn search(is_hidden: bool) -> Search {
+    let mut search = Search::default();
+    for seed in 0..DRIVES {
+        let setting = setting(seed, is_hidden);
+        let guard = Guard::new(setting.parameters).unwrap();
+        let drive = &setting.drive;
+        let local_stops = !drive.collides(&drive.local_alone());
+        search.local_stops += u64::from(local_stops);
+        let case = guard.judge(&Situation::at(setting.speed)).case;
+        search.cases[usize::from(case.number()) - 1] += 1;
+        for (found, deadline) in search.found.iter_mut().zip(DEADLINES) {
+            let stops = !drive.collides(&drive.fused(|frame| deadline(&setting, &guard, frame)));
+            found.better += u64::from(stops && !local_stops);
+            if local_stops && !stops {
+                found.worse += 1;
+                found.seed.get_or_insert(seed);
+            }
+        }
+    }
+    search
+}
+
+#[test]
+fn the_search_sees_every_case_and_every_outcome() {
+    for search in [&IN_SIGHT, &HIDDEN] {
+        assert!(search.cases.iter().all(|seen| *seen > 10_000), "{search:?}");
+        assert!(search.found.iter().all(|found| found.better > 1000), "{search:?}");
+        assert!(search.local_stops > 10_000 && search.local_stops < DRIVES - 10_000, "{search:?}");
+    }
+}
+
+#[test]
+fn t1_no_deadline_up_to_locals_least_response_is_ever_worse() {
+    for search in [&IN_SIGHT, &HIDDEN] {
+        assert_eq!(search.found[T1].worse, 0, "{search:?}");
+    }
+}
+
+#[test]
+fn t2_the_guard_is_never_worse_for_what_is_in_sight_from_locals_range_on() {
+    assert_eq!(IN_SIGHT.found[GUARD].worse, 0, "{IN_SIGHT:?}");
+}
+
+#[test]
+fn t2_the_guard_is_never_worse_for_what_comes_into_sight_where_it_was_told() {
+    assert_eq!(HIDDEN.found[GUARD_THAT_IS_TOLD].worse, 0, "{HIDDEN:?}");
+    assert_eq!(IN_SIGHT.found[GUARD_THAT_IS_TOLD].worse, 0, "{IN_SIGHT:?}");
+}
+
+#[test]
+fn t4_what_comes_into_sight_nearer_without_a_word_may_be_hit() {
+    assert!(HIDDEN.found[GUARD].worse > 2000, "{HIDDEN:?}");
+}
+
+#[test]
+fn half_a_second_for_every_message_is_worse_in_thousands_of_drives() {
+    assert!(IN_SIGHT.found[HALF_A_SECOND].worse > 2000, "{IN_SIGHT:?}");
+    assert!(HIDDEN.found[HALF_A_SECOND].worse > 2000, "{HIDDEN:?}");
+}
+
+/// T4: the guarantee rests on a cloud that reports whatever local would.
+#[test]
+fn t4_a_blind_cloud_in_time_hides_what_local_sees_at_any_deadline() {
+    let mut worse = 0;
+    for seed in 0..2000 {
+        let Setting { mut drive, parameters, .. } = setting(seed, false);
+        let local_stops = !drive.collides(&drive.local_alone());
+        drive.range_cloud = 0.0;
+        drive.frames.iter_mut().for_each(|frame| frame.cloud = 0.01);
+        worse += u32::from(
+            local_stops && drive.collides(&drive.fused(|_| parameters.local_response.least)),
+        );
+    }
+    assert!(worse > 500, "{worse}");
+}

@@ -1,0 +1,389 @@
+//! Runs made by chance: weighted towards the places where one rule or another decides.
+
+use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
+
+use crate::draw::Draw;
+use crate::run::Run;
+use crate::scene::Scene;
+
+/// How far back a step reaches for a timestamp or a request.
+const RECENT: usize = 12;
+/// So many runs hold one that fills the greatest window.
+const FLOODS: u64 = 250;
+/// So many runs hold one that is long.
+const LONGS: u64 = 50;
+/// The greatest window.
+const GREATEST: u16 = 1024;
+
+/// What all generated runs have in common.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Generator {
+    /// Another seed makes other runs.
+    pub seed: u64,
+    /// The commit rule, if it is to be but one.
+    pub commit: Option<Commit>,
+    /// The most clouds that a run registers, up to 15.
+    pub clouds: u8,
+}
+
+impl Generator {
+    /// The run so numbered, always the same.
+    #[must_use]
+    pub fn run(&self, number: u64) -> Run {
+        let mut draw = Draw::new(self.seed, number);
+        let is_flood = number % FLOODS == FLOODS / 2;
+        let steps = match number % LONGS {
+            _ if is_flood => 12,
+            n if n == LONGS / 2 => draw.between(200, 500),
+            _ => draw.between(2, 40),
+        };
+        let header = self.header(&mut draw, is_flood);
+        let mut writer =
+            Writer { scene: Scene::new(&header), draw, inputs: vec![], tried: vec![], next_t: 0 };
+        writer.start();
+        if is_flood {
+            // More than the greatest window holds.
+            writer.flood(u64::from(GREATEST) + 6, &header);
+        }
+        for _ in 0..steps {
+            writer.step(&header);
+        }
+        let inputs = writer.inputs;
+        Run { header, inputs }
+    }
+
+    fn header(&self, draw: &mut Draw, is_flood: bool) -> Header {
+        let window = match draw.weighed(&[(5, 3), (4, 16), (1, 1023)]) {
+            _ if is_flood => GREATEST,
+            most => u16::try_from(draw.between(1, most)).unwrap_or(GREATEST),
+        };
+        let commit = draw.weighed(&[(1, Commit::Eager), (1, Commit::Patient)]);
+        let most = draw.weighed(&[(1, 0), (3, 2), (7, 5), (1, 15)]).min(u64::from(self.clouds));
+        let count = draw.between(most.min(1), most);
+        let mut clouds: Vec<Cloud> = Vec::new();
+        while (clouds.len() as u64) < count {
+            let p = draw.weighed(&[(16, 9), (1, u64::from(u16::MAX))]);
+            let p = u16::try_from(draw.between(1, p)).unwrap_or(u16::MAX);
+            let p = if draw.one_in(16) { u16::MAX } else { p };
+            // Each priority once; where the small ones are used up, the greater ones come.
+            let p = if count > 8 { p.max(u16::try_from(clouds.len()).unwrap_or(1) + 1) } else { p };
+            let is_free = clouds.iter().all(|cloud| cloud.p != p);
+            let limit = match draw.weighed(&[(2, 1), (5, 5), (1, u64::MAX)]) {
+                5 => draw.between(2, 5),
+                limit => limit,
+            };
+            let resume = match draw.between(0, 2) {
+                0 => limit - 1,
+                1 => 0,
+                _ => draw.between(0, limit - 1),
+            };
+            if is_free {
+                clouds.push(Cloud { p, name: None, limit, resume });
+            }
+        }
+        Header { operator: None, window, commit: self.commit.unwrap_or(commit), clouds }
+    }
+}
+
+/// What a step does.
+#[derive(Clone, Copy)]
+enum Act {
+    /// A message comes: an open, and offers for some of the clouds.
+    Message,
+    Open,
+    Offer,
+    /// An offer that may well be refused, for several reasons at once.
+    Clash,
+    Result,
+    /// A cloud's result that is held, for a better one is pending.
+    Hold,
+    Fail,
+    /// A result or a failure around its own due instant.
+    Arrival,
+    Tick,
+    /// Many messages at once.
+    Flood,
+}
+
+/// Makes inputs, with the reference machine to know where the edges are.
+struct Writer {
+    scene: Scene,
+    draw: Draw,
+    inputs: Vec<Input>,
+    /// Timestamps that an open was tried for.
+    tried: Vec<u64>,
+    next_t: u64,
+}
+
+impl Writer {
+    /// Begins at the start of clock and counter, or near the end of one of them.
+    fn start(&mut self) {
+        let near = |draw: &mut Draw, back| u64::MAX - draw.between(0, back);
+        if self.draw.one_in(16) {
+            let at = near(&mut self.draw, 300);
+            self.push(Input::Tick { at });
+        }
+        if self.draw.one_in(16) {
+            self.next_t = near(&mut self.draw, 8);
+        }
+    }
+
+    /// Opens so many timestamps at one instant, with an offer each, so that many are due together.
+    fn flood(&mut self, count: u64, header: &Header) {
+        for i in 0..count {
+            let (at, t) = (self.scene.now(), self.next_t);
+            let deadline = i.is_multiple_of(3).then_some(20 + i % 7);
+            self.open(at, t, deadline);
+            let p = self.cloud(header);
+            self.push(Input::Offer { at, t, p, deadline: 20 + i % 5, backlog: 0 });
+            if i.is_multiple_of(2) {
+                self.push(Input::Result { at, t, p: 0 });
+            }
+        }
+    }
+
+    fn step(&mut self, header: &Header) {
+        const ACTS: [(u64, Act); 10] = [
+            (20, Act::Message),
+            (10, Act::Open),
+            (22, Act::Offer),
+            (10, Act::Clash),
+            (24, Act::Result),
+            (12, Act::Hold),
+            (14, Act::Fail),
+            (16, Act::Arrival),
+            (26, Act::Tick),
+            (1, Act::Flood),
+        ];
+        let at = self.instant();
+        match self.draw.weighed(&ACTS) {
+            Act::Message => self.message(at, header),
+            Act::Open => {
+                let (t, deadline) = (self.fresh(), self.deadline_of_local());
+                self.open(at, t, deadline);
+            }
+            Act::Offer => {
+                let (t, p) = (self.timestamp(), self.priority(header));
+                let (deadline, backlog) = (self.span(), self.backlog(p));
+                self.push(Input::Offer { at, t, p, deadline, backlog });
+            }
+            Act::Clash => self.clash(at, header),
+            Act::Result => {
+                let (t, p) = self.call(header);
+                self.push(Input::Result { at, t, p });
+            }
+            Act::Hold => self.hold(),
+            Act::Fail => {
+                let (t, p) = self.call(header);
+                self.push(Input::Fail { at, t, p });
+            }
+            Act::Arrival => self.arrival(),
+            Act::Tick => self.push(Input::Tick { at }),
+            Act::Flood => {
+                let count = self.draw.between(2, 40);
+                self.flood(count, header);
+            }
+        }
+    }
+
+    fn message(&mut self, at: u64, header: &Header) {
+        let (t, deadline) = (self.next_t, self.deadline_of_local());
+        self.open(at, t, deadline);
+        let lowest = header.clouds.iter().map(|cloud| cloud.p).min();
+        let spared = lowest.filter(|_| self.draw.one_in(3));
+        for cloud in &header.clouds {
+            if Some(cloud.p) != spared && !self.draw.one_in(4) {
+                let p = cloud.p.into();
+                let deadline = self.span();
+                let backlog = if self.draw.one_in(6) { self.backlog(p) } else { 0 };
+                self.push(Input::Offer { at, t, p, deadline, backlog });
+            }
+        }
+    }
+
+    fn hold(&mut self) {
+        let asked = self.scene.asked();
+        let waits = |(t, p): &&(u64, u64)| *p > 0 && asked.iter().any(|(u, q)| u == t && q > p);
+        let Some((t, p)) = asked.iter().rev().take(2 * RECENT).find(waits).copied() else { return };
+        let at = self.scene.now();
+        self.push(Input::Result { at, t, p });
+        match self.draw.between(0, 9) {
+            0 => self.push(Input::Result { at, t, p }),
+            1 => self.push(Input::Fail { at, t, p }),
+            // It goes then, although lower ones are pending.
+            2 => self.fail_above(t, p),
+            _ => {}
+        }
+    }
+
+    /// All that outrank a request fail.
+    fn fail_above(&mut self, t: u64, p: u64) {
+        let at = self.scene.now();
+        let asked = self.scene.asked().iter().copied();
+        let above: Vec<_> = asked.filter(|(u, q)| *u == t && *q > p).collect();
+        for (t, p) in above {
+            self.push(Input::Fail { at, t, p });
+        }
+    }
+
+    fn clash(&mut self, at: u64, header: &Header) {
+        let any = (self.timestamp(), self.priority(header));
+        let (t, p) = self.scene.outranked().filter(|_| !self.draw.one_in(4)).unwrap_or(any);
+        let deadline = if self.draw.one_in(2) { 0 } else { self.span() };
+        let limit = self.scene.gate(p).map_or(u64::MAX, |gate| gate.limit);
+        let backlog = if self.draw.one_in(2) { limit } else { self.backlog(p) };
+        self.push(Input::Offer { at, t, p, deadline, backlog });
+    }
+
+    fn arrival(&mut self) {
+        let place = self.recent(self.scene.asked().len());
+        let Some((t, p)) = self.scene.asked().get(place).copied() else { return };
+        let due = self.scene.due(t, p);
+        let at = self.edge(due.unwrap_or(self.scene.now()));
+        let is_failure = self.draw.one_in(3);
+        self.push(if is_failure { Input::Fail { at, t, p } } else { Input::Result { at, t, p } });
+    }
+
+    fn open(&mut self, at: u64, t: u64, deadline: Option<u64>) {
+        self.tried.push(t);
+        self.next_t = self.next_t.max(t.saturating_add(1));
+        self.push(Input::Open { at, t, deadline });
+    }
+
+    fn push(&mut self, input: Input) {
+        self.inputs.push(input);
+        let step = self.scene.apply(&input);
+        // A greedy machine might answer a second time: ask again about what was just decided.
+        let ended = step.own.iter().chain(&step.fired).find_map(|(decision, _)| match decision {
+            Decision::Emit { t, p, .. } => Some((*t, *p)),
+            _ => None,
+        });
+        if let Some((t, p)) = ended.filter(|_| self.draw.one_in(8)) {
+            let at = self.scene.now();
+            self.inputs.push(Input::Result { at, t, p });
+            self.scene.apply(&Input::Result { at, t, p });
+        }
+    }
+
+    fn instant(&mut self) -> u64 {
+        let now = self.scene.now();
+        match self.draw.between(0, 99) {
+            0..50 => now,
+            50..68 => now.saturating_add(self.draw.between(0, 9)),
+            68..90 => {
+                let due = self.scene.next_due().unwrap_or(now);
+                self.edge(due)
+            }
+            90..96 => now.saturating_sub(self.draw.between(1, 50)),
+            96..99 => now.saturating_add(self.draw.between(30, 500)),
+            _ if self.draw.one_in(8) => u64::MAX,
+            _ => now,
+        }
+    }
+
+    /// One less, exactly, one more.
+    fn edge(&mut self, value: u64) -> u64 {
+        match self.draw.between(0, 2) {
+            0 => value.saturating_sub(1),
+            1 => value,
+            _ => value.saturating_add(1),
+        }
+    }
+
+    /// What is to be opened.
+    fn fresh(&mut self) -> u64 {
+        match self.draw.between(0, 29) {
+            0..20 => self.next_t,
+            20..24 => self.next_t.saturating_add(self.draw.between(1, 9)),
+            24..29 => self.tried_before(),
+            _ => self.draw.weighed(&[(1, u64::MAX), (3, self.next_t.saturating_add(1 << 33))]),
+        }
+    }
+
+    /// What an offer, a result or a failure is for.
+    fn timestamp(&mut self) -> u64 {
+        match self.draw.between(0, 39) {
+            0..28 => {
+                let back = self.draw.weighed(&[(6, 2), (1, RECENT)]);
+                let back = self.draw.place(back.min(self.scene.open().len()));
+                let open = self.scene.open().iter().rev().nth(back).copied();
+                open.unwrap_or(self.next_t)
+            }
+            28..36 => self.tried_before(),
+            36..39 => self.next_t.saturating_add(self.draw.between(0, 2)),
+            _ => self.draw.next(),
+        }
+    }
+
+    fn tried_before(&mut self) -> u64 {
+        let place = self.recent(self.tried.len());
+        self.tried.get(place).copied().unwrap_or(self.next_t)
+    }
+
+    fn priority(&mut self, header: &Header) -> u64 {
+        match self.draw.between(0, 33) {
+            0..30 => self.cloud(header),
+            30 => 0,
+            // What a careless conversion takes for the cloud.
+            31 => self.cloud(header) + 65_536,
+            32 => self.draw.between(1, 10),
+            _ => self.draw.next(),
+        }
+    }
+
+    fn cloud(&mut self, header: &Header) -> u64 {
+        let place = self.draw.place(header.clouds.len());
+        header.clouds.get(place).map_or(1, |cloud| u64::from(cloud.p))
+    }
+
+    /// Whose result or failure it is.
+    fn call(&mut self, header: &Header) -> (u64, u64) {
+        match self.draw.between(0, 10) {
+            0..5 if !self.scene.asked().is_empty() => {
+                let place = self.recent(self.scene.asked().len());
+                self.scene.asked()[place]
+            }
+            5..8 => (self.timestamp(), 0),
+            _ => (self.timestamp(), self.priority(header)),
+        }
+    }
+
+    fn deadline_of_local(&mut self) -> Option<u64> {
+        (!self.draw.one_in(3)).then(|| self.span())
+    }
+
+    fn span(&mut self) -> u64 {
+        match self.draw.between(0, 39) {
+            0..2 => 0,
+            2..5 => 1,
+            5..26 => self.draw.between(2, 90),
+            // Until the next due instant, so that timers tie.
+            26..37 => {
+                let due = self.scene.next_due();
+                due.map_or(10, |due| due.saturating_sub(self.scene.now()))
+            }
+            37..39 => u64::MAX,
+            _ => self.draw.next(),
+        }
+    }
+
+    fn backlog(&mut self, p: u64) -> u64 {
+        let (limit, resume) = self.scene.gate(p).map_or((1, 0), |gate| (gate.limit, gate.resume));
+        match self.draw.between(0, 19) {
+            0..9 => 0,
+            9..13 => self.edge(limit),
+            13..17 => self.edge(resume),
+            17..19 => limit,
+            _ => u64::MAX,
+        }
+    }
+
+    /// A place among the last ones of so many.
+    fn recent(&mut self, len: usize) -> usize {
+        let back = self.draw.place(len.min(RECENT));
+        len.saturating_sub(1).saturating_sub(back)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,187 @@
+//! What is kept of one timestamp.
+
+/// What was said about one timestamp: who was asked, what came, and by when more may come.
+///
+/// Local, priority 0, is asked with the open. Equal histories bind what may follow alike.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct History {
+    is_limited: bool,
+    /// In ascending order of their priorities.
+    sources: Vec<Source>,
+    /// The latest due instant that was forgotten, while it binds.
+    latest: Option<u64>,
+}
+
+/// A source that was asked.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct Source {
+    p: u64,
+    stage: Stage,
+    due: Option<u64>,
+    /// Whether its timer is live.
+    is_armed: bool,
+}
+
+/// How far a request came.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+enum Stage {
+    Pending,
+    Held,
+    /// Held although it came too late.
+    HeldLate,
+    Closed,
+}
+
+impl History {
+    /// Of a timestamp just opened; `due` is where its limit ends.
+    #[must_use]
+    pub fn new(due: Option<u64>) -> Self {
+        let mut history = Self { is_limited: due.is_some(), sources: Vec::new(), latest: None };
+        history.ask(0, due);
+        history
+    }
+
+    /// `p` was asked, for an answer before `due`.
+    pub fn ask(&mut self, p: u64, due: Option<u64>) {
+        let source = self.entry(p);
+        *source = Source { p, stage: Stage::Pending, due, is_armed: due.is_some() };
+    }
+
+    /// The result of `p` came; `is_late` says whether it came too late.
+    pub fn hold(&mut self, p: u64, is_late: bool) {
+        self.entry(p).stage = if is_late { Stage::HeldLate } else { Stage::Held };
+    }
+
+    /// Nothing is expected from `p` any more; what it sent stays held.
+    pub fn close(&mut self, p: u64) {
+        if let Some(source) = self.source_mut(p).filter(|source| source.stage == Stage::Pending) {
+            source.stage = Stage::Closed;
+        }
+    }
+
+    /// The timer of `p` is live no more; its due instant, if it was.
+    pub fn disarm(&mut self, p: u64) -> Option<u64> {
+        let source = self.source_mut(p).filter(|source| source.is_armed)?;
+        source.is_armed = false;
+        source.due
+    }
+
+    /// Forgets each due instant that binds nothing: those of timers that are not live, but for the latest
+    /// of all, while it lies after `now` and after every live one.
+    pub fn forget(&mut self, now: u64) {
+        let stale = self.sources.iter_mut().filter(|source| !source.is_armed);
+        let latest = stale.filter_map(|source| source.due.take()).max().max(self.latest);
+        let armed = self.timers().map(|(_, due)| due).max();
+        self.latest = latest.filter(|due| *due > now && Some(*due) > armed);
+    }
+
+    /// Whether it was opened with a limit.
+    #[must_use]
+    pub const fn is_limited(&self) -> bool {
+        self.is_limited
+    }
+
+    /// Whether `p` was asked.
+    #[must_use]
+    pub fn is_requested(&self, p: u64) -> bool {
+        self.source(p).is_some()
+    }
+
+    /// Whether `p` was asked, and neither it nor its timer has said anything.
+    #[must_use]
+    pub fn is_pending(&self, p: u64) -> bool {
+        self.source(p).is_some_and(|source| source.stage == Stage::Pending)
+    }
+
+    /// Whether a result of `p` is in hand.
+    #[must_use]
+    pub fn is_held(&self, p: u64) -> bool {
+        self.source(p).is_some_and(Source::is_held)
+    }
+
+    /// Whether a result of `p` is in hand that came too late.
+    #[must_use]
+    pub fn is_held_late(&self, p: u64) -> bool {
+        self.source(p).is_some_and(|source| source.stage == Stage::HeldLate)
+    }
+
+    /// Whether local alone was asked.
+    #[must_use]
+    pub fn is_local_alone(&self) -> bool {
+        self.sources.len() == 1
+    }
+
+    /// The sources that are pending, ascending.
+    #[must_use]
+    pub fn pending(&self) -> impl DoubleEndedIterator<Item = u64> {
+        let pending = self.sources.iter().filter(|source| source.stage == Stage::Pending);
+        pending.map(|source| source.p)
+    }
+
+    /// The sources whose results are in hand, ascending.
+    #[must_use]
+    pub fn held(&self) -> impl DoubleEndedIterator<Item = u64> {
+        self.sources.iter().filter(|source| source.is_held()).map(|source| source.p)
+    }
+
+    /// The best result in hand.
+    #[must_use]
+    pub fn best(&self) -> Option<u64> {
+        self.held().next_back()
+    }
+
+    /// Whether something pending outranks `p`.
+    #[must_use]
+    pub fn may_improve_on(&self, p: u64) -> bool {
+        self.pending().next_back().is_some_and(|greatest| greatest > p)
+    }
+
+    /// The due instant of the live timer of `p`.
+    #[must_use]
+    pub fn due(&self, p: u64) -> Option<u64> {
+        self.source(p).filter(|source| source.is_armed)?.due
+    }
+
+    /// The due instant that `p` was asked for, unless it was forgotten.
+    #[must_use]
+    pub fn asked_for(&self, p: u64) -> Option<u64> {
+        self.source(p)?.due
+    }
+
+    /// The live timers, each with its priority and due instant, by ascending priority.
+    pub fn timers(&self) -> impl Iterator<Item = (u64, u64)> {
+        let armed = self.sources.iter().filter(|source| source.is_armed);
+        armed.filter_map(|source| Some((source.p, source.due?)))
+    }
+
+    /// Whether every due instant that it ever had is `now` or before it.
+    #[must_use]
+    pub fn is_over(&self, now: u64) -> bool {
+        let dues = self.sources.iter().filter_map(|source| source.due).chain(self.latest);
+        dues.max().is_none_or(|latest| latest <= now)
+    }
+
+    fn source(&self, p: u64) -> Option<&Source> {
+        self.sources.iter().find(|source| source.p == p)
+    }
+
+    fn source_mut(&mut self, p: u64) -> Option<&mut Source> {
+        self.sources.iter_mut().find(|source| source.p == p)
+    }
+
+    /// The source of this priority, noted now if it was not before.
+    fn entry(&mut self, p: u64) -> &mut Source {
+        let place = self.sources.partition_point(|source| source.p < p);
+        if self.sources.get(place).is_none_or(|source| source.p != p) {
+            let new = Source { p, stage: Stage::Closed, due: None, is_armed: false };
+            self.sources.insert(place, new);
+        }
+        &mut self.sources[place]
+    }
+}
+
+impl Source {
+    const fn is_held(&self) -> bool {
+        matches!(self.stage, Stage::Held | Stage::HeldLate)
+    }
+}
