@@ -99,7 +99,9 @@ fn all_policies_have_the_same_limits() {
         let requests = cloud["requests"].as_object().unwrap();
         let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
         assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
-        assert_eq!(sent(&report["policies"][place + 2]), admitted * 33_300, "{report}");
+        // A request is a picture and a few bytes around it.
+        let each = sent(&report["policies"][place + 2]) / admitted;
+        assert!((33_300..33_320).contains(&each), "{report}");
     }
 }
 
@@ -130,6 +132,8 @@ fn a_run_leaves_its_page_if_wanted_and_never_in_place_of_its_trace() {
 #[test]
 fn people_read_tables_of_at_most_100_columns() {
     let dir = tempdir().unwrap();
+    // What there was before is named as it was given, too.
+    fs::write(dir.path().join("mine.jsonl"), "earlier").unwrap();
     let ran = run_in(dir.path(), &["--seconds", "1", "--trace", "mine.jsonl"]);
     for part in [
         "DETR-ResNet-50 on Orin",
@@ -141,7 +145,7 @@ fn people_read_tables_of_at_most_100_columns() {
         "local only",
         "cloud only: west",
         "first response wins",
-        "mine.jsonl: conforms, 10 timestamps judged",
+        "\nmine.jsonl: conforms, 10 timestamps judged",
     ] {
         assert!(out(&ran).contains(part), "{part} is not in\n{}", out(&ran));
     }

@@ -7,16 +7,19 @@ mod running;
 mod signal;
 
 use std::fs;
+use std::future::{pending, ready};
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Stdio};
 
-use common::{err, fuseline, out};
+use common::{err, fuseline, out, run};
+use fuseline_tokio::grpc;
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use running::{adds_up, report, run_in};
 use serde_json::Value;
 use signal::interrupt;
 use tempfile::{TempDir, tempdir};
+use tokio::net::TcpListener;
 
 /// A server that was started and says where it listens; it ends with this.
 struct Server {
@@ -66,7 +69,8 @@ fn requests(directory: &Path, cloud: &str) -> Value {
     let ran = run_in(directory, &[&long[..], &[cloud]].concat());
     let report = report(&ran);
     adds_up(&report);
-    assert_eq!(report["sources"][1]["drive"], Value::Null);
+    let trace = directory.join("fuseline-trace.jsonl");
+    assert_eq!(run(&["check", trace.to_str().unwrap()], "").status.code(), Some(0));
     report["sources"][1]["requests"].clone()
 }
 
@@ -95,6 +99,93 @@ fn a_server_elsewhere_answers_a_run() {
     let dir = tempdir().unwrap();
     let server = Server::start(dir.path(), &["--model", "DINO-SWIN-Tiny"]);
     assert_eq!(requests(dir.path(), &server.cloud("http", ""))["forwarded"], 5);
+}
+
+#[test]
+fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
+    let dir = tempdir().unwrap();
+    let args = ["--model", "DETR-ResNet-101", "--drive", "vnperf/highway:sprint", "--start", "1"];
+    let server = Server::start(dir.path(), &args);
+    let cloud = server.cloud("http", "");
+    let ran = run_in(dir.path(), &["--seconds", "0.3", "--cloud", &cloud]);
+    assert_eq!(
+        err(&ran).lines().next(),
+        Some(
+            "warning: east: its server serves DETR-ResNet-101 on A100, not DINO-SWIN-Tiny on A100; \
+             the tables tell of what it serves"
+        )
+    );
+    let line = out(&ran).lines().find(|line| line.contains("http://")).unwrap();
+    assert!(line.starts_with("  2 east   DETR-ResNet-101 on A100"), "{line}");
+    assert!(line.ends_with(&format!("{}, vnperf/highway:sprint", server.port)), "{line}");
+
+    let told = cloud.replace("DINO-SWIN-Tiny", "DETR-ResNet-101");
+    for same in [told.as_str(), &told.replace("model=DETR-ResNet-101,", "")] {
+        let ran = run_in(dir.path(), &["--seconds", "0.3", "--json", "--cloud", same]);
+        assert!(!err(&ran).contains("warning"), "{}", err(&ran));
+        let east = &report(&ran)["sources"][1];
+        assert_eq!(east["model"], "DETR-ResNet-101 on A100");
+        assert_eq!(
+            (&east["drive"], &east["emulated"]),
+            (&"vnperf/highway:sprint".into(), &true.into())
+        );
+        assert_eq!(east["unsaid"], Value::Null);
+    }
+}
+
+#[test]
+fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
+    let dir = tempdir().unwrap();
+    let echo = |request: grpc::Request| ready(Ok(grpc::Reply { payload: request.payload }));
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
+    let url = format!("url=http://{}", listener.local_addr().unwrap());
+    runtime.spawn(grpc::serve(echo, grpc::Server::default(), listener, pending()));
+    for (model, known) in [
+        ("model=DINO-SWIN-Tiny,", "its model is what --cloud tells"),
+        ("", "nothing is known of its model"),
+    ] {
+        let cloud = format!("name=east,priority=2,{model}{url}");
+        let ran = run_in(dir.path(), &["--seconds", "0.3", "--cloud", &cloud]);
+        let note = format!(
+            "east: its server did not say what it serves (it does not know the question); {known}."
+        );
+        assert!(out(&ran).lines().any(|line| line == note), "{}", out(&ran));
+    }
+}
+
+#[test]
+fn a_line_says_why_a_cloud_failed_and_only_what_was_written_counts_as_sent() {
+    let dir = certificates();
+    fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
+    let plain = Server::start(dir.path(), &[]);
+    let locked = Server::start(dir.path(), &["--token-file", "token"]);
+    let secure = Server::start(dir.path(), &["--cert", "server.pem", "--key", "server.key"]);
+    let nobody = "name=east,priority=2,url=http://127.0.0.1:1".to_owned();
+    for (cloud, why, is_written) in [
+        (nobody, "connection refused", false),
+        (locked.cloud("http", ""), "a bearer token is needed", true),
+        (plain.cloud("https", ",ca=ca.pem"), "the server does not speak TLS", false),
+        (
+            secure.cloud("http", ""),
+            "the connection broke; if it speaks TLS, give an https URL and a ca",
+            true,
+        ),
+    ] {
+        let short = ["--seconds", "0.3", "--deadline", "20000", "--cloud", &cloud];
+        let ran = run_in(dir.path(), &short);
+        let line = format!("east: 3 × {why}");
+        assert!(out(&ran).lines().any(|told| told == line), "{line}: {}", out(&ran));
+        let json = report(&run_in(dir.path(), &[&short[..], &["--json"]].concat()));
+        let why = why.split(';').next().unwrap();
+        assert_eq!(json["sources"][1]["failures"][why], 3, "{json}");
+        if !is_written {
+            assert_eq!(json["sources"][1]["sent_bytes"], 0, "{json}");
+            for policy in json["policies"].as_array().unwrap() {
+                assert_eq!(policy["sent_bytes"], 0, "{json}");
+            }
+        }
+    }
 }
 
 #[test]
