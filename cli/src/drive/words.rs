@@ -26,7 +26,7 @@ fn input(input: &Input) -> String {
             format!("message {t} comes; local works on it for {deadline} ns at most")
         }
         Input::Offer { t, p, deadline, backlog, .. } => format!(
-            "{} might be asked about message {t}, for {deadline} ns; {backlog} in its queue",
+            "{} is offered message {t}, for {deadline} ns; {backlog} in its queue",
             who(p)
         ),
         Input::Result { t, p, .. } => format!("the result of {} for message {t} comes", who(p)),
