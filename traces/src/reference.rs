@@ -1,6 +1,6 @@
 //! The machine as the rules tell it, with plain sets.
 //!
-//! It is slow to read nothing into: a method per rule, in the rule's words. It shares no code with
+//! It is written to be obvious, not fast: a method a rule, in the rule's words. It shares no code with
 //! the machine that ships, so that the two can disagree.
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -25,10 +25,9 @@ fn input(input: &Input) -> String {
         Input::Open { t, deadline: Some(deadline), .. } => {
             format!("message {t} comes; local works on it for {deadline} ns at most")
         }
-        Input::Offer { t, p, deadline, backlog, .. } => format!(
-            "{} might be asked about message {t}, for {deadline} ns; {backlog} in its queue",
-            who(p)
-        ),
+        Input::Offer { t, p, deadline, backlog, .. } => {
+            format!("{} is offered message {t}, for {deadline} ns; {backlog} in its queue", who(p))
+        }
         Input::Result { t, p, .. } => format!("the result of {} for message {t} comes", who(p)),
         Input::Fail { t, p, .. } => format!("{} fails on message {t}", who(p)),
         Input::Tick { .. } => "time passes".to_owned(),

@@ -42,7 +42,7 @@ pub(super) struct Place<const CLOUDS: usize> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
-    /// So often can a timestamp change once it is open: each cloud is asked once, each source stops being pending once,
+    /// The most changes that an open timestamp can see: each cloud is asked once, each source stops being pending once,
     /// and the last of these changes retires it. An exchange fails only after a change.
     const CHANGES: usize = CLOUDS.wrapping_mul(2).wrapping_add(1);
 

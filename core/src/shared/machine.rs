@@ -18,7 +18,7 @@ pub struct Shared<const CLOUDS: usize, const WINDOW: usize> {
     owner: Owner<CLOUDS>,
 }
 
-/// Names one open message to the machine that opened it; another machine takes it for one of its own.
+/// Names one open message to the machine that opened it. Using it with another machine is not detected.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Ticket {
     pub(super) timestamp: Timestamp,
