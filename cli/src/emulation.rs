@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use fuseline_tokio::grpc::tonic::Status;
-use fuseline_tokio::grpc::{Infer, Reply, Request};
+use fuseline_tokio::grpc::{Description, Infer, Reply, Request};
 use tokio::time::{Instant, sleep};
 
 use crate::drives::{Drive, DriveError};
@@ -108,17 +108,37 @@ impl Emulation {
 /// Answers requests as the emulation says; it began when `began` says, or with the first request.
 ///
 /// A request that is never answered waits until its caller gives up.
-pub(crate) fn answer(emulation: Emulation, began: Arc<OnceLock<Instant>>) -> impl Infer {
-    move |request: Request| {
-        let moment = began.get_or_init(Instant::now).elapsed();
-        let after = emulation.reply_after(moment, request.timestamp);
+pub(crate) const fn answer(emulation: Emulation, began: Arc<OnceLock<Instant>>) -> impl Infer {
+    Answering { emulation, began }
+}
+
+struct Answering {
+    emulation: Emulation,
+    began: Arc<OnceLock<Instant>>,
+}
+
+impl Infer for Answering {
+    fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send {
+        let moment = self.began.get_or_init(Instant::now).elapsed();
+        let after = self.emulation.reply_after(moment, request.timestamp);
         async move {
             match after {
                 Some(after) => sleep(after).await,
                 None => future::pending().await,
             }
-            Ok::<_, Status>(Reply { payload: REPLY.as_slice().into() })
+            Ok(Reply { payload: REPLY.as_slice().into() })
         }
+    }
+
+    fn describe(&self) -> Option<Description> {
+        let Emulation { model, drive, .. } = &self.emulation;
+        Some(Description {
+            model: model.to_string(),
+            runtime_ms: Some(model.runtime.as_secs_f64() * 1000.0),
+            ap: model.ap,
+            drive: drive.name().to_owned(),
+            emulated: true,
+        })
     }
 }
 

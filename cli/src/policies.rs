@@ -79,14 +79,14 @@ struct Choice {
 }
 
 impl Policy {
-    /// How many of the requests admitted, by source, the policy needs; none for fusion, which
-    /// cancels some before they are sent.
-    pub(crate) fn requests(self, admitted: &[u64]) -> Option<u64> {
+    /// How much the policy needs of what all requests admitted need, by source; none for fusion,
+    /// which cancels some before they are sent.
+    pub(crate) fn needs(self, all: &[u64]) -> Option<u64> {
         match self {
             Self::Fusion => None,
             Self::LocalOnly => Some(0),
-            Self::CloudOnly(source) => admitted.get(source).copied(),
-            Self::FirstWins => Some(admitted.iter().skip(1).sum()),
+            Self::CloudOnly(source) => all.get(source).copied(),
+            Self::FirstWins => Some(all.iter().skip(1).sum()),
         }
     }
 
@@ -282,7 +282,7 @@ mod tests {
 
     #[test]
     fn requests_are_what_each_policy_needs_of_those_admitted() {
-        let requests = |policy: Policy| policy.requests(&[300, 250, 200]);
+        let requests = |policy: Policy| policy.needs(&[300, 250, 200]);
         assert_eq!(requests(Policy::Fusion), None);
         assert_eq!(requests(Policy::LocalOnly), Some(0));
         assert_eq!(requests(Policy::CloudOnly(1)), Some(250));

@@ -1,53 +1,24 @@
-//! `fuseline run` and `fuseline serve`, run as a user runs them: real sockets, real time.
+//! `fuseline run`, run as a user runs it: real sockets, real time.
 
 mod common;
+#[path = "common/running.rs"]
+mod running;
 #[path = "common/signal.rs"]
 mod signal;
 
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
 use common::{err, fuseline, out, run};
-use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
+use running::{adds_up, report, run_in, sum};
 use serde_json::Value;
 use signal::interrupt;
-use tempfile::{TempDir, tempdir};
-
-/// Runs it in a directory of its own.
-fn run_in(directory: &Path, args: &[&str]) -> Output {
-    fuseline(&[&["run"], args].concat()).current_dir(directory).output().unwrap()
-}
-
-fn report(output: &Output) -> Value {
-    assert_eq!(out(output).lines().count(), 1, "{}{}", out(output), err(output));
-    serde_json::from_str(out(output)).unwrap()
-}
-
-fn sum<'a>(counts: impl IntoIterator<Item = &'a Value>) -> u64 {
-    counts.into_iter().map(|count| count.as_u64().unwrap()).sum()
-}
-
-/// What each message and each request came to adds up.
-fn adds_up(report: &Value) {
-    let messages = report["messages"].as_u64().unwrap();
-    let sources = report["sources"].as_array().unwrap();
-    let forwarded = sum(sources.iter().map(|source| &source["forwarded"]));
-    let ends = [&report["missed"], &report["refused"], &report["open"]];
-    assert_eq!(forwarded + sum(ends), messages, "{report}");
-    for source in sources {
-        let fates = source["requests"].as_object().unwrap();
-        let refused = report["refused"].as_u64().unwrap();
-        // Each message taken on was offered once to each cloud, and given to local.
-        assert_eq!(sum(fates.values()), messages - refused, "{source}");
-        assert_eq!(fates["forwarded"], source["forwarded"]);
-    }
-    assert_eq!(report["policies"].as_array().unwrap().len(), sources.len() + 2, "{report}");
-}
+use tempfile::tempdir;
 
 /// The names in a directory.
 fn names(directory: &Path) -> Vec<String> {
@@ -128,7 +99,9 @@ fn all_policies_have_the_same_limits() {
         let requests = cloud["requests"].as_object().unwrap();
         let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
         assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
-        assert_eq!(sent(&report["policies"][place + 2]), admitted * 33_300, "{report}");
+        // A request is a picture and a few bytes around it.
+        let each = sent(&report["policies"][place + 2]) / admitted;
+        assert!((33_300..33_320).contains(&each), "{report}");
     }
 }
 
@@ -159,6 +132,8 @@ fn a_run_leaves_its_page_if_wanted_and_never_in_place_of_its_trace() {
 #[test]
 fn people_read_tables_of_at_most_100_columns() {
     let dir = tempdir().unwrap();
+    // What there was before is named as it was given, too.
+    fs::write(dir.path().join("mine.jsonl"), "earlier").unwrap();
     let ran = run_in(dir.path(), &["--seconds", "1", "--trace", "mine.jsonl"]);
     for part in [
         "DETR-ResNet-50 on Orin",
@@ -170,7 +145,7 @@ fn people_read_tables_of_at_most_100_columns() {
         "local only",
         "cloud only: west",
         "first response wins",
-        "mine.jsonl: conforms, 10 timestamps judged",
+        "\nmine.jsonl: conforms, 10 timestamps judged",
     ] {
         assert!(out(&ran).contains(part), "{part} is not in\n{}", out(&ran));
     }
@@ -297,213 +272,76 @@ fn a_failed_run_leaves_an_earlier_trace_as_it_was() {
     assert_eq!(fs::read_to_string(&trace).unwrap(), "earlier");
 }
 
-mod serve {
-    use super::*;
+#[cfg(unix)]
+#[test]
+fn what_is_lost_when_a_run_is_killed_is_its_last_second() {
+    let dir = tempdir().unwrap();
+    let mut child = fuseline(&["run", "--seconds", "3600", "--trace", "t.jsonl"])
+        .current_dir(dir.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    thread::sleep(Duration::from_secs(4));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_eq!(names(dir.path()), ["t.jsonl"]);
+    let trace = dir.path().join("t.jsonl");
+    let checked = run(&["check", "--truncated", "--json", trace.to_str().unwrap()], "");
+    assert_eq!(checked.status.code(), Some(0), "{}", err(&checked));
+    let verdict: Value = serde_json::from_str(out(&checked)).unwrap();
+    // Ten frames a second; the machine may be slow to start it.
+    assert!(verdict["judged"].as_u64().unwrap() >= 10, "{verdict}");
+}
 
-    /// A server that was started and says where it listens; it ends with this.
-    struct Server {
-        child: Child,
-        port: String,
-    }
+#[cfg(unix)]
+#[test]
+fn a_run_under_way_is_followed() {
+    let dir = tempdir().unwrap();
+    let mut run = fuseline(&["run", "--seconds", "3600", "--trace", "t.jsonl"])
+        .current_dir(dir.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    thread::sleep(Duration::from_secs(1));
+    let follower = fuseline(&["check", "--follow", "--json", "t.jsonl"])
+        .current_dir(dir.path())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    thread::sleep(Duration::from_secs(3));
+    interrupt(&follower);
+    let told = follower.wait_with_output().unwrap();
+    interrupt(&run);
+    run.wait().unwrap();
+    assert_eq!(told.status.code(), Some(0), "{}", out(&told));
+    let verdict: Value = serde_json::from_str(out(&told)).unwrap();
+    assert!(verdict["judged"].as_u64().unwrap() >= 5, "{verdict}");
+}
 
-    impl Server {
-        fn start(directory: &Path, args: &[&str]) -> Self {
-            Self::start_with(directory, args, "".as_ref())
-        }
-
-        /// With a token in its environment.
-        fn start_with(directory: &Path, args: &[&str], token: &std::ffi::OsStr) -> Self {
-            let all = [&["serve", "--listen", "127.0.0.1:0"], args].concat();
-            let mut child = fuseline(&all)
-                .current_dir(directory)
-                .env("FUSELINE_TOKEN", token)
-                .stdout(Stdio::piped())
-                .stderr(Stdio::piped())
-                .spawn()
-                .unwrap();
-            let mut told = String::new();
-            BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
-            let port = told.trim().rsplit(':').next().unwrap().to_owned();
-            assert!(port.parse::<u16>().is_ok(), "{told}");
-            Self { child, port }
-        }
-
-        fn cloud(&self, scheme: &str, rest: &str) -> String {
-            let port = &self.port;
-            format!(
-                "name=east,priority=2,model=DINO-SWIN-Tiny,url={scheme}://localhost:{port}{rest}"
-            )
-        }
-    }
-
-    impl Drop for Server {
-        fn drop(&mut self) {
-            // It has ended where a test ended it.
-            drop(self.child.kill());
-            drop(self.child.wait());
-        }
-    }
-
-    /// How the requests of a short run to this cloud ended.
-    fn requests(directory: &Path, cloud: &str) -> Value {
-        let long = ["--seconds", "0.5", "--deadline", "20000", "--json", "--cloud"];
-        let ran = run_in(directory, &[&long[..], &[cloud]].concat());
-        let report = report(&ran);
-        adds_up(&report);
-        assert_eq!(report["sources"][1]["drive"], Value::Null);
-        report["sources"][1]["requests"].clone()
-    }
-
-    /// A directory with `ca.pem`, a server's and a client's certificate, and a stranger's.
-    fn certificates() -> TempDir {
-        let dir = tempdir().unwrap();
-        let issuer = |name: &str| {
-            let mut params = CertificateParams::new(vec![name.to_owned()]).unwrap();
-            params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
-            CertifiedIssuer::self_signed(params, KeyPair::generate().unwrap()).unwrap()
-        };
-        let write = |name: &str, text: String| fs::write(dir.path().join(name), text).unwrap();
-        let (ca, other) = (issuer("ca"), issuer("other"));
-        write("ca.pem", ca.pem());
-        for (name, ca) in [("server", &ca), ("client", &ca), ("stranger", &other)] {
-            let key = KeyPair::generate().unwrap();
-            let params = CertificateParams::new(vec!["localhost".to_owned()]).unwrap();
-            write(&format!("{name}.pem"), params.signed_by(&key, ca).unwrap().pem());
-            write(&format!("{name}.key"), key.serialize_pem());
-        }
-        dir
-    }
-
-    #[test]
-    fn a_server_elsewhere_answers_a_run() {
-        let dir = tempdir().unwrap();
-        let server = Server::start(dir.path(), &["--model", "DINO-SWIN-Tiny"]);
-        assert_eq!(requests(dir.path(), &server.cloud("http", ""))["forwarded"], 5);
-    }
-
-    #[test]
-    fn a_server_without_network_in_its_drive_is_late() {
-        let dir = tempdir().unwrap();
-        let server = Server::start(dir.path(), &["--drive", "vnperf/highway:wifi"]);
-        let short = ["--seconds", "0.5", "--json", "--cloud", &server.cloud("http", "")];
-        let report = report(&run_in(dir.path(), &short));
-        assert_eq!(report["sources"][1]["requests"]["late"], 5, "{report}");
-        // What a server elsewhere would have answered after its deadline is not known, but too
-        // late.
-        assert_eq!(report["policies"][2]["mean_ap"], 0.0, "{report}");
-        assert!(report["policies"][2]["response_ms"]["p50"]["at_least"].is_number(), "{report}");
-    }
-
-    #[test]
-    fn only_clients_with_certificate_and_token_are_answered() {
-        let dir = certificates();
-        fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
-        fs::write(dir.path().join("wrong"), "open-barley\n").unwrap();
-        let locks = ["--cert", "server.pem", "--key", "server.key", "--client-ca", "ca.pem"];
-        let server = Server::start(dir.path(), &[&locks[..], &["--token-file", "token"]].concat());
-        let client = ",ca=ca.pem,cert=client.pem,key=client.key";
-        for (rest, fate) in [
-            (format!("{client},token=token"), "forwarded"),
-            (format!("{client},token=wrong"), "failed"),
-            (client.to_owned(), "failed"),
-            (client.replace("client.", "stranger.") + ",token=token", "failed"),
-            (",ca=ca.pem,token=token".to_owned(), "failed"),
-        ] {
-            let requests = requests(dir.path(), &server.cloud("https", &rest));
-            assert_eq!(requests[fate], 5, "{rest}: {requests}");
-        }
-    }
-
-    #[test]
-    fn a_token_of_the_environment_is_asked_for() {
-        use std::ffi::OsStr;
-        use std::os::unix::ffi::OsStrExt;
-
-        let dir = tempdir().unwrap();
-        fs::write(dir.path().join("token"), "open-sesame").unwrap();
-        let locked = Server::start_with(dir.path(), &[], "open-sesame".as_ref());
-        assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["forwarded"], 5);
-        assert_eq!(requests(dir.path(), &locked.cloud("http", ""))["failed"], 5);
-        // Nothing is asked for where nothing is set.
-        let open = Server::start_with(dir.path(), &[], "".as_ref());
-        assert_eq!(requests(dir.path(), &open.cloud("http", ""))["forwarded"], 5);
-        for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {
-            let mut serve = fuseline(&["serve", "--listen", "127.0.0.1:0"]);
-            let serve = serve.env("FUSELINE_TOKEN", OsStr::from_bytes(unreadable));
-            let mut child = serve.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-            let mut told = String::new();
-            BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
-            drop(child.kill());
-            let refused = child.wait_with_output().unwrap();
-            assert_eq!((told.as_str(), refused.status.code()), ("", Some(2)), "{unreadable:?}");
-            assert!(err(&refused).starts_with("error: FUSELINE_TOKEN: "), "{}", err(&refused));
-        }
-    }
-
-    #[test]
-    fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
-        let dir = certificates();
-        fs::write(dir.path().join("empty"), "\n").unwrap();
-        for (files, what) in [
-            ("ca=empty", "error: empty: no certificate in it"),
-            ("ca=client.key", "error: client.key: no certificate in it; give one as PEM (this is"),
-            ("ca=ca.pem,cert=client.key,key=client.pem", "error: client.key: no certificate"),
-            ("ca=ca.pem,cert=client.pem,key=ca.pem", "error: ca.pem: no private key in it"),
-        ] {
-            let cloud = format!("name=a,priority=1,url=https://localhost:1,{files}");
-            let refused = run_in(dir.path(), &["--cloud", &cloud]);
-            assert_eq!(refused.status.code(), Some(2), "{files}");
-            assert!(err(&refused).starts_with(what), "{}", err(&refused));
-            assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""));
-        }
-    }
-
-    #[test]
-    fn ctrl_c_ends_a_server() {
-        let dir = tempdir().unwrap();
-        let mut server = Server::start(dir.path(), &[]);
-        interrupt(&server.child);
-        assert_eq!(server.child.wait().unwrap().code(), Some(0));
-    }
-
-    #[test]
-    fn bad_options_are_one_line_and_exit_2() {
-        let dir = certificates();
-        let server = Server::start(dir.path(), &[]);
-        let taken = format!("127.0.0.1:{}", server.port);
-        fs::write(dir.path().join("empty"), "\n").unwrap();
-        for (args, what) in [
-            (&["--listen", &taken][..], "choose an address of this machine and a free port"),
-            (&["--listen", "50051"], "invalid socket address"),
-            (&["--model", "yolo"], "no model \"yolo\""),
-            (&["--drive", "none.csv"], "no readable file"),
-            (&["--start", "1"], "--drive"),
-            (&["--cert", "server.pem"], "--key"),
-            (&["--client-ca", "ca.pem"], "--cert"),
-            (&["--cert", "none.pem", "--key", "server.key"], "none.pem: No such file"),
-            (&["--cert", "empty", "--key", "server.key"], "error: empty: no certificate in it"),
-            (
-                &["--cert", "server.key", "--key", "server.pem"],
-                "error: server.key: no certificate in it; give one as PEM (this is a private key)",
-            ),
-            (
-                &["--cert", "server.pem", "--key", "ca.pem"],
-                "error: ca.pem: no private key in it; give one as PEM (this is a certificate)",
-            ),
-            (
-                &["--cert", "server.pem", "--key", "server.key", "--client-ca", "empty"],
-                "error: empty: no certificate in it",
-            ),
-            (&["--token-file", "empty"], "visible ASCII"),
-        ] {
-            let listen = if args[0] == "--listen" { &[][..] } else { &["--listen", "127.0.0.1:0"] };
-            let refused = fuseline(&[&["serve"], listen, args].concat())
-                .current_dir(dir.path())
-                .output()
-                .unwrap();
-            assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", err(&refused));
-            assert!(err(&refused).contains(what), "{args:?}: {}", err(&refused));
-            assert_eq!(err(&refused).lines().count(), 1, "{args:?}: {}", err(&refused));
-        }
-    }
+/// No file may be longer than 16 KiB here: the disk is full then.
+#[cfg(unix)]
+#[test]
+fn a_full_disk_is_told_and_the_run_goes_on_to_its_tables() {
+    let dir = tempdir().unwrap();
+    let script = "trap '' XFSZ; ulimit -f 32; exec \"$0\" \"$@\"";
+    let ran = Command::new("sh")
+        .args(["-c", script, env!("CARGO_BIN_EXE_fuseline")])
+        .args(["run", "--seconds", "8", "--rate", "20", "--trace", "t.jsonl"])
+        .current_dir(dir.path())
+        .env_remove("RUST_LOG")
+        .output()
+        .unwrap();
+    assert_eq!(ran.status.code(), Some(2), "{}", err(&ran));
+    assert!(out(&ran).contains("superseded") && out(&ran).contains("mean AP"), "{}", out(&ran));
+    let told: Vec<&str> = err(&ran).lines().collect();
+    let when = told.iter().position(|line| line.starts_with("warning: t.jsonl: File too large"));
+    let progress = told.iter().rposition(|line| line.contains(" of 8 s"));
+    assert!(when.unwrap() < progress.unwrap(), "{told:?}");
+    assert!(told.last().unwrap().starts_with("error: t.jsonl: File too large; "), "{told:?}");
+    let trace = dir.path().join("t.jsonl");
+    assert!(fs::metadata(&trace).unwrap().len() > 8192);
+    let checked = run(&["check", trace.to_str().unwrap()], "");
+    assert_eq!(checked.status.code(), Some(0), "{}{}", out(&checked), err(&checked));
 }

@@ -1,5 +1,7 @@
 //! What the engine is given and what it gives back.
 
+use std::time::Duration;
+
 use crate::item::Item;
 
 /// What is to be done now.
@@ -27,17 +29,15 @@ pub enum Effect<V, R> {
     },
 }
 
-/// What became of a message.
+/// What a message handler wants to be sent to a cloud.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-#[must_use = "without room for it, local is to fail after the offers"]
-pub enum Opening {
-    /// Refused; an item says so (F1).
-    Refused,
-    /// Open; local computes it now or soon.
-    Computing,
-    /// Open, but too many computations wait: make the offers, then let local
-    /// [`fail`](crate::Engine::fail).
-    NoRoom,
+pub struct Offer<R> {
+    /// Which.
+    pub priority: u16,
+    /// How long it may take.
+    pub deadline: Duration,
+    /// What is to be sent.
+    pub request: R,
 }
 
 /// How many computations local can have.

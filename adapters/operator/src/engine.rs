@@ -12,7 +12,7 @@ use fuseline_core::ConfigError;
 use fuseline_traces::{Decision, Header, Input};
 use tracing::{debug, warn};
 
-use crate::effect::{Effect, Local, Opening};
+use crate::effect::{Effect, Local, Offer};
 use crate::item::{Failure, Forwarded, Item, Outcome, Rule, Source};
 use crate::lane::{Lane, Waiting};
 use crate::reasons::words;
@@ -118,13 +118,24 @@ impl<V, R> Engine<V, R> {
         Ok(())
     }
 
-    /// F1: a message came. `job` goes to local if it is taken on; `deadline` is local's.
-    pub fn open(&mut self, at: u64, t: u64, deadline: Option<Duration>, job: R) -> Opening {
+    /// F1: a message came. If it is taken on, `job` goes to local, whose deadline is `deadline`, and it is
+    /// offered to clouds (F2); `offers` is looked at only then. Says whether it was.
+    ///
+    /// If too many computations wait for local already, local fails (F4) after the offers, so that
+    /// the clouds alone can answer it.
+    pub fn open(
+        &mut self,
+        at: u64,
+        t: u64,
+        deadline: Option<Duration>,
+        job: R,
+        offers: impl IntoIterator<Item = Offer<R>>,
+    ) -> bool {
         let deadline = deadline.map(nanos);
         self.apply(Input::Open { at, t, deadline }, Cargo::Nothing);
         if self.decisions.iter().any(|decision| matches!(decision, Decision::RefuseOpen { .. })) {
             self.send(at);
-            return Opening::Refused;
+            return false;
         }
         self.counts.message();
         self.counts.source(LOCAL, Event::Admitted);
@@ -133,12 +144,13 @@ impl<V, R> Engine<V, R> {
         let lane = &mut self.lanes[LOCAL];
         lane.push(Waiting { t, asked: at, due: None, lost_after, request: job });
         self.send(at);
-        let lane = &mut self.lanes[LOCAL];
-        if lane.backlog() > self.local.waiting {
-            lane.close(t);
-            return Opening::NoRoom;
+        for Offer { priority, deadline, request } in offers {
+            self.offer(at, t, priority, deadline, request);
         }
-        Opening::Computing
+        if self.lanes[LOCAL].backlog() > self.local.waiting {
+            self.fail(at, t, 0, &"too many computations wait");
+        }
+        true
     }
 
     /// F2: a message handler wants `request` sent to cloud `p`.

@@ -12,7 +12,7 @@ mod reasons;
 mod tally;
 mod tape;
 
-pub use effect::{Effect, Local, Opening};
+pub use effect::{Effect, Local, Offer};
 pub use engine::Engine;
 pub use fuseline_core::ConfigError;
 pub use fuseline_traces::{

@@ -6,7 +6,7 @@ use std::io::BufReader;
 use std::time::Duration;
 
 use fuseline_operator::{
-    Cloud, Commit, DropReason, Effect, Engine, Header, Item, Local, OfferRefusal, Opening, Outcome,
+    Cloud, Commit, DropReason, Effect, Engine, Header, Item, Local, Offer, OfferRefusal, Outcome,
     Recorder, Recording, Rule,
 };
 use fuseline_traces::judge;
@@ -55,7 +55,7 @@ fn words(effect: &Effect<&'static str, u64>) -> String {
 #[test]
 fn a_better_result_aborts_what_it_outranks_and_a_late_word_of_it_changes_nothing() {
     let mut engine = engine();
-    assert_eq!(engine.open(10, 0, None, 70), Opening::Computing);
+    assert!(engine.open(10, 0, None, 70, []));
     engine.offer(11, 0, 1, 100 * NS, 71);
     engine.offer(12, 0, 2, 50 * NS, 72);
     assert_eq!(engine.next_due(), Some(62));
@@ -84,7 +84,7 @@ fn a_better_result_aborts_what_it_outranks_and_a_late_word_of_it_changes_nothing
 fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_result() {
     let mut engine = engine();
     for t in 0..2 {
-        assert_eq!(engine.open(t, t, None, 0), Opening::Computing);
+        assert!(engine.open(t, t, None, 0, []));
         engine.offer(t, t, 1, 100 * NS, 0);
     }
     engine.result(50, 0, 0, "zero");
@@ -101,7 +101,7 @@ fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_r
 fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
     let mut engine = engine();
     for t in 0..3 {
-        assert_eq!(engine.open(t, t, None, 0), Opening::Computing);
+        assert!(engine.open(t, t, None, 0, []));
         engine.offer(t, t, 1, if t == 1 { 10 * NS } else { 100 * NS }, t);
     }
     effects(&mut engine);
@@ -119,7 +119,7 @@ fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
 fn the_gate_sees_the_true_length_of_the_queue() {
     let mut engine = engine();
     for t in 0..4 {
-        assert_eq!(engine.open(t, t, None, 0), Opening::Computing, "{t}");
+        assert!(engine.open(t, t, None, 0, []), "{t}");
         engine.result(t, t, 0, "local");
         engine.offer(t, t, 1, 100 * NS, t);
     }
@@ -129,7 +129,7 @@ fn the_gate_sees_the_true_length_of_the_queue() {
         BTreeMap::from([(OfferRefusal::Closed, 4)])
     );
     for t in 4..8 {
-        assert_eq!(engine.open(t, t, None, 0), Opening::Computing, "{t}");
+        assert!(engine.open(t, t, None, 0, []), "{t}");
         engine.offer(t, t, 1, 100 * NS, t);
         engine.result(t, t, 0, "local");
     }
@@ -143,15 +143,16 @@ fn the_gate_sees_the_true_length_of_the_queue() {
 fn local_beyond_its_queue_is_told_and_answered_by_a_cloud() {
     let mut engine = engine();
     for t in 0..3 {
-        assert_eq!(engine.open(t, t, None, t), Opening::Computing);
+        assert!(engine.open(t, t, None, t, []));
     }
-    assert_eq!(engine.open(3, 3, None, 3), Opening::NoRoom);
-    engine.offer(4, 3, 2, 100 * NS, 3);
-    engine.fail(5, 3, 0, &"no room");
+    let offer = Offer { priority: 2, deadline: 100 * NS, request: 3 };
+    assert!(engine.open(3, 3, None, 3, [offer]));
+    let local = &engine.counts().tally().sources[0];
+    assert_eq!(local.reasons.to_string(), "1 × too many computations wait");
     engine.result(6, 3, 2, "boxes");
     let all = effects(&mut engine);
     assert_eq!(all.last().unwrap(), "6: 3 boxes of east by arrival");
-    assert_eq!(engine.open(7, 3, None, 0), Opening::Refused);
+    assert!(!engine.open(7, 3, None, 0, []));
     assert_eq!(effects(&mut engine), ["7: 3 refused order"]);
 }
 
@@ -160,13 +161,13 @@ fn meters_say_what_the_tally_says() {
     let recorder = DebuggingRecorder::new();
     let snapshotter = recorder.snapshotter();
     let mut engine = metrics::with_local_recorder(&recorder, engine);
-    let _ = engine.open(0, 0, None, 0);
+    let _ = engine.open(0, 0, None, 0, []);
     engine.offer(0, 0, 1, 100 * NS, 0);
     engine.offer(0, 0, 7, 100 * NS, 0);
     engine.result(30, 0, 0, "boxes");
     engine.counts().sent(1, 333);
     engine.tick(150);
-    let _ = engine.open(160, 1, None, 0);
+    let _ = engine.open(160, 1, None, 0, []);
     engine.offer(160, 1, 2, 100 * NS, 0);
     engine.fail(170, 1, 2, &"as told");
     engine.fail(180, 1, 0, &"as told");
@@ -275,7 +276,7 @@ fn started(engine: &mut Tested) -> Vec<u64> {
 fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_was_answered() {
     let mut engine = over_topics();
     for t in 0..6 {
-        assert_eq!(engine.open(t, t, Some(100 * NS), t), Opening::Computing);
+        assert!(engine.open(t, t, Some(100 * NS), t, []));
         engine.offer(t, t, 2, 50 * NS, t);
         engine.result(t, t, 2, "east's");
     }
@@ -291,7 +292,7 @@ fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_
     engine.tick(101);
     // Nothing waits any more: what else is lost is seen when it matters.
     assert_eq!((started(&mut engine), engine.next_due()), (vec![5], None));
-    assert_eq!(engine.open(300, 6, Some(100 * NS), 6), Opening::Computing);
+    assert!(engine.open(300, 6, Some(100 * NS), 6, []));
     assert_eq!(started(&mut engine), [6]);
     assert_eq!(engine.counts().tally().sources[0].lost, 6);
 }
@@ -300,19 +301,19 @@ fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_
 fn the_word_of_a_lost_computation_counts_when_it_comes_after_all_and_frees_nothing_twice() {
     let mut engine = over_topics();
     for t in 0..4 {
-        assert_eq!(engine.open(0, t, Some(100 * NS), t), Opening::Computing);
+        assert!(engine.open(0, t, Some(100 * NS), t, []));
     }
     engine.tick(100);
     assert_eq!(started(&mut engine), [0, 1, 2, 3]);
     for t in 4..8 {
-        assert_eq!(engine.open(100, t, Some(100 * NS), t), Opening::Computing);
+        assert!(engine.open(100, t, Some(100 * NS), t, []));
     }
     assert_eq!(started(&mut engine), [4, 5, 6, 7]);
     engine.result(110, 0, 0, "local's of 0");
     assert_eq!(engine.counts().tally().sources[0].dropped[&DropReason::Superseded], 1);
-    assert_eq!(engine.open(120, 8, Some(100 * NS), 8), Opening::Refused);
+    assert!(!engine.open(120, 8, Some(100 * NS), 8, []));
     engine.result(130, 4, 0, "local's of 4");
-    assert_eq!(engine.open(140, 8, Some(100 * NS), 8), Opening::Computing);
+    assert!(engine.open(140, 8, Some(100 * NS), 8, []));
     assert_eq!(started(&mut engine), [8]);
 }
 
@@ -321,7 +322,7 @@ fn a_computation_that_still_runs_keeps_its_place() {
     let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
     let mut engine: Tested = Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap();
     for t in 0..2 {
-        assert_eq!(engine.open(t, t, Some(100 * NS), t), Opening::Computing);
+        assert!(engine.open(t, t, Some(100 * NS), t, []));
     }
     engine.tick(1000);
     assert_eq!((started(&mut engine), engine.next_due()), (vec![0], None));
@@ -333,13 +334,13 @@ fn with_skip_answered_what_was_answered_takes_no_room_among_what_waits() {
     let local = Local { at_once: 1, waiting: 1, skip_answered: true, lossy: false };
     let mut engine: Tested = Engine::new(&header(Commit::Eager), &[8, 8], local).unwrap();
     for t in 0..8 {
-        assert_eq!(engine.open(t, t, None, t), Opening::Computing, "{t}");
+        assert!(engine.open(t, t, None, t, []), "{t}");
         engine.offer(t, t, 2, 50 * NS, t);
         engine.result(t, t, 2, "east's");
     }
     engine.result(10, 0, 0, "local's of 0");
     assert_eq!(started(&mut engine), [0]);
-    assert_eq!(engine.open(11, 8, None, 8), Opening::Computing);
+    assert!(engine.open(11, 8, None, 8, []));
     assert_eq!(started(&mut engine), [8]);
 }
 
@@ -347,7 +348,7 @@ fn with_skip_answered_what_was_answered_takes_no_room_among_what_waits() {
 fn why_sources_failed_is_told_with_the_item_and_counted_by_its_words() {
     let mut engine = engine();
     for t in 0..3 {
-        assert_eq!(engine.open(t, t, None, t), Opening::Computing);
+        assert!(engine.open(t, t, None, t, []));
         engine.offer(t, t, 2, 50 * NS, t);
         engine.fail(t, t, 2, if t == 1 { &"reset" } else { &"connection refused" });
         engine.fail(t, t, 0, &"x".repeat(1000));
@@ -367,7 +368,7 @@ fn why_sources_failed_is_told_with_the_item_and_counted_by_its_words() {
     assert_eq!(tally.sources[0].reasons.iter().next().unwrap().1, 3);
     for n in 0..20 {
         let t = n + 3;
-        let _ = engine.open(t, t, None, t);
+        let _ = engine.open(t, t, None, t, []);
         engine.fail(t, t, 0, &format!("reason {n}"));
     }
     let reasons = engine.counts().tally().sources[0].reasons.clone();
@@ -400,11 +401,7 @@ proptest! {
                     engine.tick(now);
                 }
                 Step::Open { deadline } => {
-                    if engine.open(now, next, deadline.map(Duration::from_nanos), next)
-                        == Opening::NoRoom
-                    {
-                        engine.fail(now, next, 0, &"no room");
-                    }
+                    engine.open(now, next, deadline.map(Duration::from_nanos), next, []);
                     next += 1;
                 }
                 Step::Offer { back, p, deadline } => {

@@ -26,8 +26,8 @@ fn logs_tell_every_refusal_drop_failure_and_miss_with_its_reason() {
         };
         let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
         let mut engine: Engine<&str, u64> = Engine::new(&header, &[1], local).unwrap();
-        let _ = engine.open(0, 0, None, 0);
-        let _ = engine.open(0, 0, None, 0);
+        let _ = engine.open(0, 0, None, 0, []);
+        let _ = engine.open(0, 0, None, 0, []);
         engine.offer(0, 0, 1, Duration::ZERO, 0);
         engine.result(1, 0, 1, "boxes");
         engine.fail(2, 0, 0, &"out of memory");

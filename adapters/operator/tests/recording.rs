@@ -28,7 +28,7 @@ fn engine(path: &Path, recording: Recording) -> Tested {
 }
 
 fn answer(engine: &mut Tested, t: u64) {
-    let _ = engine.open(10 * t, t, None, t);
+    let _ = engine.open(10 * t, t, None, t, []);
     engine.result(10 * t + 1, t, 0, t);
     while engine.next_effect().is_some() {}
 }
@@ -75,7 +75,7 @@ fn a_killed_process_leaves_the_miss_that_it_died_of() {
         for t in 0..3 {
             answer(&mut engine, t);
         }
-        let _ = engine.open(30, 3, None, 3);
+        let _ = engine.open(30, 3, None, 3, []);
         engine.fail(31, 3, 0, &"as told");
         until_written(Path::new(&path), r#"{"ev":"miss","at":31,"t":3}"#);
         process::abort();

@@ -1,19 +1,23 @@
 //! The node: what it opens, and its end.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use fuseline_operator::{
     self as shared, ConfigError, Engine, Header, Local, Mcap, Recorder, Recording, Tally,
 };
+use fuseline_tokio::drive::{Driver, finish};
 use rustdds::dds::CreateError;
 use thiserror::Error;
 use tokio::sync::mpsc;
+use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::Payload;
 use crate::dds::Domain;
-use crate::fusion::{Arrival, Events, Fusion, Memory};
+use crate::fusion::{Fusion, Heard, Memory, Sample};
+use crate::report::Reporter;
 use crate::rosout::Lines;
 use crate::settings::{self, Role, Settings};
 use crate::source::{GrpcError, Source, Strays, Way, call};
@@ -21,7 +25,7 @@ use crate::stop::Stop;
 use crate::voice::Voice;
 
 /// How many results may wait for the node at once; more stay in the readers, the oldest drop out.
-const ARRIVALS: usize = 64;
+const RESULTS: usize = 64;
 
 /// Why a node does not run, or did not end well.
 #[derive(Debug, Error)]
@@ -77,7 +81,7 @@ pub async fn run(
     let (setter, changes) = mpsc::unbounded_channel();
     let (voice, mut tasks) = Voice::new(settings, &domain, setter, lines)?;
 
-    let (arrived, arrivals) = mpsc::channel(ARRIVALS);
+    let (arrived, results) = mpsc::channel(RESULTS);
     let sources = sources(settings, &mut domain, &arrived)?;
     let stream = &settings.output;
     let qos = settings.qos(&stream.topic, Role::Publisher);
@@ -100,20 +104,23 @@ pub async fn run(
     }
 
     record(&mut engine, settings)?;
+    let node = settings.node.full();
+    let mut report = interval(settings.diagnostics_period);
+    report.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let fusion = Fusion {
-        engine,
         sources,
-        output,
-        input: input_end,
+        ends: vec![input_end, Arc::clone(&output.end)],
+        output: Box::new(output),
         input_key: settings.input.key,
         output_key: settings.output.key,
         deadline: settings.deadline,
-        voice,
-        arrived,
-        memory: Memory::new(counting),
+        memory: Memory::new(Reporter::new(&node, counting.tally())),
+        node,
+        voice: Box::new(voice),
+        counting: counting.clone(),
+        heard: Heard { inputs, results, deadlines, changes, report },
+        stop,
     };
-    let period = settings.diagnostics_period;
-    let events = Events { inputs, arrivals, deadlines, changes, period };
     info!(
         node = settings.node.full(),
         domain = settings.domain,
@@ -122,16 +129,20 @@ pub async fn run(
         clouds = settings.clouds.len(),
         "fusing"
     );
-    let ran = fusion.run(events, stop).await;
+    let (mut fusion, engine) = Driver::new(engine, fusion).run().await;
+    fusion.report();
+    drop(fusion);
+    let written = finish(engine).await;
     tasks.shutdown().await;
     domain.leave().await;
-    let tally = ran.map_err(NodeError::Trace)?;
+    written.map_err(NodeError::Trace)?;
+    let tally = counting.tally();
     info!(messages = tally.messages, forwarded = tally.forwarded(), missed = tally.missed, "ended");
     Ok(tally)
 }
 
 /// The operator, with nothing open.
-fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, ConfigError> {
+pub(crate) fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, ConfigError> {
     let at_once: Vec<usize> = settings.clouds.iter().map(|cloud| cloud.in_flight.into()).collect();
     let local = Local {
         at_once: settings.local.in_flight.into(),
@@ -182,7 +193,7 @@ fn record<V, R>(engine: &mut Engine<V, R>, settings: &Settings) -> Result<(), No
 fn sources(
     settings: &Settings,
     domain: &mut Domain,
-    arrived: &mpsc::Sender<Arrival>,
+    arrived: &mpsc::Sender<(usize, Sample)>,
 ) -> Result<Vec<Source>, NodeError> {
     let local = &settings.local;
     let mut sources = vec![Source {
@@ -221,7 +232,7 @@ fn topics(
     settings: &Settings,
     requests: &str,
     results: &str,
-    arrived: &mpsc::Sender<Arrival>,
+    arrived: &mpsc::Sender<(usize, Sample)>,
     place: usize,
 ) -> Result<Way, CreateError> {
     let qos = settings.qos(requests, Role::Publisher);
@@ -230,7 +241,7 @@ fn topics(
     let arrived = arrived.clone();
     let results = domain.inlet(results, &settings.output.type_name, qos, move |sample| {
         let arrived = arrived.clone();
-        async move { drop(arrived.send(Arrival::Sample { place, sample }).await) }
+        async move { drop(arrived.send((place, sample)).await) }
     })?;
-    Ok(Way::Topics { requests, results })
+    Ok(Way::Topics { requests: Box::new(requests), results })
 }

@@ -27,9 +27,35 @@ pub(crate) struct Source {
 /// How messages go there and results come back.
 pub(crate) enum Way {
     /// Over two topics.
-    Topics { requests: Outlet, results: Arc<End> },
+    Topics { requests: Box<dyn Publish>, results: Arc<End> },
     /// By a call each.
     Grpc(Handle),
+}
+
+/// Sends serialized messages to a topic's subscribers.
+pub(crate) trait Publish: Send {
+    /// Publishes without waiting. False if that cannot be: a reliable subscriber is too far behind.
+    fn publish(&self, payload: Payload) -> bool;
+
+    /// How many subscribers there are.
+    fn matched(&self) -> usize;
+
+    /// The topic's end.
+    fn end(&self) -> &End;
+}
+
+impl Publish for Outlet {
+    fn publish(&self, payload: Payload) -> bool {
+        Self::publish(self, payload)
+    }
+
+    fn matched(&self) -> usize {
+        self.end.matched()
+    }
+
+    fn end(&self) -> &End {
+        &self.end
+    }
 }
 
 /// Makes a call with a serialized message, and answers with a serialized result.
@@ -78,8 +104,8 @@ impl Source {
     /// Who should be there and is not.
     pub(crate) fn missing(&self) -> Option<String> {
         match &self.way {
-            Way::Topics { requests, .. } if requests.end.matched() == 0 => {
-                Some(format!("nobody subscribes to {}", requests.end.topic))
+            Way::Topics { requests, .. } if requests.matched() == 0 => {
+                Some(format!("nobody subscribes to {}", requests.end().topic))
             }
             Way::Topics { results, .. } if results.matched() == 0 => {
                 Some(format!("nobody publishes on {}", results.topic))
@@ -91,7 +117,7 @@ impl Source {
     /// Whether a message can get there now.
     pub(crate) fn is_reached(&self) -> bool {
         match &self.way {
-            Way::Topics { requests, .. } => requests.end.matched() > 0,
+            Way::Topics { requests, .. } => requests.matched() > 0,
             Way::Grpc(_) => true,
         }
     }
@@ -99,7 +125,7 @@ impl Source {
     /// The topics' ends, to tell what does not fit.
     pub(crate) fn ends(&self) -> impl Iterator<Item = &End> {
         match &self.way {
-            Way::Topics { requests, results } => [Some(&*requests.end), Some(&**results)],
+            Way::Topics { requests, results } => [Some(requests.end()), Some(&**results)],
             Way::Grpc(_) => [None, None],
         }
         .into_iter()

@@ -1,6 +1,7 @@
 //! SIGINT and SIGTERM: the first lets the node finish what is open, the second ends it.
 
 use std::io;
+use std::task::{Context, Poll};
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
@@ -38,15 +39,16 @@ impl Stop {
         self.times > 1
     }
 
-    /// Waits until it is told again.
-    pub(crate) async fn next(&mut self) {
-        let Some([interrupt, terminate]) = &mut self.signals else {
-            return std::future::pending().await;
-        };
-        tokio::select! {
-            _ = interrupt.recv() => {}
-            _ = terminate.recv() => {}
-        }
-        self.times += 1;
+    /// Whether it was told again.
+    pub(crate) fn poll_next(&mut self, context: &mut Context<'_>) -> Poll<()> {
+        let signals = self.signals.iter_mut().flatten();
+        // Each is looked at, so that each will wake.
+        let told = signals.filter_map(|signal| match signal.poll_recv(context) {
+            Poll::Ready(told) => told,
+            Poll::Pending => None,
+        });
+        let told = u32::try_from(told.count()).unwrap_or(u32::MAX);
+        self.times += told;
+        if told == 0 { Poll::Pending } else { Poll::Ready(()) }
     }
 }

@@ -19,10 +19,17 @@ use crate::report::{self, DiagnosticArray, DiagnosticStatus, Time};
 use crate::rosout::Lines;
 use crate::settings::{Change, Settings};
 
+/// What the node says of itself.
+pub(crate) trait Speak: Send {
+    /// Says what became of a message.
+    fn status(&self, status: DiagnosticStatus);
+
+    /// Says how the node is.
+    fn diagnostics(&self, status: Vec<DiagnosticStatus>);
+}
+
 /// How the node speaks of itself.
 pub(crate) struct Voice {
-    /// Its full name.
-    pub(crate) node: String,
     ros: ros2_client::Node,
     diagnostics: Publisher<DiagnosticArray>,
     status: Publisher<DiagnosticStatus>,
@@ -61,22 +68,7 @@ impl Voice {
                 error!(%error, "the node's parameters are served no longer");
             }
         });
-        Ok((Self { node: settings.node.full(), ros, diagnostics, status }, tasks))
-    }
-
-    /// Says what became of a message.
-    pub(crate) fn status(&self, status: DiagnosticStatus) {
-        if let Err(error) = self.status.publish(status) {
-            debug!(?error, "status not sent");
-        }
-    }
-
-    /// Says how the node is.
-    pub(crate) fn diagnostics(&self, status: Vec<DiagnosticStatus>) {
-        let header = report::Header { stamp: self.stamp(), frame_id: String::new() };
-        if let Err(error) = self.diagnostics.publish(DiagnosticArray { header, status }) {
-            debug!(?error, "diagnostics not sent");
-        }
+        Ok((Self { ros, diagnostics, status }, tasks))
     }
 
     /// The time of day, or of the simulation.
@@ -86,6 +78,21 @@ impl Voice {
         Time {
             sec: i32::try_from(sec).unwrap_or(i32::MAX),
             nanosec: u32::try_from(nanos.rem_euclid(1_000_000_000)).unwrap_or(0),
+        }
+    }
+}
+
+impl Speak for Voice {
+    fn status(&self, status: DiagnosticStatus) {
+        if let Err(error) = self.status.publish(status) {
+            debug!(?error, "status not sent");
+        }
+    }
+
+    fn diagnostics(&self, status: Vec<DiagnosticStatus>) {
+        let header = report::Header { stamp: self.stamp(), frame_id: String::new() };
+        if let Err(error) = self.diagnostics.publish(DiagnosticArray { header, status }) {
+            debug!(?error, "diagnostics not sent");
         }
     }
 }

@@ -25,14 +25,17 @@
 //! # }
 //! ```
 
+mod failure;
 mod handle;
 mod infer;
 mod remote;
+mod sent;
 mod server;
 mod token;
 
+pub use failure::CallError;
 pub use handle::{infer, unary};
-pub use infer::{Infer, InferClient, InferServer, Reply, Request};
+pub use infer::{Description, Infer, InferClient, InferServer, Reply, Request};
 pub use remote::{Connection, Identity, Remote, RemoteError};
 pub use server::{ServeError, Server, serve};
 pub use token::{InvalidToken, Token};

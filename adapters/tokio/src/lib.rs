@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+pub mod drive;
 #[cfg(feature = "grpc")]
 pub mod grpc;
 mod local;

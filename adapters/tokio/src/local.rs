@@ -2,16 +2,18 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::task::{Context, Poll};
 use std::thread;
 use std::time::Duration;
 use std::{io, iter};
 
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
+use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 
 use crate::Error;
+use crate::drive::{Sent, Word};
 use crate::panics::panicked;
-use crate::run::{Arrival, Arrived};
 
 /// How messages are computed locally (priority 0). An error or a panic is a failure (F4).
 ///
@@ -88,78 +90,68 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
 }
 
 /// Local at work.
-pub(crate) struct Workers<I, O> {
-    way: Way<I, O>,
-    arrived: Arrived<O>,
-}
-
-enum Way<I, O> {
+pub(crate) enum Workers<I, O> {
     Future(Spawn<I, O>),
-    /// The threads end when this is dropped and their computations are done.
-    Threads(mpsc::Sender<(Arc<I>, u64)>),
+    Threads {
+        /// The threads end when this is dropped and their computations are done.
+        jobs: mpsc::Sender<(Arc<I>, u64)>,
+        /// One for each computation that was begun, so no more are on the way.
+        words: UnboundedReceiver<Word<O>>,
+    },
 }
 
 impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
-    /// Starts what `kind` says; results go to `arrived`.
+    /// Starts what `kind` says.
     ///
     /// # Errors
     /// If the system has no thread left.
-    pub(crate) fn start(kind: Kind<I, O>, arrived: Arrived<O>) -> io::Result<Self> {
+    pub(crate) fn start(kind: Kind<I, O>) -> io::Result<Self> {
         let computes = match kind {
-            Kind::Future(spawn) => return Ok(Self { way: Way::Future(spawn), arrived }),
+            Kind::Future(spawn) => return Ok(Self::Future(spawn)),
             Kind::Threads(computes) => computes,
         };
         let (jobs, taken) = mpsc::channel::<(Arc<I>, u64)>();
+        let (sender, words) = unbounded_channel();
         let taken = Arc::new(Mutex::new(taken));
         for mut compute in computes {
-            let (taken, arrived) = (Arc::clone(&taken), arrived.clone());
+            let (taken, words) = (Arc::clone(&taken), sender.clone());
             thread::Builder::new().name("fuseline-local".into()).spawn(move || {
                 loop {
                     let job = taken.lock().unwrap_or_else(PoisonError::into_inner).recv();
-                    let Ok((message, t)) = job else { return };
-                    local_arrived(&arrived, t, guard(|| compute(&message, t)));
+                    let Ok((message, timestamp)) = job else { return };
+                    let result = guard(|| compute(&message, timestamp));
+                    // Nobody waits for it once the operator has ended.
+                    drop(words.send(Word { priority: 0, timestamp, result }));
                 }
             })?;
         }
-        Ok(Self { way: Way::Threads(jobs), arrived })
+        Ok(Self::Threads { jobs, words })
     }
 
     /// Computes a message.
-    pub(crate) fn compute(&mut self, message: Arc<I>, t: u64) {
-        match &mut self.way {
-            Way::Future(spawn) => match guard(|| Ok(spawn(message, t))) {
-                Ok(computation) => {
-                    let arrived = self.arrived.clone();
-                    tokio::spawn(async move {
-                        local_arrived(&arrived, t, guarded(computation).await);
-                    });
-                }
-                Err(error) => local_arrived(&self.arrived, t, Err(error)),
+    pub(crate) fn compute(&mut self, message: Arc<I>, timestamp: u64) -> Sent<O> {
+        match self {
+            Self::Future(spawn) => Sent::Call(spawn(message, timestamp)),
+            Self::Threads { jobs, .. } => match jobs.send((message, timestamp)) {
+                Ok(()) => Sent::Away,
+                Err(_) => Sent::Failed("local's threads have ended".into()),
             },
-            Way::Threads(jobs) => {
-                if jobs.send((message, t)).is_err() {
-                    let error = "local's threads have ended".into();
-                    local_arrived(&self.arrived, t, Err(error));
-                }
-            }
         }
     }
-}
 
-/// Nobody waits for it once the operator has ended.
-fn local_arrived<O>(arrived: &Arrived<O>, timestamp: u64, result: Result<O, Error>) {
-    drop(arrived.send(Arrival { priority: 0, timestamp, result }));
+    /// The next end of a computation on a thread.
+    pub(crate) fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Word<O>> {
+        match self {
+            Self::Future(_) => Poll::Pending,
+            Self::Threads { words, .. } => match words.poll_recv(context) {
+                Poll::Ready(Some(word)) => Poll::Ready(word),
+                Poll::Ready(None) | Poll::Pending => Poll::Pending,
+            },
+        }
+    }
 }
 
 /// Turns a panic into an error.
 fn guard<T>(compute: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     catch_unwind(AssertUnwindSafe(compute)).unwrap_or_else(|panic| Err(panicked(&*panic)))
-}
-
-/// Turns a panic into an error.
-pub(crate) async fn guarded<T>(
-    computation: impl Future<Output = Result<T, Error>>,
-) -> Result<T, Error> {
-    let ended = AssertUnwindSafe(computation).catch_unwind().await;
-    ended.unwrap_or_else(|panic| Err(panicked(&*panic)))
 }

@@ -2,19 +2,19 @@
 
 use std::io;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use fuseline_operator::{
     self as shared, Commit, ConfigError, Counting, Engine, Header, Item, Recorder, Recording, Tally,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
-use tokio::sync::{Notify, mpsc};
+use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tracing::{Instrument, info_span};
 
+use crate::drive::{Driver, finish};
 use crate::local::{Local, Workers};
-use crate::run::Run;
+use crate::run::{Outbox, Streams};
 use crate::setup::{Registered, Setup};
 use crate::stream::{Reader, stream};
 
@@ -66,7 +66,7 @@ pub struct Trace {
 #[derive(Debug)]
 pub struct Running {
     task: JoinHandle<io::Result<()>>,
-    stop: Arc<Notify>,
+    stop: mpsc::Sender<()>,
     counting: Counting,
 }
 
@@ -145,8 +145,7 @@ pub fn spawn<P: Operator>(
         lossy: false,
     };
     let mut engine = Engine::new(&header, &calls, bounds)?;
-    let (arrived, arrivals) = mpsc::unbounded_channel();
-    let workers = Workers::start(local.kind, arrived.clone()).map_err(SpawnError::Threads)?;
+    let workers = Workers::start(local.kind).map_err(SpawnError::Threads)?;
     if let Some(Trace { path, recording }) = config.trace {
         Recorder::create(&path, &header, recording)
             .and_then(|recorder| engine.record(recorder))
@@ -154,9 +153,23 @@ pub fn spawn<P: Operator>(
     }
     let counting = engine.counts();
     let (writer, output) = stream(config.output_len);
-    let stop = Arc::new(Notify::new());
-    let run = Run::new(engine, setup.clouds, workers, local.deadline, arrived, writer);
-    let task = run.run(input, arrivals, Arc::clone(&stop));
+    let (stop, stopped) = mpsc::channel(1);
+    let streams = Streams {
+        input,
+        clouds: setup.clouds,
+        workers,
+        deadline: local.deadline,
+        output: Outbox::new(writer),
+        counting: counting.clone(),
+        stop: stopped,
+        is_open: true,
+    };
+    let driver = Driver::new(engine, streams);
+    let task = async move {
+        let (streams, engine) = driver.run().await;
+        drop(streams);
+        finish(engine).await
+    };
     let task = runtime.spawn(task.instrument(info_span!("operator", name = config.name)));
     Ok((Running { task, stop, counting }, output))
 }
@@ -171,7 +184,8 @@ impl Running {
     /// Lets the operator end at once: calls are aborted, open messages stay unanswered, the output
     /// ends. The trace is whole up to there.
     pub fn stop(&self) {
-        self.stop.notify_one();
+        // If it is full, it was told before.
+        let _ = self.stop.try_send(());
     }
 
     /// Waits until the operator has ended and its trace is written; answers its counts.

@@ -1,8 +1,19 @@
 //! Words for a panic that was caught.
 
 use std::any::Any;
+use std::panic::AssertUnwindSafe;
+
+use futures_util::FutureExt;
 
 use crate::Error;
+
+/// Turns a panic into an error.
+pub(crate) async fn guarded<T>(
+    computation: impl Future<Output = Result<T, Error>>,
+) -> Result<T, Error> {
+    let ended = AssertUnwindSafe(computation).catch_unwind().await;
+    ended.unwrap_or_else(|panic| Err(panicked(&*panic)))
+}
 
 /// The panic as an error.
 pub(crate) fn panicked(panic: &(dyn Any + Send)) -> Error {

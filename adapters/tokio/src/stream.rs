@@ -1,7 +1,9 @@
 //! Typed streams: what joins operators to one another and to the rest of a program.
 
 use std::pin::pin;
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::task::{Context, Poll};
 
 use futures_util::{Stream, StreamExt};
 use thiserror::Error;
@@ -17,7 +19,7 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     // More than a channel can have is as good as that.
     let capacity = capacity.min(Semaphore::MAX_PERMITS);
     let (sender, receiver) = mpsc::channel(capacity);
-    let joining = Arc::new(Mutex::new(Vec::new()));
+    let joining = Arc::new(Joining { is_any: AtomicBool::new(false), readers: Mutex::default() });
     let reader = Reader { receiver, joining: Arc::downgrade(&joining), capacity };
     (Writer { readers: vec![sender], joining, count: 0 }, reader)
 }
@@ -33,7 +35,7 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
 #[derive(Debug)]
 pub struct Writer<T> {
     readers: Vec<mpsc::Sender<Numbered<T>>>,
-    joining: Joining<T>,
+    joining: Arc<Joining<T>>,
     count: u64,
 }
 
@@ -41,13 +43,25 @@ pub struct Writer<T> {
 #[derive(Debug)]
 pub struct Reader<T> {
     receiver: mpsc::Receiver<Numbered<T>>,
-    joining: Weak<Mutex<Vec<mpsc::Sender<Numbered<T>>>>>,
+    joining: Weak<Joining<T>>,
     capacity: usize,
 }
 
 type Numbered<T> = (u64, Arc<T>);
+
 /// Readers made since the last message.
-type Joining<T> = Arc<Mutex<Vec<mpsc::Sender<Numbered<T>>>>>;
+#[derive(Debug)]
+struct Joining<T> {
+    /// Whether there are any, to be asked with each message.
+    is_any: AtomicBool,
+    readers: Mutex<Vec<mpsc::Sender<Numbered<T>>>>,
+}
+
+impl<T> Joining<T> {
+    fn lock(&self) -> MutexGuard<'_, Vec<mpsc::Sender<Numbered<T>>>> {
+        self.readers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
 
 /// A message was not written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
@@ -114,11 +128,14 @@ impl<T> Writer<T> {
     }
 
     /// Waits until every reader has room for a message.
-    pub(crate) async fn room(&mut self) {
+    pub(crate) fn room(&mut self) -> impl Future<Output = ()> + use<T> {
         self.admit();
-        for reader in &self.readers {
-            if reader.capacity() == 0 {
-                drop(reader.reserve().await);
+        let readers = self.readers.clone();
+        async move {
+            for reader in readers {
+                if reader.capacity() == 0 {
+                    drop(reader.reserve().await);
+                }
             }
         }
     }
@@ -126,7 +143,9 @@ impl<T> Writer<T> {
     /// Lets go of readers that closed and takes on those that joined.
     fn admit(&mut self) {
         self.readers.retain(|reader| !reader.is_closed());
-        self.readers.append(&mut self.joining.lock().unwrap_or_else(PoisonError::into_inner));
+        if self.joining.is_any.swap(false, Ordering::Acquire) {
+            self.readers.append(&mut self.joining.lock());
+        }
     }
 
     fn has_room(&self) -> bool {
@@ -137,7 +156,7 @@ impl<T> Writer<T> {
 impl<T> Reader<T> {
     /// The next message, or none when the stream has ended. Dropping the future loses no message.
     pub async fn read(&mut self) -> Option<Arc<T>> {
-        self.numbered().await.map(|(_, message)| message)
+        self.receiver.recv().await.map(|(_, message)| message)
     }
 
     /// Another reader of the stream, for what is written from now on.
@@ -145,14 +164,18 @@ impl<T> Reader<T> {
     pub fn another(&self) -> Self {
         let (sender, receiver) = mpsc::channel(self.capacity);
         if let Some(joining) = self.joining.upgrade() {
-            joining.lock().unwrap_or_else(PoisonError::into_inner).push(sender);
+            joining.lock().push(sender);
+            joining.is_any.store(true, Ordering::Release);
         }
         Self { receiver, joining: Weak::clone(&self.joining), capacity: self.capacity }
     }
 
     /// The next message with its timestamp.
-    pub(crate) async fn numbered(&mut self) -> Option<(u64, Arc<T>)> {
-        self.receiver.recv().await
+    pub(crate) fn poll_numbered(
+        &mut self,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<(u64, Arc<T>)>> {
+        self.receiver.poll_recv(context)
     }
 }
 
@@ -168,9 +191,9 @@ mod tests {
         assert_eq!(writer.write('b'), Ok(1));
         drop(writer);
         for reader in [&mut one, &mut other] {
-            assert_eq!(reader.numbered().await, Some((0, Arc::new('a'))));
-            assert_eq!(reader.numbered().await, Some((1, Arc::new('b'))));
-            assert_eq!(reader.numbered().await, None);
+            assert_eq!(reader.receiver.recv().await, Some((0, Arc::new('a'))));
+            assert_eq!(reader.receiver.recv().await, Some((1, Arc::new('b'))));
+            assert_eq!(reader.receiver.recv().await, None);
         }
     }
 
@@ -180,7 +203,7 @@ mod tests {
         assert_eq!(writer.write('a'), Ok(0));
         let mut late = one.another();
         assert_eq!(writer.write('b'), Ok(1));
-        assert_eq!(late.numbered().await, Some((1, Arc::new('b'))));
+        assert_eq!(late.receiver.recv().await, Some((1, Arc::new('b'))));
     }
 
     #[tokio::test]

@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use fuseline_tokio::grpc::tonic::{self, Code, Status, transport};
 use fuseline_tokio::grpc::{
-    self, Identity, Infer, InferClient, InferServer, InvalidToken, Remote, RemoteError, Reply,
-    Request, ServeError, Server, Token, serve,
+    self, CallError, Description, Identity, Infer, InferClient, InferServer, InvalidToken, Remote,
+    RemoteError, Reply, Request, ServeError, Server, Token, serve,
 };
 use fuseline_tokio::{Config, Item, Items, Local, Operator, Rule, Setup, Writer, spawn, stream};
 use prost::Message;
@@ -122,9 +122,73 @@ async fn a_cloud_answers_and_what_was_sent_is_counted() {
     let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
     assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Rule::Arrival));
     assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Rule::Arrival));
-    // Timestamp 0 is not encoded, 1 takes two bytes; the payload takes two more than it has.
-    assert_eq!(running.tally().sources[1].sent_bytes, 7 + 9);
+    // Timestamp 0 is not encoded, 1 takes two bytes; the payload takes two more than it has, and
+    // gRPC puts five before all.
+    assert_eq!(running.tally().sources[1].sent_bytes, 12 + 14);
     cloud.kill();
+}
+
+/// What a call says that came to nothing.
+async fn failure(remote: &Remote) -> String {
+    CallError::from(call(remote).await.unwrap_err()).to_string()
+}
+
+#[tokio::test]
+async fn a_call_that_came_to_nothing_says_why_in_plain_words() {
+    let ca = Ca::new();
+    let plain = Cloud::start("127.0.0.1:0", Server::default(), echo);
+    let secure = Server { identity: Some(ca.sign("localhost")), ..Server::default() };
+    let secure = Cloud::start("127.0.0.1:0", secure, echo);
+    let locked = Server { token: Some(Token::new("secret").unwrap()), ..Server::default() };
+    let locked = Cloud::start("127.0.0.1:0", locked, echo);
+    assert_eq!(failure(&Remote::new("http://127.0.0.1:1")).await, "connection refused");
+    assert_eq!(failure(&locked.http()).await, "a bearer token is needed");
+    assert_eq!(failure(&plain.https(&ca)).await, "the server does not speak TLS");
+    assert_eq!(failure(&secure.http()).await, "the connection broke");
+    let stranger = failure(&secure.https(&Ca::new())).await;
+    assert_eq!(stranger, "invalid peer certificate: BadSignature");
+    [plain, secure, locked].into_iter().for_each(Cloud::kill);
+}
+
+#[tokio::test]
+async fn what_no_connection_took_does_not_count_as_sent() {
+    let (mut camera, frames) = stream(8);
+    let remote = Remote::new("http://127.0.0.1:1");
+    let (running, mut output) =
+        spawn(Vehicle { remote, deadline: LONG }, Config::default(), frames).unwrap();
+    assert_eq!(ask(&mut camera, &mut output).await.0, b"local");
+    drop((camera, output));
+    let tally = running.join().await.unwrap();
+    assert_eq!((tally.sources[1].failed, tally.sources[1].sent_bytes), (1, 0));
+    let why: Vec<_> = tally.sources[1].reasons.iter().collect();
+    assert_eq!(why, [("connection refused", 1)]);
+}
+
+/// Says what it serves, and echoes.
+struct Named;
+
+impl Infer for Named {
+    fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send {
+        echo(request)
+    }
+
+    fn describe(&self) -> Option<Description> {
+        Some(Description { model: "echo".into(), ..Description::default() })
+    }
+}
+
+#[tokio::test]
+async fn a_server_says_what_it_serves_if_it_does() {
+    let describe = async |remote: &Remote| {
+        let mut client = InferClient::new(remote.connect().unwrap());
+        client.describe(tonic::Request::new(())).await.map(tonic::Response::into_inner)
+    };
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), Named);
+    assert_eq!(describe(&cloud.http()).await.unwrap().model, "echo");
+    assert_eq!(call(&cloud.http()).await.unwrap(), b"frame");
+    let silent = Cloud::start("127.0.0.1:0", Server::default(), echo);
+    assert_eq!(describe(&silent.http()).await.unwrap_err().code(), Code::Unimplemented);
+    [cloud, silent].into_iter().for_each(Cloud::kill);
 }
 
 #[tokio::test]
@@ -339,8 +403,26 @@ fn the_messages_are_those_of_the_proto_file() {
     assert_eq!(request.unknown_fields().count(), 0);
     let reply = decode("fuseline.v1.Reply", &Reply { payload: payload.clone() }.encode_to_vec());
     assert_eq!(*reply.get_field_by_name("payload").unwrap(), Value::Bytes(payload));
+    let said = Description {
+        model: "M".into(),
+        runtime_ms: Some(1.5),
+        ap: Some(0.0),
+        drive: "D".into(),
+        emulated: true,
+    };
+    let said = decode("fuseline.v1.Description", &said.encode_to_vec());
+    let fields: Vec<Value> = ["model", "runtime_ms", "ap", "drive", "emulated"]
+        .map(|name| said.get_field_by_name(name).unwrap().into_owned())
+        .into();
+    let text = |text: &str| Value::String(text.into());
+    let numbers = [Value::F64(1.5), Value::F64(0.0)];
+    assert_eq!(fields, [&[text("M")][..], &numbers, &[text("D"), Value::Bool(true)]].concat());
+    assert!(said.has_field_by_name("ap") && said.unknown_fields().count() == 0);
     let service = pool.get_service_by_name("fuseline.v1.Infer").unwrap();
-    assert_eq!(service.methods().map(|m| m.name().to_owned()).collect::<Vec<_>>(), ["Infer"]);
+    assert_eq!(
+        service.methods().map(|m| m.name().to_owned()).collect::<Vec<_>>(),
+        ["Infer", "Describe"]
+    );
 }
 
 /// A certificate authority for a test.

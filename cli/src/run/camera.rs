@@ -1,10 +1,8 @@
 //! The camera: a detector operator fed with frames, its clouds behind gRPC.
 
-use std::net::Ipv4Addr;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock};
 use std::time::Duration;
-use std::{future, io};
 
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
@@ -12,19 +10,17 @@ use fuseline_tokio::{
     Config, Items, JoinError, Local, Operator, Recording, Rule, Running, Setup, SourceTally,
     SpawnError, Trace, WriteError, Writer, spawn, stream,
 };
-use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, interval, sleep, timeout};
 
-use crate::emulation::{REPLY_BYTES, REQUEST_BYTES, answer};
+use crate::emulation::{REPLY_BYTES, REQUEST_BYTES};
 use crate::fault::Fault;
-use crate::files;
 use crate::interrupt::Interrupt;
-use crate::run::cloud::Remote;
 use crate::run::driven::Driven;
 use crate::run::error::RunError;
-use crate::run::live::Live;
-use crate::run::plan::{Plan, Server};
+use crate::run::live::{Live, unrecorded};
+use crate::run::network::Network;
+use crate::run::plan::Plan;
 
 /// How often it is asked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
@@ -37,7 +33,7 @@ pub(crate) struct Camera<'a> {
     frames: Writer<Frame>,
     running: Running,
     output: Items<Detections>,
-    sent: Vec<Arc<AtomicU64>>,
+    begun: Vec<Arc<AtomicU64>>,
     /// They end with this.
     _servers: JoinSet<Result<(), grpc::ServeError>>,
 }
@@ -52,7 +48,7 @@ type Detections = Bytes;
 struct Detector<'a> {
     plan: &'a Plan,
     connections: Vec<Connection>,
-    sent: Vec<Arc<AtomicU64>>,
+    begun: Vec<Arc<AtomicU64>>,
 }
 
 impl Operator for Detector<'_> {
@@ -61,11 +57,11 @@ impl Operator for Detector<'_> {
 
     fn setup(self, setup: &mut Setup<Frame, Detections>) -> Local<Frame, Detections> {
         let deadline = self.plan.deadline();
-        let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.sent);
-        for ((cloud, connection), sent) in clouds {
+        let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.begun);
+        for ((cloud, connection), begun) in clouds {
             let infer = grpc::infer(connection);
             let handle = move |request, call| {
-                sent.fetch_add(1, Ordering::Relaxed);
+                begun.fetch_add(1, Ordering::Relaxed);
                 infer(request, call)
             };
             let message_handler = move |frame: &Frame, timestamp| {
@@ -88,16 +84,14 @@ impl Operator for Detector<'_> {
     }
 }
 
-/// Starts the clouds and the operator.
+/// Starts the operator, within a runtime.
 ///
 /// # Errors
-/// If something cannot be started.
-pub(crate) async fn start(plan: &Plan) -> Result<Camera<'_>, Fault> {
-    let began = Arc::new(OnceLock::new());
-    let mut servers = JoinSet::new();
-    let connections = connect(plan, &began, &mut servers).await?;
-    let sent: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
-    let detector = Detector { plan, connections, sent: sent.clone() };
+/// If it cannot be started.
+pub(crate) fn start(plan: &Plan, network: Network) -> Result<Camera<'_>, Fault> {
+    let Network { connections, servers, began } = network;
+    let begun: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
+    let detector = Detector { plan, connections, begun: begun.clone() };
     let config = Config {
         name: "detector".to_owned(),
         window: plan.window,
@@ -108,7 +102,7 @@ pub(crate) async fn start(plan: &Plan) -> Result<Camera<'_>, Fault> {
     let (frames, input) = stream(1);
     let (running, output) = spawn(detector, config, input).map_err(cannot_spawn)?;
     began.get_or_init(Instant::now);
-    Ok(Camera { plan, frames, running, output, sent, _servers: servers })
+    Ok(Camera { plan, frames, running, output, begun, _servers: servers })
 }
 
 impl Camera<'_> {
@@ -121,12 +115,16 @@ impl Camera<'_> {
         let so_far = self.running.tally();
         let (tally, unrecorded) = match self.running.join().await {
             Ok(tally) => (tally, None),
-            Err(JoinError::Trace { error, tally }) => (*tally, Some(error)),
-            Err(error @ JoinError::Stopped { .. }) => (so_far, Some(io::Error::other(error))),
+            Err(JoinError::Trace { error, tally }) => {
+                let why = tally.unrecorded.as_deref().map(ToOwned::to_owned);
+                let why = why.unwrap_or_else(|| error.to_string());
+                (*tally, Some(unrecorded(&self.plan.trace, &why)))
+            }
+            Err(error @ JoinError::Stopped { .. }) => (so_far, Some(error.to_string())),
         };
         live.show(&tally);
-        let sent = self.sent.iter().map(|sent| sent.load(Ordering::Relaxed)).collect();
-        Driven { sent, interrupted, unrecorded }
+        let begun = self.begun.iter().map(|begun| begun.load(Ordering::Relaxed)).collect();
+        Driven { begun, tally, interrupted, unrecorded }
     }
 
     /// Writes a frame every period; says whether the user ended it.
@@ -193,51 +191,4 @@ fn is_behind(local: &SourceTally) -> bool {
         + local.failed
         + local.failures_dropped.values().sum::<u64>();
     ended < local.admitted
-}
-
-/// A connection to each cloud; emulated ones are served from here, each on a port of its own.
-async fn connect(
-    plan: &Plan,
-    began: &Arc<OnceLock<Instant>>,
-    servers: &mut JoinSet<Result<(), grpc::ServeError>>,
-) -> Result<Vec<Connection>, Fault> {
-    let mut connections = Vec::with_capacity(plan.clouds.len());
-    for cloud in &plan.clouds {
-        let remote = match &cloud.server {
-            Server::Remote(remote) => describe(remote)?,
-            Server::Emulated(emulation) => {
-                let (listener, url) = listen().await.map_err(RunError::Loopback)?;
-                let infer = answer(emulation.clone(), Arc::clone(began));
-                servers.spawn(grpc::serve(
-                    infer,
-                    grpc::Server::default(),
-                    listener,
-                    future::pending(),
-                ));
-                grpc::Remote::new(url)
-            }
-        };
-        let connection = remote.connect();
-        connections.push(
-            connection.map_err(|source| RunError::Remote { cloud: cloud.name.clone(), source })?,
-        );
-    }
-    Ok(connections)
-}
-
-async fn listen() -> io::Result<(TcpListener, String)> {
-    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await?;
-    let url = format!("http://{}", listener.local_addr()?);
-    Ok((listener, url))
-}
-
-/// Reads the files that a remote is reached with.
-fn describe(remote: &Remote) -> Result<grpc::Remote, Fault> {
-    let Remote { url, ca, cert, key, token } = remote;
-    Ok(grpc::Remote {
-        ca: ca.as_deref().map(files::certificates).transpose()?,
-        identity: files::identity(cert.as_deref(), key.as_deref())?,
-        token: token.as_deref().map(files::token).transpose()?,
-        ..grpc::Remote::new(url)
-    })
 }

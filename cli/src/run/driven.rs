@@ -1,13 +1,15 @@
 //! What came of driving the camera.
 
-use std::io;
+use fuseline_tokio::Tally;
 
 /// What a run's trace does not tell.
 pub(crate) struct Driven {
-    /// Requests sent to each cloud.
-    pub(crate) sent: Vec<u64>,
+    /// Calls begun to each cloud.
+    pub(crate) begun: Vec<u64>,
+    /// What the operator counted.
+    pub(crate) tally: Tally,
     /// Whether the user ended it.
     pub(crate) interrupted: bool,
     /// Why the trace ends before the run does, if so.
-    pub(crate) unrecorded: Option<io::Error>,
+    pub(crate) unrecorded: Option<String>,
 }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 use std::io::{self, IsTerminal};
+use std::path::Path;
 use std::time::Duration;
 
 use fuseline_tokio::{Item, SourceTally, Tally};
@@ -11,7 +12,7 @@ use tokio::time::Instant;
 use crate::complain::complain;
 use crate::emulation::Emulation;
 use crate::run::plan::Plan;
-use crate::run::table::{millis, secs};
+use crate::run::table::{counted, millis, secs};
 
 /// What standard error shows while the camera runs.
 pub(crate) struct Live<'a> {
@@ -20,11 +21,14 @@ pub(crate) struct Live<'a> {
     view: View,
     /// By source: how long its latest output took.
     latest: Vec<Option<Duration>>,
+    /// Whether it was told that the trace has ended.
+    is_warned: bool,
 }
 
 enum View {
     /// The time, then local and the clouds.
     Terminal {
+        all: MultiProgress,
         time: ProgressBar,
         sources: Vec<ProgressBar>,
     },
@@ -35,7 +39,8 @@ impl<'a> Live<'a> {
     /// A view that begins now.
     pub(crate) fn new(plan: &'a Plan) -> Self {
         let view = if io::stderr().is_terminal() { terminal(plan) } else { View::Plain };
-        Self { plan, began: Instant::now(), view, latest: vec![None; plan.clouds.len() + 1] }
+        let latest = vec![None; plan.clouds.len() + 1];
+        Self { plan, began: Instant::now(), view, latest, is_warned: false }
     }
 
     /// How often it wants to show something.
@@ -57,10 +62,11 @@ impl<'a> Live<'a> {
     }
 
     /// Shows how things are.
-    pub(crate) fn show(&self, tally: &Tally) {
+    pub(crate) fn show(&mut self, tally: &Tally) {
+        self.warn(tally);
         let elapsed = self.began.elapsed();
         match &self.view {
-            View::Terminal { time, sources } => {
+            View::Terminal { time, sources, .. } => {
                 time.set_position(u64::try_from(elapsed.as_millis()).unwrap_or(u64::MAX));
                 time.set_message(self.time(elapsed, tally));
                 for (i, (line, source)) in sources.iter().zip(&tally.sources).enumerate() {
@@ -74,19 +80,32 @@ impl<'a> Live<'a> {
 
     /// Clears the view.
     pub(crate) fn end(&self) {
-        if let View::Terminal { time, sources } = &self.view {
+        if let View::Terminal { time, sources, .. } = &self.view {
             for line in sources.iter().chain([time]) {
                 line.finish_and_clear();
             }
         }
     }
 
+    /// Tells once that the trace has ended before its run.
+    fn warn(&mut self, tally: &Tally) {
+        let Some(why) = tally.unrecorded.as_deref().filter(|_| !self.is_warned) else { return };
+        self.is_warned = true;
+        let trace = &self.plan.trace;
+        let warning = format!("warning: {}: {}", trace.display(), unrecorded(trace, why));
+        match &self.view {
+            View::Terminal { all, .. } => all.suspend(|| complain(warning)),
+            View::Plain => complain(warning),
+        }
+    }
+
     fn time(&self, elapsed: Duration, tally: &Tally) -> String {
         let refused: u64 = tally.refused.values().sum();
         let (span, missed) = (self.plan.span, tally.missed);
-        let (elapsed, frames) = (elapsed.min(span).as_secs(), tally.messages + refused);
-        let word = if frames == 1 { "frame" } else { "frames" };
-        let told = format!("{frames} {word}, {missed} missed, {refused} refused");
+        let elapsed = elapsed.min(span).as_secs();
+        // All that came, as in the tables.
+        let messages = counted(tally.messages + refused, "message");
+        let told = format!("{messages}, {missed} missed, {refused} refused");
         format!("{elapsed} s of {}: {told}", secs(span))
     }
 
@@ -114,6 +133,13 @@ impl<'a> Live<'a> {
     }
 }
 
+/// Why the trace ends before its run: without its name and the system's number.
+pub(crate) fn unrecorded(trace: &Path, why: &str) -> String {
+    let name = trace.display().to_string();
+    let why = why.strip_prefix(&name).and_then(|why| why.strip_prefix(": ")).unwrap_or(why);
+    why.split(" (os error").next().unwrap_or_default().to_owned()
+}
+
 /// The network at this moment.
 fn network(emulation: &Emulation, elapsed: Duration, deadline: Duration) -> String {
     match emulation.drive.round_trip(emulation.start + elapsed) {
@@ -135,5 +161,6 @@ fn terminal(plan: &Plan) -> View {
         let line = ProgressBar::no_length().with_style(style("  {prefix:.bold} {msg}"));
         view.add(line.with_prefix(format!("{name:<8}")))
     });
-    View::Terminal { time, sources: sources.collect() }
+    let sources = sources.collect();
+    View::Terminal { all: view, time, sources }
 }

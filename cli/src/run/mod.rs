@@ -6,9 +6,11 @@ mod cloud;
 mod driven;
 mod error;
 mod live;
+mod network;
 mod plan;
 mod queue;
 mod report;
+mod served;
 mod table;
 
 use std::io::{self, Write};
@@ -21,6 +23,7 @@ use crate::fault::Fault;
 use crate::interrupt::Interrupt;
 use crate::run::error::RunError;
 use crate::run::live::Live;
+use crate::run::network::Network;
 use crate::run::plan::Plan;
 use crate::run::report::Reading;
 use crate::run::table::Introduction;
@@ -32,12 +35,14 @@ pub(crate) use crate::run::table::sources_table;
 
 /// Runs what the options say, reports it, and keeps its trace.
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
-    let plan = Plan::new(args)?;
+    let mut plan = Plan::new(args)?;
     let name = plan.trace.display().to_string();
     let interrupt = Interrupt::watch();
     let mut out = Sink::new(anstream::stdout());
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
-    let camera = runtime.block_on(camera::start(&plan))?;
+    let network = runtime.block_on(Network::connect(&plan))?;
+    runtime.block_on(network.ask(&mut plan));
+    let camera = runtime.block_on(async { camera::start(&plan, network) })?;
     if !args.json {
         writeln!(out, "{}", Introduction(&plan)).map_err(Fault::Output)?;
     }
@@ -64,7 +69,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
         }
     }
     match driven.unrecorded {
-        Some(source) => Err(RunError::Unrecorded { trace: name, source }.into()),
+        Some(why) => Err(RunError::Unrecorded { trace: name, why }.into()),
         None => Ok(report.trace.exit()),
     }
 }

@@ -14,6 +14,7 @@ use crate::input::is_standard;
 use crate::models::Model;
 use crate::output;
 use crate::run::cloud::{self, CloudsError, Named, Place, Remote, Wanted};
+use crate::run::served::Served;
 use crate::seconds::seconds;
 
 /// How many messages a run may have; each is remembered for the policies.
@@ -135,8 +136,8 @@ pub(crate) struct Plan {
 pub(crate) struct Cloud {
     pub(crate) name: String,
     pub(crate) priority: u16,
-    /// What it runs, as far as is known.
-    pub(crate) model: Option<Model>,
+    /// What it serves, as far as is known.
+    pub(crate) served: Served,
     pub(crate) server: Server,
 }
 
@@ -220,15 +221,17 @@ impl Plan {
 impl Cloud {
     fn new(wanted: Wanted, seed: u64) -> Result<Self, CloudsError> {
         let Wanted { name, priority, place } = wanted;
-        let (model, server) = match place {
-            Place::Remote { model, remote } => (model, Server::Remote(remote)),
+        let (known, server) = match place {
+            Place::Remote { model, remote } => {
+                (Served::told(model.as_ref()), Server::Remote(remote))
+            }
             Place::Emulated { model, drive, start } => {
-                let emulation = Emulation::new(model.clone(), &drive, start, seed)
+                let emulation = Emulation::new(model, &drive, start, seed)
                     .map_err(|source| CloudsError::Emulation { cloud: name.clone(), source })?;
-                (Some(model), Server::Emulated(emulation))
+                (Served::from(&emulation), Server::Emulated(emulation))
             }
         };
-        Ok(Self { name, priority, model, server })
+        Ok(Self { name, priority, served: known, server })
     }
 
     /// Its emulation, if it is one.
@@ -246,7 +249,8 @@ fn trace(path: &Path, clouds: &[Wanted]) -> Result<PathBuf, Fault> {
         return Err(PlanError::Stdout.into());
     }
     let read: Vec<&Path> = clouds.iter().flat_map(Wanted::files).collect();
-    output::file(path, &read)
+    output::file(path, &read)?;
+    Ok(path.to_owned())
 }
 
 /// The page, which is neither the trace nor standard output.

@@ -6,16 +6,17 @@ use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
 
+use fuseline_tokio::{SourceTally, grpc};
 use fuseline_traces::{Judge, Reader, Verdict};
 use serde::{Serialize, Serializer};
 
-use crate::emulation::REQUEST_BYTES;
 use crate::fault::Fault;
 use crate::policies::{Arrival, Policy, Quantile, Score};
 use crate::reckoning::{Account, COLUMNS, Reckoning, Row};
 use crate::run::driven::Driven;
-use crate::run::plan::{Cloud, Plan};
+use crate::run::plan::{Cloud, Plan, Server};
 use crate::run::queue::Queues;
+use crate::run::served::Served;
 use crate::verdict::Found;
 
 /// What a run came to.
@@ -56,6 +57,9 @@ pub(crate) struct SourceReport {
     pub(crate) name: String,
     pub(crate) priority: u16,
     pub(crate) model: Option<String>,
+    /// Why its server did not say what it serves, if it was asked in vain: then the model is what
+    /// the user told.
+    pub(crate) unsaid: Option<String>,
     /// Whether its runtime and its network are emulated.
     pub(crate) emulated: bool,
     /// The drive that its network is taken from.
@@ -66,6 +70,12 @@ pub(crate) struct SourceReport {
     pub(crate) share: f64,
     /// What its offers came to, by word.
     pub(crate) requests: BTreeMap<&'static str, u64>,
+    /// Why it failed, and how often for that reason.
+    pub(crate) failures: BTreeMap<String, u64>,
+    /// What may help against the failures.
+    #[serde(skip)]
+    pub(crate) hint: Option<&'static str>,
+    /// What was written of its requests.
     pub(crate) sent_bytes: u64,
 }
 
@@ -112,22 +122,25 @@ impl Reading {
 
     /// Puts everything together.
     pub(crate) fn report(self, plan: &Plan, driven: &Driven) -> Report {
-        let sent: Vec<u64> = driven.sent.iter().map(|sent| sent * REQUEST_BYTES as u64).collect();
         let account = self.reckoning.account();
         let source = |row: &Row, i: usize| {
             let cloud = i.checked_sub(1).and_then(|i| plan.clouds.get(i));
-            let emulation = cloud.and_then(Cloud::emulation);
-            let model = cloud.map_or(Some(&plan.local), |cloud| cloud.model.as_ref());
+            let served = cloud.map_or_else(|| Served::local(&plan.local), |it| it.served.clone());
+            let tally = driven.tally.sources.get(i);
+            let failures = tally.map(failures).unwrap_or_default();
             SourceReport {
                 name: cloud.map_or_else(|| "local".to_owned(), |cloud| cloud.name.clone()),
                 priority: cloud.map_or(0, |cloud| cloud.priority),
-                model: model.map(ToString::to_string),
-                emulated: cloud.is_none() || emulation.is_some(),
-                drive: emulation.map(|emulation| emulation.drive.name().to_owned()),
+                model: served.model,
+                unsaid: served.unsaid,
+                emulated: served.emulated,
+                drive: served.drive,
                 forwarded: row.forwarded(),
                 share: share(row.forwarded(), account.messages),
                 requests: COLUMNS.iter().map(|(word, _)| *word).zip(row.counts).skip(1).collect(),
-                sent_bytes: cloud.map_or(0, |_| sent.get(i - 1).copied().unwrap_or_default()),
+                hint: cloud.and_then(|cloud| hint(cloud, &failures)),
+                failures,
+                sent_bytes: tally.map_or(0, |tally| tally.sent_bytes),
             }
         };
         let sources = account.rows.iter().enumerate().map(|(i, row)| source(row, i)).collect();
@@ -145,14 +158,14 @@ impl Reading {
             refused: account.refused,
             open: account.open,
             timer_lag_ms: self.reckoning.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
-            policies: self.policies(plan, &account, sent.iter().sum()),
+            policies: self.policies(plan, &account, driven),
             account,
             trace: Found::Strict(self.verdict),
         }
     }
 
     /// Each policy's score over the same messages and the same requests.
-    fn policies(&self, plan: &Plan, account: &Account, sent: u64) -> Vec<PolicyReport> {
+    fn policies(&self, plan: &Plan, account: &Account, driven: &Driven) -> Vec<PolicyReport> {
         // Local's result either came or is not known; a cloud's call may have been ended.
         let planned = |source: usize, opened: u64, t: u64| {
             let place = source.checked_sub(1)?;
@@ -163,15 +176,23 @@ impl Reading {
             Some(reply.map_or(Arrival::Never, |reply| Arrival::At(waited + reply)))
         };
         let messages = self.reckoning.messages(planned);
-        let ap = |cloud: &Cloud| cloud.model.as_ref().and_then(|model| model.ap);
-        let aps: Vec<Option<f64>> =
-            [plan.local.ap].into_iter().chain(plan.clouds.iter().map(ap)).collect();
+        let aps: Vec<Option<f64>> = [plan.local.ap]
+            .into_iter()
+            .chain(plan.clouds.iter().map(|cloud| cloud.served.ap))
+            .collect();
         let deadline = plan.deadline();
-        let admitted: Vec<u64> = account.rows.iter().map(Row::requests).collect();
+        let tallies = &driven.tally.sources;
+        let sent: Vec<u64> = tallies.iter().map(|tally| tally.sent_bytes).collect();
+        // Had fusion cancelled none, each would have cost what those cost that were begun.
+        let needed: Vec<u64> = (account.rows.iter().zip(&sent).enumerate())
+            .map(|(i, (row, sent))| {
+                let begun = i.checked_sub(1).and_then(|i| driven.begun.get(i)).copied();
+                (row.requests() * sent).checked_div(begun.unwrap_or(0)).unwrap_or(0)
+            })
+            .collect();
         let report = |policy: Policy, name: String| {
             let Score { ap, in_time, quantiles } = policy.score(&messages, &aps, deadline);
-            let requests = policy.requests(&admitted);
-            let sent_bytes = requests.map_or(sent, |requests| requests * REQUEST_BYTES as u64);
+            let sent_bytes = policy.needs(&needed).unwrap_or_else(|| sent.iter().sum());
             PolicyReport { policy: name, mean_ap: ap, in_time, response_ms: quantiles, sent_bytes }
         };
         let alone = plan.clouds.iter().enumerate().map(|(i, cloud)| {
@@ -185,6 +206,21 @@ impl Reading {
         policies.push(report(Policy::FirstWins, "first response wins".to_owned()));
         policies
     }
+}
+
+/// Why a source failed, and how often.
+fn failures(tally: &SourceTally) -> BTreeMap<String, u64> {
+    let reasons = &tally.reasons;
+    let others = Some(("other reasons", reasons.others())).filter(|(_, count)| *count > 0);
+    reasons.iter().chain(others).map(|(why, count)| (why.to_owned(), count)).collect()
+}
+
+/// What may help where each call broke a connection without TLS.
+fn hint(cloud: &Cloud, failures: &BTreeMap<String, u64>) -> Option<&'static str> {
+    let Server::Remote(remote) = &cloud.server else { return None };
+    let has_broken = cloud.served.unsaid.as_deref() == Some(grpc::CallError::BROKE);
+    (has_broken && failures.contains_key(grpc::CallError::BROKE) && remote.url.starts_with("http:"))
+        .then_some("if it speaks TLS, give an https URL and a ca")
 }
 
 /// A part of a whole; 0 of nothing.

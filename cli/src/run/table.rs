@@ -9,7 +9,7 @@ use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
 use crate::policies::Quantile;
 use crate::reckoning::{Account, COLUMNS, Row};
 use crate::run::plan::{Cloud, Plan, Server};
-use crate::run::report::{PolicyReport, Report, share};
+use crate::run::report::{PolicyReport, Report, SourceReport, share};
 
 /// Shorter outages are not worth a word.
 const OUTAGE: Duration = Duration::from_secs(1);
@@ -55,23 +55,40 @@ impl fmt::Display for Introduction<'_> {
             kilobytes(REQUEST_BYTES),
             kilobytes(REPLY_BYTES),
         )?;
+        f.write_str(&unsaid(plan))?;
         f.write_str(&outages(plan))
     }
 }
 
 impl fmt::Display for Cloud {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, priority, model, server } = self;
-        let text = model.as_ref().map(ToString::to_string).unwrap_or_default();
-        let runtime = model.as_ref().map(|model| exact(model.runtime)).unwrap_or_default();
+        let Self { name, priority, served, server } = self;
+        let text = served.model.as_deref().unwrap_or_default();
+        let runtime = served.runtime.map(exact).unwrap_or_default();
         write!(f, "{priority} {name:<6} {text:<26} {runtime:>8}   ")?;
-        match server {
-            Server::Emulated(emulation) => {
+        match (server, &served.drive) {
+            (Server::Emulated(emulation), _) => {
                 write!(f, "{} from {}", emulation.drive.name(), secs(emulation.start))
             }
-            Server::Remote(remote) => f.write_str(&remote.url),
+            (Server::Remote(remote), Some(drive)) => write!(f, "{}, {drive}", remote.url),
+            (Server::Remote(remote), None) => f.write_str(&remote.url),
         }
     }
+}
+
+/// Which clouds run what the user told and nobody confirmed, a line each.
+fn unsaid(plan: &Plan) -> String {
+    let mut lines = String::new();
+    for Cloud { name, served, .. } in &plan.clouds {
+        let Some(why) = &served.unsaid else { continue };
+        let known = match served.model {
+            Some(_) => "its model is what --cloud tells",
+            None => "nothing is known of its model",
+        };
+        // Writing to a string does not fail.
+        let _ = writeln!(lines, "{name}: its server did not say what it serves ({why}); {known}.");
+    }
+    lines
 }
 
 impl fmt::Display for Report {
@@ -84,6 +101,7 @@ impl fmt::Display for Report {
             format!("{} {}", row.p, source.map_or("", |source| source.name.as_str()))
         };
         writeln!(f, "{}\n", sources_table(&self.account, name).trim_fmt())?;
+        f.write_str(&self.failures())?;
         writeln!(f, "{}\n", Messages(&self.account))?;
         writeln!(f, "{}\n", self.policies_table().trim_fmt())?;
         writeln!(
@@ -135,6 +153,21 @@ impl fmt::Display for Messages<'_> {
 }
 
 impl Report {
+    /// Why sources failed, a line each.
+    fn failures(&self) -> String {
+        let mut lines = String::new();
+        for SourceReport { name, failures, hint, .. } in &self.sources {
+            let all: Vec<String> =
+                failures.iter().map(|(why, count)| format!("{count} × {why}")).collect();
+            if !all.is_empty() {
+                let hint = hint.map(|hint| format!("; {hint}")).unwrap_or_default();
+                // Writing to a string does not fail.
+                let _ = writeln!(lines, "{name}: {}{hint}", all.join(", "));
+            }
+        }
+        if lines.is_empty() { lines } else { lines + "\n" }
+    }
+
     /// What fusion bought and what it cost.
     fn policies_table(&self) -> Table {
         let mut table = table(["policy", "mean AP", "in time", "p50", "p90", "p99", "sent"]);
@@ -235,7 +268,7 @@ fn align(table: &mut Table) {
     }
 }
 
-fn counted(count: u64, what: &str) -> String {
+pub(crate) fn counted(count: u64, what: &str) -> String {
     if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }
 

@@ -5,6 +5,7 @@ use prost::Message;
 use tonic::{Response, Status};
 
 use crate::Error;
+use crate::grpc::failure::CallError;
 use crate::grpc::infer::{InferClient, Reply, Request};
 use crate::grpc::remote::Connection;
 use crate::setup::Call;
@@ -23,8 +24,9 @@ use crate::setup::Call;
 /// # }
 /// ```
 ///
-/// The deadline travels as `grpc-timeout`; the request's encoded length counts as sent, whether or
-/// not a connection could be made. Any status but `OK` is a failure (F4).
+/// The deadline travels as `grpc-timeout`. Any status but `OK` is a failure (F4), told as a
+/// [`CallError`]. What a [`Connection`] takes of the request counts as sent: nothing where there is
+/// no connection, else the encoded request and the five bytes that gRPC puts before it.
 pub fn unary<Req, Res, Fut>(
     method: impl Fn(tonic::Request<Req>) -> Fut + Send + Sync + 'static,
 ) -> impl Fn(Req, Call) -> BoxFuture<'static, Result<Res, Error>> + Send + Sync + 'static
@@ -34,11 +36,11 @@ where
     Fut: Future<Output = Result<Response<Res>, Status>> + Send + 'static,
 {
     move |message, call| {
-        call.sent(message.encoded_len());
         let mut request = tonic::Request::new(message);
         request.set_timeout(call.deadline);
+        request.extensions_mut().insert(call);
         let response = method(request);
-        Box::pin(async move { Ok(response.await?.into_inner()) })
+        Box::pin(async move { Ok(response.await.map_err(CallError::from)?.into_inner()) })
     }
 }
 

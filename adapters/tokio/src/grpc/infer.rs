@@ -2,6 +2,7 @@
 //! that building it needs no code generator.
 
 use std::convert::Infallible;
+use std::future::{Ready, ready};
 use std::sync::Arc;
 use std::task::{Context, Poll};
 
@@ -18,7 +19,8 @@ use tonic_prost::ProstCodec;
 use crate::grpc::MESSAGE_BYTES;
 use crate::grpc::remote::Connection;
 
-const METHOD: &str = "/fuseline.v1.Infer/Infer";
+const INFER: &str = "/fuseline.v1.Infer/Infer";
+const DESCRIBE: &str = "/fuseline.v1.Infer/Describe";
 
 /// One message of an operator's input.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
@@ -37,6 +39,26 @@ pub struct Reply {
     /// The result as operator and cloud agreed to encode it.
     #[prost(bytes = "bytes", tag = "1")]
     pub payload: Bytes,
+}
+
+/// What a cloud says it serves.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Description {
+    /// The model, as people call it; empty if it has no name.
+    #[prost(string, tag = "1")]
+    pub model: String,
+    /// How long it usually takes, in milliseconds.
+    #[prost(double, optional, tag = "2")]
+    pub runtime_ms: Option<f64>,
+    /// Its box AP on COCO, 0 to 100.
+    #[prost(double, optional, tag = "3")]
+    pub ap: Option<f64>,
+    /// The recorded drive whose round trips replies take besides; empty if there is none.
+    #[prost(string, tag = "4")]
+    pub drive: String,
+    /// Whether it only waits as long as the model would take.
+    #[prost(bool, tag = "5")]
+    pub emulated: bool,
 }
 
 /// The service's client.
@@ -61,9 +83,34 @@ impl InferClient {
         &mut self,
         request: tonic::Request<Request>,
     ) -> Result<Response<Reply>, Status> {
-        self.0.ready().await.map_err(|error| Status::unavailable(error.to_string()))?;
-        let path = PathAndQuery::from_static(METHOD);
-        self.0.unary(request, path, ProstCodec::<Request, Reply>::default()).await
+        self.unary(INFER, request).await
+    }
+
+    /// Asks what the server serves.
+    ///
+    /// # Errors
+    /// The status that the server, or the way to it, answered with; `Unimplemented` if the server
+    /// does not say.
+    pub async fn describe(
+        &mut self,
+        request: tonic::Request<()>,
+    ) -> Result<Response<Description>, Status> {
+        self.unary(DESCRIBE, request).await
+    }
+
+    async fn unary<Req, Res>(
+        &mut self,
+        method: &'static str,
+        request: tonic::Request<Req>,
+    ) -> Result<Response<Res>, Status>
+    where
+        Req: prost::Message + Send + Sync + 'static,
+        Res: prost::Message + Default + Send + Sync + 'static,
+    {
+        // The cause is kept.
+        self.0.ready().await.map_err(|error| Status::from_error(error.into()))?;
+        let path = PathAndQuery::from_static(method);
+        self.0.unary(request, path, ProstCodec::<Req, Res>::default()).await
     }
 }
 
@@ -72,6 +119,11 @@ impl InferClient {
 pub trait Infer: Send + Sync + 'static {
     /// Computes a message.
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send;
+
+    /// What it serves, for clients that ask; by default it does not say.
+    fn describe(&self) -> Option<Description> {
+        None
+    }
 }
 
 impl<F, Fut> Infer for F
@@ -106,13 +158,29 @@ impl<T> NamedService for InferServer<T> {
     const NAME: &'static str = "fuseline.v1.Infer";
 }
 
-impl<T: Infer> UnaryService<Request> for InferServer<T> {
+/// Computes messages.
+struct Computes<T>(Arc<T>);
+
+/// Says what is served.
+struct Describes<T>(Arc<T>);
+
+impl<T: Infer> UnaryService<Request> for Computes<T> {
     type Response = Reply;
     type Future = BoxFuture<'static, Result<Response<Reply>, Status>>;
 
     fn call(&mut self, request: tonic::Request<Request>) -> Self::Future {
         let infer = Arc::clone(&self.0);
         Box::pin(async move { infer.infer(request.into_inner()).await.map(Response::new) })
+    }
+}
+
+impl<T: Infer> UnaryService<()> for Describes<T> {
+    type Response = Description;
+    type Future = Ready<Result<Response<Description>, Status>>;
+
+    fn call(&mut self, _: tonic::Request<()>) -> Self::Future {
+        let said = self.0.describe().map(Response::new);
+        ready(said.ok_or_else(|| Status::unimplemented("the server does not say what it serves")))
     }
 }
 
@@ -126,15 +194,23 @@ impl<T: Infer> Service<http::Request<Body>> for InferServer<T> {
     }
 
     fn call(&mut self, request: http::Request<Body>) -> Self::Future {
-        let infer = self.clone();
+        let infer = Arc::clone(&self.0);
         Box::pin(async move {
-            if request.uri().path() != METHOD {
-                return Ok(Status::new(Code::Unimplemented, "no such method").into_http());
-            }
-            let mut grpc = tonic::server::Grpc::new(ProstCodec::<Reply, Request>::default())
-                .max_decoding_message_size(MESSAGE_BYTES)
-                .max_encoding_message_size(MESSAGE_BYTES);
-            Ok(grpc.unary(infer, request).await)
+            Ok(match request.uri().path() {
+                INFER => server().unary(Computes(infer), request).await,
+                DESCRIBE => server().unary(Describes(infer), request).await,
+                _ => Status::new(Code::Unimplemented, "no such method").into_http(),
+            })
         })
     }
+}
+
+fn server<Req, Res>() -> tonic::server::Grpc<ProstCodec<Res, Req>>
+where
+    Req: prost::Message + Default + Send + 'static,
+    Res: prost::Message + Send + 'static,
+{
+    tonic::server::Grpc::new(ProstCodec::default())
+        .max_decoding_message_size(MESSAGE_BYTES)
+        .max_encoding_message_size(MESSAGE_BYTES)
 }

@@ -1,0 +1,134 @@
+//! What comes on topics and as parameters, taken one by one.
+
+use std::task::Poll;
+
+use fuseline_tokio::drive::{Event, Word};
+use rustdds::dds::ReadError;
+use tokio::sync::mpsc;
+use tokio::time::Interval;
+use tracing::{debug, info, warn};
+
+use super::{Fusion, LOCAL, Memory};
+use crate::dds::End;
+use crate::key::KeyError;
+use crate::raw::Payload;
+use crate::settings::{Change, seconds};
+use crate::stamps::Order;
+
+/// Where it hears from.
+pub(crate) struct Heard {
+    pub(crate) inputs: mpsc::Receiver<Sample>,
+    /// With the place of the source.
+    pub(crate) results: mpsc::Receiver<(usize, Sample)>,
+    pub(crate) deadlines: mpsc::Receiver<Sample>,
+    pub(crate) changes: mpsc::UnboundedReceiver<Change>,
+    pub(crate) report: Interval,
+}
+
+/// What comes on a topic.
+pub(crate) type Sample = Result<Payload, ReadError>;
+
+impl Fusion<'_> {
+    /// Something came on the input topic: a message, if it has a key that no open one has.
+    pub(super) fn take(&mut self, sample: Sample) -> Option<Event<Payload, Payload>> {
+        let Memory { stamps, next, intake, .. } = &mut self.memory;
+        let Ok(message) = sample.inspect_err(|error| debug!(%error, "input not read")) else {
+            intake.encoding += 1;
+            return None;
+        };
+        let key = match self.input_key.read(&message.body, message.big_endian) {
+            Ok(key) => key,
+            Err(error) => {
+                debug!(%error, "input without a key");
+                match error {
+                    KeyError::Short => intake.short += 1,
+                    KeyError::Nanosec => intake.nanosec += 1,
+                }
+                return None;
+            }
+        };
+        match stamps.order(key) {
+            Order::Taken => {
+                warn!(%key, "an open message has this stamp: not taken in");
+                intake.duplicate_stamp += 1;
+                return None;
+            }
+            Order::Backwards => intake.stamp_backwards += 1,
+            Order::Forwards => {}
+        }
+        let timestamp = *next;
+        *next += 1;
+        stamps.open(key, timestamp);
+        Some(Event::Message { timestamp, message })
+    }
+
+    /// Something came on a source's topic: its result, if it has the key of a message.
+    pub(super) fn result(
+        &mut self,
+        place: usize,
+        sample: Sample,
+    ) -> Option<Event<Payload, Payload>> {
+        let source = &mut self.sources[place];
+        let key = sample.ok().and_then(|payload| {
+            let key = self.output_key.read(&payload.body, payload.big_endian).ok()?;
+            Some((key, payload))
+        });
+        let Some((key, payload)) = key else {
+            debug!(source = source.name, "result without a key");
+            source.strays.malformed += 1;
+            return None;
+        };
+        let Some(timestamp) = self.memory.stamps.find(key) else {
+            debug!(source = source.name, %key, "result of no message");
+            source.strays.unknown_stamp += 1;
+            return None;
+        };
+        Some(Event::Word(Word { priority: source.priority, timestamp, result: Ok(payload) }))
+    }
+
+    /// The environment decides the deadline: `std_msgs/msg/Float64`, seconds.
+    pub(super) fn environment(&mut self, sample: Sample) {
+        let decided = sample.ok().and_then(|payload| {
+            let bytes = *payload.body.first_chunk()?;
+            let is_big = payload.big_endian;
+            seconds(if is_big { f64::from_be_bytes(bytes) } else { f64::from_le_bytes(bytes) })
+        });
+        if let Some(deadline) = decided {
+            self.deadline = deadline;
+        } else {
+            warn!("a deadline that is no positive number of seconds: ignored");
+        }
+    }
+
+    /// A parameter was set.
+    pub(super) fn change(&mut self, change: Change) {
+        info!(?change, "parameter set");
+        match change {
+            Change::Deadline(deadline) => self.deadline = deadline,
+            Change::LocalDeadline(deadline) => self.sources[LOCAL].deadline = Some(deadline),
+            Change::CloudDeadline(cloud, deadline) => {
+                self.sources[LOCAL + 1 + cloud].deadline = deadline;
+            }
+            Change::CloudEnabled(cloud, enabled) => {
+                self.sources[LOCAL + 1 + cloud].enabled = enabled;
+            }
+            // ROS's own, which stamps what the voice says.
+            Change::SimTime(_) => {}
+        }
+    }
+
+    pub(crate) fn report(&mut self) {
+        let Memory { intake, reporter, .. } = &mut self.memory;
+        let ends: Vec<&End> = self.ends.iter().map(|end| &**end).collect();
+        let statuses = reporter.period(self.counting.tally(), *intake, &self.sources, &ends);
+        self.voice.diagnostics(statuses);
+    }
+}
+
+/// A channel that has ended says nothing more.
+pub(super) fn known<T>(heard: Poll<Option<T>>) -> Poll<T> {
+    match heard {
+        Poll::Ready(Some(heard)) => Poll::Ready(heard),
+        Poll::Ready(None) | Poll::Pending => Poll::Pending,
+    }
+}

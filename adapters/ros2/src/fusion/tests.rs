@@ -1,0 +1,322 @@
+//! The loop without DDS, on a clock that stands still until everybody sleeps: what an operator on
+//! streams does with a script, one on topics does as well.
+
+mod node;
+
+use std::future::pending;
+use std::sync::atomic::Ordering;
+
+use bytes::Bytes;
+use fuseline_tokio::{Config, Error, Local, Operator, Setup, spawn, stream};
+use node::{Node, payload};
+use tokio::time::{Instant, sleep, sleep_until};
+
+use super::*;
+use crate::settings::Change;
+
+const MS: Duration = Duration::from_millis(1);
+
+/// What a source does with a message, in milliseconds from when it is asked.
+#[derive(Clone, Copy)]
+enum Act {
+    Answers(u64),
+    Fails(u64),
+    Panics(u64),
+    /// No word comes.
+    Loses,
+}
+use Act::{Answers, Fails, Loses, Panics};
+
+/// What a source does with each message.
+type Plan = fn(u64) -> Act;
+
+/// What happens, for either transport: the timestamp of a message is its place.
+#[derive(Clone)]
+struct Script {
+    local: Plan,
+    /// With priorities 1, 2…: its deadline in milliseconds, and what it does.
+    clouds: Vec<(u64, Plan)>,
+    /// When messages come, in milliseconds.
+    messages: Vec<u64>,
+}
+
+/// The value names who computed it, for which message, and when it was asked.
+fn value(source: &str, t: u64, asked: Duration) -> String {
+    format!("{source}'s of {t}, asked at {} ms", asked.as_millis())
+}
+
+async fn compute(act: Act, source: String, t: u64, start: Instant) -> Result<String, Error> {
+    let value = value(&source, t, start.elapsed());
+    match act {
+        Answers(ms) => sleep(Duration::from_millis(ms)).await,
+        Fails(ms) => {
+            sleep(Duration::from_millis(ms)).await;
+            return Err("as told".into());
+        }
+        Panics(ms) => {
+            sleep(Duration::from_millis(ms)).await;
+            panic!("as told")
+        }
+        Loses => pending().await,
+    }
+    Ok(value)
+}
+
+/// Names for clouds.
+fn name(priority: u16) -> String {
+    format!("cloud{priority}")
+}
+
+/// A script on streams, with what the node has by default.
+struct OnStreams(Script, Instant);
+
+impl Operator for OnStreams {
+    type Input = u64;
+    type Output = String;
+
+    fn setup(self, setup: &mut Setup<u64, String>) -> Local<u64, String> {
+        let Self(script, start) = self;
+        for (priority, (deadline, act)) in (1..).zip(script.clouds) {
+            let handle = move |t, _| compute(act(t), name(priority), t, start);
+            let deadline = Duration::from_millis(deadline);
+            setup.use_cloud(handle, move |_, t| Some((t, deadline)), Ok, priority);
+        }
+        let mut local =
+            Local::futures(4, move |_, t| compute((script.local)(t), "local".into(), t, start));
+        local.deadline = Some(1000 * MS);
+        local
+    }
+}
+
+async fn on_streams(script: &Script) -> Vec<String> {
+    let start = Instant::now();
+    let (mut camera, frames) = stream(1024);
+    let (_running, mut output) =
+        spawn(OnStreams(script.clone(), start), Config::default(), frames).unwrap();
+    let messages = script.messages.clone();
+    tokio::spawn(async move {
+        for (t, ms) in (0..).zip(messages) {
+            sleep_until(start + Duration::from_millis(ms)).await;
+            camera.write(t).unwrap();
+        }
+    });
+    let mut lines = Vec::new();
+    while let Some(item) = output.read().await {
+        let (at, t) = (item.decided.as_millis(), item.timestamp);
+        lines.push(match &item.outcome {
+            Outcome::Forwarded(it) => line(at, t, &format!("{} by {}", it.value, it.rule.id())),
+            Outcome::Missed => line(at, t, "missed"),
+            Outcome::Refused(why) => line(at, t, &format!("refused: {why}")),
+        });
+    }
+    lines
+}
+
+fn line(at: u128, t: u64, what: &str) -> String {
+    format!("{at} ms: {t} {what}")
+}
+
+async fn on_topics(script: &Script) -> Vec<String> {
+    let node = Node::start(script.local, &script.clouds);
+    node.feed(0, script.messages.iter().copied()).await;
+    let last = script.messages.iter().max().unwrap();
+    node.until(last + 3000).await;
+    node.lines()
+}
+
+/// Plays it on both and compares each with what is expected.
+async fn play(script: Script, expected: &[&str]) {
+    assert_eq!(on_streams(&script).await, expected, "on streams");
+    assert_eq!(on_topics(&script).await, expected, "on topics");
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_best_result_in_time_goes_with_the_value_of_its_source_and_message() {
+    let clouds: Vec<(u64, Plan)> = vec![
+        (500, |t| if t == 1 { Loses } else { Answers(60) }),
+        (500, |t| if t == 2 { Answers(40) } else { Loses }),
+    ];
+    let script = Script { local: |_| Answers(20), clouds, messages: vec![0, 10, 20] };
+    let expected = [
+        "60 ms: 2 cloud2's of 2, asked at 20 ms by F3",
+        "500 ms: 0 cloud1's of 0, asked at 0 ms by F5",
+        "510 ms: 1 local's of 1, asked at 10 ms by F5",
+    ];
+    play(script, &expected).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_nearer_due_instant_is_served_in_its_time() {
+    let clouds: Vec<(u64, Plan)> =
+        vec![(500, |_| Loses), (100, |t| if t == 0 { Fails(1) } else { Loses })];
+    let script = Script { local: |_| Answers(20), clouds, messages: vec![0, 10] };
+    let expected = [
+        "110 ms: 1 local's of 1, asked at 10 ms by F5",
+        "500 ms: 0 local's of 0, asked at 0 ms by F5",
+    ];
+    play(script, &expected).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_panic_and_a_failure_of_a_call_let_what_is_in_hand_go_at_once() {
+    let clouds: Vec<(u64, Plan)> = vec![(500, |t| if t == 0 { Panics(50) } else { Fails(30) })];
+    let script = Script { local: |_| Answers(20), clouds, messages: vec![0, 100] };
+    let expected = [
+        "50 ms: 0 local's of 0, asked at 0 ms by F4",
+        "130 ms: 1 local's of 1, asked at 100 ms by F4",
+    ];
+    play(script, &expected).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn local_that_says_nothing_is_missed_at_its_limit() {
+    let script = Script { local: |_| Loses, clouds: Vec::new(), messages: vec![0, 5] };
+    play(script, &["1000 ms: 0 missed", "1005 ms: 1 missed"]).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn local_is_asked_again_after_all_that_it_was_asked_got_lost() {
+    // Local is killed at 1 s and back at 2 s; what it was sent meanwhile is gone. Four are at once,
+    // as by default. The cloud answers all the same, so that no timer of the rules tells of it.
+    let node = Node::start(|_| Answers(10), &[(500, |_| Answers(15))]);
+    node.feed(0, (0..30).map(|t| t * 1000 / 30)).await;
+    node.until(999).await;
+    node.is_deaf.store(true, Ordering::Relaxed);
+    node.feed(30, (30..60).map(|t| t * 1000 / 30)).await;
+    node.until(1999).await;
+    node.is_deaf.store(false, Ordering::Relaxed);
+    node.feed(60, (60..150).map(|t| t * 1000 / 30)).await;
+    node.until(4980).await;
+    node.changes.send(Change::CloudEnabled(0, false)).unwrap();
+    node.feed(150, (150..180).map(|t| t * 1000 / 30)).await;
+    node.until(9000).await;
+    let lines = node.lines();
+    assert_eq!(lines.len(), 180);
+    for (t, line) in lines.iter().enumerate() {
+        let source = if t < 150 { "cloud1" } else { "local" };
+        assert!(line.contains(&format!(": {t} {source}'s of {t}, asked at")), "{line}");
+    }
+    let tally = node.tally();
+    assert!(tally.sources[0].lost >= 4, "{}", tally.sources[0].lost);
+    // The node said so, and that it is well at the end.
+    let said = node.said();
+    let locals = said.diagnostics.iter().flatten().filter(|it| it.name == "/node: local");
+    let messages: Vec<_> = locals.map(|status| status.message.clone()).collect();
+    assert!(messages.iter().any(|it| it.contains("no word of")), "{messages:?}");
+    assert_eq!(messages.last().unwrap(), "in time");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_call_is_dropped_when_its_timer_fires_when_it_is_cancelled_and_at_the_end() {
+    let clouds: [(u64, Plan); 3] =
+        [(500, |_| Loses), (40, |_| Loses), (500, |t| if t == 0 { Answers(60) } else { Loses })];
+    let node = Node::start(|_| Answers(20), &clouds);
+    node.feed(0, [0]).await;
+    node.until(90).await;
+    let mut dropped = node.dropped.lock().unwrap().clone();
+    dropped.sort_unstable();
+    assert_eq!(dropped, [(1, 40), (2, 40), (3, 40)]);
+    node.feed(1, [100]).await;
+    node.until(110).await;
+    node.running.abort();
+    tokio::task::yield_now().await;
+    node.until(111).await;
+    assert_eq!(node.dropped.lock().unwrap().len(), 6, "calls outlive the loop");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_message_with_the_stamp_of_an_open_one_is_not_taken_in() {
+    let node = Node::start(|_| Answers(20), &[]);
+    node.feed(7, [0]).await;
+    node.feed(7, [5]).await;
+    node.feed(7, [100]).await;
+    node.until(1500).await;
+    assert_eq!(
+        node.lines(),
+        [
+            "20 ms: 0 local's of 7, asked at 0 ms by F3",
+            "120 ms: 1 local's of 7, asked at 100 ms by F3"
+        ]
+    );
+    let said = node.said();
+    let values = &said.diagnostics.last().unwrap()[0].values;
+    let count = values.iter().find(|value| value.key == "duplicate_stamp").unwrap();
+    assert_eq!(count.value, "1");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_deadline_that_is_set_counts_from_the_next_message_on() {
+    // It has no deadline of its own.
+    let node = Node::start(|_| Answers(10), &[(0, |_| Loses)]);
+    node.feed(0, [0]).await;
+    node.until(1).await;
+    node.changes.send(Change::Deadline(100 * MS)).unwrap();
+    node.until(10).await;
+    node.feed(1, [10]).await;
+    node.until(11).await;
+    let seconds = Bytes::copy_from_slice(&0.05_f64.to_le_bytes());
+    node.deadlines.send(Ok(Payload { big_endian: false, body: seconds })).await.unwrap();
+    node.until(20).await;
+    node.feed(2, [20]).await;
+    node.until(21).await;
+    node.changes.send(Change::CloudDeadline(0, Some(30 * MS))).unwrap();
+    node.until(30).await;
+    node.feed(3, [30]).await;
+    node.until(1500).await;
+    let expected = [
+        "60 ms: 3 local's of 3, asked at 30 ms by F5",
+        "70 ms: 2 local's of 2, asked at 20 ms by F5",
+        "110 ms: 1 local's of 1, asked at 10 ms by F5",
+        "500 ms: 0 local's of 0, asked at 0 ms by F5",
+    ];
+    assert_eq!(node.lines(), expected);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_local_deadline_that_is_set_holds_for_the_next_message() {
+    let node = Node::start(|_| Loses, &[]);
+    node.changes.send(Change::LocalDeadline(50 * MS)).unwrap();
+    node.until(1).await;
+    node.feed(0, [10]).await;
+    node.until(100).await;
+    assert_eq!(node.lines(), ["60 ms: 0 missed"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn local_fails_at_once_while_nobody_listens_to_it() {
+    let node = Node::start(|_| Answers(10), &[(500, |_| Answers(30))]);
+    node.local.store(0, Ordering::Relaxed);
+    node.feed(0, [0]).await;
+    node.until(100).await;
+    node.local.store(1, Ordering::Relaxed);
+    node.feed(1, [100]).await;
+    node.until(1500).await;
+    let expected = [
+        "30 ms: 0 cloud1's of 0, asked at 0 ms by F3",
+        "130 ms: 1 cloud1's of 1, asked at 100 ms by F3",
+    ];
+    assert_eq!(node.lines(), expected);
+    let local = &node.tally().sources[0];
+    assert_eq!(local.reasons.to_string(), "1 × nobody subscribes to its topic");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_flood_of_results_keeps_no_message_from_its_turn() {
+    let node = Node::start(|_| Answers(20), &[]);
+    let results = node.results.clone();
+    // It never lets the channel run empty.
+    let flood = tokio::spawn(async move {
+        while results.send((LOCAL, Ok(payload(999, "stray")))).await.is_ok() {
+            if results.capacity() > 32 {
+                tokio::task::yield_now().await;
+            }
+        }
+    });
+    node.inputs.send(Ok(payload(0, "frame"))).await.unwrap();
+    while node.tally().messages == 0 {
+        tokio::task::yield_now().await;
+    }
+    flood.abort();
+    node.until(100).await;
+    assert_eq!(node.lines().len(), 1);
+}

@@ -1,0 +1,296 @@
+//! A node on topics of this process, in a test's hands.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize};
+use std::sync::{Mutex, MutexGuard};
+
+use fuseline_operator::{Engine, Tally};
+use fuseline_tokio::drive::{Driver, finish};
+use tokio::sync::mpsc;
+use tokio::time::{MissedTickBehavior, interval};
+
+use super::*;
+use crate::arguments::Arguments;
+use crate::key::Kind;
+use crate::node;
+use crate::report::DiagnosticStatus;
+use crate::settings::Settings;
+use crate::source::{Handle, Strays};
+
+/// A topic in this process: what is published goes to whoever models its subscriber.
+struct Topic {
+    subscriber: mpsc::UnboundedSender<Payload>,
+    matched: Arc<AtomicUsize>,
+    end: Arc<End>,
+}
+
+impl Publish for Topic {
+    fn publish(&self, payload: Payload) -> bool {
+        self.subscriber.send(payload).is_ok()
+    }
+
+    fn matched(&self) -> usize {
+        self.matched.load(Ordering::Relaxed)
+    }
+
+    fn end(&self) -> &End {
+        &self.end
+    }
+}
+
+fn topic(name: &str) -> (Topic, mpsc::UnboundedReceiver<Payload>) {
+    let (subscriber, published) = mpsc::unbounded_channel();
+    let end = Arc::new(End::new(name, "tests/msg/Text"));
+    (Topic { subscriber, matched: Arc::new(AtomicUsize::new(1)), end }, published)
+}
+
+/// A message: its key, then text.
+pub(super) fn payload(key: u64, text: &str) -> Payload {
+    let mut body = key.to_le_bytes().to_vec();
+    body.extend_from_slice(text.as_bytes());
+    Payload { big_endian: false, body: body.into() }
+}
+
+fn key(payload: &Payload) -> u64 {
+    u64::from_le_bytes(*payload.body.first_chunk().unwrap())
+}
+
+fn text(body: &Bytes) -> String {
+    String::from_utf8(body[8..].to_vec()).unwrap()
+}
+
+/// What the node said.
+#[derive(Default)]
+pub(super) struct Said {
+    pub(super) lines: Vec<String>,
+    pub(super) diagnostics: Vec<Vec<DiagnosticStatus>>,
+}
+
+/// The node's ears and mouth, in a test's hands.
+struct Mouth {
+    said: Arc<Mutex<Said>>,
+    output: Mutex<mpsc::UnboundedReceiver<Payload>>,
+    start: Instant,
+}
+
+impl Speak for Mouth {
+    fn status(&self, status: DiagnosticStatus) {
+        let of = |key: &str| {
+            let found = status.values.iter().find(|value| value.key == key);
+            found.map(|value| value.value.clone()).unwrap_or_default()
+        };
+        let what = match self.output.lock().unwrap().try_recv() {
+            Ok(output) => {
+                assert_eq!(key(&output).to_string(), of("key"), "another message's output");
+                let text = text(&output.body);
+                assert!(text.starts_with(&format!("{}'s", of("source"))), "{text} of {status:?}");
+                format!("{text} by {}", of("rule"))
+            }
+            Err(_) => status.message.clone(),
+        };
+        let t = of("timestamp").parse().unwrap();
+        let line = line(self.start.elapsed().as_millis(), t, &what);
+        self.said.lock().unwrap().lines.push(line);
+    }
+
+    fn diagnostics(&self, status: Vec<DiagnosticStatus>) {
+        self.said.lock().unwrap().diagnostics.push(status);
+    }
+}
+
+/// A node on topics whose local is a model behind topics and whose clouds are called.
+pub(super) struct Node {
+    pub(super) start: Instant,
+    pub(super) inputs: mpsc::Sender<Sample>,
+    pub(super) results: mpsc::Sender<(usize, Sample)>,
+    pub(super) deadlines: mpsc::Sender<Sample>,
+    pub(super) changes: mpsc::UnboundedSender<Change>,
+    /// Local's subscriber count.
+    pub(super) local: Arc<AtomicUsize>,
+    /// Whether what local is sent gets lost.
+    pub(super) is_deaf: Arc<AtomicBool>,
+    pub(super) said: Arc<Mutex<Said>>,
+    pub(super) counting: Counting,
+    /// Dropped calls, by priority, with when.
+    pub(super) dropped: Drops,
+    pub(super) running: tokio::task::JoinHandle<()>,
+}
+
+/// Calls that ended or were dropped, by priority, with when.
+type Drops = Arc<Mutex<Vec<(u16, u128)>>>;
+
+/// Notes when a call ends or is dropped.
+struct Guard(Drops, u16, Instant);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        self.0.lock().unwrap().push((self.1, self.2.elapsed().as_millis()));
+    }
+}
+
+fn settings(clouds: usize) -> Settings {
+    let names: Vec<_> = (1..=clouds).map(|cloud| format!("cloud{cloud}")).collect();
+    let mut args = vec![
+        "--ros-args".to_owned(),
+        "-p".to_owned(),
+        "input.type:=tests/msg/Text".to_owned(),
+        "-p".to_owned(),
+        "output.type:=tests/msg/Text".to_owned(),
+        "-p".to_owned(),
+        "input.key:=uint64".to_owned(),
+        "-p".to_owned(),
+        "output.key:=uint64".to_owned(),
+    ];
+    if clouds > 0 {
+        args.extend(["-p".to_owned(), format!("clouds:=[{}]", names.join(","))]);
+    }
+    for (priority, name) in (1..).zip(&names) {
+        args.extend(["-p".to_owned(), format!("{name}.priority:={priority}")]);
+    }
+    let arguments = Arguments::parse(args.into_iter().map(Into::into)).unwrap();
+    Settings::from(&arguments, |_| None).unwrap()
+}
+
+impl Node {
+    pub(super) fn start(local: Plan, clouds: &[(u64, Plan)]) -> Self {
+        let start = Instant::now();
+        let settings = settings(clouds.len());
+        let engine: Engine<Payload, Payload> = node::engine(&settings).unwrap();
+        let counting = engine.counts();
+        let (inputs, heard_inputs) = mpsc::channel(1024);
+        let (results, heard_results) = mpsc::channel(64);
+        let (deadlines, heard_deadlines) = mpsc::channel(1);
+        let (changes, heard_changes) = mpsc::unbounded_channel();
+        let (requests, asked) = topic("/local/input");
+        let matched = Arc::clone(&requests.matched);
+        let is_deaf = Arc::<AtomicBool>::default();
+        tokio::spawn(model(local, asked, results.clone(), Arc::clone(&is_deaf), start));
+        let dropped = Arc::new(Mutex::new(Vec::new()));
+        let answers = End::new("/local/output", "tests/msg/Text");
+        answers.change(rustdds::GUID::GUID_UNKNOWN, 1, None);
+        let mut sources = vec![Source {
+            priority: 0,
+            name: "local".into(),
+            way: Way::Topics { requests: Box::new(requests), results: Arc::new(answers) },
+            enabled: true,
+            deadline: Some(settings.local.deadline),
+            strays: Strays::default(),
+        }];
+        for (priority, (deadline, act)) in (1..).zip(clouds.iter().copied()) {
+            let handle = cloud(priority, act, Arc::clone(&dropped), start);
+            sources.push(Source {
+                priority,
+                name: name(priority),
+                way: Way::Grpc(handle),
+                enabled: true,
+                deadline: Some(Duration::from_millis(deadline)).filter(|it| !it.is_zero()),
+                strays: Strays::default(),
+            });
+        }
+        let (output, published) = topic("/output");
+        let said = Arc::<Mutex<Said>>::default();
+        let mouth = Mouth { said: Arc::clone(&said), output: Mutex::new(published), start };
+        let (counts, reporter) = (counting.clone(), Reporter::new("/node", counting.tally()));
+        let (deadline, node) = (settings.deadline, settings.node.full());
+        let running = tokio::spawn(async move {
+            let mut stop = Stop::never();
+            let mut report = interval(1000 * MS);
+            report.set_missed_tick_behavior(MissedTickBehavior::Delay);
+            let fusion = Fusion {
+                sources,
+                output: Box::new(output),
+                ends: Vec::new(),
+                input_key: Key::Integer { offset: 0, kind: Kind::U64 },
+                output_key: Key::Integer { offset: 0, kind: Kind::U64 },
+                deadline,
+                node,
+                voice: Box::new(mouth),
+                counting: counts,
+                heard: Heard {
+                    inputs: heard_inputs,
+                    results: heard_results,
+                    deadlines: heard_deadlines,
+                    changes: heard_changes,
+                    report,
+                },
+                stop: &mut stop,
+                memory: Memory::new(reporter),
+            };
+            let (mut fusion, engine) = Driver::new(engine, fusion).run().await;
+            fusion.report();
+            drop(fusion);
+            finish(engine).await.unwrap();
+        });
+        let local = matched;
+        Self {
+            start,
+            inputs,
+            results,
+            deadlines,
+            changes,
+            local,
+            is_deaf,
+            said,
+            counting,
+            dropped,
+            running,
+        }
+    }
+
+    /// Messages at these milliseconds, with keys from the first's on.
+    pub(super) async fn feed(&self, first: u64, messages: impl IntoIterator<Item = u64>) {
+        for (t, ms) in (first..).zip(messages) {
+            sleep_until(self.start + Duration::from_millis(ms)).await;
+            self.inputs.send(Ok(payload(t, "frame"))).await.unwrap();
+        }
+    }
+
+    pub(super) async fn until(&self, ms: u64) {
+        sleep_until(self.start + Duration::from_millis(ms)).await;
+    }
+
+    pub(super) fn said(&self) -> MutexGuard<'_, Said> {
+        self.said.lock().unwrap()
+    }
+
+    pub(super) fn lines(&self) -> Vec<String> {
+        self.said().lines.clone()
+    }
+
+    pub(super) fn tally(&self) -> Tally {
+        self.counting.tally()
+    }
+}
+
+/// What is behind local's topics.
+async fn model(
+    plan: Plan,
+    mut asked: mpsc::UnboundedReceiver<Payload>,
+    results: mpsc::Sender<(usize, Sample)>,
+    is_deaf: Arc<AtomicBool>,
+    start: Instant,
+) {
+    while let Some(request) = asked.recv().await {
+        if is_deaf.load(Ordering::Relaxed) {
+            continue;
+        }
+        let (t, results) = (key(&request), results.clone());
+        tokio::spawn(async move {
+            let computed = compute(plan(t), "local".into(), t, start).await.unwrap();
+            drop(results.send((LOCAL, Ok(payload(t, &computed)))).await);
+        });
+    }
+}
+
+/// A cloud that is called.
+fn cloud(priority: u16, plan: Plan, dropped: Drops, start: Instant) -> Handle {
+    Arc::new(move |request: Payload, call: Call| {
+        let guard = Guard(Arc::clone(&dropped), priority, start);
+        let t = key(&request);
+        assert_eq!(call.timestamp, t);
+        let computing = compute(plan(t), name(priority), t, start);
+        Box::pin(async move {
+            let _guard = guard;
+            Ok(payload(t, &computing.await?))
+        })
+    })
+}

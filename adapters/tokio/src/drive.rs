@@ -1,0 +1,333 @@
+//! The event loop that every adapter on tokio shares: the one place where an operator's clock is
+//! read and its engine is driven.
+//!
+//! A [`Transport`] says what differs: where messages come from, where requests and outputs go, and
+//! what else is to be seen to. What is decided once, for all of them:
+//!
+//! - **Turns.** What comes from calls, what comes from the transport and the timer take turns
+//!   whenever several are ready, so that a flood of one keeps no other from its turn. Which is taken
+//!   first changes no decision about time: the core expires what is due before anything else (A2).
+//!   The order of turns is fixed, so that a run on a paused clock can be repeated.
+//! - **The timer** is set to the nearest due instant and never moved further away: it may find
+//!   nothing due, which is cheaper than to move it with each message. It is set again after each
+//!   time that it went off, also where the system's clock ends before the due instant.
+//! - **Calls** run in tasks of their own, since what they do may take long, and are aborted when
+//!   they are no longer wanted, and all of them when the loop ends or is dropped. Local's
+//!   computations never are (F7).
+//! - **Panics** of a call or a computation are failures (F4).
+//! - **What could not be sent** fails once the message was offered to every cloud (A30).
+
+use std::collections::HashMap;
+use std::future::poll_fn;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::{Pin, pin};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use fuseline_operator::{Effect, Engine, Item, Offer};
+use futures_util::future::BoxFuture;
+use tokio::sync::mpsc;
+use tokio::task::AbortHandle;
+use tokio::time::{Instant, Sleep, sleep_until};
+use tracing::{Instrument, debug_span};
+
+use crate::Error;
+use crate::panics::{guarded, panicked};
+use crate::words::Words;
+
+/// What differs between the adapters.
+pub trait Transport {
+    /// What is sent to a source.
+    type Request;
+    /// What sources compute.
+    type Value: Send + 'static;
+    /// What comes in.
+    type Message;
+
+    /// What happens next, if anything: the driver calls this when it is woken. The transport's own
+    /// affairs are seen to in here.
+    fn poll_event(&mut self, context: &mut Context<'_>) -> Poll<Event<Self::Message, Self::Value>>;
+
+    /// Local's job for a message and its limit, if it has one.
+    fn job(&mut self, message: &Self::Message) -> (Self::Request, Option<Duration>);
+
+    /// What is offered to clouds for a message that was taken on.
+    fn offers(
+        &mut self,
+        timestamp: u64,
+        message: &Self::Message,
+    ) -> impl Iterator<Item = Offer<Self::Request>>;
+
+    /// Sends a request to a source.
+    fn send(&mut self, start: Start<Self::Request>) -> Sent<Self::Value>;
+
+    /// What became of a message goes out.
+    fn output(&mut self, item: Item<Self::Value>);
+
+    /// Whether all outputs are on their way; until then the driver does not end by itself.
+    fn is_delivered(&self) -> bool {
+        true
+    }
+}
+
+/// What a transport tells.
+#[derive(Debug)]
+pub enum Event<M, V> {
+    /// A message came.
+    Message {
+        /// Greater than that of each before it.
+        timestamp: u64,
+        /// What came.
+        message: M,
+    },
+    /// A source's word came by another way than as the end of a call.
+    Word(Word<V>),
+    /// No message will come any more: the driver ends once all are answered.
+    Last,
+    /// The driver ends at once.
+    Stop,
+}
+
+/// A result, or why there will be none.
+#[derive(Debug)]
+pub struct Word<V> {
+    /// Whose; 0 is local's.
+    pub priority: u16,
+    /// For which message.
+    pub timestamp: u64,
+    /// What it says.
+    pub result: Result<V, Error>,
+}
+
+/// A request to be sent.
+#[derive(Debug)]
+pub struct Start<R> {
+    /// To whom; 0 is local.
+    pub priority: u16,
+    /// For which message.
+    pub timestamp: u64,
+    /// How much time is left; local has any.
+    pub left: Duration,
+    /// What was offered.
+    pub request: R,
+}
+
+/// What became of a request.
+pub enum Sent<V> {
+    /// Its end is the source's word. It runs in a task of its own; dropping it must abort it.
+    Call(BoxFuture<'static, Result<V, Error>>),
+    /// It is on its way, and a word may come back.
+    Away,
+    /// It could not be sent, and why.
+    Failed(Error),
+}
+
+/// An operator that is driven.
+pub struct Driver<T: Transport> {
+    engine: Engine<T::Value, T::Request>,
+    transport: T,
+    start: Instant,
+    words: mpsc::UnboundedReceiver<Word<T::Value>>,
+    sender: mpsc::UnboundedSender<Word<T::Value>>,
+    calls: Calls,
+    /// What could not be sent for the message at hand.
+    unsent: Vec<(u16, u64, Error)>,
+    /// Who has the next turn.
+    turn: u8,
+    is_last: bool,
+}
+
+/// Ends the recordings and waits until they are written, which the disk may delay.
+///
+/// # Errors
+/// If a recording is not whole.
+pub async fn finish<V: Send + 'static, R: Send + 'static>(
+    mut engine: Engine<V, R>,
+) -> io::Result<()> {
+    let written = tokio::task::spawn_blocking(move || engine.finish()).await;
+    written.unwrap_or_else(|error| Err(io::Error::other(error)))
+}
+
+/// The calls under way, aborted when this is dropped.
+#[derive(Default)]
+struct Calls(HashMap<(u16, u64), AbortHandle>);
+
+/// Whose turn it is.
+enum Turn<M, V> {
+    Event(Event<M, V>),
+    /// The timer went off.
+    Timer,
+}
+
+/// How many take turns.
+const TURNS: u8 = 3;
+
+impl<T: Transport> Driver<T> {
+    /// A driver whose clock starts now.
+    pub fn new(engine: Engine<T::Value, T::Request>, transport: T) -> Self {
+        let (sender, words) = mpsc::unbounded_channel();
+        Self {
+            engine,
+            transport,
+            start: Instant::now(),
+            words,
+            sender,
+            calls: Calls::default(),
+            unsent: Vec::new(),
+            turn: 0,
+            is_last: false,
+        }
+    }
+
+    /// Runs until the transport says stop, or no message will come and all are answered; then
+    /// aborts the calls. The engine that it answers is to be [finished](finish).
+    pub async fn run(mut self) -> (T, Engine<T::Value, T::Request>) {
+        let mut timer = pin!(sleep_until(self.start));
+        let mut armed = None;
+        loop {
+            self.act();
+            if self.is_last && self.engine.is_idle() && self.transport.is_delivered() {
+                break;
+            }
+            if let Some(due) = self.engine.next_due()
+                && armed.is_none_or(|armed| due < armed)
+            {
+                timer.as_mut().reset(self.instant(due));
+                armed = Some(due);
+            }
+            let is_armed = armed.is_some();
+            match poll_fn(|context| self.poll_turn(context, timer.as_mut(), is_armed)).await {
+                Turn::Event(Event::Message { timestamp, message }) => {
+                    self.message(timestamp, &message);
+                }
+                Turn::Event(Event::Word(word)) => self.word(word),
+                Turn::Event(Event::Last) => self.is_last = true,
+                Turn::Event(Event::Stop) => break,
+                Turn::Timer => {
+                    armed = None;
+                    let now = self.now();
+                    if self.engine.next_due().is_some_and(|due| due <= now) {
+                        self.engine.tick(now);
+                    }
+                }
+            }
+        }
+        (self.transport, self.engine)
+    }
+
+    /// Whoever is ready, beginning with the one after who was last.
+    fn poll_turn(
+        &mut self,
+        context: &mut Context<'_>,
+        mut timer: Pin<&mut Sleep>,
+        is_armed: bool,
+    ) -> Poll<Turn<T::Message, T::Value>> {
+        for _ in 0..TURNS {
+            let turn = self.turn;
+            self.turn = (turn + 1) % TURNS;
+            let ready = match turn {
+                // The driver has a sender itself: the channel does not end.
+                0 => self
+                    .words
+                    .poll_recv(context)
+                    .map(|word| word.map(|word| Turn::Event(Event::Word(word)))),
+                1 => self.transport.poll_event(context).map(|event| Some(Turn::Event(event))),
+                _ if is_armed => timer.as_mut().poll(context).map(|()| Some(Turn::Timer)),
+                _ => Poll::Pending,
+            };
+            if let Poll::Ready(Some(turn)) = ready {
+                return Poll::Ready(turn);
+            }
+        }
+        Poll::Pending
+    }
+
+    /// A message came (F1); each cloud is offered it (F2).
+    fn message(&mut self, timestamp: u64, message: &T::Message) {
+        // One instant for all of it: deadlines count from the message, and equal ones end together.
+        let now = self.now();
+        let (job, limit) = self.transport.job(message);
+        let offers = self.transport.offers(timestamp, message);
+        self.engine.open(now, timestamp, limit, job, offers);
+    }
+
+    /// A result or a failure came (F3, F4).
+    fn word(&mut self, Word { priority, timestamp, result }: Word<T::Value>) {
+        self.calls.0.remove(&(priority, timestamp));
+        let now = self.now();
+        match result {
+            Ok(value) => self.engine.result(now, timestamp, priority, value),
+            Err(error) => self.engine.fail(now, timestamp, priority, &Words(&*error)),
+        }
+    }
+
+    /// Does what the engine says, and lets fail what could not be sent.
+    fn act(&mut self) {
+        loop {
+            while let Some(effect) = self.engine.next_effect() {
+                match effect {
+                    Effect::Output(item) => self.transport.output(item),
+                    Effect::Start { priority, timestamp, due, request } => {
+                        let left = due.map_or(u64::MAX, |due| due.saturating_sub(self.now()));
+                        let left = Duration::from_nanos(left);
+                        self.send(Start { priority, timestamp, left, request });
+                    }
+                    Effect::Abort { priority, timestamp } => {
+                        if let Some(call) = self.calls.0.remove(&(priority, timestamp)) {
+                            call.abort();
+                        }
+                    }
+                }
+            }
+            if self.unsent.is_empty() {
+                return;
+            }
+            let now = self.now();
+            for (priority, timestamp, error) in self.unsent.drain(..) {
+                self.engine.fail(now, timestamp, priority, &Words(&*error));
+            }
+        }
+    }
+
+    fn send(&mut self, start: Start<T::Request>) {
+        let Start { priority, timestamp, .. } = start;
+        let sent = catch_unwind(AssertUnwindSafe(|| self.transport.send(start)));
+        match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
+            Sent::Call(call) => {
+                let words = self.sender.clone();
+                let task = async move {
+                    let result = guarded(call).await;
+                    // Nobody waits for it once the driver has ended.
+                    drop(words.send(Word { priority, timestamp, result }));
+                };
+                let span = debug_span!("call", priority, timestamp);
+                let task = tokio::spawn(task.instrument(span));
+                // F7: local is never aborted.
+                if priority > 0 {
+                    self.calls.0.insert((priority, timestamp), task.abort_handle());
+                }
+            }
+            Sent::Away => {}
+            Sent::Failed(error) => self.unsent.push((priority, timestamp, error)),
+        }
+    }
+
+    /// The operator's clock: nanoseconds since its start.
+    fn now(&self) -> u64 {
+        u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    /// When the clock reads `nanos`; what is too far for the system's is looked at again in a day.
+    fn instant(&self, nanos: u64) -> Instant {
+        let day = Duration::from_secs(24 * 60 * 60);
+        let far = self.start.elapsed() + day;
+        self.start + Duration::from_nanos(nanos).min(far)
+    }
+}
+
+impl Drop for Calls {
+    fn drop(&mut self) {
+        self.0.values().for_each(AbortHandle::abort);
+    }
+}

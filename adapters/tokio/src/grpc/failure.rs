@@ -1,0 +1,76 @@
+//! Why a call came to nothing, in words for people.
+
+use std::error::Error;
+use std::fmt;
+use std::io;
+
+use tonic::{Status, transport};
+
+/// Why a call came to nothing, in a few plain words: what caused it in the end.
+///
+/// `connection refused`, `a bearer token is needed`; the whole story is in the [`Status`].
+#[derive(Clone, Debug)]
+pub struct CallError(Status);
+
+impl CallError {
+    /// What it says of a connection that broke.
+    pub const BROKE: &str = "the connection broke";
+
+    /// The status that the server, or the way to it, answered with.
+    #[must_use]
+    pub const fn status(&self) -> &Status {
+        &self.0
+    }
+}
+
+impl From<Status> for CallError {
+    fn from(status: Status) -> Self {
+        Self(status)
+    }
+}
+
+// Without a source: the words name the innermost one.
+impl Error for CallError {}
+
+impl fmt::Display for CallError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let status = &self.0;
+        let (mut is_transport, mut innermost) = (false, None);
+        let mut next = status.source();
+        while let Some(cause) = next {
+            is_transport |= cause.is::<transport::Error>();
+            innermost = Some(cause);
+            next = cause.source();
+        }
+        match innermost {
+            Some(cause) => match cause.downcast_ref() {
+                // Which of its many words HTTP/2 has for it is chance.
+                Some(io) if is_broken(io) => f.write_str(Self::BROKE),
+                Some(io) => f.write_str(&plain(io)),
+                None if is_transport => f.write_str(Self::BROKE),
+                None => write!(f, "{cause}"),
+            },
+            None if status.message().is_empty() => f.write_str(status.code().description()),
+            None => f.write_str(status.message()),
+        }
+    }
+}
+
+fn is_broken(error: &io::Error) -> bool {
+    use io::ErrorKind::{BrokenPipe, ConnectionAborted, ConnectionReset, UnexpectedEof};
+    matches!(error.kind(), BrokenPipe | ConnectionAborted | ConnectionReset | UnexpectedEof)
+}
+
+/// `connection refused`: without the system's number, as the middle of a sentence.
+fn plain(error: &io::Error) -> String {
+    let words = error.to_string();
+    if words.contains("InvalidContentType") {
+        return "the server does not speak TLS".to_owned();
+    }
+    if error.kind() == io::ErrorKind::TimedOut {
+        return "no connection in time".to_owned();
+    }
+    let words = words.split(" (os error").next().unwrap_or_default();
+    let mut letters = words.chars();
+    letters.next().map_or_else(String::new, |first| first.to_lowercase().chain(letters).collect())
+}

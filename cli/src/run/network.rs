@@ -1,0 +1,89 @@
+//! The clouds of a run and the connections to them.
+
+use std::net::Ipv4Addr;
+use std::sync::{Arc, OnceLock};
+use std::{future, io};
+
+use fuseline_tokio::grpc::{self, Connection};
+use tokio::net::TcpListener;
+use tokio::task::JoinSet;
+use tokio::time::Instant;
+
+use crate::complain::complain;
+use crate::emulation::answer;
+use crate::fault::Fault;
+use crate::files;
+use crate::run::cloud::Remote;
+use crate::run::error::RunError;
+use crate::run::plan::{Plan, Server};
+
+/// A connection to each cloud.
+pub(crate) struct Network {
+    /// In the plan's order.
+    pub(crate) connections: Vec<Connection>,
+    /// Those of the emulated clouds, each on a port of its own; they end with this.
+    pub(crate) servers: JoinSet<Result<(), grpc::ServeError>>,
+    /// When the emulated drives began.
+    pub(crate) began: Arc<OnceLock<Instant>>,
+}
+
+impl Network {
+    /// Starts the emulated clouds; connections are made when they are first used.
+    ///
+    /// # Errors
+    /// If a cloud cannot be as it is described, or this machine has no port left.
+    pub(crate) async fn connect(plan: &Plan) -> Result<Self, Fault> {
+        let (mut connections, mut servers) = (Vec::new(), JoinSet::new());
+        let began = Arc::new(OnceLock::new());
+        for cloud in &plan.clouds {
+            let remote = match &cloud.server {
+                Server::Remote(remote) => describe(remote)?,
+                Server::Emulated(emulation) => {
+                    let (listener, url) = listen().await.map_err(RunError::Loopback)?;
+                    let infer = answer(emulation.clone(), Arc::clone(&began));
+                    servers.spawn(grpc::serve(
+                        infer,
+                        grpc::Server::default(),
+                        listener,
+                        future::pending(),
+                    ));
+                    grpc::Remote::new(url)
+                }
+            };
+            let connection = remote.connect();
+            connections.push(
+                connection
+                    .map_err(|source| RunError::Remote { cloud: cloud.name.clone(), source })?,
+            );
+        }
+        Ok(Self { connections, servers, began })
+    }
+
+    /// Asks the servers elsewhere what they serve, and warns where the user told otherwise.
+    pub(crate) async fn ask(&self, plan: &mut Plan) {
+        for (cloud, connection) in plan.clouds.iter_mut().zip(&self.connections) {
+            if matches!(cloud.server, Server::Remote(_))
+                && let Some(difference) = cloud.served.ask(connection.clone()).await
+            {
+                complain(format_args!("warning: {}: {difference}", cloud.name));
+            }
+        }
+    }
+}
+
+async fn listen() -> io::Result<(TcpListener, String)> {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await?;
+    let url = format!("http://{}", listener.local_addr()?);
+    Ok((listener, url))
+}
+
+/// Reads the files that a remote is reached with.
+fn describe(remote: &Remote) -> Result<grpc::Remote, Fault> {
+    let Remote { url, ca, cert, key, token } = remote;
+    Ok(grpc::Remote {
+        ca: ca.as_deref().map(files::certificates).transpose()?,
+        identity: files::identity(cert.as_deref(), key.as_deref())?,
+        token: token.as_deref().map(files::token).transpose()?,
+        ..grpc::Remote::new(url)
+    })
+}

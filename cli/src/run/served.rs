@@ -1,0 +1,89 @@
+//! What a cloud serves: as this process emulates it, as its server says, or else as the user told.
+
+use std::time::Duration;
+
+use fuseline_tokio::grpc::tonic::{Code, Request};
+use fuseline_tokio::grpc::{CallError, Connection, Description, InferClient};
+use tokio::time::timeout;
+
+use crate::emulation::Emulation;
+use crate::models::Model;
+
+/// How long a server may take to say what it serves.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// What a cloud serves, as far as is known.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub(crate) struct Served {
+    /// The model as people call it.
+    pub(crate) model: Option<String>,
+    /// How long it usually takes.
+    pub(crate) runtime: Option<Duration>,
+    /// Its box AP on COCO.
+    pub(crate) ap: Option<f64>,
+    /// The drive that its network is taken from.
+    pub(crate) drive: Option<String>,
+    /// Whether its runtime is emulated.
+    pub(crate) emulated: bool,
+    /// Why its server did not say so; then it is what the user told.
+    pub(crate) unsaid: Option<String>,
+}
+
+impl Served {
+    /// What the user told of a server elsewhere, before it was asked.
+    pub(crate) fn told(model: Option<&Model>) -> Self {
+        let Some(model) = model else { return Self::default() };
+        let (name, runtime) = (Some(model.to_string()), Some(model.runtime));
+        Self { model: name, runtime, ap: model.ap, ..Self::default() }
+    }
+
+    /// What this vehicle computes itself.
+    pub(crate) fn local(model: &Model) -> Self {
+        Self { emulated: true, ..Self::told(Some(model)) }
+    }
+
+    /// Asks the server; says what the user told otherwise.
+    pub(crate) async fn ask(&mut self, connection: Connection) -> Option<String> {
+        let mut client = InferClient::new(connection);
+        let description = match timeout(PATIENCE, client.describe(Request::new(()))).await {
+            Ok(Ok(said)) => said.into_inner(),
+            Ok(Err(status)) if status.code() == Code::Unimplemented => {
+                self.unsaid = Some("it does not know the question".to_owned());
+                return None;
+            }
+            Ok(Err(status)) => {
+                self.unsaid = Some(CallError::from(status).to_string());
+                return None;
+            }
+            Err(_) => {
+                self.unsaid = Some("no answer".to_owned());
+                return None;
+            }
+        };
+        let said = Self::from(description);
+        let told = std::mem::replace(self, said).model?;
+        let is = self.model.as_deref().unwrap_or("a model without a name");
+        (is != told).then(|| {
+            format!("its server serves {is}, not {told}; the tables tell of what it serves")
+        })
+    }
+}
+
+impl From<&Emulation> for Served {
+    fn from(emulation: &Emulation) -> Self {
+        let drive = Some(emulation.drive.name().to_owned());
+        Self { drive, emulated: true, ..Self::told(Some(&emulation.model)) }
+    }
+}
+
+impl From<Description> for Served {
+    fn from(said: Description) -> Self {
+        let Description { model, runtime_ms, ap, drive, emulated } = said;
+        let text =
+            |text: String| Some(crate::fault::one_line(&text)).filter(|text| !text.is_empty());
+        // What no time is, is none.
+        let runtime = runtime_ms.and_then(|ms| Duration::try_from_secs_f64(ms / 1000.0).ok());
+        let ap = ap.filter(|ap| (0.0..=100.0).contains(ap));
+        Self { model: text(model), runtime, ap, drive: text(drive), emulated, unsaid: None }
+    }
+}

@@ -1,0 +1,315 @@
+//! `fuseline serve` and `fuseline run` against it, run as a user runs them.
+
+mod common;
+#[path = "common/running.rs"]
+mod running;
+#[path = "common/signal.rs"]
+mod signal;
+
+use std::fs;
+use std::future::{pending, ready};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Stdio};
+
+use common::{err, fuseline, out, run};
+use fuseline_tokio::grpc;
+use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
+use running::{adds_up, report, run_in};
+use serde_json::Value;
+use signal::interrupt;
+use tempfile::{TempDir, tempdir};
+use tokio::net::TcpListener;
+
+/// A server that was started and says where it listens; it ends with this.
+struct Server {
+    child: Child,
+    port: String,
+}
+
+impl Server {
+    fn start(directory: &Path, args: &[&str]) -> Self {
+        Self::start_with(directory, args, "".as_ref())
+    }
+
+    /// With a token in its environment.
+    fn start_with(directory: &Path, args: &[&str], token: &std::ffi::OsStr) -> Self {
+        let all = [&["serve", "--listen", "127.0.0.1:0"], args].concat();
+        let mut child = fuseline(&all)
+            .current_dir(directory)
+            .env("FUSELINE_TOKEN", token)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut told = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
+        let port = told.trim().rsplit(':').next().unwrap().to_owned();
+        assert!(port.parse::<u16>().is_ok(), "{told}");
+        Self { child, port }
+    }
+
+    fn cloud(&self, scheme: &str, rest: &str) -> String {
+        let port = &self.port;
+        format!("name=east,priority=2,model=DINO-SWIN-Tiny,url={scheme}://localhost:{port}{rest}")
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        // It has ended where a test ended it.
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// How the requests of a short run to this cloud ended.
+fn requests(directory: &Path, cloud: &str) -> Value {
+    let long = ["--seconds", "0.5", "--deadline", "20000", "--json", "--cloud"];
+    let ran = run_in(directory, &[&long[..], &[cloud]].concat());
+    let report = report(&ran);
+    adds_up(&report);
+    let trace = directory.join("fuseline-trace.jsonl");
+    assert_eq!(run(&["check", trace.to_str().unwrap()], "").status.code(), Some(0));
+    report["sources"][1]["requests"].clone()
+}
+
+/// A directory with `ca.pem`, a server's and a client's certificate, and a stranger's.
+fn certificates() -> TempDir {
+    let dir = tempdir().unwrap();
+    let issuer = |name: &str| {
+        let mut params = CertificateParams::new(vec![name.to_owned()]).unwrap();
+        params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+        CertifiedIssuer::self_signed(params, KeyPair::generate().unwrap()).unwrap()
+    };
+    let write = |name: &str, text: String| fs::write(dir.path().join(name), text).unwrap();
+    let (ca, other) = (issuer("ca"), issuer("other"));
+    write("ca.pem", ca.pem());
+    for (name, ca) in [("server", &ca), ("client", &ca), ("stranger", &other)] {
+        let key = KeyPair::generate().unwrap();
+        let params = CertificateParams::new(vec!["localhost".to_owned()]).unwrap();
+        write(&format!("{name}.pem"), params.signed_by(&key, ca).unwrap().pem());
+        write(&format!("{name}.key"), key.serialize_pem());
+    }
+    dir
+}
+
+#[test]
+fn a_server_elsewhere_answers_a_run() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &["--model", "DINO-SWIN-Tiny"]);
+    assert_eq!(requests(dir.path(), &server.cloud("http", ""))["forwarded"], 5);
+}
+
+#[test]
+fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
+    let dir = tempdir().unwrap();
+    let args = ["--model", "DETR-ResNet-101", "--drive", "vnperf/highway:sprint", "--start", "1"];
+    let server = Server::start(dir.path(), &args);
+    let cloud = server.cloud("http", "");
+    let ran = run_in(dir.path(), &["--seconds", "0.3", "--cloud", &cloud]);
+    assert_eq!(
+        err(&ran).lines().next(),
+        Some(
+            "warning: east: its server serves DETR-ResNet-101 on A100, not DINO-SWIN-Tiny on A100; \
+             the tables tell of what it serves"
+        )
+    );
+    let line = out(&ran).lines().find(|line| line.contains("http://")).unwrap();
+    assert!(line.starts_with("  2 east   DETR-ResNet-101 on A100"), "{line}");
+    assert!(line.ends_with(&format!("{}, vnperf/highway:sprint", server.port)), "{line}");
+
+    let told = cloud.replace("DINO-SWIN-Tiny", "DETR-ResNet-101");
+    for same in [told.as_str(), &told.replace("model=DETR-ResNet-101,", "")] {
+        let ran = run_in(dir.path(), &["--seconds", "0.3", "--json", "--cloud", same]);
+        assert!(!err(&ran).contains("warning"), "{}", err(&ran));
+        let east = &report(&ran)["sources"][1];
+        assert_eq!(east["model"], "DETR-ResNet-101 on A100");
+        assert_eq!(
+            (&east["drive"], &east["emulated"]),
+            (&"vnperf/highway:sprint".into(), &true.into())
+        );
+        assert_eq!(east["unsaid"], Value::Null);
+    }
+}
+
+#[test]
+fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
+    let dir = tempdir().unwrap();
+    let echo = |request: grpc::Request| ready(Ok(grpc::Reply { payload: request.payload }));
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
+    let url = format!("url=http://{}", listener.local_addr().unwrap());
+    runtime.spawn(grpc::serve(echo, grpc::Server::default(), listener, pending()));
+    for (model, known) in [
+        ("model=DINO-SWIN-Tiny,", "its model is what --cloud tells"),
+        ("", "nothing is known of its model"),
+    ] {
+        let cloud = format!("name=east,priority=2,{model}{url}");
+        let ran = run_in(dir.path(), &["--seconds", "0.3", "--cloud", &cloud]);
+        let note = format!(
+            "east: its server did not say what it serves (it does not know the question); {known}."
+        );
+        assert!(out(&ran).lines().any(|line| line == note), "{}", out(&ran));
+    }
+}
+
+#[test]
+fn a_line_says_why_a_cloud_failed_and_only_what_was_written_counts_as_sent() {
+    let dir = certificates();
+    fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
+    let plain = Server::start(dir.path(), &[]);
+    let locked = Server::start(dir.path(), &["--token-file", "token"]);
+    let secure = Server::start(dir.path(), &["--cert", "server.pem", "--key", "server.key"]);
+    let nobody = "name=east,priority=2,url=http://127.0.0.1:1".to_owned();
+    for (cloud, why, is_written) in [
+        (nobody, "connection refused", false),
+        (locked.cloud("http", ""), "a bearer token is needed", true),
+        (plain.cloud("https", ",ca=ca.pem"), "the server does not speak TLS", false),
+        (
+            secure.cloud("http", ""),
+            "the connection broke; if it speaks TLS, give an https URL and a ca",
+            true,
+        ),
+    ] {
+        let short = ["--seconds", "0.3", "--deadline", "20000", "--cloud", &cloud];
+        let ran = run_in(dir.path(), &short);
+        let line = format!("east: 3 × {why}");
+        assert!(out(&ran).lines().any(|told| told == line), "{line}: {}", out(&ran));
+        let json = report(&run_in(dir.path(), &[&short[..], &["--json"]].concat()));
+        let why = why.split(';').next().unwrap();
+        assert_eq!(json["sources"][1]["failures"][why], 3, "{json}");
+        if !is_written {
+            assert_eq!(json["sources"][1]["sent_bytes"], 0, "{json}");
+            for policy in json["policies"].as_array().unwrap() {
+                assert_eq!(policy["sent_bytes"], 0, "{json}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_server_without_network_in_its_drive_is_late() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &["--drive", "vnperf/highway:wifi"]);
+    let short = ["--seconds", "0.5", "--json", "--cloud", &server.cloud("http", "")];
+    let report = report(&run_in(dir.path(), &short));
+    assert_eq!(report["sources"][1]["requests"]["late"], 5, "{report}");
+    // What a server elsewhere would have answered after its deadline is not known, but too
+    // late.
+    assert_eq!(report["policies"][2]["mean_ap"], 0.0, "{report}");
+    assert!(report["policies"][2]["response_ms"]["p50"]["at_least"].is_number(), "{report}");
+}
+
+#[test]
+fn only_clients_with_certificate_and_token_are_answered() {
+    let dir = certificates();
+    fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
+    fs::write(dir.path().join("wrong"), "open-barley\n").unwrap();
+    let locks = ["--cert", "server.pem", "--key", "server.key", "--client-ca", "ca.pem"];
+    let server = Server::start(dir.path(), &[&locks[..], &["--token-file", "token"]].concat());
+    let client = ",ca=ca.pem,cert=client.pem,key=client.key";
+    for (rest, fate) in [
+        (format!("{client},token=token"), "forwarded"),
+        (format!("{client},token=wrong"), "failed"),
+        (client.to_owned(), "failed"),
+        (client.replace("client.", "stranger.") + ",token=token", "failed"),
+        (",ca=ca.pem,token=token".to_owned(), "failed"),
+    ] {
+        let requests = requests(dir.path(), &server.cloud("https", &rest));
+        assert_eq!(requests[fate], 5, "{rest}: {requests}");
+    }
+}
+
+#[test]
+fn a_token_of_the_environment_is_asked_for() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+
+    let dir = tempdir().unwrap();
+    fs::write(dir.path().join("token"), "open-sesame").unwrap();
+    let locked = Server::start_with(dir.path(), &[], "open-sesame".as_ref());
+    assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["forwarded"], 5);
+    assert_eq!(requests(dir.path(), &locked.cloud("http", ""))["failed"], 5);
+    // Nothing is asked for where nothing is set.
+    let open = Server::start_with(dir.path(), &[], "".as_ref());
+    assert_eq!(requests(dir.path(), &open.cloud("http", ""))["forwarded"], 5);
+    for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {
+        let mut serve = fuseline(&["serve", "--listen", "127.0.0.1:0"]);
+        let serve = serve.env("FUSELINE_TOKEN", OsStr::from_bytes(unreadable));
+        let mut child = serve.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut told = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
+        drop(child.kill());
+        let refused = child.wait_with_output().unwrap();
+        assert_eq!((told.as_str(), refused.status.code()), ("", Some(2)), "{unreadable:?}");
+        assert!(err(&refused).starts_with("error: FUSELINE_TOKEN: "), "{}", err(&refused));
+    }
+}
+
+#[test]
+fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
+    let dir = certificates();
+    fs::write(dir.path().join("empty"), "\n").unwrap();
+    for (files, what) in [
+        ("ca=empty", "error: empty: no certificate in it"),
+        ("ca=client.key", "error: client.key: no certificate in it; give one as PEM (this is"),
+        ("ca=ca.pem,cert=client.key,key=client.pem", "error: client.key: no certificate"),
+        ("ca=ca.pem,cert=client.pem,key=ca.pem", "error: ca.pem: no private key in it"),
+    ] {
+        let cloud = format!("name=a,priority=1,url=https://localhost:1,{files}");
+        let refused = run_in(dir.path(), &["--cloud", &cloud]);
+        assert_eq!(refused.status.code(), Some(2), "{files}");
+        assert!(err(&refused).starts_with(what), "{}", err(&refused));
+        assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""));
+    }
+}
+
+#[test]
+fn ctrl_c_ends_a_server() {
+    let dir = tempdir().unwrap();
+    let mut server = Server::start(dir.path(), &[]);
+    interrupt(&server.child);
+    assert_eq!(server.child.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn bad_options_are_one_line_and_exit_2() {
+    let dir = certificates();
+    let server = Server::start(dir.path(), &[]);
+    let taken = format!("127.0.0.1:{}", server.port);
+    fs::write(dir.path().join("empty"), "\n").unwrap();
+    for (args, what) in [
+        (&["--listen", &taken][..], "choose an address of this machine and a free port"),
+        (&["--listen", "50051"], "invalid socket address"),
+        (&["--model", "yolo"], "no model \"yolo\""),
+        (&["--drive", "none.csv"], "no readable file"),
+        (&["--start", "1"], "--drive"),
+        (&["--cert", "server.pem"], "--key"),
+        (&["--client-ca", "ca.pem"], "--cert"),
+        (&["--cert", "none.pem", "--key", "server.key"], "none.pem: No such file"),
+        (&["--cert", "empty", "--key", "server.key"], "error: empty: no certificate in it"),
+        (
+            &["--cert", "server.key", "--key", "server.pem"],
+            "error: server.key: no certificate in it; give one as PEM (this is a private key)",
+        ),
+        (
+            &["--cert", "server.pem", "--key", "ca.pem"],
+            "error: ca.pem: no private key in it; give one as PEM (this is a certificate)",
+        ),
+        (
+            &["--cert", "server.pem", "--key", "server.key", "--client-ca", "empty"],
+            "error: empty: no certificate in it",
+        ),
+        (&["--token-file", "empty"], "visible ASCII"),
+    ] {
+        let listen = if args[0] == "--listen" { &[][..] } else { &["--listen", "127.0.0.1:0"] };
+        let refused = fuseline(&[&["serve"], listen, args].concat())
+            .current_dir(dir.path())
+            .output()
+            .unwrap();
+        assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", err(&refused));
+        assert!(err(&refused).contains(what), "{args:?}: {}", err(&refused));
+        assert_eq!(err(&refused).lines().count(), 1, "{args:?}: {}", err(&refused));
+    }
+}
