@@ -14,6 +14,7 @@ mod lane;
 mod matrix;
 mod measure;
 mod mutants;
+mod older;
 mod record;
 mod sources;
 mod table;

@@ -10,6 +10,7 @@ use crate::fault::{self, SeededFault};
 use crate::gap::{self, Gap};
 use crate::kind::{KINDS, Kind};
 use crate::measure::MEASURES;
+use crate::older;
 use crate::record::Record;
 use crate::tree::Tree;
 
@@ -26,6 +27,8 @@ pub struct Matrix {
     pub faults: Vec<Seeded>,
     /// The measurements of the tests, in their order.
     pub measured: Vec<Standing>,
+    /// The results that are older than their sources, by title, each with the reason.
+    pub older: Vec<(&'static str, String)>,
     /// What must be put right; the matrix stands only if this is empty.
     pub wrong: Vec<String>,
 }
@@ -77,9 +80,16 @@ impl Matrix {
     pub fn build(tree: &Tree) -> Result<Self, Error> {
         let faults = fault::load(tree)?;
         let mut wrong = Vec::new();
+        let mut stale = Vec::new();
         let mut records = Vec::new();
         for kind in KINDS {
-            records.extend(current(tree, kind, &faults, &mut wrong)?.map(|record| (kind, record)));
+            let Some(record) = there(tree, kind, &mut wrong)? else { continue };
+            if record.sources == kind.digest(tree)? {
+                wrong.extend(missing(kind, &record, &faults));
+            } else {
+                stale.push((kind.name, kind.title));
+            }
+            records.push((kind, record));
         }
         let defined = citation::defined(tree)?;
         let known: BTreeSet<&str> = defined.iter().map(|(id, _)| &**id).collect();
@@ -93,53 +103,54 @@ impl Matrix {
                 wrong.push(format!("nothing catches the fault {}", fault.name));
             }
         }
-        let shown = shown(tree, &seeded, &known, &mut wrong)?;
+        let shown = shown(tree, &seeded, &known, &stale, &mut wrong)?;
         let mut rows = Vec::new();
         for (id, title) in &defined {
             let row = row(id, title, &code, &seeded, &shown);
             wrong.extend(lacks(&row, &records));
             rows.push(row);
         }
-        let measured = measured(tree, &mut wrong)?;
+        let measured = measured(tree, &mut stale, &mut wrong)?;
+        let (older, undeclared) = older::sort(&stale, older::declared(tree)?);
+        wrong.extend(undeclared);
         Ok(Self {
             built_by: records.iter().map(|(kind, r)| (kind.name, r.rustc.clone())).collect(),
             ran: records.iter().map(|(kind, record)| (kind.name, record.held.len())).collect(),
             rows,
             faults: seeded,
             measured,
+            older,
             wrong,
         })
     }
 }
 
-/// The record of a kind; says what is stale or missing.
-fn current(
-    tree: &Tree,
-    kind: &Kind,
-    faults: &[SeededFault],
-    wrong: &mut Vec<String>,
-) -> Result<Option<Record>, Error> {
-    let Some(record) = Record::load(tree, kind)? else {
-        wrong.push(format!("{}: there are no results", kind.title));
-        return Ok(None);
-    };
-    if record.sources != kind.digest(tree)? {
-        wrong.push(format!("{}: the sources changed since the results", kind.title));
+/// The record of a kind; says if there is none, or none with a witness.
+fn there(tree: &Tree, kind: &Kind, wrong: &mut Vec<String>) -> Result<Option<Record>, Error> {
+    let record = Record::load(tree, kind)?;
+    match &record {
+        None => wrong.push(format!("{}: there are no results", kind.title)),
+        Some(record) if record.held.is_empty() => wrong.push(format!("{}: none ran", kind.title)),
+        Some(_) => {}
     }
-    if record.held.is_empty() {
-        wrong.push(format!("{}: none ran", kind.title));
-    }
+    Ok(record)
+}
+
+/// The faults under which the witnesses of a kind did not run.
+fn missing(kind: &Kind, record: &Record, faults: &[SeededFault]) -> Option<String> {
     let concerned = faults.iter().filter(|fault| kind.is_run_here() && (kind.concerns)(fault));
     let missing = concerned.filter(|fault| record.caught(fault).is_none());
     let missing: Vec<&str> = missing.map(|fault| &*fault.name).collect();
-    if !missing.is_empty() {
-        wrong.push(format!("{}: not run under {}", kind.title, missing.join(", ")));
-    }
-    Ok(Some(record))
+    let told = || format!("{}: not run under {}", kind.title, missing.join(", "));
+    (!missing.is_empty()).then(told)
 }
 
 /// The measurements; says what is stale, missing, not explained, or explained without need.
-fn measured(tree: &Tree, wrong: &mut Vec<String>) -> Result<Vec<Standing>, Error> {
+fn measured(
+    tree: &Tree,
+    stale: &mut Vec<(&'static str, &'static str)>,
+    wrong: &mut Vec<String>,
+) -> Result<Vec<Standing>, Error> {
     let reasons = gap::explanations(tree)?;
     let mut standings = Vec::new();
     for measure in MEASURES {
@@ -148,7 +159,7 @@ fn measured(tree: &Tree, wrong: &mut Vec<String>) -> Result<Vec<Standing>, Error
             continue;
         };
         if record.sources != measure.digest(tree)? {
-            wrong.push(format!("{}: the sources changed since the result", measure.title));
+            stale.push((measure.name, measure.title));
         }
         let explain = |gap: Gap| {
             let because = reasons.iter().find(|reason| reason.gap == gap);
@@ -183,6 +194,7 @@ fn shown(
     tree: &Tree,
     faults: &[Seeded],
     known: &BTreeSet<&str>,
+    stale: &[(&str, &str)],
     wrong: &mut Vec<String>,
 ) -> Result<Shown, Error> {
     let mut cache: BTreeMap<(&str, &str), BTreeSet<String>> = BTreeMap::new();
@@ -192,7 +204,12 @@ fn shown(
             let Some(kind) = Kind::find(name) else { continue };
             for witness in witnesses {
                 if !cache.contains_key(&(kind.name, &**witness)) {
-                    let cited = (kind.cites)(tree, witness)?;
+                    // A witness of an older result may be gone since; then it shows nothing.
+                    let is_older = stale.iter().any(|(name, _)| *name == kind.name);
+                    let cited = match (kind.cites)(tree, witness) {
+                        Err(_) if is_older => BTreeSet::new(),
+                        cited => cited?,
+                    };
                     wrong.extend(unknown(witness, cited.iter(), known));
                     cache.insert((kind.name, witness), cited);
                 }

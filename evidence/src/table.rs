@@ -71,6 +71,12 @@ fn markdown(matrix: &Matrix) -> String {
         text.push_str("\n## What is missing\n\n");
         matrix.wrong.iter().for_each(|line| text.extend(["- ", line, "\n"]));
     }
+    if !matrix.older.is_empty() {
+        text.push_str("\n## Older than their sources\n\nTo be taken again; what they say is of an earlier state.\n\n");
+        for (title, because) in &matrix.older {
+            let _ = writeln!(text, "- {title}: {because}");
+        }
+    }
     text.push_str("\n## In short\n\n");
     overview(matrix, &mut text);
     for (family, title) in [('F', "Rules"), ('P', "Promises"), ('A', "Ambiguities")] {
