@@ -35,7 +35,7 @@ With --observed the trace is one that several threads or machines recorded: each
 by itself, and conforms if the rules can explain what came out of it, given that each instant may be
 off by the tolerance and that timers and outputs may be late by the lateness. A trace of which
 nothing could be judged does not conform then. Memory grows with the timestamps that are open at
-once, not with the trace: 0.5 KB for each, and 0.1 KB for each of its requests.
+once, not with the trace: 0.5 KB for each, up to 1 KB with what came for it.
 
 Exit code 0 if all traces conform, 1 if some do not, 2 if one cannot be read. Gzipped traces are
 unpacked; several files are judged at once.
