@@ -42,7 +42,7 @@ pub(super) enum Seal {
     Superseded,
 }
 
-/// The place in [`COLUMNS`].
+/// The place in [`COLUMNS`](super::COLUMNS).
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fate {
     Forwarded = 1,
