@@ -203,7 +203,7 @@ test("timestamps are found by number and by reason", async (t) => {
   assert.equal(await find(String(MESSAGES)), "nothing found");
   assert.match(await find("dropped superseded"), /^[\d,]+ timestamps found$/);
   await press(page, "Enter");
-  assert.match(await text(page, "#events .drop"), /Dropped: superseded – the timestamp is not open any more/);
+  assert.match(await text(page, "#events .drop"), /Dropped: superseded – that message is over/);
   const before = await text(page, "#story-title");
   await press(page, "Enter");
   assert.notEqual(await text(page, "#story-title"), before);
