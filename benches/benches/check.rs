@@ -6,7 +6,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use fuseline_traces::observed::{self, Slack};
-use fuseline_traces::{Cloud, Commit, Demands, Header, Input, Reader, Reference, judge};
+use fuseline_traces::{Cloud, Commit, Demands, Events, Header, Input, Reference, judge};
 
 /// How many lines the trace has at least.
 const LINES: usize = 1_000_000;
@@ -36,7 +36,7 @@ fn check(c: &mut Criterion) {
     });
     group.bench_function("read", |b| {
         b.iter(|| {
-            let mut reader = Reader::new("trace", black_box(&trace[..])).expect("a header");
+            let mut reader = Events::new("trace", black_box(&trace[..])).expect("a header");
             while let Some(event) = reader.next_event().expect("it can be read") {
                 black_box(event);
             }

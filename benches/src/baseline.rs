@@ -7,7 +7,7 @@ use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 use std::hash::BuildHasher;
 
-use fuseline_core::{Commit, Decision, Event, Gate, Slot, Source};
+use fuseline_core::{Cause, Commit, Decision, Gate, Slot, Source};
 use fuseline_traces::Input;
 
 use crate::machine::{Machine, Tally};
@@ -69,18 +69,18 @@ impl<S: BuildHasher + Default> Baseline<S> {
                 let fired = fired.intersection(slot.armed());
                 if !fired.is_empty() {
                     tally.timers += fired.iter().count() as u64;
-                    self.close(t, Event::Timers(fired), tally);
+                    self.close(t, Cause::Timers(fired), tally);
                 }
             }
         }
     }
 
-    fn close(&mut self, t: u64, event: Event, tally: &mut Tally) {
+    fn close(&mut self, t: u64, cause: Cause, tally: &mut Tally) {
         let Some(slot) = self.open.get_mut(&t) else {
             tally.dropped += 1;
             return;
         };
-        let (next, decision) = slot.step(self.commit, event);
+        let (next, decision) = slot.step(self.commit, cause);
         *slot = next;
         if !next.is_open() {
             self.open.remove(&t);
@@ -97,10 +97,10 @@ impl<S: BuildHasher + Default> Baseline<S> {
         }
     }
 
-    fn arrival(&mut self, t: u64, p: u64, event: impl FnOnce(Source) -> Event, tally: &mut Tally) {
+    fn arrival(&mut self, t: u64, p: u64, cause: impl FnOnce(Source) -> Cause, tally: &mut Tally) {
         match self.source(p) {
             Some(source) if self.newest.is_some_and(|newest| t <= newest) => {
-                self.close(t, event(source), tally);
+                self.close(t, cause(source), tally);
             }
             _ => tally.dropped += 1,
         }
@@ -148,8 +148,8 @@ impl<S: BuildHasher + Default> Machine for Baseline<S> {
         let admitted = match *input {
             Input::Open { t, deadline, .. } => self.open(t, deadline),
             Input::Offer { t, p, deadline, backlog, .. } => self.offer(t, p, deadline, backlog),
-            Input::Result { t, p, .. } => return self.arrival(t, p, Event::Result, tally),
-            Input::Fail { t, p, .. } => return self.arrival(t, p, Event::Failure, tally),
+            Input::Result { t, p, .. } => return self.arrival(t, p, Cause::Result, tally),
+            Input::Fail { t, p, .. } => return self.arrival(t, p, Cause::Failure, tally),
             Input::Tick { .. } => return,
         };
         match admitted {

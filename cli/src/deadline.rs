@@ -8,8 +8,8 @@ use std::time::Duration;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use csv::{Position, ReaderBuilder, StringRecord, Trim};
 use fuseline_deadline::{
-    Case, Choice, Classes, Figure, Guard, Hazard, Impact, Invalid, Loss, Observation, Parameters,
-    Situation, Source, Span, Survival, Verdict, least_loss, mean_loss,
+    Assessment, Case, Choice, Classes, Figure, Guard, Hazard, Impact, Invalid, Loss, Observation,
+    Parameters, Situation, Source, Span, Survival, least_loss, mean_loss,
 };
 use serde::Serialize;
 use thiserror::Error;
@@ -183,7 +183,8 @@ fn guard(args: &Args) -> Result<Guard, Invalid> {
 impl Row {
     fn new(args: &Args, guard: &Guard, observed: &[Observation], speed: f64) -> Self {
         let situation = Situation { reveal: args.reveal, ..Situation::at(speed) };
-        let Verdict { budget_local, budget_cloud, case, deadline: cap } = guard.judge(&situation);
+        let Assessment { budget_local, budget_cloud, case, deadline: cap } =
+            guard.judge(&situation);
         let impact = Impact::from(guard);
         let loss = |source: Source, response| impact.loss(&situation, source, response);
         let steps = Survival::new(observed.iter().copied(), &[]);

@@ -4,7 +4,7 @@ use std::io::{self, BufRead};
 use std::time::Duration;
 
 use fuseline_traces::observed::{self, Slack};
-use fuseline_traces::{Event, Header, Judge, ReadError, Reader, Verdict};
+use fuseline_traces::{Event, Events, Header, Judge, ReadError, Verdict};
 use thiserror::Error;
 
 use crate::complain::complain;
@@ -66,7 +66,7 @@ pub(crate) fn judge(how: &How, name: &str, trace: impl BufRead) -> Result<Found,
 
 /// The next event of a trace; none at its end, or where it was cut short if that is asked for.
 pub(crate) fn next_event<R: BufRead>(
-    reader: &mut Reader<R>,
+    reader: &mut Events<R>,
     end: End,
 ) -> Result<Option<Event>, Fault> {
     let error = match reader.next_event() {
@@ -95,8 +95,8 @@ pub(crate) fn next_event<R: BufRead>(
 struct Cut(ReadError);
 
 /// Reads a trace's header for the judge of that manner.
-pub(crate) fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> Result<Reader<R>, Fault> {
-    let read = if manner.is_none() { Reader::new } else { Reader::observed };
+pub(crate) fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> Result<Events<R>, Fault> {
+    let read = if manner.is_none() { Events::new } else { Events::observed };
     Ok(read(name, trace)?)
 }
 

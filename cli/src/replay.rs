@@ -4,7 +4,7 @@ use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::PathBuf;
 
 use fuseline_arbiter::Arbiter;
-use fuseline_traces::{Event, Reader, unpack};
+use fuseline_traces::{Event, Events, unpack};
 
 use crate::decide::decide;
 use crate::exit::Exit;
@@ -35,14 +35,14 @@ pub(crate) fn replay(args: &Args) -> Result<Exit, Fault> {
     let (name, file) = open(&args.file)?;
     let file = unpack(BufReader::with_capacity(CHUNK, file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let reader = Reader::new(name.as_str(), BufReader::with_capacity(CHUNK, file))?;
+    let reader = Events::new(name.as_str(), BufReader::with_capacity(CHUNK, file))?;
     let arbiter = Arbiter::new(reader.header()).map_err(|source| Fault::Config { name, source })?;
     answer(reader, arbiter, BufWriter::with_capacity(CHUNK, io::stdout().lock()))?;
     Ok(Exit::Conforms)
 }
 
 fn answer<R: Read>(
-    mut reader: Reader<BufReader<R>>,
+    mut reader: Events<BufReader<R>>,
     mut arbiter: Arbiter,
     mut out: BufWriter<impl Write>,
 ) -> Result<(), Fault> {

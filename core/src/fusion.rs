@@ -4,7 +4,7 @@ use crate::answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Op
 use crate::clouds::{Cloud, Clouds, ConfigError};
 use crate::gate::Gate;
 use crate::priority::Priority;
-use crate::slot::{Commit, Decision, Event, Slot};
+use crate::slot::{Cause, Commit, Decision, Slot};
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
 use crate::window::{Entry, Place, Window};
@@ -197,13 +197,13 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         let place = self.open.first_due_at(due);
         let timestamp = self.open.timestamp(place);
         let timers = self.open.entry(place).armed_at(due);
-        let outcome = self.close(place, Event::Timers(timers));
+        let outcome = self.close(place, Cause::Timers(timers));
         Firing { timestamp, due, timers: self.clouds.priorities(timers), outcome }
     }
 
     /// Steps an open timestamp, and retires it if the step does.
-    pub(crate) fn close(&mut self, place: Place, event: Event) -> Outcome<CLOUDS> {
-        let (slot, decision) = self.open.entry(place).slot.step(self.commit, event);
+    pub(crate) fn close(&mut self, place: Place, cause: Cause) -> Outcome<CLOUDS> {
+        let (slot, decision) = self.open.entry(place).slot.step(self.commit, cause);
         if slot.is_open() {
             self.open.set(place, slot);
         } else {
@@ -296,12 +296,12 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
 
     /// F3: this source's result came. It is forwarded, held or dropped, never anything else.
     pub fn result(&mut self, timestamp: Timestamp, source: Priority) -> Outcome<CLOUDS> {
-        self.close(timestamp, source, Event::Result)
+        self.close(timestamp, source, Cause::Result)
     }
 
     /// F4: no result will come from this source: the call failed, or the local computation produced nothing.
     pub fn fail(&mut self, timestamp: Timestamp, source: Priority) -> Outcome<CLOUDS> {
-        self.close(timestamp, source, Event::Failure)
+        self.close(timestamp, source, Cause::Failure)
     }
 
     /// The machine's clock: the instant of the decisions made here.
@@ -314,14 +314,14 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         &mut self,
         timestamp: Timestamp,
         priority: Priority,
-        event: impl FnOnce(Source) -> Event,
+        cause: impl FnOnce(Source) -> Cause,
     ) -> Outcome<CLOUDS> {
         let source = self.fusion.clouds.source(priority);
         let Some(source) = source.filter(|_| self.fusion.was_reached(timestamp)) else {
             return Outcome::Dropped(DropReason::Unknown);
         };
         match self.fusion.open.find(timestamp) {
-            Some(place) => self.fusion.close(place, event(source)),
+            Some(place) => self.fusion.close(place, cause(source)),
             // A16: also when it is late as well.
             None => Outcome::Dropped(DropReason::Superseded),
         }

@@ -22,6 +22,6 @@ pub use fusion::{At, Fusion, Ready};
 pub use gate::Gate;
 pub use held::Held;
 pub use priority::{Priorities, Priority};
-pub use slot::{Commit, Decision, Event, InvalidSlot, Slot};
+pub use slot::{Cause, Commit, Decision, InvalidSlot, Slot};
 pub use source::{Source, Sources};
 pub use time::{Deadline, Instant, Timestamp};

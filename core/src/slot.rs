@@ -32,7 +32,7 @@ pub struct Slot {
 /// What can close requests of one timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Event {
+pub enum Cause {
     /// A result came (F3).
     Result(Source),
     /// No result will come (F4).
@@ -178,11 +178,11 @@ impl Slot {
 
     /// The pure step: closes requests and decides (F3–F7).
     #[must_use]
-    pub fn step(self, commit: Commit, event: Event) -> (Self, Decision) {
-        match event {
-            Event::Result(source) => self.result(commit, source),
-            Event::Failure(source) => self.failure(commit, source),
-            Event::Timers(fired) => self.timers(commit, fired.intersection(self.armed)),
+    pub fn step(self, commit: Commit, cause: Cause) -> (Self, Decision) {
+        match cause {
+            Cause::Result(source) => self.result(commit, source),
+            Cause::Failure(source) => self.failure(commit, source),
+            Cause::Timers(fired) => self.timers(commit, fired.intersection(self.armed)),
         }
     }
 

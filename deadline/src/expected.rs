@@ -6,7 +6,7 @@ use crate::invalid::{Figure, Invalid};
 use crate::loss::{Loss, Source};
 use crate::observations::Observations;
 use crate::parameters::above_0;
-use crate::policy::{Decision, End, Policy, Reason, Situation, rounded_down};
+use crate::policy::{Chosen, End, Policy, Reason, Situation, rounded_down};
 use crate::span::Span;
 use crate::survival::{Observation, Step, Survival};
 
@@ -75,18 +75,18 @@ impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
 }
 
 impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
-    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         self.since = self.since.saturating_add(1);
         if self.probe_every.is_some_and(|every| self.since >= every) {
             self.since = 0;
-            return Decision { deadline: cap, reason: Reason::Probe };
+            return Chosen { deadline: cap, reason: Reason::Probe };
         }
         let steps = Survival::new(self.observations.sorted(), situation.under_way);
         let Choice { deadline, loss } =
             least_loss(steps, self.local_response, cap, |source, response| {
                 self.loss.loss(situation, source, response)
             });
-        Decision::within(cap, deadline, Reason::Expected { loss })
+        Chosen::within(cap, deadline, Reason::Expected { loss })
     }
 
     fn ended(&mut self, end: End) {

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::invalid::Invalid;
 use crate::parameters::{Hazard, Parameters};
-use crate::policy::{Case, Decision, End, Policy, Reason, Situation, rounded_down};
+use crate::policy::{Case, Chosen, End, Policy, Reason, Situation, rounded_down};
 use crate::span::Span;
 
 /// The longest deadline with which fusion never hits what local alone would not have hit: T2 of the crate's
@@ -18,7 +18,7 @@ pub struct Guard {
 
 /// What the guard found for a situation.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Verdict {
+pub struct Assessment {
     /// How long after capture local's results surely suffice to stop, in seconds; of the class that decides. No number
     /// if nothing is known.
     pub budget_local: f64,
@@ -53,7 +53,7 @@ impl Guard {
 
     /// The longest deadline that is safe now, and why. It looks at each class once.
     #[must_use]
-    pub fn judge(&self, situation: &Situation<'_>) -> Verdict {
+    pub fn judge(&self, situation: &Situation<'_>) -> Assessment {
         let Parameters { local_response, lateness, margin, .. } = self.parameters;
         let (mut stops, mut least, mut cloud) = (None, f64::NAN, f64::NAN);
         let mut is_unsure = false;
@@ -82,7 +82,7 @@ impl Guard {
             None => (Case::Unsure, local_response.least),
         };
         let budget_local = stops.filter(|_| !is_unsure).unwrap_or(least);
-        Verdict { budget_local, budget_cloud: cloud, case, deadline: rounded_down(deadline) }
+        Assessment { budget_local, budget_cloud: cloud, case, deadline: rounded_down(deadline) }
     }
 
     /// Local's least and greatest response.
@@ -129,9 +129,9 @@ impl Guard {
 }
 
 impl Policy for Guard {
-    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision {
-        let Verdict { case, deadline, .. } = self.judge(situation);
-        Decision::within(cap, deadline, Reason::Guard(case))
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
+        let Assessment { case, deadline, .. } = self.judge(situation);
+        Chosen::within(cap, deadline, Reason::Guard(case))
     }
 
     fn ended(&mut self, _: End) {}

@@ -24,11 +24,11 @@ mod span;
 mod survival;
 
 pub use expected::{Choice, Expected, least_loss, mean_loss};
-pub use guard::{Guard, Verdict};
+pub use guard::{Assessment, Guard};
 pub use invalid::{Figure, Invalid};
 pub use loss::{Accuracy, Impact, Loss, Source};
 pub use observations::Observations;
 pub use parameters::{Classes, Hazard, Parameters};
-pub use policy::{Capped, Case, Constant, Decision, End, Policy, Reason, Situation};
+pub use policy::{Capped, Case, Chosen, Constant, End, Policy, Reason, Situation};
 pub use span::Span;
 pub use survival::{Observation, Step, Survival};

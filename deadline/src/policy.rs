@@ -10,7 +10,7 @@ use crate::span::Span;
 /// machine, and tell it how each call ended. It needs no clock, allocates nothing and never fails.
 pub trait Policy {
     /// The deadline of the request that is about to be made, counted from the capture of its message, and at most `cap`.
-    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision;
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen;
 
     /// A call has ended so.
     fn ended(&mut self, end: End);
@@ -55,7 +55,7 @@ pub enum End {
 
 /// A deadline, and why it is that one.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Decision {
+pub struct Chosen {
     /// The deadline.
     pub deadline: Duration,
     /// Why.
@@ -110,7 +110,7 @@ impl Situation<'_> {
     }
 }
 
-impl Decision {
+impl Chosen {
     /// The deadline, or the cap where that is shorter.
     pub(crate) fn within(cap: Duration, deadline: Duration, reason: Reason) -> Self {
         if deadline <= cap {
@@ -122,15 +122,15 @@ impl Decision {
 }
 
 impl Policy for Constant {
-    fn decide(&mut self, _: &Situation<'_>, cap: Duration) -> Decision {
-        Decision::within(cap, self.0, Reason::Constant)
+    fn decide(&mut self, _: &Situation<'_>, cap: Duration) -> Chosen {
+        Chosen::within(cap, self.0, Reason::Constant)
     }
 
     fn ended(&mut self, _: End) {}
 }
 
 impl<C: Policy, P: Policy> Policy for Capped<C, P> {
-    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         let cap = self.cap.decide(situation, cap);
         let decision = self.policy.decide(situation, cap.deadline);
         if decision.reason == Reason::Cap { cap } else { decision }
@@ -143,7 +143,7 @@ impl<C: Policy, P: Policy> Policy for Capped<C, P> {
 }
 
 impl<P: Policy + ?Sized> Policy for &mut P {
-    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Decision {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         (**self).decide(situation, cap)
     }
 

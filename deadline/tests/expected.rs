@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use fuseline_deadline::{
-    Accuracy, Choice, Constant, Decision, End, Expected, Figure, Guard, Impact, Invalid, Loss,
+    Accuracy, Choice, Chosen, Constant, End, Expected, Figure, Guard, Impact, Invalid, Loss,
     Observation, Observations, Parameters, Policy, Reason, Situation, Source, Survival, least_loss,
     mean_loss,
 };
@@ -36,7 +36,7 @@ fn policy<const WINDOW: usize>(probe_every: Option<u32>) -> Expected<Accuracy, W
 }
 
 /// What becomes of the next message when the cloud would answer after so many ms; `None` never.
-fn message(policy: &mut impl Policy, response: Option<u64>) -> Decision {
+fn message(policy: &mut impl Policy, response: Option<u64>) -> Chosen {
     let decision = policy.decide(&Situation::at(10.0), ms(500));
     let answered = response.map(ms).filter(|response| *response < decision.deadline);
     policy.ended(answered.map_or(End::Censored(decision.deadline), End::Answered));

@@ -3,7 +3,7 @@
 use fuseline_traces::{Decision, Input};
 
 use crate::run::Run;
-use crate::scene::{Scene, Step};
+use crate::scene::{Ruling, Scene};
 
 /// A run as long as this is a long one, in inputs.
 const LONG: usize = 400;
@@ -115,7 +115,11 @@ impl Edge {
     }
 
     /// What became of an input, seen after it.
-    pub(crate) fn of_step(scene: &Scene, input: &Input, step: &Step) -> impl Iterator<Item = Self> {
+    pub(crate) fn of_step(
+        scene: &Scene,
+        input: &Input,
+        step: &Ruling,
+    ) -> impl Iterator<Item = Self> {
         let dues: Vec<_> =
             step.fired.iter().filter_map(|(decision, _)| due(scene, decision)).collect();
         let together = |of: fn(&Due, &Due) -> bool| {

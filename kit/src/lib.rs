@@ -13,6 +13,6 @@ pub use edge::Edge;
 pub use generate::Generator;
 pub use history::History;
 pub use ledger::{Ledger, Promise, Terms, Violation, split};
-pub use reach::{Cause, Effect, Mark, Reach, Share};
+pub use reach::{Cause, Consequence, Mark, Reach, Share};
 pub use run::Run;
-pub use scene::{Gate, Reasons, Scene, Step};
+pub use scene::{Gate, Grounds, Ruling, Scene};

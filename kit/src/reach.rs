@@ -9,7 +9,7 @@ use fuseline_traces::{
 
 use crate::edge::Edge;
 use crate::run::Run;
-use crate::scene::{Reasons, Scene, Step};
+use crate::scene::{Grounds, Ruling, Scene};
 
 /// Something that a check can come to.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -35,7 +35,7 @@ pub enum Mark {
     /// So was a failure.
     Fails(DropReason, DropReason),
     /// An input, or what was due before it, had this effect.
-    Outcome(Cause, Effect),
+    Outcome(Cause, Consequence),
     /// A place where implementations go wrong.
     Edge(Edge),
     /// The judge found a violation of this rule.
@@ -59,7 +59,7 @@ pub enum Cause {
 
 /// What a decision does to its timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Effect {
+pub enum Consequence {
     /// Local's result is held.
     HoldsLocal,
     /// A cloud's result is held.
@@ -109,7 +109,7 @@ impl Reach {
     }
 
     /// Lets an input happen, and notes what it comes to.
-    pub fn follow(&mut self, scene: &mut Scene, input: &Input) -> Step {
+    pub fn follow(&mut self, scene: &mut Scene, input: &Input) -> Ruling {
         self.mark(Mark::Commit(scene.commit()));
         self.edges(Edge::of_input(scene, input));
         let gate: Vec<_> = Edge::of_gate(scene, input).collect();
@@ -182,7 +182,7 @@ impl Reach {
     }
 
     /// Notes the rules that an input shows.
-    fn rules(&mut self, input: &Input, step: &Step) {
+    fn rules(&mut self, input: &Input, step: &Ruling) {
         // An accepted failure that decides nothing is all that there is to see of F4.
         if matches!(input, Input::Fail { .. }) {
             self.mark(Mark::Rule(Rule::F4));
@@ -201,13 +201,13 @@ impl Reach {
     }
 
     /// Notes the reason that decides, and each that holds as well.
-    fn reasons(&mut self, reasons: &Reasons) {
+    fn reasons(&mut self, reasons: &Grounds) {
         match reasons {
-            Reasons::None => {}
-            Reasons::Open(all) => self.first(all, Mark::Open, Mark::Opens),
-            Reasons::Offer(all) => self.first(all, Mark::Offer, Mark::Offers),
-            Reasons::Result(all) => self.first(all, Mark::Result, Mark::Results),
-            Reasons::Fail(all) => self.first(all, Mark::Fail, Mark::Fails),
+            Grounds::None => {}
+            Grounds::Open(all) => self.first(all, Mark::Open, Mark::Opens),
+            Grounds::Offer(all) => self.first(all, Mark::Offer, Mark::Offers),
+            Grounds::Result(all) => self.first(all, Mark::Result, Mark::Results),
+            Grounds::Fail(all) => self.first(all, Mark::Fail, Mark::Fails),
         }
     }
 
@@ -220,31 +220,31 @@ impl Reach {
     }
 
     /// Notes what became of the timestamps that an input, or a timer before it, was for.
-    fn outcomes(&mut self, input: &Input, step: &Step) {
-        let effects = step.fired.iter().filter_map(|(decision, _)| Effect::of(decision));
+    fn outcomes(&mut self, input: &Input, step: &Ruling) {
+        let effects = step.fired.iter().filter_map(|(decision, _)| Consequence::of(decision));
         for effect in effects {
             self.mark(Mark::Outcome(Cause::Timer, effect));
         }
         let settles = |d: &Decision| matches!(d, Decision::Emit { .. } | Decision::Miss { .. });
         let fires = step.fired.iter().any(|(d, _)| matches!(d, Decision::Timer { .. }));
         if fires && !step.fired.iter().any(|(decision, _)| settles(decision)) {
-            self.mark(Mark::Outcome(Cause::Timer, Effect::Waits));
+            self.mark(Mark::Outcome(Cause::Timer, Consequence::Waits));
         }
         let cause = match input {
             Input::Result { .. } => Cause::Result,
             Input::Fail { .. } => Cause::Fail,
             Input::Open { .. } | Input::Offer { .. } | Input::Tick { .. } => return,
         };
-        for effect in step.own.iter().filter_map(|(decision, _)| Effect::of(decision)) {
+        for effect in step.own.iter().filter_map(|(decision, _)| Consequence::of(decision)) {
             self.mark(Mark::Outcome(cause, effect));
         }
         if step.own.is_empty() {
-            self.mark(Mark::Outcome(cause, Effect::Waits));
+            self.mark(Mark::Outcome(cause, Consequence::Waits));
         }
     }
 }
 
-impl Effect {
+impl Consequence {
     /// What a decision about a result, a failure or a timer does, unless it drops it.
     const fn of(decision: &Decision) -> Option<Self> {
         match decision {
@@ -364,7 +364,7 @@ impl Mark {
     }
 
     fn of_outcomes() -> Vec<Self> {
-        use Effect::{Cancels, EmitsCloud, EmitsLocal, HoldsCloud, HoldsLocal, Misses, Waits};
+        use Consequence::{Cancels, EmitsCloud, EmitsLocal, HoldsCloud, HoldsLocal, Misses, Waits};
         // A result is in hand, so that none misses; a timer and a failure hold nothing.
         let of_result = [HoldsLocal, HoldsCloud, EmitsLocal, EmitsCloud, Cancels];
         let settled = [EmitsLocal, EmitsCloud, Cancels, Misses, Waits];

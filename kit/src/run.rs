@@ -3,7 +3,7 @@
 use std::fmt;
 use std::io::BufRead;
 
-use fuseline_traces::{Event, Header, Input, ReadError, Reader, Reference};
+use fuseline_traces::{Event, Events, Header, Input, ReadError, Reference};
 
 /// A configuration and what happens to its operator.
 ///
@@ -22,7 +22,7 @@ impl Run {
     /// # Errors
     /// The text is not a trace, or cannot be read.
     pub fn read(name: &str, text: impl BufRead) -> Result<Self, ReadError> {
-        let mut reader = Reader::new(name, text)?;
+        let mut reader = Events::new(name, text)?;
         let (header, mut inputs) = (reader.header().clone(), Vec::new());
         while let Some(event) = reader.next_event()? {
             if let Event::Input(input) = event {

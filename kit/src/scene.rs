@@ -42,18 +42,18 @@ pub struct Gate {
 
 /// What the rules decide about an input.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Step {
+pub struct Ruling {
     /// What was due first.
     pub fired: Demands,
     /// About the input itself.
     pub own: Demands,
     /// The reasons that hold for it, in the order in which they are asked for.
-    pub reasons: Reasons,
+    pub reasons: Grounds,
 }
 
 /// Which reasons hold for an input, whether or not an earlier one decides.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Reasons {
+pub enum Grounds {
     /// A tick has none.
     None,
     /// To refuse an open.
@@ -66,7 +66,7 @@ pub enum Reasons {
     Fail(Vec<DropReason>),
 }
 
-impl Step {
+impl Ruling {
     /// All decisions, in the order of the trace.
     pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
         self.fired.iter().chain(&self.own).map(|(decision, _)| decision)
@@ -94,7 +94,7 @@ impl Scene {
     }
 
     /// Lets an input happen.
-    pub fn apply(&mut self, input: &Input) -> Step {
+    pub fn apply(&mut self, input: &Input) -> Ruling {
         let (mut fired, mut own) = (Demands::new(), Demands::new());
         // P10: a tick just before changes nothing, and tells the timers' decisions from the input's.
         self.reference.apply(&Input::Tick { at: input.at() }, &mut fired);
@@ -114,7 +114,7 @@ impl Scene {
                 open.contains(t) && histories.get(t).is_some_and(is_pending)
             });
         }
-        Step { fired, own, reasons }
+        Ruling { fired, own, reasons }
     }
 
     /// The greatest instant seen.
@@ -177,15 +177,15 @@ impl Scene {
     }
 
     /// Which reasons hold for an input now that all that is due has fired.
-    fn reasons(&self, input: &Input) -> Reasons {
+    fn reasons(&self, input: &Input) -> Grounds {
         match *input {
-            Input::Open { t, deadline, .. } => Reasons::Open(self.open_reasons(t, deadline)),
+            Input::Open { t, deadline, .. } => Grounds::Open(self.open_reasons(t, deadline)),
             Input::Offer { t, p, deadline, backlog, .. } => {
-                Reasons::Offer(self.offer_reasons(t, p, deadline, backlog))
+                Grounds::Offer(self.offer_reasons(t, p, deadline, backlog))
             }
-            Input::Result { t, p, .. } => Reasons::Result(self.drop_reasons(t, p)),
-            Input::Fail { t, p, .. } => Reasons::Fail(self.drop_reasons(t, p)),
-            Input::Tick { .. } => Reasons::None,
+            Input::Result { t, p, .. } => Grounds::Result(self.drop_reasons(t, p)),
+            Input::Fail { t, p, .. } => Grounds::Fail(self.drop_reasons(t, p)),
+            Input::Tick { .. } => Grounds::None,
         }
     }
 

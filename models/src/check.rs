@@ -27,7 +27,7 @@ pub struct Effort {
 
 /// What checking a configuration showed.
 #[derive(Debug)]
-pub struct Verdict {
+pub struct Exploration {
     /// The configuration.
     pub config: &'static Config,
     /// How many unique states there are; fewer than all of them after a violation.
@@ -53,7 +53,7 @@ pub enum CheckError {
     Panicked,
 }
 
-impl Verdict {
+impl Exploration {
     /// Whether all claims and witnesses hold, in as many states as there should be.
     #[must_use]
     pub fn holds(&self) -> bool {
@@ -72,7 +72,7 @@ pub fn check(
     config: &'static Config,
     effort: Effort,
     progress: impl FnMut(usize),
-) -> Result<Verdict, CheckError> {
+) -> Result<Exploration, CheckError> {
     let operator = Operator::new(config);
     if operator.init_states().is_empty() {
         return Err(CheckError::Refused);
@@ -91,7 +91,7 @@ fn search(
     effort: Effort,
     mut checker: impl Checker<Operator>,
     mut progress: impl FnMut(usize),
-) -> Result<Verdict, CheckError> {
+) -> Result<Exploration, CheckError> {
     let begin = Instant::now();
     let workers = checker.handles();
     while workers.iter().any(|worker| !worker.is_finished()) {
@@ -109,7 +109,7 @@ fn search(
     let violations: Vec<_> = broken.collect();
     let unmet = config.marks().filter(|mark| !discoveries.contains_key(mark.name()));
     let unmet = if violations.is_empty() || effort.all { unmet.collect() } else { Vec::new() };
-    Ok(Verdict {
+    Ok(Exploration {
         config,
         states: checker.unique_state_count(),
         depth: checker.max_depth(),

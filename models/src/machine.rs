@@ -16,13 +16,13 @@ pub(crate) type Machine = Arbiter<CLOUDS, WINDOW>;
 
 /// What the machine said to one input.
 #[derive(Clone, Debug, Default)]
-pub struct Answer {
+pub struct Reaction {
     /// What was due (F5), firing by firing.
     pub fired: Vec<Fired>,
     /// The input's own decisions.
     pub own: Vec<Decision>,
     /// How it came to an end.
-    pub end: End,
+    pub end: Completion,
 }
 
 /// What followed from the timers of one timestamp at one due instant.
@@ -38,7 +38,7 @@ pub struct Fired {
 
 /// Whether an input got its whole answer (F8).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub enum End {
+pub enum Completion {
     /// Yes.
     #[default]
     Whole,
@@ -48,7 +48,7 @@ pub enum End {
     Panicked,
 }
 
-impl Answer {
+impl Reaction {
     /// All decisions in the order of the trace.
     pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
         self.fired.iter().flat_map(|fired| &fired.decisions).chain(&self.own)
@@ -62,9 +62,9 @@ pub(crate) fn machine(header: &Header) -> Option<Machine> {
 
 /// Gives the machine one input, after at most `most` firings; it is no good any more unless the
 /// answer is whole.
-pub(crate) fn answer(machine: &mut Machine, input: &Input, most: usize) -> Answer {
+pub(crate) fn answer(machine: &mut Machine, input: &Input, most: usize) -> Reaction {
     // Until the machine says otherwise.
-    let mut answer = Answer { end: End::Panicked, ..Answer::default() };
+    let mut answer = Reaction { end: Completion::Panicked, ..Reaction::default() };
     IN_MACHINE.set(true);
     let _ = panic::catch_unwind(AssertUnwindSafe(|| apply(machine, input, most, &mut answer)));
     IN_MACHINE.set(false);
@@ -85,10 +85,10 @@ thread_local! {
     static IN_MACHINE: Cell<bool> = const { Cell::new(false) };
 }
 
-fn apply(machine: &mut Machine, input: &Input, most: usize, answer: &mut Answer) {
+fn apply(machine: &mut Machine, input: &Input, most: usize, answer: &mut Reaction) {
     let own = machine.apply(input, |at, firing| {
         if answer.fired.len() >= most {
-            answer.end = End::Endless;
+            answer.end = Completion::Endless;
             // No other way leads out of a machine that never ends.
             panic!("more timers fired than were live");
         }
@@ -98,5 +98,5 @@ fn apply(machine: &mut Machine, input: &Input, most: usize, answer: &mut Answer)
         answer.fired.push(Fired { t, due, decisions });
     });
     own.decisions(machine.now(), |decision| answer.own.push(decision));
-    answer.end = End::Whole;
+    answer.end = Completion::Whole;
 }

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use std::thread;
 
 use clap::{Parser, Subcommand};
-use fuseline_models::{CONFIGS, Config, Effort, Size, Verdict, check, explore, hush};
+use fuseline_models::{CONFIGS, Config, Effort, Exploration, Size, check, explore, hush};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::fault::Fault;
@@ -122,7 +122,7 @@ fn check_all(args: &Check) -> Result<bool, Fault> {
         .map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
     let effort = Effort { threads, all: args.keep_going };
     let mut out = anstream::stdout();
-    let mut verdicts: Vec<Verdict> = Vec::new();
+    let mut verdicts: Vec<Exploration> = Vec::new();
     for config in configs {
         let verdict = check_one(config, effort)?;
         if let Some(folder) = &args.save {
@@ -140,7 +140,7 @@ fn check_all(args: &Check) -> Result<bool, Fault> {
     if !args.json {
         report::tell(&mut out, &verdicts)?;
     }
-    Ok(verdicts.iter().all(Verdict::holds))
+    Ok(verdicts.iter().all(Exploration::holds))
 }
 
 /// The configurations asked for, in the order of the table.
@@ -169,7 +169,7 @@ fn chosen(args: &Check) -> Result<Vec<&'static Config>, Fault> {
     Ok(CONFIGS.iter().filter(is_chosen).collect())
 }
 
-fn check_one(config: &'static Config, effort: Effort) -> Result<Verdict, Fault> {
+fn check_one(config: &'static Config, effort: Effort) -> Result<Exploration, Fault> {
     let visible = io::stderr().is_terminal();
     let bar = if visible {
         let style =

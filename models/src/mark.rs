@@ -5,7 +5,7 @@ use fuseline_kit::History;
 use fuseline_traces::{Commit, Decision, DropReason, Input, OfferRefusal, OpenRefusal};
 
 use crate::config::Config;
-use crate::machine::{Answer, Fired};
+use crate::machine::{Fired, Reaction};
 use crate::operator::Operator;
 use crate::property::properties;
 use crate::state::State;
@@ -86,7 +86,7 @@ pub(crate) fn marks(
     config: &Config,
     before: &State,
     input: &Input,
-    answer: &Answer,
+    answer: &Reaction,
     after: &State,
 ) -> Marks {
     let mut shown = Marks::default();
@@ -174,7 +174,7 @@ fn of_input(
     config: &Config,
     before: &State,
     input: &Input,
-    answer: &Answer,
+    answer: &Reaction,
     after: &State,
     shown: &mut Marks,
 ) {
@@ -216,7 +216,7 @@ fn of_offer(
     before: &State,
     (t, p): (u64, u64),
     below_limit: bool,
-    answer: &Answer,
+    answer: &Reaction,
     after: &State,
     shown: &mut Marks,
 ) {
@@ -238,7 +238,7 @@ fn of_offer(
 fn of_result(
     before: &State,
     (t, p): (u64, u64),
-    answer: &Answer,
+    answer: &Reaction,
     after: &State,
     shown: &mut Marks,
 ) {

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use anstyle::{AnsiColor, Style};
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
-use fuseline_models::{CONFIGS, Claim, Size, Verdict};
+use fuseline_models::{CONFIGS, Claim, Exploration, Size};
 use serde::Serialize;
 use tempfile::NamedTempFile;
 
@@ -35,14 +35,14 @@ struct Summary<'a> {
 }
 
 /// The verdict in a line.
-pub(crate) fn line(verdict: &Verdict) -> String {
-    let Verdict { config, states, took, .. } = verdict;
+pub(crate) fn line(verdict: &Exploration) -> String {
+    let Exploration { config, states, took, .. } = verdict;
     let word = word(verdict);
     format!("{}: {word}, {states} states in {:.1} s", config.name, took.as_secs_f64())
 }
 
 /// A table of verdicts, then whatever does not hold.
-pub(crate) fn tell(out: &mut impl Write, verdicts: &[Verdict]) -> Result<(), Fault> {
+pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(), Fault> {
     let mut table = Table::new();
     table.load_style(STYLE);
     table.set_header(["config", "states", "depth", "seconds", "claims", "witnesses", ""]);
@@ -67,7 +67,7 @@ pub(crate) fn tell(out: &mut impl Write, verdicts: &[Verdict]) -> Result<(), Fau
 }
 
 /// One JSON object on a line.
-pub(crate) fn json(out: &mut impl Write, verdict: &Verdict) -> Result<(), Fault> {
+pub(crate) fn json(out: &mut impl Write, verdict: &Exploration) -> Result<(), Fault> {
     let violations = verdict.violations.iter();
     let summary = Summary {
         config: verdict.config.name,
@@ -86,7 +86,7 @@ pub(crate) fn json(out: &mut impl Write, verdict: &Verdict) -> Result<(), Fault>
 }
 
 /// Writes the counterexamples, each whole or not at all.
-pub(crate) fn save(folder: &Path, verdict: &Verdict) -> Result<(), Fault> {
+pub(crate) fn save(folder: &Path, verdict: &Exploration) -> Result<(), Fault> {
     for run in &verdict.violations {
         let id = run.claim.name().split(' ').next().unwrap_or_default().to_lowercase();
         let path = folder.join(format!("{}.{id}.jsonl", verdict.config.name));
@@ -132,7 +132,7 @@ pub(crate) fn list(out: &mut impl Write) -> Result<(), Fault> {
     Ok(writeln!(out, "{table}")?)
 }
 
-fn tell_faults(out: &mut impl Write, verdict: &Verdict) -> io::Result<()> {
+fn tell_faults(out: &mut impl Write, verdict: &Exploration) -> io::Result<()> {
     let name = verdict.config.name;
     for run in &verdict.violations {
         writeln!(out, "\n{name}: {BAD}broken: {}{BAD:#}", run.claim.name())?;
@@ -152,7 +152,7 @@ fn tell_faults(out: &mut impl Write, verdict: &Verdict) -> io::Result<()> {
     Ok(())
 }
 
-fn word(verdict: &Verdict) -> &'static str {
+fn word(verdict: &Exploration) -> &'static str {
     if verdict.holds() { "holds" } else { "does not hold" }
 }
 

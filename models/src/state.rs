@@ -10,7 +10,7 @@ use fuseline_traces::{Decision, Demands, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
 use crate::config::Config;
-use crate::machine::{Answer, End, Machine, answer, machine};
+use crate::machine::{Completion, Machine, Reaction, answer, machine};
 use crate::mark::Marks;
 
 /// The shipped machine, and beside it what shows whether it does right.
@@ -59,13 +59,13 @@ impl State {
 
     /// The state after an input, and what the machine said to it.
     #[must_use]
-    pub fn step(&self, config: &Config, input: &Input) -> (Self, Answer) {
+    pub fn step(&self, config: &Config, input: &Input) -> (Self, Reaction) {
         let mut next = Self { ahead: OnceLock::new(), ..self.clone() };
         let most = self.ledger.timer_count();
         let answer = answer(&mut next.machine, input, most);
-        next.violated.insert_if(Claim::F8, answer.end == End::Panicked);
-        next.violated.insert_if(Claim::P9, answer.end == End::Endless);
-        if answer.end == End::Whole {
+        next.violated.insert_if(Claim::F8, answer.end == Completion::Panicked);
+        next.violated.insert_if(Claim::P9, answer.end == Completion::Endless);
+        if answer.end == Completion::Whole {
             next.enter(config, input, &answer);
             next.compare(config, input, &answer);
             let same = next.mirror(config, input, &answer, self.ledger.now(), most);
@@ -79,7 +79,7 @@ impl State {
     }
 
     /// Enters the input into the ledger of promises, and compares the machine with what is booked.
-    fn enter(&mut self, config: &Config, input: &Input, answer: &Answer) {
+    fn enter(&mut self, config: &Config, input: &Input, answer: &Reaction) {
         let fired = answer.fired.iter().flat_map(|fired| &fired.decisions);
         let next_due = self.machine.next_due();
         let violations = self.ledger.enter(config.terms(), input, fired, &answer.own, next_due);
@@ -101,7 +101,7 @@ impl State {
     }
 
     /// Gives the input to the reference machine; ends with it where the two disagree.
-    fn compare(&mut self, config: &Config, input: &Input, answer: &Answer) {
+    fn compare(&mut self, config: &Config, input: &Input, answer: &Reaction) {
         let Some(reference) = &mut self.reference else { return };
         let mut demands = Demands::new();
         reference.apply(input, &mut demands);
@@ -125,7 +125,7 @@ impl State {
         &mut self,
         config: &Config,
         input: &Input,
-        answer_of_machine: &Answer,
+        answer_of_machine: &Reaction,
         from: u64,
         most: usize,
     ) -> bool {
@@ -135,7 +135,7 @@ impl State {
         let ticks = between.flat_map(|at| [Input::Tick { at: *at }, Input::Tick { at: 0 }]);
         for input in ticks.chain([*input]) {
             let answer = answer(&mut self.twin, &input, most);
-            if answer.end != End::Whole {
+            if answer.end != Completion::Whole {
                 return false;
             }
             decisions.extend(answer.decisions().map(|decision| decision.redated(0)));
@@ -146,7 +146,7 @@ impl State {
 }
 
 /// The rule by which the first decision that differs is made, if one does.
-fn difference(input: &Input, answer: &Answer, demands: &Demands) -> Option<Claim> {
+fn difference(input: &Input, answer: &Reaction, demands: &Demands) -> Option<Claim> {
     let found: Vec<&Decision> = answer.decisions().collect();
     let of_firings = found.len() - answer.own.len();
     let demanded = |place: usize| demands.get(place).map(|(decision, _)| decision);

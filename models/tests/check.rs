@@ -2,11 +2,11 @@
 
 use std::collections::BTreeSet;
 
-use fuseline_models::{CONFIGS, Config, Effort, Mark, Size, Verdict, check};
+use fuseline_models::{CONFIGS, Config, Effort, Exploration, Mark, Size, check};
 
 const EFFORT: Effort = Effort { threads: 2, all: false };
 
-fn verdict(config: &'static Config) -> Verdict {
+fn verdict(config: &'static Config) -> Exploration {
     check(config, EFFORT, |_| {}).expect("a verdict")
 }
 
@@ -15,7 +15,7 @@ fn named(name: &str) -> Config {
 }
 
 /// The verdict on a configuration made here.
-fn verdict_of(config: Config) -> Verdict {
+fn verdict_of(config: Config) -> Exploration {
     verdict(Box::leak(Box::new(config)))
 }
 

@@ -2,7 +2,7 @@
 
 use crate::fusion::{At, Fusion, Ready};
 use crate::priority::Priority;
-use crate::slot::{Commit, Decision, Event, Slot};
+use crate::slot::{Cause, Commit, Decision, Slot};
 use crate::source::Source;
 use crate::time::{Deadline, Instant, Timestamp};
 use crate::{Admission, OfferRefusal, Opening, Outcome};
@@ -22,10 +22,10 @@ macro_rules! tell {
     };
 }
 
-pub(crate) fn step(slot: Slot, commit: Commit, event: Event) -> (Slot, Decision) {
-    tell!(words::slot(slot, commit, words::of_event(event)));
-    let (after, decision) = slot.step(commit, event);
-    tell!(words::stepped(slot, event, decision));
+pub(crate) fn step(slot: Slot, commit: Commit, cause: Cause) -> (Slot, Decision) {
+    tell!(words::slot(slot, commit, words::of_cause(cause)));
+    let (after, decision) = slot.step(commit, cause);
+    tell!(words::stepped(slot, cause, decision));
     (after, decision)
 }
 

@@ -4,8 +4,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 
 use fuseline_arbiter::Arbiter;
-use fuseline_traces::corpus::{CASES, Case};
-use fuseline_traces::{Decision, Event, Reader};
+use fuseline_traces::corpus::{CASES, Example};
+use fuseline_traces::{Decision, Event, Events};
 
 fn main() -> ExitCode {
     let mut all = true;
@@ -20,8 +20,8 @@ fn main() -> ExitCode {
 }
 
 /// Whether the core answers the inputs with the decisions that stand after them.
-fn replays(case: &Case) -> bool {
-    let mut reader = Reader::new(case.name, case.trace.as_bytes()).expect("it has a header");
+fn replays(case: &Example) -> bool {
+    let mut reader = Events::new(case.name, case.trace.as_bytes()).expect("it has a header");
     let mut arbiter: Arbiter = Arbiter::new(reader.header()).expect("a sound configuration");
     let mut expected: Vec<Decision> = Vec::new();
     let mut found: Vec<Decision> = Vec::new();

@@ -11,13 +11,13 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use fuseline_kit::{Mark, Reach, Run};
 use fuseline_tests::fuzz::{self, Edit, Op};
-use fuseline_traces::corpus::{CASES, Case};
+use fuseline_traces::corpus::{CASES, Example};
 use fuseline_traces::{LINE, Rule};
 
 const SEEDS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../fuzz/seeds");
 
 fn main() -> io::Result<()> {
-    let run = |case: &Case| {
+    let run = |case: &Example| {
         (case.name, Run::read(case.name, case.trace.as_bytes()).expect("the corpus can be read"))
     };
     let runs: Vec<(&str, Run)> = CASES.iter().map(run).collect();

@@ -9,7 +9,7 @@ mod edit;
 use fuseline_arbiter::Arbiter;
 use fuseline_kit::{Mark, Reach, Run};
 use fuseline_traces as traces;
-use fuseline_traces::{Event, Fault, LINE, Line, ReadError, Reader, parse, unpack};
+use fuseline_traces::{Event, Events, Fault, LINE, Line, ReadError, parse, unpack};
 use serde::de::IgnoredAny;
 
 use bytes::Bytes;
@@ -40,7 +40,7 @@ pub fn step(bytes: &[u8], reach: &mut Reach) -> Check {
 /// What is wrong with how it was read.
 pub fn trace_parse(bytes: &[u8], reach: &mut Reach) -> Check {
     let inner = unpack(bytes).map_err(|error| format!("bytes in memory did not come: {error}"))?;
-    let mut reader = match Reader::new(FILE, inner) {
+    let mut reader = match Events::new(FILE, inner) {
         Ok(reader) => reader,
         Err(error) => return refused(&error, 1, reach),
     };

@@ -8,7 +8,7 @@ use std::path::Path;
 use fuseline_arbiter::Arbiter;
 use fuseline_kit::{Generator, Ledger, Reach, Run, Terms, split};
 use fuseline_tests::fuzz::compare;
-use fuseline_traces::{Commit, Decision, Event, Header, Input, Reader};
+use fuseline_traces::{Commit, Decision, Event, Events, Header, Input};
 
 /// Runs under each commit rule, enough that everything is reached; the variable `CASES` overrides it.
 const CASES: u64 = 1024;
@@ -122,7 +122,7 @@ fn the_core_replays_every_conforming_trace_of_the_corpus() {
             continue;
         }
         let file = BufReader::new(fs::File::open(&path).expect("a readable file"));
-        let mut reader = Reader::new(path.display().to_string(), file).expect("a header");
+        let mut reader = Events::new(path.display().to_string(), file).expect("a header");
         let mut arbiter = arbiter(reader.header());
         let mut expected = Vec::new().into_iter();
         while let Some(event) = reader.next_event().expect("a well-formed trace") {

@@ -6,7 +6,7 @@
 
 /// A conforming trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Case {
+pub struct Example {
     /// Its name: the rule first, then what happens.
     pub name: &'static str,
     /// The trace, as JSON Lines.
@@ -16,7 +16,7 @@ pub struct Case {
 /// Lists files of the corpus.
 macro_rules! cases {
     ($($name:literal,)+) => {
-        &[$(Case {
+        &[$(Example {
             name: $name,
             trace: include_str!(concat!("../corpus/", $name, ".jsonl")),
         }),+]
@@ -24,7 +24,7 @@ macro_rules! cases {
 }
 
 /// All of them, by name.
-pub const CASES: &[Case] = cases![
+pub const CASES: &[Example] = cases![
     "f0-clock-at-its-end-stays-there",
     "f0-clock-going-back-counts-as-greatest",
     "f0-due-instant-saturates",

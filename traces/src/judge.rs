@@ -7,7 +7,7 @@ use std::io::BufRead;
 use serde::Serialize;
 
 use crate::event::{Decision, Event, Header, Input};
-use crate::read::{ReadError, Reader};
+use crate::read::{Events, ReadError};
 use crate::reason::OfferRefusal;
 use crate::reference::{Demands, Reference};
 use crate::rule::Rule;
@@ -85,7 +85,7 @@ pub struct Violation {
 /// # Errors
 /// If the trace cannot be read to its end.
 pub fn judge(file: &str, trace: impl BufRead) -> Result<Verdict, ReadError> {
-    let mut reader = Reader::new(file, trace)?;
+    let mut reader = Events::new(file, trace)?;
     let mut judge = Judge::new(file, reader.header());
     while let Some(event) = reader.next_event()? {
         judge.line(reader.line(), &event);

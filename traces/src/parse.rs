@@ -37,7 +37,7 @@ pub struct ParseError {
 
 /// Reads one line of a trace, given without its `\n`.
 ///
-/// What a whole file may not hold, such as a second header, is the [`Reader`](crate::Reader)'s to
+/// What a whole file may not hold, such as a second header, is for [`Events`](crate::Events) to
 /// say.
 ///
 /// # Errors

@@ -54,7 +54,7 @@ pub enum Fault {
 ///
 /// It holds one line at a time. After an error there is nothing more to be had from it.
 #[derive(Debug)]
-pub struct Reader<R> {
+pub struct Events<R> {
     inner: R,
     file: String,
     form: Form,
@@ -63,7 +63,7 @@ pub struct Reader<R> {
     line: u64,
 }
 
-impl<R: BufRead> Reader<R> {
+impl<R: BufRead> Events<R> {
     /// Reads the header; `file` is the trace's name in errors.
     ///
     /// # Errors

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use fuseline_traces::corpus::CASES;
 use fuseline_traces::{
-    Commit, Decision, Demands, DropReason, Event, Header, Input, Line, OfferRefusal, OpenRefusal,
-    Reader, Reference, Rule, Verdict, judge, parse,
+    Commit, Decision, Demands, DropReason, Event, Events, Header, Input, Line, OfferRefusal,
+    OpenRefusal, Reference, Rule, Verdict, judge, parse,
 };
 use serde::Deserialize;
 
@@ -197,7 +197,7 @@ fn input(line: &[u8]) -> Option<Input> {
 }
 
 fn header(trace: &str) -> Header {
-    Reader::new("trace", trace.as_bytes()).expect("it begins with a header").header().clone()
+    Events::new("trace", trace.as_bytes()).expect("it begins with a header").header().clone()
 }
 
 fn verdict(path: &Path) -> Verdict {

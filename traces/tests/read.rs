@@ -4,14 +4,14 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use fuseline_traces::{Decision, Event, Fault, Input, LINE, ReadError, Reader, unpack};
+use fuseline_traces::{Decision, Event, Events, Fault, Input, LINE, ReadError, unpack};
 
 const HEADER: &str = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}";
 const TICK: &str = "{\"ev\":\"tick\",\"at\":1}";
 
 /// Reads to the end, in small portions.
 fn read(trace: &[u8]) -> Result<Vec<Event>, ReadError> {
-    let mut reader = Reader::new("a.jsonl", BufReader::with_capacity(7, trace))?;
+    let mut reader = Events::new("a.jsonl", BufReader::with_capacity(7, trace))?;
     let mut events = Vec::new();
     while let Some(event) = reader.next_event()? {
         events.push(event);
@@ -27,7 +27,7 @@ fn error(trace: &[u8]) -> String {
 fn events_come_with_their_line_and_its_bytes() {
     let spaced = " { \"at\":2 , \"x\":[], \"ev\":\"tick\"} ";
     let trace = format!("{HEADER}\n{TICK}\n{spaced}\n");
-    let mut reader = Reader::new("a.jsonl", trace.as_bytes()).unwrap();
+    let mut reader = Events::new("a.jsonl", trace.as_bytes()).unwrap();
     assert_eq!((reader.line(), reader.raw()), (1, HEADER.as_bytes()));
     assert_eq!(reader.header().window, 1);
     assert_eq!(reader.next_event().unwrap(), Some(Event::Input(Input::Tick { at: 1 })));
@@ -106,7 +106,7 @@ fn a_line_of_64_kib_is_read_and_a_longer_one_is_refused() {
 fn an_endless_line_is_refused_without_being_held() {
     let endless = BufReader::new(io::repeat(b' '));
     let mut asked = Counted { inner: endless, taken: 0 };
-    let error = Reader::new("a.jsonl", &mut asked).expect_err("it never ends");
+    let error = Events::new("a.jsonl", &mut asked).expect_err("it never ends");
     assert!(matches!(error.fault, Fault::TooLong));
     assert_eq!(asked.taken, LINE + 1);
 }
@@ -116,13 +116,13 @@ fn an_error_of_the_source_is_told_and_an_interruption_is_not() {
     let trace = format!("{HEADER}\n{TICK}\n");
     let interrupted = Faulty { faults: vec![io::ErrorKind::Interrupted] };
     let mut reader =
-        Reader::new("a.jsonl", BufReader::new(trace.as_bytes().chain(interrupted))).unwrap();
+        Events::new("a.jsonl", BufReader::new(trace.as_bytes().chain(interrupted))).unwrap();
     assert!(reader.next_event().unwrap().is_some());
     assert!(reader.next_event().unwrap().is_none());
 
     let broken = Faulty { faults: vec![io::ErrorKind::TimedOut] };
     let mut reader =
-        Reader::new("a.jsonl", BufReader::new(trace.as_bytes().chain(broken))).unwrap();
+        Events::new("a.jsonl", BufReader::new(trace.as_bytes().chain(broken))).unwrap();
     assert!(reader.next_event().unwrap().is_some());
     let error = reader.next_event().expect_err("the source broke");
     assert_eq!(error.to_string(), "a.jsonl:3:1: timed out");
@@ -133,7 +133,7 @@ fn an_observed_request_has_its_due_instant_or_its_deadline() {
     const HEAD: &str = r#"{"ev":"request","t":1,"p":2"#;
     let read = |rest: &str, observed: bool| {
         let trace = format!("{HEADER}\n{HEAD}{rest}}}\n");
-        let make = if observed { Reader::observed } else { Reader::new };
+        let make = if observed { Events::observed } else { Events::new };
         let mut reader = make("a.jsonl", trace.as_bytes()).unwrap();
         reader.next_event().map_err(|error| error.to_string())
     };
@@ -164,12 +164,12 @@ fn packed_and_plain_traces_are_read_alike() {
         packed.extend(member.finish().unwrap());
     }
     for bytes in [trace.as_bytes(), &packed] {
-        let mut reader = Reader::new("a.jsonl", unpack(bytes).unwrap()).unwrap();
+        let mut reader = Events::new("a.jsonl", unpack(bytes).unwrap()).unwrap();
         assert!(reader.next_event().unwrap().is_some());
         assert!(reader.next_event().unwrap().is_none());
     }
     let cut = &packed[..packed.len() - 9];
-    let mut reader = Reader::new("a.jsonl", unpack(cut).unwrap()).unwrap();
+    let mut reader = Events::new("a.jsonl", unpack(cut).unwrap()).unwrap();
     let error = (0..2).find_map(|_| reader.next_event().err()).expect("it is cut short");
     assert!(matches!(error.fault, Fault::Io(_)));
 }

@@ -121,7 +121,7 @@ fn a_flushed_recording_can_be_read_along() {
         recorder.flush();
         let bytes = fs::read(&path).unwrap();
         let mut reader =
-            fuseline_traces::Reader::new("trace", unpack(&bytes[..]).unwrap()).unwrap();
+            fuseline_traces::Events::new("trace", unpack(&bytes[..]).unwrap()).unwrap();
         for _ in 0..16 {
             assert!(reader.next_event().unwrap().is_some());
         }

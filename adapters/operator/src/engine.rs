@@ -13,7 +13,7 @@ use fuseline_traces::{Decision, Header, Input};
 use tracing::{debug, warn};
 
 use crate::effect::{Effect, Local, Offer};
-use crate::item::{Failure, Forwarded, Item, Outcome, Rule, Source};
+use crate::item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 use crate::lane::{Lane, Waiting};
 use crate::reasons::words;
 use crate::tally::{Counting, Counts, Event};
@@ -239,7 +239,7 @@ impl<V, R> Engine<V, R> {
         }
         let (timers, own) = decisions.split_at(fired);
         for decision in timers {
-            self.act(decision, Rule::Timer, &mut Cargo::Nothing);
+            self.act(decision, Trigger::Timer, &mut Cargo::Nothing);
         }
         if let (Input::Fail { t, p, .. }, Cargo::Reason(why)) = (input, &cargo)
             && !matches!(own.first(), Some(Decision::Drop { .. }))
@@ -248,18 +248,18 @@ impl<V, R> Engine<V, R> {
         }
         for decision in own {
             match input {
-                Input::Fail { .. } => self.act(decision, Rule::Failure, &mut cargo),
+                Input::Fail { .. } => self.act(decision, Trigger::Failure, &mut cargo),
                 Input::Open { .. }
                 | Input::Offer { .. }
                 | Input::Result { .. }
-                | Input::Tick { .. } => self.act(decision, Rule::Arrival, &mut cargo),
+                | Input::Tick { .. } => self.act(decision, Trigger::Arrival, &mut cargo),
             }
         }
         self.decisions = decisions;
     }
 
-    /// Does what one decision says; `rule` is what brought it about.
-    fn act(&mut self, decision: &Decision, rule: Rule, cargo: &mut Cargo<'_, V, R>) {
+    /// Does what one decision says; `trigger` is what brought it about.
+    fn act(&mut self, decision: &Decision, trigger: Trigger, cargo: &mut Cargo<'_, V, R>) {
         let operator = &*self.operator;
         match *decision {
             Decision::Timer { t, p, .. } => {
@@ -270,7 +270,7 @@ impl<V, R> Engine<V, R> {
             Decision::RefuseOpen { at, t, why } => {
                 warn!(operator, timestamp = t, %why, "message refused");
                 self.counts.refused(why);
-                self.output(t, at, at, Outcome::Refused(why), Vec::new());
+                self.output(t, at, at, Ending::Refused(why), Vec::new());
             }
             Decision::RefuseOffer { t, p, why, .. } => {
                 debug!(operator, timestamp = t, source = self.name(p), %why, "request refused");
@@ -293,7 +293,7 @@ impl<V, R> Engine<V, R> {
             }
             Decision::Drop { t, p, why, .. } => {
                 let source = self.name(p);
-                if rule == Rule::Failure {
+                if trigger == Trigger::Failure {
                     debug!(operator, timestamp = t, source, %why, "failure dropped");
                     self.count(p, Event::FailureDropped(why));
                 } else {
@@ -301,12 +301,12 @@ impl<V, R> Engine<V, R> {
                     self.count(p, Event::Dropped(why));
                 }
             }
-            Decision::Emit { at, t, p } => self.forward(at, t, p, rule, cargo),
+            Decision::Emit { at, t, p } => self.forward(at, t, p, trigger, cargo),
             Decision::Miss { at, t } => {
-                warn!(operator, timestamp = t, why = rule.as_str(), "message missed");
+                warn!(operator, timestamp = t, why = trigger.as_str(), "message missed");
                 self.counts.missed();
                 if let Some(story) = self.retire(t) {
-                    self.output(t, story.opened, at, Outcome::Missed, story.failures);
+                    self.output(t, story.opened, at, Ending::Missed, story.failures);
                 }
             }
             Decision::Cancel { t, p, .. } => {
@@ -317,7 +317,7 @@ impl<V, R> Engine<V, R> {
     }
 
     /// F7: what the core chose is in hand: held, or the result that just came.
-    fn forward(&mut self, at: u64, t: u64, p: u64, rule: Rule, cargo: &mut Cargo<'_, V, R>) {
+    fn forward(&mut self, at: u64, t: u64, p: u64, trigger: Trigger, cargo: &mut Cargo<'_, V, R>) {
         let Some(mut story) = self.retire(t) else { return };
         let held = story.held.iter().position(|held| held.p == p);
         let (arrived, value) = match (held, cargo.take()) {
@@ -335,14 +335,14 @@ impl<V, R> Engine<V, R> {
             }
         };
         let Some(lane) = self.lane(p) else { return };
-        self.count(p, Event::Output(rule));
+        self.count(p, Event::Output(trigger));
         if let Some(meter) = self.counts.meters.sources.get(lane) {
             meter.output.record(Duration::from_nanos(at.saturating_sub(story.opened)));
         }
         let source = self.lanes[lane].source.clone();
         let arrived = Duration::from_nanos(arrived);
-        let forwarded = Forwarded { value, source, arrived, rule };
-        self.output(t, story.opened, at, Outcome::Forwarded(forwarded), story.failures);
+        let forwarded = Forwarded { value, source, arrived, trigger };
+        self.output(t, story.opened, at, Ending::Forwarded(forwarded), story.failures);
     }
 
     /// The message is open no more.
@@ -368,11 +368,11 @@ impl<V, R> Engine<V, R> {
         timestamp: u64,
         opened: u64,
         decided: u64,
-        outcome: Outcome<V>,
+        ending: Ending<V>,
         failures: Vec<Failure>,
     ) {
         let (opened, decided) = (Duration::from_nanos(opened), Duration::from_nanos(decided));
-        let item = Item { timestamp, opened, decided, outcome, failures };
+        let item = Item { timestamp, opened, decided, ending, failures };
         self.effects.push_back(Effect::Output(item));
     }
 

@@ -18,7 +18,7 @@ pub struct Item<V> {
     /// When this was decided.
     pub decided: Duration,
     /// What was decided.
-    pub outcome: Outcome<V>,
+    pub ending: Ending<V>,
     /// Why sources sent no result, as far as that was known and mattered by then (F4).
     pub failures: Vec<Failure>,
 }
@@ -34,7 +34,7 @@ pub struct Failure {
 
 /// Forwarded, missed or refused.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Outcome<V> {
+pub enum Ending<V> {
     /// The best result in hand (F7, P3).
     Forwarded(Forwarded<V>),
     /// No result came and none will (F6).
@@ -53,7 +53,7 @@ pub struct Forwarded<V> {
     /// When it arrived, which is before it was decided if it was held.
     pub arrived: Duration,
     /// What made it go.
-    pub rule: Rule,
+    pub trigger: Trigger,
 }
 
 /// Local or a cloud.
@@ -67,7 +67,7 @@ pub struct Source {
 
 /// What made a result go.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub enum Rule {
+pub enum Trigger {
     /// F3: it arrived, and nothing better was still to come.
     Arrival,
     /// F4: it was held, and what it waited for failed.
@@ -76,11 +76,11 @@ pub enum Rule {
     Timer,
 }
 
-impl Rule {
+impl Trigger {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Arrival, Self::Failure, Self::Timer];
 
-    /// The rule's word, as metrics and logs bear it.
+    /// Its word, as metrics and logs bear it.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -90,7 +90,7 @@ impl Rule {
         }
     }
 
-    /// The rule's identifier in the specification.
+    /// The identifier of the rule that made the result go.
     #[must_use]
     pub const fn id(self) -> &'static str {
         match self {
@@ -101,7 +101,7 @@ impl Rule {
     }
 }
 
-impl fmt::Display for Rule {
+impl fmt::Display for Trigger {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.as_str())
     }
@@ -117,9 +117,9 @@ impl<V> Item<V> {
     /// The forwarded result, if there is one.
     #[must_use]
     pub const fn forwarded(&self) -> Option<&Forwarded<V>> {
-        match &self.outcome {
-            Outcome::Forwarded(forwarded) => Some(forwarded),
-            Outcome::Missed | Outcome::Refused(_) => None,
+        match &self.ending {
+            Ending::Forwarded(forwarded) => Some(forwarded),
+            Ending::Missed | Ending::Refused(_) => None,
         }
     }
 

@@ -18,7 +18,7 @@ pub use fuseline_core::ConfigError;
 pub use fuseline_traces::{
     Cloud, Commit, DropReason, Header, OfferRefusal, OpenRefusal, Recorder, Recording,
 };
-pub use item::{Failure, Forwarded, Item, Outcome, Rule, Source};
+pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
 pub use reasons::Reasons;

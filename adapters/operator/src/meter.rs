@@ -3,7 +3,7 @@
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use metrics::{Counter, Gauge, Histogram, counter, gauge, histogram};
 
-use crate::item::{Rule, Source};
+use crate::item::{Source, Trigger};
 use crate::tally::Event;
 
 /// An operator's meters.
@@ -21,7 +21,7 @@ pub(crate) struct Meters {
 pub(crate) struct SourceMeters {
     admitted: Counter,
     refused: [Counter; OfferRefusal::ALL.len()],
-    outputs: [Counter; Rule::ALL.len()],
+    outputs: [Counter; Trigger::ALL.len()],
     forwarded: Counter,
     held: Counter,
     dropped: [Counter; DropReason::ALL.len()],
@@ -76,7 +76,7 @@ impl SourceMeters {
         Self {
             admitted: request("admitted"),
             refused: OfferRefusal::ALL.map(|why| request(why.as_str())),
-            outputs: Rule::ALL.map(|rule| by("fuseline_outputs_total", rule.as_str())),
+            outputs: Trigger::ALL.map(|trigger| by("fuseline_outputs_total", trigger.as_str())),
             forwarded: result("forwarded"),
             held: result("held"),
             dropped: DropReason::ALL.map(|why| result(why.as_str())),
@@ -97,7 +97,7 @@ impl SourceMeters {
         match event {
             Event::Admitted => self.admitted.increment(1),
             Event::Refused(why) => increment(&self.refused, why.index()),
-            Event::Output(rule) => increment(&self.outputs, rule as usize),
+            Event::Output(trigger) => increment(&self.outputs, trigger as usize),
             Event::Forwarded => self.forwarded.increment(1),
             Event::Held => self.held.increment(1),
             Event::Dropped(why) => increment(&self.dropped, why.index()),

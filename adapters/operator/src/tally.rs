@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use tracing::error;
 
-use crate::item::{Rule, Source};
+use crate::item::{Source, Trigger};
 use crate::meter::Meters;
 use crate::reasons::Reasons;
 
@@ -36,7 +36,7 @@ pub struct SourceTally {
     /// Requests refused, by reason (F2).
     pub refused: BTreeMap<OfferRefusal, u64>,
     /// Messages answered with its result, by what made the result go (F7).
-    pub outputs: BTreeMap<Rule, u64>,
+    pub outputs: BTreeMap<Trigger, u64>,
     /// Results that were held at first (F3).
     pub held: u64,
     /// Results dropped, by reason (F3).
@@ -106,7 +106,7 @@ pub(crate) struct Counts {
 pub(crate) enum Event {
     Admitted,
     Refused(OfferRefusal),
-    Output(Rule),
+    Output(Trigger),
     /// The result that just came goes at once; its message is counted by `Output`.
     Forwarded,
     Held,
@@ -177,7 +177,7 @@ impl Counts {
             match event {
                 Event::Admitted => tally.admitted += 1,
                 Event::Refused(why) => *tally.refused.entry(why).or_default() += 1,
-                Event::Output(rule) => *tally.outputs.entry(rule).or_default() += 1,
+                Event::Output(trigger) => *tally.outputs.entry(trigger).or_default() += 1,
                 Event::Forwarded => {}
                 Event::Held => tally.held += 1,
                 Event::Dropped(why) => *tally.dropped.entry(why).or_default() += 1,

@@ -6,8 +6,8 @@ use std::io::BufReader;
 use std::time::Duration;
 
 use fuseline_operator::{
-    Cloud, Commit, DropReason, Effect, Engine, Header, Item, Local, Offer, OfferRefusal, Outcome,
-    Recorder, Recording, Rule,
+    Cloud, Commit, DropReason, Effect, Ending, Engine, Header, Item, Local, Offer, OfferRefusal,
+    Recorder, Recording, Trigger,
 };
 use fuseline_traces::judge;
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
@@ -39,14 +39,14 @@ fn words(effect: &Effect<&'static str, u64>) -> String {
             format!("start {priority} {timestamp} due {due:?} with {request}")
         }
         Effect::Abort { priority, timestamp } => format!("abort {priority} {timestamp}"),
-        Effect::Output(Item { timestamp, decided, outcome, .. }) => {
+        Effect::Output(Item { timestamp, decided, ending, .. }) => {
             let at = decided.as_nanos();
-            match outcome {
-                Outcome::Forwarded(f) => {
-                    format!("{at}: {timestamp} {} of {} by {}", f.value, f.source, f.rule)
+            match ending {
+                Ending::Forwarded(f) => {
+                    format!("{at}: {timestamp} {} of {} by {}", f.value, f.source, f.trigger)
                 }
-                Outcome::Missed => format!("{at}: {timestamp} missed"),
-                Outcome::Refused(why) => format!("{at}: {timestamp} refused {why}"),
+                Ending::Missed => format!("{at}: {timestamp} missed"),
+                Ending::Refused(why) => format!("{at}: {timestamp} refused {why}"),
             }
         }
     }
@@ -77,7 +77,7 @@ fn a_better_result_aborts_what_it_outranks_and_a_late_word_of_it_changes_nothing
     let tally = engine.counts().tally();
     assert_eq!(tally.sources[2].dropped, BTreeMap::from([(DropReason::Superseded, 1)]));
     assert_eq!(tally.sources[2].cancelled, 1);
-    assert_eq!(tally.sources[1].outputs, BTreeMap::from([(Rule::Arrival, 1)]));
+    assert_eq!(tally.sources[1].outputs, BTreeMap::from([(Trigger::Arrival, 1)]));
 }
 
 #[test]

@@ -211,7 +211,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::names::Rule;
+    use crate::names::RemapRule;
     use crate::parameters::Value;
 
     fn parse(args: &[&str]) -> Result<Arguments, ArgumentError> {
@@ -247,8 +247,8 @@ mod tests {
         let all = parse(&args).unwrap();
         assert_eq!(all.action, Action::Check);
         let rules: Vec<_> = all.remaps.iter().map(|remap| remap.rule.clone()).collect();
-        let topic = Rule::Topic("input".to_owned(), "/image".to_owned());
-        assert_eq!(rules, [topic, Rule::Namespace("/car".to_owned())]);
+        let topic = RemapRule::Topic("input".to_owned(), "/image".to_owned());
+        assert_eq!(rules, [topic, RemapRule::Namespace("/car".to_owned())]);
         assert_eq!(all.files, [PathBuf::from("a.yaml"), PathBuf::from("b.yaml")]);
         assert_eq!(all.assignments[0].node.as_deref(), Some("front"));
         assert_eq!(all.assignments[0].given.value, Value::Integer(4));

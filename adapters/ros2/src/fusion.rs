@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Counting, Item, Offer, Outcome};
+use fuseline_operator::{Counting, Ending, Item, Offer};
 use fuseline_tokio::Call;
-use fuseline_tokio::drive::{Event, Sent, Start, Transport};
+use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
 use tracing::error;
 
 use crate::dds::End;
@@ -73,9 +73,13 @@ impl Transport for Fusion<'_> {
     type Message = Payload;
 
     /// Topics, parameters and reports take turns, so that a flood on one keeps no other from its.
-    fn poll_event(&mut self, context: &mut Context<'_>) -> Poll<Event<Payload, Payload>> {
+    fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<Payload, Payload>> {
         if self.stop.poll_next(context).is_ready() {
-            return Poll::Ready(if self.stop.is_urgent() { Event::Stop } else { Event::Last });
+            return Poll::Ready(if self.stop.is_urgent() {
+                Incoming::Stop
+            } else {
+                Incoming::Last
+            });
         }
         let mut idle = 0;
         while idle < TURNS {
@@ -151,12 +155,12 @@ impl Transport for Fusion<'_> {
     /// F7: what became of a message goes out.
     fn output(&mut self, item: Item<Payload>) {
         let stamps = &mut self.memory.stamps;
-        let key = match item.outcome {
-            Outcome::Refused(_) => stamps.refuse(item.timestamp),
-            Outcome::Forwarded(_) | Outcome::Missed => stamps.answer(item.timestamp),
+        let key = match item.ending {
+            Ending::Refused(_) => stamps.refuse(item.timestamp),
+            Ending::Forwarded(_) | Ending::Missed => stamps.answer(item.timestamp),
         };
         let status = report::of_item(&self.node, key, &item);
-        if let Outcome::Forwarded(forwarded) = item.outcome
+        if let Ending::Forwarded(forwarded) = item.ending
             && !self.output.publish(forwarded.value)
         {
             error!(timestamp = item.timestamp, "output not sent: a subscriber is too far behind");

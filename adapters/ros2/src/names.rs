@@ -22,12 +22,12 @@ pub struct Remap {
     /// The node that it is for, a name without namespace; none is any node.
     pub node: Option<String>,
     /// What it replaces, and by what.
-    pub rule: Rule,
+    pub rule: RemapRule,
 }
 
 /// What a remapping rule replaces.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Rule {
+pub enum RemapRule {
     /// `__node:=name`: the node's name.
     Node(String),
     /// `__ns:=/name`: the node's namespace.
@@ -99,13 +99,13 @@ impl NodeName {
     #[must_use]
     pub fn remapped(mut self, remaps: &[Remap]) -> Self {
         let name = self.rules(remaps).find_map(|rule| match rule {
-            Rule::Node(name) => Some(name.clone()),
-            Rule::Namespace(_) | Rule::Topic(..) => None,
+            RemapRule::Node(name) => Some(name.clone()),
+            RemapRule::Namespace(_) | RemapRule::Topic(..) => None,
         });
         self.name = name.unwrap_or(self.name);
         let namespace = self.rules(remaps).find_map(|rule| match rule {
-            Rule::Namespace(namespace) => Some(namespace.clone()),
-            Rule::Node(_) | Rule::Topic(..) => None,
+            RemapRule::Namespace(namespace) => Some(namespace.clone()),
+            RemapRule::Node(_) | RemapRule::Topic(..) => None,
         });
         self.namespace = namespace.unwrap_or(self.namespace);
         self
@@ -143,7 +143,7 @@ impl NodeName {
     pub fn topic(&self, topic: &str, remaps: &[Remap]) -> Result<String, NameError> {
         let full = self.expand(topic)?;
         for rule in self.rules(remaps) {
-            if let Rule::Topic(from, to) = rule
+            if let RemapRule::Topic(from, to) = rule
                 && self.expand(from)? == full
             {
                 return self.expand(to);
@@ -153,7 +153,7 @@ impl NodeName {
     }
 
     /// The rules for this node.
-    fn rules<'a>(&self, remaps: &'a [Remap]) -> impl Iterator<Item = &'a Rule> {
+    fn rules<'a>(&self, remaps: &'a [Remap]) -> impl Iterator<Item = &'a RemapRule> {
         let is_ours = |remap: &&Remap| remap.node.as_ref().is_none_or(|node| *node == self.name);
         remaps.iter().filter(is_ours).map(|remap| &remap.rule)
     }
@@ -187,16 +187,16 @@ impl FromStr for Remap {
         let rule = match from {
             "__node" | "__name" => {
                 check(to, check_token(to))?;
-                Rule::Node(to.to_owned())
+                RemapRule::Node(to.to_owned())
             }
             "__ns" => {
                 check(to, check_namespace(to))?;
-                Rule::Namespace(to.to_owned())
+                RemapRule::Namespace(to.to_owned())
             }
             _ => {
                 topic(from)?;
                 topic(to)?;
-                Rule::Topic(from.to_owned(), to.to_owned())
+                RemapRule::Topic(from.to_owned(), to.to_owned())
             }
         };
         Ok(Self { node: node.map(str::to_owned), rule })

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_operator::{Item, Outcome, Rule, SourceTally, Tally};
+use fuseline_operator::{Ending, Item, SourceTally, Tally, Trigger};
 use serde::Serialize;
 
 use crate::dds::End;
@@ -235,17 +235,17 @@ impl Intake {
 pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> DiagnosticStatus {
     let mut values = vec![value("timestamp", &item.timestamp)];
     values.extend(key.map(|key| value("key", &key)));
-    let (level, message) = match &item.outcome {
-        Outcome::Forwarded(forwarded) => {
-            let (source, rule) = (&forwarded.source, forwarded.rule);
+    let (level, message) = match &item.ending {
+        Ending::Forwarded(forwarded) => {
+            let (source, trigger) = (&forwarded.source, forwarded.trigger);
             values.push(value("source", &source));
-            values.push(value("rule", &rule.id()));
+            values.push(value("rule", &trigger.id()));
             let arrived = forwarded.arrived.saturating_sub(item.opened);
             values.push(seconds("arrived_s", arrived));
-            (OK, format!("{source} by {rule}"))
+            (OK, format!("{source} by {trigger}"))
         }
-        Outcome::Missed => (WARN, "missed".to_owned()),
-        Outcome::Refused(why) => (WARN, format!("refused: {why}")),
+        Ending::Missed => (WARN, "missed".to_owned()),
+        Ending::Refused(why) => (WARN, format!("refused: {why}")),
     };
     values.push(seconds("decided_s", item.took()));
     let name = format!("{node}: output");
@@ -254,7 +254,7 @@ pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> D
 
 /// How many results came, in time or not.
 fn heard(tally: &SourceTally) -> u64 {
-    let at_once = tally.outputs.get(&Rule::Arrival).copied().unwrap_or_default();
+    let at_once = tally.outputs.get(&Trigger::Arrival).copied().unwrap_or_default();
     at_once + tally.held + total(&tally.dropped)
 }
 

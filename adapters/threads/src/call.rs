@@ -27,7 +27,7 @@ pub struct Call<'a, T, const CLOUDS: usize, const WINDOW: usize> {
 /// What a result or a failure led to.
 #[derive(Clone, PartialEq, Eq, Debug)]
 #[must_use = "a forwarded value must be sent"]
-pub struct Reply<T, const CLOUDS: usize> {
+pub struct Answered<T, const CLOUDS: usize> {
     /// The timers of the message that were due before.
     pub fired: Option<Firing<CLOUDS>>,
     /// What became of the result or the failure.
@@ -76,36 +76,36 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Call<'_, T, CLOUDS, WINDOW> {
     }
 
     /// F3: the result came.
-    pub fn result(self, now: Instant, value: T) -> Reply<T, CLOUDS> {
+    pub fn result(self, now: Instant, value: T) -> Answered<T, CLOUDS> {
         let Self { message, source } = self;
         let Message { desk, ticket, cells } = &message;
         // Before the machine knows of it: once it is held, any thread may forward it.
         cells.put(source, value);
         let (fired, outcome) = desk.result(now, *ticket, desk.priority(source));
         let unused = matches!(outcome, Outcome::Dropped(_)).then(|| cells.take(source)).flatten();
-        message.reply(fired, outcome, unused)
+        message.answered(fired, outcome, unused)
     }
 
     /// F4: no result will come.
-    pub fn fail(self, now: Instant) -> Reply<T, CLOUDS> {
+    pub fn fail(self, now: Instant) -> Answered<T, CLOUDS> {
         let Self { message, source } = self;
         let (fired, outcome) =
             message.desk.fail(now, message.ticket, message.desk.priority(source));
-        message.reply(fired, outcome, None)
+        message.answered(fired, outcome, None)
     }
 }
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW> {
-    fn reply(
+    fn answered(
         &self,
         fired: Option<Firing<CLOUDS>>,
         outcome: Outcome<CLOUDS>,
         unused: Option<T>,
-    ) -> Reply<T, CLOUDS> {
+    ) -> Answered<T, CLOUDS> {
         // A message is forwarded once, so at most one of them says so.
         let by_timers = fired.and_then(|firing| self.forwarded(&firing.outcome));
         let forwarded = by_timers.or_else(|| self.forwarded(&outcome));
-        Reply { fired, outcome, forwarded, unused }
+        Answered { fired, outcome, forwarded, unused }
     }
 }
 

@@ -57,5 +57,5 @@ mod call;
 mod cells;
 mod intake;
 
-pub use call::{Call, Message, Reply};
+pub use call::{Answered, Call, Message};
 pub use intake::Intake;

@@ -47,7 +47,10 @@ pub trait Transport {
 
     /// What happens next, if anything: the driver calls this when it is woken. The transport's own
     /// affairs are seen to in here.
-    fn poll_event(&mut self, context: &mut Context<'_>) -> Poll<Event<Self::Message, Self::Value>>;
+    fn poll_incoming(
+        &mut self,
+        context: &mut Context<'_>,
+    ) -> Poll<Incoming<Self::Message, Self::Value>>;
 
     /// Local's job for a message and its limit, if it has one.
     fn job(&mut self, message: &Self::Message) -> (Self::Request, Option<Duration>);
@@ -71,9 +74,9 @@ pub trait Transport {
     }
 }
 
-/// What a transport tells.
+/// What comes in by a transport.
 #[derive(Debug)]
-pub enum Event<M, V> {
+pub enum Incoming<M, V> {
     /// A message came.
     Message {
         /// Greater than that of each before it.
@@ -155,7 +158,7 @@ struct Calls(HashMap<(u16, u64), AbortHandle>);
 
 /// Whose turn it is.
 enum Turn<M, V> {
-    Event(Event<M, V>),
+    Transport(Incoming<M, V>),
     /// The timer went off.
     Timer,
 }
@@ -198,12 +201,12 @@ impl<T: Transport> Driver<T> {
             }
             let is_armed = armed.is_some();
             match poll_fn(|context| self.poll_turn(context, timer.as_mut(), is_armed)).await {
-                Turn::Event(Event::Message { timestamp, message }) => {
+                Turn::Transport(Incoming::Message { timestamp, message }) => {
                     self.message(timestamp, &message);
                 }
-                Turn::Event(Event::Word(word)) => self.word(word),
-                Turn::Event(Event::Last) => self.is_last = true,
-                Turn::Event(Event::Stop) => break,
+                Turn::Transport(Incoming::Word(word)) => self.word(word),
+                Turn::Transport(Incoming::Last) => self.is_last = true,
+                Turn::Transport(Incoming::Stop) => break,
                 Turn::Timer => {
                     armed = None;
                     let now = self.now();
@@ -231,8 +234,11 @@ impl<T: Transport> Driver<T> {
                 0 => self
                     .words
                     .poll_recv(context)
-                    .map(|word| word.map(|word| Turn::Event(Event::Word(word)))),
-                1 => self.transport.poll_event(context).map(|event| Some(Turn::Event(event))),
+                    .map(|word| word.map(|word| Turn::Transport(Incoming::Word(word)))),
+                1 => self
+                    .transport
+                    .poll_incoming(context)
+                    .map(|incoming| Some(Turn::Transport(incoming))),
                 _ if is_armed => timer.as_mut().poll(context).map(|()| Some(Turn::Timer)),
                 _ => Poll::Pending,
             };

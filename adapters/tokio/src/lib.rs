@@ -14,8 +14,8 @@ mod stream;
 mod words;
 
 pub use fuseline_operator::{
-    Commit, ConfigError, DropReason, Failure, Forwarded, Item, OfferRefusal, OpenRefusal, Outcome,
-    Reasons, Recording, Rule, Source, SourceTally, Tally,
+    Commit, ConfigError, DropReason, Ending, Failure, Forwarded, Item, OfferRefusal, OpenRefusal,
+    Reasons, Recording, Source, SourceTally, Tally, Trigger,
 };
 pub use local::Local;
 pub use operator::{Config, Items, JoinError, Operator, Running, SpawnError, Trace, spawn};

@@ -11,7 +11,7 @@ use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use tokio::sync::mpsc;
 
-use crate::drive::{Event, Sent, Start, Transport};
+use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::local::Workers;
 use crate::setup::{Call, Registered, Request};
 use crate::stream::{Reader, WriteError, Writer};
@@ -50,12 +50,12 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
     type Value = O;
     type Message = Arc<I>;
 
-    fn poll_event(&mut self, context: &mut Context<'_>) -> Poll<Event<Arc<I>, O>> {
+    fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<Arc<I>, O>> {
         if let Poll::Ready(Some(())) = self.stop.poll_recv(context) {
-            return Poll::Ready(Event::Stop);
+            return Poll::Ready(Incoming::Stop);
         }
         if let Poll::Ready(word) = self.workers.poll_word(context) {
-            return Poll::Ready(Event::Word(word));
+            return Poll::Ready(Incoming::Word(word));
         }
         // A reader that lags holds back new messages, and nothing else.
         if self.output.poll_delivered(context).is_pending() || !self.is_open {
@@ -63,10 +63,10 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         }
         self.input.poll_numbered(context).map(|message| {
             if let Some((timestamp, message)) = message {
-                return Event::Message { timestamp, message };
+                return Incoming::Message { timestamp, message };
             }
             self.is_open = false;
-            Event::Last
+            Incoming::Last
         })
     }
 

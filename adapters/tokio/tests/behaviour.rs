@@ -8,7 +8,7 @@ use std::sync::{Arc, Barrier, Mutex};
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Call, Config, Error, Item, Local, OfferRefusal, Operator, Outcome, Setup, SpawnError, Trace,
+    Call, Config, Ending, Error, Item, Local, OfferRefusal, Operator, Setup, SpawnError, Trace,
     WriteError, spawn, stream,
 };
 use futures_util::StreamExt;
@@ -309,7 +309,7 @@ async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
     for t in 0..8 {
         let item = output.read().await.unwrap();
         assert_eq!(item.timestamp, t);
-        assert!(matches!(item.outcome, Outcome::Forwarded(_)));
+        assert!(matches!(item.ending, Ending::Forwarded(_)));
     }
     assert!(output.read().await.is_none());
     assert_eq!(camera.await.unwrap(), Ok(8));
@@ -400,7 +400,7 @@ async fn a_thread_that_panics_goes_on_with_the_next_message() {
     let (_, mut output) = spawn(operator, Config::default(), frames).unwrap();
     camera.write(0).unwrap();
     camera.write(1).unwrap();
-    assert_eq!(output.read().await.unwrap().outcome, Outcome::Missed);
+    assert_eq!(output.read().await.unwrap().ending, Ending::Missed);
     assert_eq!(output.read().await.unwrap().forwarded().unwrap().value, "local");
 }
 

@@ -12,7 +12,7 @@ use fuseline_tokio::grpc::{
     self, CallError, Description, Identity, Infer, InferClient, InferServer, InvalidToken, Remote,
     RemoteError, Reply, Request, ServeError, Server, Token, serve,
 };
-use fuseline_tokio::{Config, Item, Items, Local, Operator, Rule, Setup, Writer, spawn, stream};
+use fuseline_tokio::{Config, Item, Items, Local, Operator, Setup, Trigger, Writer, spawn, stream};
 use prost::Message;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
@@ -104,11 +104,11 @@ impl Operator for Vehicle {
 }
 
 /// Sends one message and waits for its item.
-async fn ask(camera: &mut Writer<Vec<u8>>, output: &mut Items<Vec<u8>>) -> (Vec<u8>, Rule) {
+async fn ask(camera: &mut Writer<Vec<u8>>, output: &mut Items<Vec<u8>>) -> (Vec<u8>, Trigger) {
     camera.write(b"frame".into()).unwrap();
     let item = output.read().await.unwrap();
     let forwarded = Item::forwarded(&item).unwrap();
-    (forwarded.value.clone(), forwarded.rule)
+    (forwarded.value.clone(), forwarded.trigger)
 }
 
 /// Long enough that only a failure explains an earlier output.
@@ -120,8 +120,8 @@ async fn a_cloud_answers_and_what_was_sent_is_counted() {
     let (mut camera, frames) = stream(8);
     let vehicle = Vehicle { remote: cloud.http(), deadline: LONG };
     let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
-    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Rule::Arrival));
-    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Rule::Arrival));
+    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Trigger::Arrival));
+    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Trigger::Arrival));
     // Timestamp 0 is not encoded, 1 takes two bytes; the payload takes two more than it has, and
     // gRPC puts five before all.
     assert_eq!(running.tally().sources[1].sent_bytes, 12 + 14);
@@ -229,7 +229,7 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
     assert_eq!(ask(&mut camera, &mut output).await.0, b"local");
 
     let cloud = Cloud::start(&address, Server::default(), echo);
-    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Rule::Arrival));
+    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Trigger::Arrival));
     cloud.kill();
 }
 

@@ -4,7 +4,7 @@ mod support;
 
 use std::time::Duration;
 
-use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, Rule};
+use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, Trigger};
 use support::Act::{Answers, Fails, Never, Panics};
 use support::{Part, Script, play, play_default};
 
@@ -42,7 +42,7 @@ async fn local_goes_at_once_when_the_cloud_fails() {
     let played = play_default(Script::new().cloud(1, 100, |_| Fails(50)), &[0]).await;
     assert_eq!(played.items, "50.000 ms: 0 local by failure from 20 ms\n");
     assert_eq!(played.tally.sources[1].failed, 1);
-    assert_eq!(played.tally.sources[0].outputs.get(&Rule::Failure), Some(&1));
+    assert_eq!(played.tally.sources[0].outputs.get(&Trigger::Failure), Some(&1));
 }
 
 #[tokio::test(start_paused = true)]

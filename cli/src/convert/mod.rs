@@ -7,7 +7,7 @@ mod recorded;
 use std::io::{self, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_traces::{Decision, Event, Header, Input, Reader};
+use fuseline_traces::{Decision, Event, Events, Header, Input};
 
 use crate::convert::csv::{Columns, Unit};
 use crate::convert::recorded::{ConvertError, Recorded};
@@ -89,7 +89,7 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let header = match &args.header {
         Some(path) => {
             let (name, file) = open(path)?;
-            Some(Reader::observed(name, BufReader::new(file))?.header().clone())
+            Some(Events::observed(name, BufReader::new(file))?.header().clone())
         }
         None => own,
     };

@@ -31,7 +31,7 @@ pub(super) struct Suite {
 impl Suite {
     /// The corpus, and so many generated runs.
     pub(super) fn whole(generator: Generator, generated: u64) -> Result<Self, Fault> {
-        let case = |case: &fuseline_traces::corpus::Case| {
+        let case = |case: &fuseline_traces::corpus::Example| {
             let run = Run::read(case.name, case.trace.as_bytes())?;
             Ok(Case { id: case.name.to_owned(), name: case.name.to_owned(), run })
         };

@@ -7,7 +7,7 @@ mod viewer;
 use std::io::BufReader;
 use std::path::PathBuf;
 
-use fuseline_traces::{Reader, unpack};
+use fuseline_traces::{Events, unpack};
 
 use crate::exit::Exit;
 use crate::export::mcap::Messages;
@@ -57,7 +57,7 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     let (name, file) = open(&args.file)?;
     let trace = unpack(BufReader::new(file));
     let trace = trace.map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let mut reader = Reader::observed(name, trace)?;
+    let mut reader = Events::observed(name, trace)?;
     output.write(|out| {
         let mut writer: Box<dyn Writer> = if args.viewer.mcap {
             Box::new(Messages::new(out, reader.header()).map_err(Fault::Output)?)

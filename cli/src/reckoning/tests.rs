@@ -3,7 +3,7 @@ use std::time::Duration;
 use fuseline_arbiter::Arbiter;
 use fuseline_kit::{Generator, Run};
 use fuseline_operator::{Engine, Local, Recorder, Recording, SourceTally, Tally};
-use fuseline_traces::{Cloud, Commit, Header, Reader};
+use fuseline_traces::{Cloud, Commit, Events, Header};
 use serde_json::Value;
 
 use super::*;
@@ -224,7 +224,7 @@ fn operate(run: &Run) -> (Tally, Vec<u8>) {
 }
 
 fn reckon(trace: &[u8]) -> Reckoning {
-    let mut reader = Reader::new("trace", trace).unwrap();
+    let mut reader = Events::new("trace", trace).unwrap();
     let clouds = reader.header().clouds.iter().map(|cloud| cloud.p);
     let mut reckoning = Reckoning::new(clouds, false);
     while let Some(event) = reader.next_event().unwrap() {
@@ -247,7 +247,7 @@ fn holds(row: &Row, tally: &SourceTally, is_local: bool) {
         assert_eq!(superseded, tally.cancelled, "{row:?}");
     }
     // Accepted results are those held and those forwarded at once; pending ones are what is left.
-    let at_once = tally.outputs.get(&fuseline_operator::Rule::Arrival).copied().unwrap_or(0);
+    let at_once = tally.outputs.get(&fuseline_operator::Trigger::Arrival).copied().unwrap_or(0);
     let accepted = tally.held + at_once;
     assert!(
         forwarded + discarded <= accepted && accepted <= forwarded + discarded + open,

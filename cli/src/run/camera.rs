@@ -7,8 +7,8 @@ use std::time::Duration;
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{
-    Config, Items, JoinError, Local, Operator, Recording, Rule, Running, Setup, SourceTally,
-    SpawnError, Trace, WriteError, Writer, spawn, stream,
+    Config, Items, JoinError, Local, Operator, Recording, Running, Setup, SourceTally, SpawnError,
+    Trace, Trigger, WriteError, Writer, spawn, stream,
 };
 use tokio::task::JoinSet;
 use tokio::time::{Instant, interval, sleep, timeout};
@@ -185,7 +185,7 @@ fn cannot_spawn(error: SpawnError) -> Fault {
 
 /// Whether computations were begun that have not come to an end.
 fn is_behind(local: &SourceTally) -> bool {
-    let ended = local.outputs.get(&Rule::Arrival).copied().unwrap_or_default()
+    let ended = local.outputs.get(&Trigger::Arrival).copied().unwrap_or_default()
         + local.held
         + local.dropped.values().sum::<u64>()
         + local.failed

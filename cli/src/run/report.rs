@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use fuseline_tokio::{SourceTally, grpc};
-use fuseline_traces::{Judge, Reader, Verdict};
+use fuseline_traces::{Events, Judge, Verdict};
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
@@ -107,7 +107,7 @@ impl Reading {
     pub(crate) fn new(trace: &Path, name: &str, plan: &Plan) -> Result<Self, Fault> {
         let file =
             File::open(trace).map_err(|source| Fault::Open { name: name.to_owned(), source })?;
-        let mut reader = Reader::new(name, BufReader::new(file))?;
+        let mut reader = Events::new(name, BufReader::new(file))?;
         let mut judge = Judge::new(name, reader.header());
         let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
         let mut queues = Queues::new(priorities.iter().copied(), plan.calls);

@@ -10,7 +10,7 @@ use loom::sync::atomic::AtomicU64;
 use crate::answer::{DropReason, Firing, Outcome};
 use crate::clouds::Clouds;
 use crate::priority::Priority;
-use crate::slot::{Commit, Decision, Event, Slot};
+use crate::slot::{Cause, Commit, Decision, Slot};
 use crate::source::{Source, Sources};
 use crate::time::Instant;
 use crate::window::Entry;
@@ -57,7 +57,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
         ticket: Ticket,
         source: Priority,
     ) -> (Option<Firing<CLOUDS>>, Outcome<CLOUDS>) {
-        self.close(now, ticket, source, Event::Result)
+        self.close(now, ticket, source, Cause::Result)
     }
 
     /// F4: no result will come from this source.
@@ -67,7 +67,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
         ticket: Ticket,
         source: Priority,
     ) -> (Option<Firing<CLOUDS>>, Outcome<CLOUDS>) {
-        self.close(now, ticket, source, Event::Failure)
+        self.close(now, ticket, source, Cause::Failure)
     }
 
     /// F5: time went by. Answers none if no timer of this message was due, as when it is open no more.
@@ -103,7 +103,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
         now: Instant,
         ticket: Ticket,
         source: Priority,
-        event: impl Fn(Source) -> Event,
+        cause: impl Fn(Source) -> Cause,
     ) -> (Option<Firing<CLOUDS>>, Outcome<CLOUDS>) {
         let source = self.clouds.source(source);
         let answer = self.exchange(ticket, |_, mut entry| {
@@ -111,7 +111,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
             let Some(source) = source else {
                 return (entry.slot, (fired, Outcome::Dropped(DropReason::Unknown)));
             };
-            let (slot, decision) = entry.slot.step(self.commit, event(source));
+            let (slot, decision) = entry.slot.step(self.commit, cause(source));
             (slot, (fired, self.outcome(decision)))
         });
         answer.unwrap_or_else(|| {
@@ -133,7 +133,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
             // A1: the due instant itself is past.
             let Some(due) = earliest(entry).filter(|due| *due <= now) else { break };
             let firing = entry.armed_at(due);
-            let (slot, decision) = entry.slot.step(self.commit, Event::Timers(firing));
+            let (slot, decision) = entry.slot.step(self.commit, Cause::Timers(firing));
             entry.slot = slot;
             timers = timers.union(firing);
             last = Some((due, decision));

@@ -21,25 +21,25 @@ fn asked(limited: bool, clouds: &[u8]) -> Slot {
     })
 }
 
-/// Applies events that must leave the timestamp open.
-fn after(commit: Commit, slot: Slot, events: &[Event]) -> Slot {
-    events.iter().fold(slot, |slot, event| {
-        let (slot, _) = slot.step(commit, *event);
-        assert!(slot.is_open(), "{event:?} retired the timestamp");
+/// Applies causes that must leave the timestamp open.
+fn after(commit: Commit, slot: Slot, causes: &[Cause]) -> Slot {
+    causes.iter().fold(slot, |slot, cause| {
+        let (slot, _) = slot.step(commit, *cause);
+        assert!(slot.is_open(), "{cause:?} retired the timestamp");
         slot
     })
 }
 
-fn result(index: u8) -> Event {
-    Event::Result(source(index))
+fn result(index: u8) -> Cause {
+    Cause::Result(source(index))
 }
 
-fn failure(index: u8) -> Event {
-    Event::Failure(source(index))
+fn failure(index: u8) -> Cause {
+    Cause::Failure(source(index))
 }
 
-fn timers(members: &[u8]) -> Event {
-    Event::Timers(set(members))
+fn timers(members: &[u8]) -> Cause {
+    Cause::Timers(set(members))
 }
 
 fn forwarded(by: u8, cancelled: &[u8]) -> (Slot, Decision) {
@@ -67,7 +67,7 @@ fn valid_states_are_exactly_the_reachable_ones() {
                 frontier.push(slot.step(commit, failure(index)).0);
             }
             for fired in 0..1 << SOURCES {
-                frontier.push(slot.step(commit, Event::Timers(Sources::from_bits(fired))).0);
+                frontier.push(slot.step(commit, Cause::Timers(Sources::from_bits(fired))).0);
             }
         }
         let all = 0..1 << SOURCES;
@@ -192,7 +192,7 @@ fn failure_of_what_outranks_the_best_forwards_it_at_once() {
 fn drops_name_the_first_reason_and_change_nothing() {
     for commit in RULES {
         let slot = after(commit, asked(false, &[1, 2]), &[failure(1), result(0)]);
-        for (event, reason) in [
+        for (cause, reason) in [
             (result(3), DropReason::Unsolicited),
             (failure(3), DropReason::Unsolicited),
             (result(0), DropReason::Duplicate),
@@ -200,7 +200,7 @@ fn drops_name_the_first_reason_and_change_nothing() {
             (result(1), DropReason::Late),
             (failure(1), DropReason::Late),
         ] {
-            assert_eq!(slot.step(commit, event), (slot, Decision::Dropped(reason)), "{event:?}");
+            assert_eq!(slot.step(commit, cause), (slot, Decision::Dropped(reason)), "{cause:?}");
         }
         let superseded = (Slot::RETIRED, Decision::Dropped(DropReason::Superseded));
         assert_eq!(Slot::RETIRED.step(commit, result(0)), superseded);

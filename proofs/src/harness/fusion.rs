@@ -6,7 +6,7 @@
 use crate::any::{any_deadline, any_empty, any_instant, any_single, any_timestamp, earliest};
 use crate::fusion::{At, Fusion};
 use crate::priority::Priority;
-use crate::slot::{Decision, Event, Slot};
+use crate::slot::{Cause, Decision, Slot};
 use crate::source::Source;
 use crate::time::{Deadline, Instant};
 use crate::told;
@@ -126,7 +126,7 @@ pub fn f5_firing_is_settled() {
     let mut is_retired = false;
     let mut waits = false;
     if let At::Fired(Firing { timers, outcome, .. }) = told::at(&mut fusion, any_instant()) {
-        let (slot, decision) = entry.slot.step(fusion.commit, Event::Timers(timers.sources()));
+        let (slot, decision) = entry.slot.step(fusion.commit, Cause::Timers(timers.sources()));
         kani::assert(tells(&fusion, outcome, decision), "F6: what follows is told");
         is_retired = !slot.is_open();
         kani::assert(fusion.is_empty() == is_retired, "F7: what is retired is open no more");
@@ -250,8 +250,8 @@ pub fn f2_offer_and_its_due() {
     kani::cover!(is_admitted && !entry.slot.cached().is_empty(), "it outranks what is held");
 }
 
-/// What a result or a failure does: `Event` as the step takes it.
-fn arrival<const CLOUDS: usize>(event: fn(Source) -> Event, is_result: bool) -> Outcome<CLOUDS> {
+/// What a result or a failure does: `Cause` as the step takes it.
+fn arrival<const CLOUDS: usize>(cause: fn(Source) -> Cause, is_result: bool) -> Outcome<CLOUDS> {
     let mut fusion = at_rest::<CLOUDS>();
     let (now, newest) = (fusion.now, fusion.newest);
     let (entry, open) = (fusion.open.entries[0], fusion.open.nodes[0].timestamp);
@@ -266,7 +266,7 @@ fn arrival<const CLOUDS: usize>(event: fn(Source) -> Event, is_result: bool) -> 
     let (slot, decision) = match source {
         None => (entry.slot, Decision::Dropped(DropReason::Unknown)),
         Some(_) if timestamp != open => (entry.slot, Decision::Dropped(DropReason::Superseded)),
-        Some(source) => entry.slot.step(fusion.commit, event(source)),
+        Some(source) => entry.slot.step(fusion.commit, cause(source)),
     };
     kani::assert(tells(&fusion, outcome, decision), "P11: the outcome is that of the rule");
     let is_retired = matches!(decision, Decision::Forwarded { .. } | Decision::Missed);
@@ -299,7 +299,7 @@ fn arrival<const CLOUDS: usize>(event: fn(Source) -> Event, is_result: bool) -> 
 #[kani::proof]
 #[kani::unwind(11)]
 pub fn p2_never_late_by_the_clock() {
-    let outcome = arrival::<CLOUDS>(Event::Result, true);
+    let outcome = arrival::<CLOUDS>(Cause::Result, true);
     kani::cover!(matches!(outcome, Outcome::Forwarded { .. }), "it is forwarded");
     kani::cover!(matches!(outcome, Outcome::Held), "it is held");
     kani::cover!(matches!(outcome, Outcome::Dropped(DropReason::Unknown)), "it is unknown");
@@ -312,7 +312,7 @@ pub fn p2_never_late_by_the_clock() {
 #[kani::proof]
 #[kani::unwind(11)]
 pub fn f4_fail_has_its_outcome() {
-    let outcome = arrival::<CLOUDS>(Event::Failure, false);
+    let outcome = arrival::<CLOUDS>(Cause::Failure, false);
     kani::cover!(matches!(outcome, Outcome::Forwarded { .. }), "the best in hand goes");
     kani::cover!(matches!(outcome, Outcome::Missed), "it leaves nothing to wait for");
     kani::cover!(matches!(outcome, Outcome::Dropped(DropReason::Unknown)), "it is unknown");

@@ -1,7 +1,7 @@
-//! One timestamp: from any valid state, under either commit rule, any one event or offer of any of 15 clouds.
+//! One timestamp: from any valid state, under either commit rule, any one cause or offer of any of 15 clouds.
 
 use crate::any::{any_commit, any_slot, any_source, slot_of};
-use crate::slot::{Commit, Decision, Event, Slot};
+use crate::slot::{Cause, Commit, Decision, Slot};
 use crate::source::{Source, Sources};
 use crate::told::{offer_to, step};
 use crate::valid::{is_limited, is_valid};
@@ -26,11 +26,11 @@ fn outranks(set: u16, source: Source) -> bool {
     set >> source.index() >> 1 != 0
 }
 
-fn any_event() -> Event {
+fn any_cause() -> Cause {
     match kani::any_where(|kind: &u8| *kind < 3) {
-        0 => Event::Result(any_source(CLOUDS)),
-        1 => Event::Failure(any_source(CLOUDS)),
-        _ => Event::Timers(Sources::from_bits(kani::any())),
+        0 => Cause::Result(any_source(CLOUDS)),
+        1 => Cause::Failure(any_source(CLOUDS)),
+        _ => Cause::Timers(Sources::from_bits(kani::any())),
     }
 }
 
@@ -101,12 +101,12 @@ pub fn every_valid_state_is_generated_and_accepted() {
 #[kani::proof]
 pub fn p1_once() {
     let commit = any_commit();
-    let event = any_event();
-    let (after, decision) = step(any_slot(commit, CLOUDS), commit, event);
+    let cause = any_cause();
+    let (after, decision) = step(any_slot(commit, CLOUDS), commit, cause);
     let ends = matches!(decision, Decision::Forwarded { .. } | Decision::Missed);
     kani::assert(ends != after.is_open(), "P1 once: it is retired when it is forwarded or missed");
     kani::assert(after.is_open() || bits(after) == [0; 4], "P1 once: nothing of it remains");
-    let (still, again) = step(Slot::RETIRED, commit, event);
+    let (still, again) = step(Slot::RETIRED, commit, cause);
     let ends_again = matches!(again, Decision::Forwarded { .. } | Decision::Missed);
     kani::assert(!ends_again && still == Slot::RETIRED, "P1 once: a retired timestamp stays so");
     let (still, refusal) = offer_to(Slot::RETIRED, commit, any_source(CLOUDS));
@@ -123,25 +123,25 @@ pub fn p1_once() {
 pub fn p2_never_late() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
-    let event = any_event();
-    let (after, decision) = step(before, commit, event);
-    let arriving = match event {
-        Event::Result(source) => bit(source) & bits(before)[1],
-        Event::Failure(_) | Event::Timers(_) => 0,
+    let cause = any_cause();
+    let (after, decision) = step(before, commit, cause);
+    let arriving = match cause {
+        Cause::Result(source) => bit(source) & bits(before)[1],
+        Cause::Failure(_) | Cause::Timers(_) => 0,
     };
     let in_time = bits(before)[3] | arriving;
     if let Decision::Forwarded { by, .. } = decision {
         kani::assert(in_time & bit(by) != 0, "P2 never late: forwarded means in time");
     }
     kani::assert(bits(after)[3] & !in_time == 0, "P2 never late: held means in time");
-    let fired = match event {
-        Event::Timers(fired) => fired.bits() & bits(before)[2],
-        Event::Result(_) | Event::Failure(_) => 0,
+    let fired = match cause {
+        Cause::Timers(fired) => fired.bits() & bits(before)[2],
+        Cause::Result(_) | Cause::Failure(_) => 0,
     };
     kani::assert(bits(after)[1] & fired == 0, "P2 never late: what fired is pending no more");
     let late = any_source(CLOUDS);
     let is_closed = before.requested().contains(late) && bits(before)[1] & bit(late) == 0;
-    let (still, dropped) = step(before, commit, Event::Result(late));
+    let (still, dropped) = step(before, commit, Cause::Result(late));
     let is_dropped = matches!(dropped, Decision::Dropped(_)) && still == before;
     kani::assert(!is_closed || is_dropped, "P2 never late: what is closed is dropped");
     kani::cover!(fired != 0 && after.is_open(), "a timer fires");
@@ -155,10 +155,10 @@ pub fn p2_never_late() {
 pub fn p3_best_in_hand() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
-    let event = any_event();
-    let (_, decision) = step(before, commit, event);
+    let cause = any_cause();
+    let (_, decision) = step(before, commit, cause);
     let mut in_hand = bits(before)[3];
-    if let Event::Result(source) = event {
+    if let Cause::Result(source) = cause {
         in_hand |= bit(source) & bits(before)[1];
     }
     let mut held_is_forwarded = false;
@@ -171,7 +171,7 @@ pub fn p3_best_in_hand() {
 }
 
 /// P4: while anything is held, something pending outranks it. With the rest of the invariant it holds of a timestamp just
-/// opened, and after any event or offer.
+/// opened, and after any cause or offer.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -179,10 +179,10 @@ pub fn p4_prompt() {
     let commit = any_commit();
     kani::assert(is_valid(commit, Slot::open(kani::any())), "P4 prompt: just opened it is valid");
     let before = any_slot(commit, CLOUDS);
-    let (after, _) = step(before, commit, any_event());
+    let (after, _) = step(before, commit, any_cause());
     kani::assert(
         !after.is_open() || is_valid(commit, after),
-        "P4 prompt: an event leaves it valid",
+        "P4 prompt: an cause leaves it valid",
     );
     let (offered, refusal) = offer_to(before, commit, any_source(CLOUDS));
     kani::assert(is_valid(commit, offered), "P4 prompt: an offer leaves it valid");
@@ -190,7 +190,7 @@ pub fn p4_prompt() {
     kani::cover!(refusal.is_none() && !before.cached().is_empty(), "a request joins a held result");
 }
 
-/// P5: with local's result in hand, a cloud's timer is armed, no event takes the result away or misses the timestamp, each
+/// P5: with local's result in hand, a cloud's timer is armed, no cause takes the result away or misses the timestamp, each
 /// firing leaves fewer timers, and the firing of all of them forwards.
 ///
 /// So the number of armed timers ranks what remains: it falls at each firing and is never 0 while local's result waits.
@@ -200,17 +200,17 @@ pub fn p4_prompt() {
 pub fn p5_local_floor() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
-    let event = any_event();
-    let (after, decision) = step(before, commit, event);
+    let cause = any_cause();
+    let (after, decision) = step(before, commit, cause);
     let is_forwarded = matches!(decision, Decision::Forwarded { .. });
     let had = before.cached().contains(Source::LOCAL);
     let has = after.cached().contains(Source::LOCAL);
     kani::assert(!had || is_forwarded || has, "P5 local floor: what is in hand stays or goes");
-    let comes = event == Event::Result(Source::LOCAL) && before.pending().contains(Source::LOCAL);
+    let comes = cause == Cause::Result(Source::LOCAL) && before.pending().contains(Source::LOCAL);
     kani::assert(!comes || is_forwarded || has, "P5 local floor: what comes is in hand or goes");
     let is_awaited = !after.armed().clouds().is_empty();
     kani::assert(!has || is_awaited, "P5 local floor: while it waits, a timer is armed");
-    if let Event::Timers(fired) = event {
+    if let Cause::Timers(fired) = cause {
         let left = before.armed().difference(fired);
         let fewer = !after.is_open() || after.armed() == left;
         kani::assert(fewer, "P5 local floor: each firing leaves fewer timers");
@@ -228,7 +228,7 @@ pub fn p5_local_floor() {
 pub fn p6_free_without_cloud() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
-    let (after, decision) = step(before, commit, Event::Result(Source::LOCAL));
+    let (after, decision) = step(before, commit, Cause::Result(Source::LOCAL));
     let alone = before.requested() == Sources::LOCAL;
     let forwarded = Decision::Forwarded { by: Source::LOCAL, cancelled: Sources::EMPTY };
     let goes = decision == forwarded && !after.is_open();
@@ -257,14 +257,14 @@ pub fn p7_no_stall() {
         !limited || !before.armed().is_empty(),
         "P7 no stall: with a deadline a timer is armed",
     );
-    let event = any_event();
-    let (after, decision) = step(before, commit, event);
+    let cause = any_cause();
+    let (after, decision) = step(before, commit, cause);
     let kept = !limited || !after.is_open() || is_limited(after);
-    kani::assert(kept, "P7 no stall: an event keeps a limited timestamp limited");
-    kani::assert(before.armed().contains_all(after.armed()), "P7 no stall: no event arms a timer");
+    kani::assert(kept, "P7 no stall: an cause keeps a limited timestamp limited");
+    kani::assert(before.armed().contains_all(after.armed()), "P7 no stall: no cause arms a timer");
     let (offered, _) = offer_to(before, commit, any_source(CLOUDS));
     kani::assert(!limited || is_limited(offered), "P7 no stall: so does an offer");
-    let (end, _) = step(before, commit, Event::Timers(before.armed()));
+    let (end, _) = step(before, commit, Cause::Timers(before.armed()));
     kani::assert(!limited || !end.is_open(), "P7 no stall: once all timers fired it is retired");
     kani::cover!(limited && decision == Decision::Missed, "a limited timestamp is missed");
     kani::cover!(!limited && end.is_open(), "one without a deadline waits for local");
@@ -278,16 +278,16 @@ pub fn p7_no_stall() {
 pub fn p8_timers() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
-    let event = any_event();
-    let (after, decision) = step(before, commit, event);
+    let cause = any_cause();
+    let (after, decision) = step(before, commit, cause);
     let accepted = !matches!(decision, Decision::Dropped(_));
-    let ended = match event {
-        Event::Timers(fired) => fired.bits(),
-        Event::Failure(source) if accepted => bit(source),
-        Event::Result(source) if accepted && (commit == Commit::Patient || bit(source) == 1) => {
+    let ended = match cause {
+        Cause::Timers(fired) => fired.bits(),
+        Cause::Failure(source) if accepted => bit(source),
+        Cause::Result(source) if accepted && (commit == Commit::Patient || bit(source) == 1) => {
             bit(source)
         }
-        Event::Failure(_) | Event::Result(_) => 0,
+        Cause::Failure(_) | Cause::Result(_) => 0,
     };
     let is_exact = !after.is_open() || bits(after)[2] == bits(before)[2] & !ended;
     kani::assert(is_exact, "P8 timers: those end that must, and no others");
@@ -316,39 +316,39 @@ pub fn p8_timers() {
 pub fn p11_accounted() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
-    let event = any_event();
-    let (after, decision) = step(before, commit, event);
-    match (event, decision) {
-        (Event::Result(_) | Event::Failure(_), Decision::Dropped(_)) => {
+    let cause = any_cause();
+    let (after, decision) = step(before, commit, cause);
+    match (cause, decision) {
+        (Cause::Result(_) | Cause::Failure(_), Decision::Dropped(_)) => {
             kani::assert(after == before, "P11 accounted: what is dropped changes nothing");
         }
-        (Event::Result(source), Decision::Held) => {
+        (Cause::Result(source), Decision::Held) => {
             kani::assert(after.cached().contains(source), "P11 accounted: what is held is in hand");
         }
-        (Event::Result(source), Decision::Forwarded { by, .. }) => {
+        (Cause::Result(source), Decision::Forwarded { by, .. }) => {
             kani::assert(by == source, "P11 accounted: a result forwards itself");
         }
         (
-            Event::Failure(_) | Event::Timers(_),
+            Cause::Failure(_) | Cause::Timers(_),
             Decision::Forwarded { .. } | Decision::Missed | Decision::Waiting,
         ) => {}
-        (Event::Result(_), Decision::Waiting | Decision::Missed)
-        | (Event::Failure(_), Decision::Held)
-        | (Event::Timers(_), Decision::Held | Decision::Dropped(_)) => {
+        (Cause::Result(_), Decision::Waiting | Decision::Missed)
+        | (Cause::Failure(_), Decision::Held)
+        | (Cause::Timers(_), Decision::Held | Decision::Dropped(_)) => {
             kani::assert(false, "P11 accounted: each input has an answer of its kind");
         }
     }
     if let Decision::Forwarded { cancelled, .. } = decision {
-        let ended = match event {
-            Event::Result(source) | Event::Failure(source) => bit(source),
-            Event::Timers(fired) => fired.bits() & bits(before)[2],
+        let ended = match cause {
+            Cause::Result(source) | Cause::Failure(source) => bit(source),
+            Cause::Timers(fired) => fired.bits() & bits(before)[2],
         };
         let left = bits(before)[1] & !ended & !1;
         kani::assert(cancelled.bits() == left, "P11 accounted: the pending clouds are cancelled");
     }
     kani::cover!(matches!(decision, Decision::Dropped(_)), "an input is dropped");
     kani::cover!(
-        matches!(event, Event::Failure(_)) && decision == Decision::Waiting,
+        matches!(cause, Cause::Failure(_)) && decision == Decision::Waiting,
         "a failure is accepted"
     );
 }
@@ -390,7 +390,7 @@ pub fn f3_result_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let source = any_source(CLOUDS);
-    let (after, decision) = step(before, commit, Event::Result(source));
+    let (after, decision) = step(before, commit, Cause::Result(source));
     let [requested, pending, armed, cached] = bits(before);
     let rest = pending & !bit(source);
     let (sets, expected) = if let Some(reason) = reason_to_drop(bits(before), source) {
@@ -418,7 +418,7 @@ pub fn f4_fail_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let source = any_source(CLOUDS);
-    let (after, decision) = step(before, commit, Event::Failure(source));
+    let (after, decision) = step(before, commit, Cause::Failure(source));
     let [requested, pending, armed, cached] = bits(before);
     let (sets, expected) = if let Some(reason) = reason_to_drop(bits(before), source) {
         (bits(before), Decision::Dropped(reason))
@@ -442,7 +442,7 @@ pub fn f6_settle_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let fired: u16 = kani::any();
-    let (after, decision) = step(before, commit, Event::Timers(Sources::from_bits(fired)));
+    let (after, decision) = step(before, commit, Cause::Timers(Sources::from_bits(fired)));
     let [requested, pending, armed, cached] = bits(before);
     let fired = fired & armed;
     let (sets, expected) = if fired == 0 {

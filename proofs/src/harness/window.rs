@@ -11,7 +11,7 @@ use crate::any::{
 use crate::clouds::Clouds;
 use crate::fusion::Fusion;
 use crate::priority::Priority;
-use crate::slot::Event;
+use crate::slot::Cause;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 use crate::told;
@@ -395,10 +395,10 @@ fn one_of<const AT: usize>(kind: Kind) -> (bool, bool) {
     } else {
         let event = if kind == Kind::Result {
             let _ = told::result(&mut fusion, timestamp, priority);
-            Event::Result(source)
+            Cause::Result(source)
         } else {
             let _ = told::fail(&mut fusion, timestamp, priority);
-            Event::Failure(source)
+            Cause::Failure(source)
         };
         let after = slot.step(commit, event).0;
         is_retired = !after.is_open();

@@ -12,7 +12,7 @@ use fuseline_traces as trace;
 
 use crate::fusion::{At, Fusion};
 use crate::priority::Priority;
-use crate::slot::{Commit, Decision, Event, Slot};
+use crate::slot::{Cause, Commit, Decision, Slot};
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
 use crate::{Admission, DropReason, OfferRefusal, OpenRefusal, Opening, Outcome};
@@ -76,25 +76,25 @@ fn of(source: Source) -> u64 {
 }
 
 /// The sets as indices of sources, which here are the priorities too.
-pub(crate) fn slot(slot: Slot, commit: Commit, (event, meant): (trace::Input, Sources)) {
+pub(crate) fn slot(slot: Slot, commit: Commit, (cause, meant): (trace::Input, Sources)) {
     let clouds = slot.requested().union(meant).clouds();
     let cloud =
         |source: Source| trace::Cloud { p: source.index().into(), name: None, limit: 1, resume: 0 };
     header(1, commit, clouds.iter().map(cloud).collect());
     say(format!("# t 1: {}", sets(slot)));
     TOLD.with_borrow_mut(|told| told.now = 0);
-    input(event);
+    input(cause);
 }
 
-pub(crate) fn of_event(event: Event) -> (trace::Input, Sources) {
-    match event {
-        Event::Result(source) => {
+pub(crate) fn of_cause(cause: Cause) -> (trace::Input, Sources) {
+    match cause {
+        Cause::Result(source) => {
             (trace::Input::Result { at: 0, t: 1, p: of(source) }, Sources::EMPTY.with(source))
         }
-        Event::Failure(source) => {
+        Cause::Failure(source) => {
             (trace::Input::Fail { at: 0, t: 1, p: of(source) }, Sources::EMPTY.with(source))
         }
-        Event::Timers(_) => (trace::Input::Tick { at: 0 }, Sources::EMPTY),
+        Cause::Timers(_) => (trace::Input::Tick { at: 0 }, Sources::EMPTY),
     }
 }
 
@@ -103,10 +103,10 @@ pub(crate) fn of_offer(source: Source) -> (trace::Input, Sources) {
     (offer, Sources::EMPTY.with(source))
 }
 
-pub(crate) fn stepped(before: Slot, event: Event, decided: Decision) {
-    let p = match event {
-        Event::Result(source) | Event::Failure(source) => of(source),
-        Event::Timers(fired) => {
+pub(crate) fn stepped(before: Slot, cause: Cause, decided: Decision) {
+    let p = match cause {
+        Cause::Result(source) | Cause::Failure(source) => of(source),
+        Cause::Timers(fired) => {
             for source in fired.intersection(before.armed()).iter() {
                 decision(trace::Decision::Timer { at: 0, t: 1, p: of(source) });
             }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use fuseline_core::{
-    Commit, Decision, DropReason, Event, Gate, OfferRefusal, OpenRefusal, Slot, Source, Sources,
+    Cause, Commit, Decision, DropReason, Gate, OfferRefusal, OpenRefusal, Slot, Source, Sources,
 };
 
 use crate::input::{Answer, Fired, Input};
@@ -40,10 +40,10 @@ impl Sequential {
                 Answer::Offered(fired, self.admit(t, p, now.saturating_add(deadline), now, backlog))
             }
             Input::Result { t, p } => {
-                Answer::Closed(self.expire(now, t), self.close(t, p, Event::Result))
+                Answer::Closed(self.expire(now, t), self.close(t, p, Cause::Result))
             }
             Input::Fail { t, p } => {
-                Answer::Closed(self.expire(now, t), self.close(t, p, Event::Failure))
+                Answer::Closed(self.expire(now, t), self.close(t, p, Cause::Failure))
             }
             Input::Tick { t } => Answer::Ticked(self.expire(now, t)),
             Input::NextDue { t } => Answer::Due(self.open.get(&t).and_then(Message::earliest)),
@@ -95,12 +95,12 @@ impl Sequential {
         Ok(due)
     }
 
-    fn close(&mut self, t: u64, p: u8, event: impl FnOnce(Source) -> Event) -> Decision {
+    fn close(&mut self, t: u64, p: u8, cause: impl FnOnce(Source) -> Cause) -> Decision {
         let Some(source) = Source::new(p).filter(|_| usize::from(p) <= self.gates.len()) else {
             return Decision::Dropped(DropReason::Unknown);
         };
         if self.open.contains_key(&t) {
-            self.step(t, event(source))
+            self.step(t, cause(source))
         } else {
             Decision::Dropped(DropReason::Superseded)
         }
@@ -113,16 +113,16 @@ impl Sequential {
             && let Some(due) = message.earliest().filter(|due| *due <= now)
         {
             let timers = message.armed().filter(|source| message.due(*source) == due).collect();
-            let decision = self.step(t, Event::Timers(timers));
+            let decision = self.step(t, Cause::Timers(timers));
             let timers = all.map_or(Sources::EMPTY, |all| all.timers).union(timers);
             all = Some(Fired { due, timers, decision });
         }
         all
     }
 
-    fn step(&mut self, t: u64, event: Event) -> Decision {
+    fn step(&mut self, t: u64, cause: Cause) -> Decision {
         let message = self.open.get_mut(&t).expect("only open timestamps are stepped");
-        let (slot, decision) = message.slot.step(self.commit, event);
+        let (slot, decision) = message.slot.step(self.commit, cause);
         message.slot = slot;
         if !slot.is_open() {
             self.open.remove(&t);

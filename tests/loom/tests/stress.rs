@@ -10,7 +10,7 @@ use fuseline_core::shared::Shared;
 use fuseline_core::{
     Cloud, Commit, Deadline, Firing, Instant, OpenRefusal, Outcome, Priority, Timestamp,
 };
-use fuseline_threads::{Call, Intake, Message, Reply};
+use fuseline_threads::{Answered, Call, Intake, Message};
 
 const MESSAGES: u64 = 20_000;
 const CLOUDS: usize = 2;
@@ -67,7 +67,7 @@ impl Answers {
         }
     }
 
-    fn reply(&self, t: Timestamp, reply: &Reply<Value, CLOUDS>) {
+    fn reply(&self, t: Timestamp, reply: &Answered<Value, CLOUDS>) {
         let is_dropped = matches!(reply.outcome, Outcome::Dropped(_));
         assert!(is_dropped || reply.unused.is_none());
         if let Some(firing) = &reply.fired {

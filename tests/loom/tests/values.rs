@@ -5,7 +5,7 @@
 use fuseline_core::shared::Shared;
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
 use fuseline_loom::Turn;
-use fuseline_threads::{Intake, Reply};
+use fuseline_threads::{Answered, Intake};
 use loom::model::Builder;
 use loom::thread;
 
@@ -33,7 +33,7 @@ fn is_forwarded<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>) -> bool {
 }
 
 /// Who forwards has a value, and who was dropped has its own back.
-fn is_complete(reply: &Reply<&'static str, 1>) -> bool {
+fn is_complete(reply: &Answered<&'static str, 1>) -> bool {
     let fired = reply.fired.is_some_and(|firing| is_forwarded(&firing.outcome));
     let is_dropped = matches!(reply.outcome, Outcome::Dropped(_));
     (fired || is_forwarded(&reply.outcome)) == reply.forwarded.is_some()

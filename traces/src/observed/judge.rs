@@ -11,7 +11,7 @@ use super::story::Slack;
 use super::verdict::{Verdict, Violation};
 use super::watch::{Account, Watch};
 use crate::event::{Decision, Event, Header, Input};
-use crate::read::{ReadError, Reader};
+use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
 
 /// How many violations a verdict tells; it counts the rest.
@@ -84,7 +84,7 @@ pub struct Disorder {
 /// # Errors
 /// If the trace cannot be read to its end, or is out of order.
 pub fn judge(file: &str, slack: Slack, trace: impl BufRead) -> Result<Verdict, JudgeError> {
-    let mut reader = Reader::observed(file, trace)?;
+    let mut reader = Events::observed(file, trace)?;
     let mut judge = Judge::new(file, reader.header(), slack);
     while let Some(event) = reader.next_event()? {
         judge.line(reader.line(), &event)?;

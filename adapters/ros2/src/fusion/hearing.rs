@@ -2,7 +2,7 @@
 
 use std::task::Poll;
 
-use fuseline_tokio::drive::{Event, Word};
+use fuseline_tokio::drive::{Incoming, Word};
 use rustdds::dds::ReadError;
 use tokio::sync::mpsc;
 use tokio::time::Interval;
@@ -30,7 +30,7 @@ pub(crate) type Sample = Result<Payload, ReadError>;
 
 impl Fusion<'_> {
     /// Something came on the input topic: a message, if it has a key that no open one has.
-    pub(super) fn take(&mut self, sample: Sample) -> Option<Event<Payload, Payload>> {
+    pub(super) fn take(&mut self, sample: Sample) -> Option<Incoming<Payload, Payload>> {
         let Memory { stamps, next, intake, .. } = &mut self.memory;
         let Ok(message) = sample.inspect_err(|error| debug!(%error, "input not read")) else {
             intake.encoding += 1;
@@ -59,7 +59,7 @@ impl Fusion<'_> {
         let timestamp = *next;
         *next += 1;
         stamps.open(key, timestamp);
-        Some(Event::Message { timestamp, message })
+        Some(Incoming::Message { timestamp, message })
     }
 
     /// Something came on a source's topic: its result, if it has the key of a message.
@@ -67,7 +67,7 @@ impl Fusion<'_> {
         &mut self,
         place: usize,
         sample: Sample,
-    ) -> Option<Event<Payload, Payload>> {
+    ) -> Option<Incoming<Payload, Payload>> {
         let source = &mut self.sources[place];
         let key = sample.ok().and_then(|payload| {
             let key = self.output_key.read(&payload.body, payload.big_endian).ok()?;
@@ -83,7 +83,7 @@ impl Fusion<'_> {
             source.strays.unknown_stamp += 1;
             return None;
         };
-        Some(Event::Word(Word { priority: source.priority, timestamp, result: Ok(payload) }))
+        Some(Incoming::Word(Word { priority: source.priority, timestamp, result: Ok(payload) }))
     }
 
     /// The environment decides the deadline: `std_msgs/msg/Float64`, seconds.

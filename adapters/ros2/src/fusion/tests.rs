@@ -103,10 +103,10 @@ async fn on_streams(script: &Script) -> Vec<String> {
     let mut lines = Vec::new();
     while let Some(item) = output.read().await {
         let (at, t) = (item.decided.as_millis(), item.timestamp);
-        lines.push(match &item.outcome {
-            Outcome::Forwarded(it) => line(at, t, &format!("{} by {}", it.value, it.rule.id())),
-            Outcome::Missed => line(at, t, "missed"),
-            Outcome::Refused(why) => line(at, t, &format!("refused: {why}")),
+        lines.push(match &item.ending {
+            Ending::Forwarded(it) => line(at, t, &format!("{} by {}", it.value, it.trigger.id())),
+            Ending::Missed => line(at, t, "missed"),
+            Ending::Refused(why) => line(at, t, &format!("refused: {why}")),
         });
     }
     lines

@@ -4,8 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_operator::{
-    self as shared, DropReason, Engine, Forwarded, Header, Local, OfferRefusal, OpenRefusal,
-    Outcome,
+    self as shared, DropReason, Ending, Engine, Forwarded, Header, Local, OfferRefusal, OpenRefusal,
 };
 use rustdds::GUID;
 use tokio::time::Instant;
@@ -188,20 +187,20 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
 #[test]
 fn the_status_of_a_message_names_its_source_and_warns_without_one() {
     let ms = Duration::from_millis;
-    let of = |outcome| {
+    let of = |ending| {
         let item =
-            Item { timestamp: 3, opened: ms(10), decided: ms(40), outcome, failures: Vec::new() };
+            Item { timestamp: 3, opened: ms(10), decided: ms(40), ending, failures: Vec::new() };
         of_item("/fuseline", None, &item)
     };
     let source = shared::Source { priority: 1, name: "west".into() };
     let value = Payload { big_endian: false, body: bytes::Bytes::new() };
     let arrived = ms(30);
-    let forwarded = Forwarded { value, source, arrived, rule: Rule::Arrival };
-    let status = of(Outcome::Forwarded(forwarded));
+    let forwarded = Forwarded { value, source, arrived, trigger: Trigger::Arrival };
+    let status = of(Ending::Forwarded(forwarded));
     let told = |key| status.values.iter().find(|pair| pair.key == key).unwrap().value.as_str();
     assert_eq!((status.level, told("source"), told("rule")), (OK, "west", "F3"));
     assert_eq!(["timestamp", "arrived_s", "decided_s"].map(told), ["3", "0.020000", "0.030000"]);
-    assert_eq!((of(Outcome::Missed).level, &*of(Outcome::Missed).message), (WARN, "missed"));
-    let refused = of(Outcome::Refused(OpenRefusal::Full));
+    assert_eq!((of(Ending::Missed).level, &*of(Ending::Missed).message), (WARN, "missed"));
+    let refused = of(Ending::Refused(OpenRefusal::Full));
     assert_eq!((refused.level, &*refused.message), (WARN, "refused: full"));
 }

@@ -9,7 +9,7 @@ use std::io::BufReader;
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Call, Cloud, Config, Error, Item, Local, Operator, Outcome, Setup, Tally, Trace, spawn, stream,
+    Call, Cloud, Config, Ending, Error, Item, Local, Operator, Setup, Tally, Trace, spawn, stream,
 };
 use fuseline_traces::judge;
 use tokio::time::{Instant, sleep, sleep_until};
@@ -136,11 +136,11 @@ pub(crate) async fn play_default(script: Script, messages_ms: &[u64]) -> Played 
 pub(crate) fn line(item: &Item<String>) -> String {
     let (at, t) = (item.decided.as_micros(), item.timestamp);
     let at = format!("{}.{:03}", at / 1000, at % 1000);
-    match &item.outcome {
-        Outcome::Forwarded(f) => {
-            format!("{at} ms: {t} {} by {} from {} ms", f.value, f.rule, f.arrived.as_millis())
+    match &item.ending {
+        Ending::Forwarded(f) => {
+            format!("{at} ms: {t} {} by {} from {} ms", f.value, f.trigger, f.arrived.as_millis())
         }
-        Outcome::Missed => format!("{at} ms: {t} missed"),
-        Outcome::Refused(why) => format!("{at} ms: {t} refused {why}"),
+        Ending::Missed => format!("{at} ms: {t} missed"),
+        Ending::Refused(why) => format!("{at} ms: {t} refused {why}"),
     }
 }

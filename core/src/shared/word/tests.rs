@@ -1,6 +1,6 @@
 use super::*;
 use crate::answer::OfferRefusal;
-use crate::slot::Event;
+use crate::slot::Cause;
 use crate::source::Source;
 
 fn source(index: u8) -> Source {
@@ -15,9 +15,9 @@ fn reachable(commit: Commit, clouds: u8) -> std::vec::Vec<Slot> {
         let sources = (0..=clouds).map(source);
         let stepped = sources.flat_map(|source| {
             let (admitted, refusal): (_, Option<OfferRefusal>) = slot.offer(source);
-            let timers = Event::Timers(Sources::EMPTY.with(source));
-            let events = [Event::Result(source), Event::Failure(source), timers];
-            let steps = events.map(|event| slot.step(commit, event).0);
+            let timers = Cause::Timers(Sources::EMPTY.with(source));
+            let causes = [Cause::Result(source), Cause::Failure(source), timers];
+            let steps = causes.map(|cause| slot.step(commit, cause).0);
             steps.into_iter().chain(refusal.is_none().then_some(admitted))
         });
         for next in stepped.collect::<std::vec::Vec<_>>() {
@@ -54,7 +54,7 @@ fn p8_every_state_survives_its_word() {
 fn the_greatest_sources_survive() {
     let all = (1..Source::COUNT).fold(Slot::open(true), |slot, cloud| slot.offer(source(cloud)).0);
     for held in [14, 0] {
-        let (slot, _) = all.step(Commit::Patient, Event::Result(source(held)));
+        let (slot, _) = all.step(Commit::Patient, Cause::Result(source(held)));
         let word = Word::<15>::from_bits(u64::MAX).opened(slot);
         assert_eq!((word.slot(Commit::Patient), word.generation()), (slot, 0));
     }
