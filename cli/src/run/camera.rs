@@ -16,6 +16,7 @@ use tokio::time::{Instant, interval, sleep, timeout};
 use crate::emulation::{REPLY_BYTES, REQUEST_BYTES};
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
+use crate::run::deadlines::{Deadlines, Watched};
 use crate::run::driven::Driven;
 use crate::run::error::RunError;
 use crate::run::live::{Live, unrecorded};
@@ -49,6 +50,7 @@ struct Detector<'a> {
     plan: &'a Plan,
     connections: Vec<Connection>,
     begun: Vec<Arc<AtomicU64>>,
+    deadlines: Deadlines,
 }
 
 impl Operator for Detector<'_> {
@@ -56,16 +58,27 @@ impl Operator for Detector<'_> {
     type Output = Detections;
 
     fn setup(self, setup: &mut Setup<Frame, Detections>) -> Local<Frame, Detections> {
-        let deadline = self.plan.deadline();
         let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.begun);
-        for ((cloud, connection), begun) in clouds {
+        for (place, ((cloud, connection), begun)) in clouds.enumerate() {
             let infer = grpc::infer(connection);
-            let handle = move |request, call| {
+            let handle = move |(request, watched): (Request, Watched), call| {
                 begun.fetch_add(1, Ordering::Relaxed);
-                infer(request, call)
+                let reply = infer(request, call);
+                async move {
+                    let reply = reply.await;
+                    match reply {
+                        Ok(_) => watched.answered(),
+                        Err(_) => watched.failed(),
+                    }
+                    reply
+                }
             };
+            let deadlines = self.deadlines.clone();
             let message_handler = move |frame: &Frame, timestamp| {
-                Some((Request { timestamp, payload: frame.0.clone() }, deadline))
+                let request = Request { timestamp, payload: frame.0.clone() };
+                let watched = deadlines.watch(place, timestamp);
+                let deadline = watched.deadline;
+                Some(((request, watched), deadline))
             };
             let response_handler = |reply: Reply| Ok(reply.payload);
             let registered =
@@ -91,7 +104,8 @@ impl Operator for Detector<'_> {
 pub(crate) fn start(plan: &Plan, network: Network) -> Result<Camera<'_>, Fault> {
     let Network { connections, servers, began } = network;
     let begun: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
-    let detector = Detector { plan, connections, begun: begun.clone() };
+    let deadlines = Deadlines::new(plan);
+    let detector = Detector { plan, connections, begun: begun.clone(), deadlines };
     let config = Config {
         name: "detector".to_owned(),
         window: plan.window,
