@@ -165,8 +165,8 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
         if args.json {
             continue;
         }
-        for breach in judging.since(told) {
-            bar.suspend(|| breach.tell(out, &name)).map_err(Fault::Output)?;
+        for violation in judging.since(told) {
+            bar.suspend(|| violation.tell(out, &name)).map_err(Fault::Output)?;
             told += 1;
         }
     }

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use crate::complain::complain;
 use crate::fault::Fault;
-use crate::verdict::{Breach, Found};
+use crate::verdict::{AnyViolation, Found};
 
 /// What happens where a trace ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -73,9 +73,9 @@ pub(crate) fn next_event<R: BufRead>(
         Ok(event) => return Ok(event),
         Err(error) => error,
     };
-    let is_cut = match &error.fault {
-        fuseline_traces::Fault::Unterminated => true,
-        fuseline_traces::Fault::Io(error) => error.kind() == io::ErrorKind::UnexpectedEof,
+    let is_cut = match &error.defect {
+        fuseline_traces::Defect::Unterminated => true,
+        fuseline_traces::Defect::Io(error) => error.kind() == io::ErrorKind::UnexpectedEof,
         _ => false,
     };
     match (is_cut, end) {
@@ -135,13 +135,13 @@ impl Judging {
     }
 
     /// The violations found so far, without the first of them.
-    pub(crate) fn since(&self, told: usize) -> Vec<Breach<'_>> {
+    pub(crate) fn since(&self, told: usize) -> Vec<AnyViolation<'_>> {
         match self {
             Self::Strict(judge) => {
-                judge.so_far().violations.iter().skip(told).map(Breach::from).collect()
+                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
             }
             Self::Observed(judge) => {
-                judge.so_far().violations.iter().skip(told).map(Breach::from).collect()
+                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
             }
         }
     }

@@ -16,7 +16,7 @@ use super::peer::Misbehaviour;
 use super::shrink::{Finding, What};
 use super::words;
 use crate::exit::Exit;
-use crate::verdict::{BAD, Breach, GOOD};
+use crate::verdict::{AnyViolation, BAD, GOOD};
 
 /// So many failed cases are named.
 const NAMED: usize = 5;
@@ -120,7 +120,7 @@ impl Found {
                 if let Some(verdict) = self.verdict()
                     && let Some(violation) = verdict.violations.first()
                 {
-                    Breach::from(violation).tell(out, &verdict.file)?;
+                    AnyViolation::from(violation).tell(out, &verdict.file)?;
                     self.tell_story(out, "in words")?;
                     writeln!(out, "{INDENT}  found: {}", words::told(&violation.found))?;
                     writeln!(out, "{INDENT}  expected: {}", words::told(&violation.expected))?;

@@ -8,7 +8,7 @@ use fuseline_kit::Run;
 use fuseline_traces::{Cloud, Header, Input, Rule};
 
 use super::peer::Misbehaviour;
-use super::trial::{Bench, Outcome, Stop, Told};
+use super::trial::{Bench, Comparison, Stop, Told};
 
 /// So many runs are tried at most.
 const TRIES: u32 = 4000;
@@ -30,15 +30,15 @@ pub(super) enum What {
 
 impl Finding {
     /// What a run shows, if anything.
-    pub(super) fn of(outcome: Outcome) -> Option<Self> {
+    pub(super) fn of(outcome: Comparison) -> Option<Self> {
         match outcome {
-            Outcome::Same => None,
-            Outcome::Differs(told) => {
+            Comparison::Same => None,
+            Comparison::Differs(told) => {
                 let verdict = told.verdict("")?;
                 let rule = verdict.violations.first()?.rule;
                 Some(Self { told, what: What::Breaks(rule) })
             }
-            Outcome::Misbehaves(told, how) => Some(Self { told, what: What::Misbehaves(how) }),
+            Comparison::Misbehaves(told, how) => Some(Self { told, what: What::Misbehaves(how) }),
         }
     }
 
