@@ -1,4 +1,4 @@
-//! What runs and files came to: a check that reaches little says little.
+//! What runs and files reached: a check that reaches little says little.
 
 use std::collections::HashMap;
 
@@ -11,7 +11,7 @@ use crate::edge::Edge;
 use crate::run::Run;
 use crate::scene::{Grounds, Ruling, Scene};
 
-/// Something that a check can come to.
+/// Something that a check can reach.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Mark {
     /// A run under this commit rule.
@@ -28,11 +28,11 @@ pub enum Mark {
     Fail(DropReason),
     /// An open was refused for the first reason although the second holds as well.
     Opens(OpenRefusal, OpenRefusal),
-    /// So was an offer.
+    /// An offer was refused for the first reason although the second holds as well.
     Offers(OfferRefusal, OfferRefusal),
-    /// So was a result dropped.
+    /// A result was dropped for the first reason although the second holds as well.
     Results(DropReason, DropReason),
-    /// So was a failure.
+    /// A failure was dropped for the first reason although the second holds as well.
     Fails(DropReason, DropReason),
     /// An input, or what was due before it, had this effect.
     Outcome(Cause, Consequence),

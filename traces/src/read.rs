@@ -27,7 +27,7 @@ pub struct ReadError {
 /// What can be wrong with a trace.
 #[derive(Debug, thiserror::Error)]
 pub enum Defect {
-    /// The bytes did not come.
+    /// The bytes could not be read.
     #[error("{0}")]
     Io(#[from] io::Error),
     /// There is no line at all.
@@ -52,7 +52,7 @@ pub enum Defect {
 
 /// Reads a trace: its header when it is made, then one event after the other.
 ///
-/// It holds one line at a time. After an error there is nothing more to be had from it.
+/// It holds one line at a time. After an error it yields nothing more.
 #[derive(Debug)]
 pub struct Events<R> {
     inner: R,
@@ -99,7 +99,7 @@ impl<R: BufRead> Events<R> {
     /// The next event; none at the end.
     ///
     /// # Errors
-    /// If the next line is none that a trace may have there.
+    /// If a trace may not have such a line there.
     pub fn next_event(&mut self) -> Result<Option<Event>, ReadError> {
         match self.next_line()? {
             Some(Line::Event(event)) => Ok(Some(event)),
@@ -183,7 +183,7 @@ impl<R: BufRead> Events<R> {
 /// Reads plain and gzipped traces alike: unpacks what begins as gzip does.
 ///
 /// # Errors
-/// If the first bytes do not come.
+/// If the first bytes cannot be read.
 pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
     // No trace begins with this byte, gzip always does.
     if inner.fill_buf()?.first() == Some(&0x1f) {

@@ -1,4 +1,4 @@
-//! From a run that shows a difference to a smallest one that still shows it.
+//! Shrinks a run that shows a difference to a smallest one that still shows it.
 
 use std::collections::BTreeSet;
 use std::mem::discriminant;
@@ -10,9 +10,9 @@ use fuseline_traces::{Cloud, Header, Input, Rule};
 use super::peer::Misbehaviour;
 use super::trial::{Bench, Comparison, Stop, Told};
 
-/// So many runs are tried at most.
+/// The most runs that are tried.
 const TRIES: u32 = 4000;
-/// So long is tried at most.
+/// The longest that the search may take.
 const LONGEST: Duration = Duration::from_secs(20);
 
 /// What a run shows, with what was sent and answered.
@@ -83,7 +83,7 @@ impl Search<'_> {
         Ok(cost(&self.best.told.run()) < before && !self.is_over())
     }
 
-    /// Takes a run for the best if it is smaller and shows the same.
+    /// Keeps a run as the best so far if it is smaller and shows the same.
     fn attempt(&mut self, run: &Run) -> Result<bool, Stop> {
         let mut taken = BTreeSet::new();
         let is_header = run.header.clouds.iter().all(|cloud| taken.insert(cloud.p));

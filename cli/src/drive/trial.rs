@@ -11,16 +11,16 @@ use fuseline_traces::{Decision, Demands, Event, Header, Input, Reference, Verdic
 use super::peer::{Misbehaviour, Peer, Trouble};
 use crate::interrupt::Interrupt;
 
-/// So many lines more than the rules demand are listened to.
+/// How many lines more than the rules demand are read.
 const MORE: usize = 1000;
 
-/// The command, started when it is first asked and again after it misbehaved.
+/// The command: started when it is first asked, and again after it misbehaved.
 pub(super) struct Bench {
     command: Vec<OsString>,
     wait: Duration,
     interrupt: Interrupt,
     peer: Option<Peer>,
-    /// Whether it misbehaved before: what it complains of is known then.
+    /// Whether it misbehaved before: then its complaints are known already.
     misbehaved: bool,
     /// How many inputs were answered.
     pub(super) inputs: u64,

@@ -6,7 +6,7 @@ use super::story::{Slack, Story};
 use crate::event::{Decision, Event, Input};
 use crate::reason::DropReason;
 
-/// So many facts are kept before those are left out that decide nothing.
+/// How many facts are kept before those that decide nothing are left out.
 const MANY: usize = 64;
 /// All sources that are neither local nor registered: when something came of them is all that counts.
 const STRANGER: u64 = u64::MAX;

@@ -79,7 +79,7 @@ impl BrokenRule {
         }
     }
 
-    /// It in a sentence.
+    /// The rule or promise as a sentence.
     #[must_use]
     pub const fn sentence(self) -> &'static str {
         match self {
