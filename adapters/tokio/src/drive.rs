@@ -52,7 +52,7 @@ pub trait Transport {
         context: &mut Context<'_>,
     ) -> Poll<Incoming<Self::Message, Self::Value>>;
 
-    /// Local's job for a message and its limit, if it has one.
+    /// Local's job for a message and its deadline, if it has one.
     fn job(&mut self, message: &Self::Message) -> (Self::Request, Option<Duration>);
 
     /// What is offered to clouds for a message that was taken on.
