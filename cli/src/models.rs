@@ -1,4 +1,4 @@
-//! Models: the detectors whose runtimes the paper measured, emulated by waiting as long.
+//! Models: the detectors whose runtimes the paper measured, emulated by waiting for as long.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde::Deserialize;
 use thiserror::Error;
 
-/// A runtime strays from the paper's by at most one part in this many.
+/// A runtime differs from the paper's by at most one part in this many.
 const JITTER: u64 = 20;
 
 static TABLE: LazyLock<Table> = LazyLock::new(|| {
@@ -24,8 +24,8 @@ pub(crate) struct Model {
     pub(crate) device: Device,
     /// How long the paper measured it to take there.
     pub(crate) runtime: Duration,
-    /// Box AP on COCO val2017 as published by its authors, 0 to 100; none where no figure was at
-    /// hand.
+    /// Box AP on COCO val2017 as published by its authors, 0 to 100; `None` where no figure was
+    /// found.
     pub(crate) ap: Option<f64>,
 }
 

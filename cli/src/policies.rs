@@ -22,7 +22,7 @@ pub(crate) struct Message {
 /// When a source's result was there, or would have been, since its message came.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Arrival {
-    /// Then.
+    /// At this time.
     At(Duration),
     /// Unknown, but not before: the call was ended then.
     After(Duration),
@@ -78,7 +78,7 @@ pub(crate) enum Quantile {
     Exactly(Duration),
     /// No less than this: some response times are not known.
     AtLeast(Duration),
-    /// So many messages have no output.
+    /// Never: too many messages have no output.
     Never,
 }
 

@@ -72,11 +72,9 @@ fn when_both_networks_are_lost_local_answers_everything_and_nobody_waits_for_the
             assert_eq!(report["policies"][alone + cloud - 1]["mean_ap"], 0.0, "{report}");
         }
         assert_eq!((&report["outage_messages"], &report["policy"]), (&json!(10), &json!(policy)));
-        // The first message looks how long the clouds take; local's runtime is 301.7 ms, 5 % off.
-        for (i, deadline) in deadlines(&dir.path().join("t.jsonl")).into_iter().enumerate() {
-            let is_long = i < 2 || policy == "constant";
-            assert_eq!(deadline, if is_long { 500_000_000 } else { 286_615_000 }, "request {i}");
-        }
+        // Local's runtime is 301.7 ms, up to 5 % less.
+        let expected = if policy == "constant" { 500_000_000 } else { 286_615_000 };
+        assert_eq!(deadlines(&dir.path().join("t.jsonl")), [expected; 20]);
     }
 }
 

@@ -16,12 +16,12 @@ use tokio::time::{Instant, interval, sleep, timeout};
 use crate::emulation::{REPLY_BYTES, REQUEST_BYTES};
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
-use crate::run::deadlines::{Deadlines, Watched};
+use crate::run::deadlines::Deadlines;
 use crate::run::driven::Driven;
 use crate::run::error::RunError;
 use crate::run::live::{Live, unrecorded};
 use crate::run::network::Network;
-use crate::run::plan::Plan;
+use crate::run::plan::{DeadlinePolicy, Plan};
 
 /// How often it is asked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
@@ -50,7 +50,6 @@ struct Detector<'a> {
     plan: &'a Plan,
     connections: Vec<Connection>,
     begun: Vec<Arc<AtomicU64>>,
-    deadlines: Deadlines,
 }
 
 impl Operator for Detector<'_> {
@@ -58,33 +57,31 @@ impl Operator for Detector<'_> {
     type Output = Detections;
 
     fn setup(self, setup: &mut Setup<Frame, Detections>) -> Local<Frame, Detections> {
+        let deadline = self.plan.deadline();
+        let policy = self.plan.policy == DeadlinePolicy::Expected;
+        let deadlines = policy.then(|| Deadlines::new(self.plan));
         let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.begun);
         for (place, ((cloud, connection), begun)) in clouds.enumerate() {
             let infer = grpc::infer(connection);
-            let handle = move |(request, watched): (Request, Watched), call| {
+            let handle = move |request, call| {
                 begun.fetch_add(1, Ordering::Relaxed);
-                let reply = infer(request, call);
-                async move {
-                    let reply = reply.await;
-                    match reply {
-                        Ok(_) => watched.answered(),
-                        Err(_) => watched.failed(),
-                    }
-                    reply
-                }
+                infer(request, call)
             };
-            let deadlines = self.deadlines.clone();
             let message_handler = move |frame: &Frame, timestamp| {
-                let request = Request { timestamp, payload: frame.0.clone() };
-                let watched = deadlines.watch(place, timestamp);
-                let deadline = watched.deadline;
-                Some(((request, watched), deadline))
+                Some((Request { timestamp, payload: frame.0.clone() }, deadline))
             };
             let response_handler = |reply: Reply| Ok(reply.payload);
             let registered =
                 setup.use_cloud(handle, message_handler, response_handler, cloud.priority);
             registered.name.clone_from(&cloud.name);
             registered.calls = self.plan.calls;
+            if let Some(deadlines) = &deadlines {
+                registered.policy = Some(deadlines.of(place));
+                registered.linger = deadlines.linger();
+            }
+        }
+        if let Some(deadlines) = deadlines {
+            setup.use_situation(move |_, _| deadlines.next());
         }
         let (model, seed) = (self.plan.local.clone(), self.plan.seed);
         Local::futures(self.plan.workers, move |_, timestamp| {
@@ -104,8 +101,7 @@ impl Operator for Detector<'_> {
 pub(crate) fn start(plan: &Plan, network: Network) -> Result<Camera<'_>, Fault> {
     let Network { connections, servers, began } = network;
     let begun: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
-    let deadlines = Deadlines::new(plan);
-    let detector = Detector { plan, connections, begun: begun.clone(), deadlines };
+    let detector = Detector { plan, connections, begun: begun.clone() };
     let config = Config {
         name: "detector".to_owned(),
         window: plan.window,

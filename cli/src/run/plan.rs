@@ -109,8 +109,8 @@ pub(crate) struct Args {
 /// How deadlines are chosen.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub(crate) enum DeadlinePolicy {
-    /// As long as is worth it, by how the last 64 calls to each cloud ended: no longer than local
-    /// takes while a cloud is gone. One message in 16 has all, to find it again.
+    /// As long as is worth it, by how the last 32 calls to each cloud ended: no longer than local
+    /// takes while a cloud is gone. Calls that are late run on, unheeded, to see when they end.
     Expected,
     /// All of it.
     Constant,

@@ -12,7 +12,7 @@ use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
 use crate::policies::{Arrival, Constant, Message, Policy, Quantile, Score};
-use crate::reckoning::{Account, COLUMNS, Reckoning, Row};
+use crate::reckoning::{COLUMNS, Reckoning, Row, Totals};
 use crate::run::driven::Driven;
 use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::queue::Queues;
@@ -48,7 +48,7 @@ pub(crate) struct Report {
     /// Messages still open when the run ended.
     pub(crate) open: u64,
     #[serde(skip)]
-    pub(crate) account: Account,
+    pub(crate) totals: Totals,
     /// How long after its due instant a timer was served at most; none if none fired.
     pub(crate) timer_lag_ms: Option<f64>,
     /// Messages that some cloud would not have answered by the longest deadline.
@@ -131,7 +131,7 @@ impl Reading {
 
     /// Puts everything together.
     pub(crate) fn report(self, plan: &Plan, driven: &Driven) -> Report {
-        let account = self.reckoning.account();
+        let totals = self.reckoning.totals();
         let messages = self.messages(plan);
         let source = |row: &Row, i: usize| {
             let cloud = i.checked_sub(1).and_then(|i| plan.clouds.get(i));
@@ -146,16 +146,16 @@ impl Reading {
                 emulated: served.emulated,
                 drive: served.drive,
                 forwarded: row.forwarded(),
-                share: share(row.forwarded(), account.messages),
+                share: share(row.forwarded(), totals.messages),
                 requests: COLUMNS.iter().map(|(word, _)| *word).zip(row.counts).skip(1).collect(),
                 hint: cloud.and_then(|cloud| hint(cloud, &failures)),
                 failures,
                 sent_bytes: tally.map_or(0, |tally| tally.sent_bytes),
             }
         };
-        let sources = account.rows.iter().enumerate().map(|(i, row)| source(row, i)).collect();
+        let sources = totals.rows.iter().enumerate().map(|(i, row)| source(row, i)).collect();
         Report {
-            messages: account.messages,
+            messages: totals.messages,
             interrupted: driven.interrupted,
             rate: plan.rate,
             deadline_ms: plan.deadline_ms,
@@ -166,13 +166,13 @@ impl Reading {
             calls: plan.calls,
             seed: plan.seed,
             sources,
-            missed: account.missed,
-            refused: account.refused,
-            open: account.open,
+            missed: totals.missed,
+            refused: totals.refused,
+            open: totals.open,
             timer_lag_ms: self.reckoning.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
             outage_messages: messages.iter().filter(|it| it.is_in_outage(plan.deadline())).count(),
-            policies: policies(&messages, plan, &account, driven),
-            account,
+            policies: policies(&messages, plan, &totals, driven),
+            totals,
             trace: Found::Strict(self.verdict),
         }
     }
@@ -196,7 +196,7 @@ impl Reading {
 fn policies(
     messages: &[Message],
     plan: &Plan,
-    account: &Account,
+    totals: &Totals,
     driven: &Driven,
 ) -> Vec<PolicyReport> {
     let aps: Vec<Option<f64>> =
@@ -205,7 +205,7 @@ fn policies(
     let tallies = &driven.tally.sources;
     let sent: Vec<u64> = tallies.iter().map(|tally| tally.sent_bytes).collect();
     // Had fusion cancelled none, each would have cost what those cost that were begun.
-    let needed: Vec<u64> = (account.rows.iter().zip(&sent).enumerate())
+    let needed: Vec<u64> = (totals.rows.iter().zip(&sent).enumerate())
         .map(|(i, (row, sent))| {
             let begun = i.checked_sub(1).and_then(|i| driven.begun.get(i)).copied();
             (row.requests() * sent).checked_div(begun.unwrap_or(0)).unwrap_or(0)

@@ -7,7 +7,7 @@ use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
 use crate::policies::Quantile;
-use crate::reckoning::{Account, COLUMNS, Row};
+use crate::reckoning::{COLUMNS, Row, Totals};
 use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::report::{PolicyReport, Report, SourceReport, share};
 
@@ -105,9 +105,9 @@ impl fmt::Display for Report {
             let source = self.sources.iter().find(|source| u64::from(source.priority) == row.p);
             format!("{} {}", row.p, source.map_or("", |source| source.name.as_str()))
         };
-        writeln!(f, "{}\n", sources_table(&self.account, name).trim_fmt())?;
+        writeln!(f, "{}\n", sources_table(&self.totals, name).trim_fmt())?;
         f.write_str(&self.failures())?;
-        writeln!(f, "{}\n", Messages(&self.account))?;
+        writeln!(f, "{}\n", Messages(&self.totals))?;
         writeln!(f, "{}\n", self.policies_table().trim_fmt())?;
         writeln!(
             f,
@@ -122,7 +122,7 @@ impl fmt::Display for Report {
                 counted(self.outage_messages as u64, "message")
             )?;
         }
-        let refused: u64 = self.account.rows.iter().map(Row::refused).sum();
+        let refused: u64 = self.totals.rows.iter().map(Row::refused).sum();
         if self.refused + refused > 0 {
             writeln!(
                 f,
@@ -152,11 +152,11 @@ impl fmt::Display for Report {
 }
 
 /// What became of the messages, in a sentence.
-struct Messages<'a>(&'a Account);
+struct Messages<'a>(&'a Totals);
 
 impl fmt::Display for Messages<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Account { messages, forwarded, missed, refused, open, .. } = *self.0;
+        let Totals { messages, forwarded, missed, refused, open, .. } = *self.0;
         let messages = counted(messages, "message");
         write!(f, "{messages}: {forwarded} forwarded, {missed} missed")?;
         write!(f, ", {refused} refused")?;
@@ -210,17 +210,17 @@ impl Report {
 }
 
 /// Who answered, and what became of the requests, in the reckoning's words; `name` calls a source.
-pub(crate) fn sources_table(account: &Account, name: impl Fn(&Row) -> String) -> Table {
+pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&Row) -> String) -> Table {
     // Most traces end with all decided.
-    let is_open = account.rows.iter().any(|row| row.counts[OPEN] > 0);
+    let is_open = totals.rows.iter().any(|row| row.counts[OPEN] > 0);
     let told: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
     let words = told.iter().map(|i| COLUMNS[*i].0);
     let mut table = Table::new();
     table.load_style(STYLE);
     table.set_header(["source", "share"].into_iter().chain(words));
-    for row in &account.rows {
+    for row in &totals.rows {
         let counts = told.iter().map(|i| row.counts[*i].to_string());
-        let share = percent(row.forwarded(), account.messages);
+        let share = percent(row.forwarded(), totals.messages);
         table.add_row([name(row), share].into_iter().chain(counts));
     }
     align(&mut table);
