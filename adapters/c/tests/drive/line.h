@@ -86,7 +86,7 @@ static inline cursor line_skip(cursor c) {
   return c;
 }
 
-static inline cursor line_cloud(cursor c, struct line *line) {
+static inline cursor line_one_cloud(cursor c, struct line *line) {
   struct line_cloud cloud = {0, 0, 0};
   int has_resume = 0;
   if (line->clouds_len >= (unsigned)LINE_CLOUDS) return NULL;
@@ -121,7 +121,7 @@ static inline cursor line_clouds(cursor c, struct line *line) {
   if (c == NULL) return NULL;
   c = line_space(c);
   while (c != NULL && *c != ']') {
-    c = line_cloud(c, line);
+    c = line_one_cloud(c, line);
     if (c == NULL) return NULL;
     c = line_space(c);
     if (*c == ',') ++c;
