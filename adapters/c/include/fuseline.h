@@ -23,9 +23,10 @@
  *
  * What holds for all calls: nothing is allocated, nothing blocks, nothing panics or throws, and the answer is the
  * whole effect. A null or misaligned pointer, a storage that is too small, not a machine, or copied from elsewhere, an
- * answer within the machine, and a call from within another (an interrupt, a signal, another thread) are told by the
- * status and change nothing. What cannot be told: a pointer that is neither null nor to memory of the right size, and
- * storage that somebody else writes. One machine is for one thread at a time; two machines know nothing of each other.
+ * answer within the machine, and a call from within another (an interrupt, a signal) are told by the status and change
+ * nothing. What cannot be told: a pointer that is neither null nor to memory of the right size, storage that somebody
+ * else writes, and two threads that call one machine at the same time. One machine is for one thread at a time; two
+ * machines know nothing of each other.
  */
 
 
@@ -118,7 +119,7 @@ enum fuseline_status
    */
   FUSELINE_STATUS_FOREIGN = 20,
   /**
-   * Another call to this machine is under way: in the code that was interrupted, or in another thread.
+   * Another call to this machine is under way, which this one interrupted.
    */
   FUSELINE_STATUS_BUSY = 21,
   /**
@@ -433,11 +434,11 @@ typedef struct fuseline_answer {
    */
   uint32_t fired;
   /**
-   * How many of `timers` mean something.
+   * How many of `timers` mean something; the others are not written.
    */
   uint32_t timers_len;
   /**
-   * How many of `cancelled` mean something.
+   * How many of `cancelled` mean something; the others are not written.
    */
   uint32_t cancelled_len;
   /**

@@ -1,5 +1,7 @@
 //! A machine of whatever capacity, in the plain data of the border.
 
+use core::mem::MaybeUninit;
+
 use fuseline_core::{
     Admission, At, Deadline, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal, Opening,
     Outcome, Priorities, Priority, Ready, Source, Timestamp,
@@ -171,12 +173,12 @@ fn tell<const CLOUDS: usize>(answer: &mut CAnswer, outcome: &Outcome<CLOUDS>) {
 
 /// Writes the members in ascending order and counts them.
 fn list<const CLOUDS: usize>(
-    places: &mut [u16; FUSELINE_SOURCES],
+    places: &mut [MaybeUninit<u16>; FUSELINE_SOURCES],
     members: &Priorities<CLOUDS>,
 ) -> u32 {
     let mut len = 0_u32;
     for (place, member) in places.iter_mut().zip(members.iter()) {
-        *place = member.as_u16();
+        place.write(member.as_u16());
         len = len.saturating_add(1);
     }
     len

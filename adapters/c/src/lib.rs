@@ -10,6 +10,8 @@ mod plain;
 mod storage;
 
 pub mod calls;
+#[cfg(feature = "cost")]
+pub mod cost;
 
 pub use plain::{
     CAnswer, CCapacity, CCloud, CCommit, CConfig, CMessage, COutcome, CReason, CState, CStatus,

@@ -1,5 +1,7 @@
 //! The plain data that crosses the border. `include/fuseline.h` is made from here.
 
+use core::mem::MaybeUninit;
+
 /// The version of this interface. A library refuses a header of another one.
 pub const FUSELINE_ABI: u32 = 1;
 /// The most sources of a machine: local and 15 clouds.
@@ -34,7 +36,7 @@ pub enum CStatus {
     Overlap = 19,
     /// No machine is there: never initialised, ended, copied from elsewhere, or overwritten.
     Foreign = 20,
-    /// Another call to this machine is under way: in the code that was interrupted, or in another thread.
+    /// Another call to this machine is under way, which this one interrupted.
     Busy = 21,
     /// The header is of another version than the library.
     Abi = 22,
@@ -169,7 +171,7 @@ pub struct CConfig {
 
 /// What a call decided, whole: nothing else happened.
 #[repr(C)]
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy)]
 pub struct CAnswer {
     /// The machine's clock at which it was decided, in nanoseconds (F0).
     pub at: u64,
@@ -190,9 +192,9 @@ pub struct CAnswer {
     /// How many of `cancelled` mean something.
     pub cancelled_len: u32,
     /// The priorities whose timers fired, ascending; 0 is local's.
-    pub timers: [u16; FUSELINE_SOURCES],
+    pub timers: [MaybeUninit<u16>; FUSELINE_SOURCES],
     /// Forwarded: the clouds whose results are no longer wanted, ascending.
-    pub cancelled: [u16; FUSELINE_SOURCES],
+    pub cancelled: [MaybeUninit<u16>; FUSELINE_SOURCES],
 }
 
 /// What a machine knows of itself.
@@ -266,7 +268,7 @@ impl CAnswer {
         fired: 0,
         timers_len: 0,
         cancelled_len: 0,
-        timers: [0; FUSELINE_SOURCES],
-        cancelled: [0; FUSELINE_SOURCES],
+        timers: [MaybeUninit::uninit(); FUSELINE_SOURCES],
+        cancelled: [MaybeUninit::uninit(); FUSELINE_SOURCES],
     };
 }

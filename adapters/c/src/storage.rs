@@ -1,7 +1,7 @@
 //! A machine in its caller's storage, and the one way into it.
 
 use core::ptr::{addr_of_mut, null_mut};
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
 use fuseline_core::{Cloud, Commit, ConfigError, Fusion, Gate, Priority};
 
@@ -177,7 +177,7 @@ pub(crate) unsafe fn make(
 /// be written, with its length.
 ///
 /// # Safety
-/// `machine` came from [`make`] or may be read as a [`CMachine`] at least.
+/// `machine` came from [`make`] or may be read as a [`CMachine`] at least; no other thread calls at the same time.
 #[expect(unsafe_code, reason = "reads the caller's storage")]
 pub(crate) unsafe fn enter(
     machine: *mut CMachine,
@@ -194,12 +194,16 @@ pub(crate) unsafe fn enter(
     if distance < head.bytes || distance.wrapping_neg() < answers.1 {
         return Err(CStatus::Overlap);
     }
-    // Acquire and Release: what the last call wrote, should the caller go from thread to thread.
-    if head.busy.swap(1, Ordering::Acquire) != 0 {
+    // A load and a store are enough for whoever interrupts: between the two its whole call fits. Acquire and Release:
+    // what the last call wrote, should the caller go from thread to thread.
+    if head.busy.load(Ordering::Acquire) != 0 {
         return Err(CStatus::Busy);
     }
+    head.busy.store(1, Ordering::Relaxed);
+    compiler_fence(Ordering::SeqCst);
     let status = with_room!(head.capacity, R => {
-        // SAFETY: the seal says that a room of this capacity was written here, and `busy` that no other call uses it.
+        // SAFETY: the seal says that a room of this capacity was written here. The caller's thread is the only
+        // one, as it promised, and `busy` says that no call of it was interrupted.
         call(unsafe { R::fusion(machine) })
     }, else CStatus::Foreign);
     head.busy.store(0, Ordering::Release);
