@@ -434,11 +434,11 @@ typedef struct fuseline_answer {
    */
   uint32_t fired;
   /**
-   * How many of `timers` mean something; the others are not written.
+   * How many of `timers` mean something; the others are 0.
    */
   uint32_t timers_len;
   /**
-   * How many of `cancelled` mean something; the others are not written.
+   * How many of `cancelled` mean something; the others are 0.
    */
   uint32_t cancelled_len;
   /**

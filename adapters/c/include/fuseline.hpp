@@ -80,7 +80,10 @@ class Priorities {
    public:
     explicit constexpr iterator(const std::uint16_t* at) noexcept : at_(at) {}
     constexpr Priority operator*() const noexcept { return Priority{*at_}; }
-    constexpr iterator& operator++() noexcept { return ++at_, *this; }
+    constexpr iterator& operator++() noexcept {
+      ++at_;
+      return *this;
+    }
     constexpr bool operator!=(iterator other) const noexcept { return at_ != other.at_; }
 
    private:

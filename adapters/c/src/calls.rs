@@ -3,6 +3,7 @@
 //! Each answers a wrong pointer, a wrong machine and a call from within another with a status, and changes nothing
 //! then.
 #![expect(unsafe_code, reason = "a C interface reads and writes through its caller's pointers")]
+#![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 #![expect(clippy::missing_safety_doc, reason = "the header's preamble says it once for all calls")]
 
 use core::ffi::{c_char, c_void};
@@ -44,7 +45,7 @@ pub unsafe extern "C" fn fuseline_init(
         return CStatus::Overlap;
     }
     // SAFETY: the header asks for a readable configuration and a storage of that many bytes.
-    match unsafe { storage::make(storage.cast(), bytes, config) } {
+    match unsafe { storage::make(storage, bytes, config) } {
         Ok(made) => {
             // SAFETY: not null, aligned, and the header asks that it may be written.
             unsafe { machine.write(made) };
@@ -214,17 +215,21 @@ pub extern "C" fn fuseline_reason_name(reason: u32) -> *const c_char {
 ///
 /// # Safety
 /// As the header asks of a machine and of where an answer is written.
+#[expect(clippy::inline_always, reason = "a tenth of what the border costs")]
+#[inline(always)]
 unsafe fn input(machine: *mut CMachine, now: u64, asked: Asked, answer: *mut CAnswer) -> CStatus {
     if let Err(status) = check(answer) {
         return status;
     }
-    // SAFETY: as the header asks.
-    let entered = unsafe {
-        storage::enter(machine, (answer.cast(), size_of::<CAnswer>()), |inputs| {
-            answer.write(CAnswer::EMPTY);
-            inputs.ask(now, asked, &mut *answer)
-        })
+    let call = |inputs: &mut dyn Inputs| {
+        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+        unsafe { answer.write(CAnswer::EMPTY) };
+        // SAFETY: written just now, and the caller's alone while it waits for this call.
+        let answer = unsafe { &mut *answer };
+        inputs.ask(now, asked, answer)
     };
+    // SAFETY: as the header asks.
+    let entered = unsafe { storage::enter(machine, (answer.cast(), size_of::<CAnswer>()), call) };
     entered.unwrap_or_else(|status| status)
 }
 
@@ -240,15 +245,13 @@ unsafe fn question<T>(
     if let Err(status) = check(answer) {
         return status;
     }
-    // SAFETY: as the header asks.
-    let entered = unsafe {
-        storage::enter(machine, (answer.cast(), size_of::<T>()), |inputs| match ask(inputs) {
-            Some(found) => {
-                answer.write(found);
-                CStatus::Done
-            }
-            None => CStatus::None,
-        })
+    let call = |inputs: &mut dyn Inputs| {
+        let Some(found) = ask(inputs) else { return CStatus::None };
+        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+        unsafe { answer.write(found) };
+        CStatus::Done
     };
+    // SAFETY: as the header asks.
+    let entered = unsafe { storage::enter(machine, (answer.cast(), size_of::<T>()), call) };
     entered.unwrap_or_else(|status| status)
 }

@@ -13,11 +13,18 @@ pub extern "C" fn fuseline_cost_in_rust(messages: u64) -> u64 {
     let mut forwarded = 0;
     for t in 0..messages {
         let now = t.wrapping_mul(100);
-        let _ = core::hint::black_box(ready(&mut fusion, now, &mut forwarded).open(Timestamp::new(t), None));
+        let _ = core::hint::black_box(
+            ready(&mut fusion, now, &mut forwarded).open(Timestamp::new(t), None),
+        );
         for p in 1..=3 {
             let mut ready = ready(&mut fusion, now, &mut forwarded);
             let deadline = Deadline::from_nanos(350);
-            let _ = core::hint::black_box(ready.offer(Timestamp::new(t), Priority::new(p), deadline, 0));
+            let _ = core::hint::black_box(ready.offer(
+                Timestamp::new(t),
+                Priority::new(p),
+                deadline,
+                0,
+            ));
         }
         let at = now.wrapping_add(20);
         for p in [Priority::LOCAL, Priority::new(2)] {
@@ -28,11 +35,7 @@ pub extern "C" fn fuseline_cost_in_rust(messages: u64) -> u64 {
     forwarded
 }
 
-fn ready<'a>(
-    fusion: &'a mut Fusion<3, 16>,
-    now: u64,
-    forwarded: &mut u64,
-) -> Ready<'a, 3, 16> {
+fn ready<'a>(fusion: &'a mut Fusion<3, 16>, now: u64, forwarded: &mut u64) -> Ready<'a, 3, 16> {
     fusion.ready(Instant::from_nanos(now), |firing| {
         count(&core::hint::black_box(firing).outcome, forwarded);
     })

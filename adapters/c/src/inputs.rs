@@ -1,10 +1,8 @@
 //! A machine of whatever capacity, in the plain data of the border.
 
-use core::mem::MaybeUninit;
-
 use fuseline_core::{
-    Admission, At, Deadline, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal, Opening,
-    Outcome, Priorities, Priority, Ready, Source, Timestamp,
+    Admission, At, Deadline, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal,
+    Opening, Outcome, Priorities, Priority, Ready, Source, Timestamp,
 };
 
 use crate::plain::{CAnswer, CMessage, COutcome, CReason, CState, CStatus, FUSELINE_SOURCES};
@@ -103,46 +101,53 @@ fn apply<const CLOUDS: usize, const WINDOW: usize>(
     asked: Asked,
     answer: &mut CAnswer,
 ) {
+    // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
+    let unknown = Outcome::Dropped(DropReason::Unknown);
     match asked {
         Asked::Open(t, deadline) => {
             answer.t = t;
             let opening = ready.open(Timestamp::new(t), deadline.map(Deadline::from_nanos));
-            (answer.outcome, answer.why) = match opening {
-                Opening::Accepted => (COutcome::Accepted, CReason::None),
-                Opening::Refused(why) => (COutcome::Refused, open_refusal(why)),
-            };
+            tell_opening(answer, opening);
         }
         Asked::Offer(t, p, deadline, backlog) => {
             answer.t = t;
-            // F2 unknown: what does not fit 16 bits cannot be registered (A18).
+            // F2 unknown: as for a result.
             let admission = priority(p).map_or(Admission::Refused(OfferRefusal::Unknown), |p| {
                 ready.offer(Timestamp::new(t), p, Deadline::from_nanos(deadline), backlog)
             });
-            match admission {
-                Admission::Admitted { due } => {
-                    answer.outcome = COutcome::Admitted;
-                    answer.due = due.as_nanos();
-                }
-                Admission::Refused(why) => {
-                    answer.outcome = COutcome::Refused;
-                    answer.why = offer_refusal(why);
-                }
-            }
+            tell_admission(answer, admission);
         }
         Asked::Result(t, p) => {
             answer.t = t;
-            // F3 unknown, F4 unknown: as for an offer.
-            let unknown = Outcome::Dropped(DropReason::Unknown);
             let outcome = priority(p).map_or(unknown, |p| ready.result(Timestamp::new(t), p));
             tell(answer, &outcome);
         }
         Asked::Fail(t, p) => {
             answer.t = t;
-            let unknown = Outcome::Dropped(DropReason::Unknown);
             let outcome = priority(p).map_or(unknown, |p| ready.fail(Timestamp::new(t), p));
             tell(answer, &outcome);
         }
         Asked::Tick => {}
+    }
+}
+
+fn tell_opening(answer: &mut CAnswer, opening: Opening) {
+    (answer.outcome, answer.why) = match opening {
+        Opening::Accepted => (COutcome::Accepted, CReason::None),
+        Opening::Refused(why) => (COutcome::Refused, open_refusal(why)),
+    };
+}
+
+fn tell_admission(answer: &mut CAnswer, admission: Admission) {
+    match admission {
+        Admission::Admitted { due } => {
+            answer.outcome = COutcome::Admitted;
+            answer.due = due.as_nanos();
+        }
+        Admission::Refused(why) => {
+            answer.outcome = COutcome::Refused;
+            answer.why = offer_refusal(why);
+        }
     }
 }
 
@@ -173,12 +178,12 @@ fn tell<const CLOUDS: usize>(answer: &mut CAnswer, outcome: &Outcome<CLOUDS>) {
 
 /// Writes the members in ascending order and counts them.
 fn list<const CLOUDS: usize>(
-    places: &mut [MaybeUninit<u16>; FUSELINE_SOURCES],
+    places: &mut [u16; FUSELINE_SOURCES],
     members: &Priorities<CLOUDS>,
 ) -> u32 {
     let mut len = 0_u32;
     for (place, member) in places.iter_mut().zip(members.iter()) {
-        place.write(member.as_u16());
+        *place = member.as_u16();
         len = len.saturating_add(1);
     }
     len

@@ -1,6 +1,5 @@
 //! The plain data that crosses the border. `include/fuseline.h` is made from here.
-
-use core::mem::MaybeUninit;
+#![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 
 /// The version of this interface. A library refuses a header of another one.
 pub const FUSELINE_ABI: u32 = 1;
@@ -171,7 +170,7 @@ pub struct CConfig {
 
 /// What a call decided, whole: nothing else happened.
 #[repr(C)]
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CAnswer {
     /// The machine's clock at which it was decided, in nanoseconds (F0).
     pub at: u64,
@@ -187,14 +186,14 @@ pub struct CAnswer {
     pub by: u32,
     /// 1 if timers fired (FUSELINE_STATUS_AGAIN), else 0.
     pub fired: u32,
-    /// How many of `timers` mean something.
+    /// How many of `timers` mean something; the others are 0.
     pub timers_len: u32,
-    /// How many of `cancelled` mean something.
+    /// How many of `cancelled` mean something; the others are 0.
     pub cancelled_len: u32,
     /// The priorities whose timers fired, ascending; 0 is local's.
-    pub timers: [MaybeUninit<u16>; FUSELINE_SOURCES],
+    pub timers: [u16; FUSELINE_SOURCES],
     /// Forwarded: the clouds whose results are no longer wanted, ascending.
-    pub cancelled: [MaybeUninit<u16>; FUSELINE_SOURCES],
+    pub cancelled: [u16; FUSELINE_SOURCES],
 }
 
 /// What a machine knows of itself.
@@ -250,10 +249,8 @@ pub(crate) const LAYOUT: u32 = {
     let [config, cloud, answer, questions] = sizes;
     assert!(config < 256 && cloud < 256 && answer < 256 && questions < 256, "a byte holds each");
     #[expect(clippy::cast_possible_truncation, reason = "each is below 256, as asserted")]
-    let layout = config as u32
-        | (cloud as u32) << 8
-        | (answer as u32) << 16
-        | (questions as u32) << 24;
+    let layout =
+        config as u32 | (cloud as u32) << 8 | (answer as u32) << 16 | (questions as u32) << 24;
     layout
 };
 
@@ -268,7 +265,7 @@ impl CAnswer {
         fired: 0,
         timers_len: 0,
         cancelled_len: 0,
-        timers: [MaybeUninit::uninit(); FUSELINE_SOURCES],
-        cancelled: [MaybeUninit::uninit(); FUSELINE_SOURCES],
+        timers: [0; FUSELINE_SOURCES],
+        cancelled: [0; FUSELINE_SOURCES],
     };
 }

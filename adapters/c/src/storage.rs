@@ -1,5 +1,6 @@
 //! A machine in its caller's storage, and the one way into it.
 
+use core::ffi::c_void;
 use core::ptr::{addr_of_mut, null_mut};
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
@@ -42,7 +43,8 @@ const OWN_WINDOW: usize = number(option_env!("FUSELINE_OWN_WINDOW"), 1);
 
 /// The bytes that the header reserves for a capacity: more than is needed, so that the machine may change.
 const fn reserved(clouds: usize, window: usize) -> usize {
-    let a_timestamp = FUSELINE_BYTES_A_TIMER.wrapping_mul(clouds).wrapping_add(FUSELINE_BYTES_A_TIMESTAMP);
+    let a_timestamp =
+        FUSELINE_BYTES_A_TIMER.wrapping_mul(clouds).wrapping_add(FUSELINE_BYTES_A_TIMESTAMP);
     FUSELINE_BYTES
         .wrapping_add(FUSELINE_BYTES_A_CLOUD.wrapping_mul(clouds))
         .wrapping_add(window.wrapping_mul(a_timestamp))
@@ -100,11 +102,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
         clouds: &[Cloud],
     ) -> Result<(), CStatus> {
         const { Self::FITS };
-        let commit = if config.commit == CCommit::Patient as u32 {
-            Commit::Patient
-        } else {
-            Commit::Eager
-        };
+        let commit =
+            if config.commit == CCommit::Patient as u32 { Commit::Patient } else { Commit::Eager };
         let window = usize::try_from(config.window).unwrap_or(usize::MAX);
         let fusion = Fusion::new(window, commit, clouds).map_err(|error| status_of(&error))?;
         let head = CMachine {
@@ -145,7 +144,7 @@ pub(crate) const fn bytes(capacity: u32) -> usize {
 /// nobody else.
 #[expect(unsafe_code, reason = "reads the caller's configuration and writes to its storage")]
 pub(crate) unsafe fn make(
-    storage: *mut u8,
+    storage: *mut c_void,
     bytes: usize,
     config: *const CConfig,
 ) -> Result<*mut CMachine, CStatus> {
@@ -179,6 +178,8 @@ pub(crate) unsafe fn make(
 /// # Safety
 /// `machine` came from [`make`] or may be read as a [`CMachine`] at least; no other thread calls at the same time.
 #[expect(unsafe_code, reason = "reads the caller's storage")]
+#[expect(clippy::inline_always, reason = "a tenth of what the border costs")]
+#[inline(always)]
 pub(crate) unsafe fn enter(
     machine: *mut CMachine,
     answers: (*const u8, usize),
@@ -256,8 +257,10 @@ unsafe fn registered<'a>(
         check(config.clouds.cast_mut())?;
     }
     for (i, place) in places.iter_mut().enumerate() {
-        // SAFETY: within the clouds, which may be read.
-        let cloud: CCloud = unsafe { config.clouds.add(i).read() };
+        // SAFETY: within the clouds, by the caller's promise.
+        let cloud = unsafe { config.clouds.add(i) };
+        // SAFETY: not null, aligned, and may be read by the caller's promise.
+        let cloud: CCloud = unsafe { cloud.read() };
         let priority = u16::try_from(cloud.priority).map_err(|_| CStatus::Priority)?;
         let priority = Priority::new(priority);
         // Told here what `Fusion::new` would tell, which looks at the capacity first.

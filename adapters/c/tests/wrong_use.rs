@@ -1,5 +1,7 @@
 //! Wrong use is told by a status and changes nothing.
 #![expect(unsafe_code, reason = "calls a C interface")]
+#![expect(clippy::multiple_unsafe_ops_per_block, reason = "a row of calls with one reason")]
+#![expect(clippy::cast_possible_truncation, reason = "sizes and counts of a few hundred")]
 
 use core::ffi::{CStr, c_void};
 use core::mem::MaybeUninit;
@@ -8,9 +10,13 @@ use core::ptr::null_mut;
 use fuseline_c::calls::*;
 use fuseline_c::*;
 
-/// As the header's FUSELINE_STORAGE for 3 clouds and 16 timestamps.
+/// As the header's `FUSELINE_STORAGE` for 3 clouds and 16 timestamps.
 #[repr(C, align(8))]
-struct Storage([u8; FUSELINE_BYTES + 3 * FUSELINE_BYTES_A_CLOUD + 16 * (FUSELINE_BYTES_A_TIMESTAMP + 3 * FUSELINE_BYTES_A_TIMER)]);
+struct Storage(
+    [u8; FUSELINE_BYTES
+        + 3 * FUSELINE_BYTES_A_CLOUD
+        + 16 * (FUSELINE_BYTES_A_TIMESTAMP + 3 * FUSELINE_BYTES_A_TIMER)],
+);
 
 const LAYOUT: u32 = size_of::<CConfig>() as u32
     | (size_of::<CCloud>() as u32) << 8
@@ -120,14 +126,23 @@ fn wrong_pointers_are_told() {
     let inside = place.cast::<*mut CMachine>();
     // SAFETY: whatever is not wrong on purpose is this test's own; a wrong pointer is not followed.
     unsafe {
-        assert_eq!(fuseline_init(null_mut(), bytes, &config, &raw mut machine), CStatus::Null);
+        assert_eq!(
+            fuseline_init(null_mut(), bytes, &raw const config, &raw mut machine),
+            CStatus::Null
+        );
         assert_eq!(fuseline_init(place, bytes, core::ptr::null(), &raw mut machine), CStatus::Null);
-        assert_eq!(fuseline_init(place, bytes, &config, null_mut()), CStatus::Null);
-        assert_eq!(fuseline_init(place, bytes, &config, inside), CStatus::Overlap);
+        assert_eq!(fuseline_init(place, bytes, &raw const config, null_mut()), CStatus::Null);
+        assert_eq!(fuseline_init(place, bytes, &raw const config, inside), CStatus::Overlap);
         let odd = place.byte_add(4);
-        assert_eq!(fuseline_init(odd, bytes - 4, &config, &raw mut machine), CStatus::Alignment);
+        assert_eq!(
+            fuseline_init(odd, bytes - 4, &raw const config, &raw mut machine),
+            CStatus::Alignment
+        );
         let too_small = fuseline_bytes(CCapacity::C3W16 as u32) - 1;
-        assert_eq!(fuseline_init(place, too_small, &config, &raw mut machine), CStatus::Size);
+        assert_eq!(
+            fuseline_init(place, too_small, &raw const config, &raw mut machine),
+            CStatus::Size
+        );
     }
     let (_, machine) = init(&mut storage, &config);
     let mut due = 0;
@@ -162,7 +177,9 @@ fn every_enumerator_has_its_word() {
     let header = include_str!("../include/fuseline.h");
     let mut found = 0;
     for line in header.lines() {
-        let Some((name, number)) = line.trim().trim_end_matches(',').split_once(" = ") else { continue };
+        let Some((name, number)) = line.trim().trim_end_matches(',').split_once(" = ") else {
+            continue;
+        };
         let Ok(number) = number.parse() else { continue };
         let (rest, told) = if let Some(rest) = name.strip_prefix("FUSELINE_STATUS_") {
             (rest, word(fuseline_status_name(number)))
@@ -211,7 +228,7 @@ fn what_a_machine_knows_is_told() {
         assert_eq!(fuseline_tick(machine, 25, answer.as_mut_ptr()), CStatus::Again);
         let fired = &*answer.as_ptr();
         assert_eq!((fired.outcome, fired.by, fired.fired), (COutcome::Forwarded, 0, 1));
-        assert_eq!((fired.timers_len, fired.timers[0].assume_init(), fired.due), (1, 2, 25));
+        assert_eq!((fired.timers_len, fired.timers[0], fired.due), (1, 2, 25));
         assert_eq!(fuseline_tick(machine, 25, answer.as_mut_ptr()), CStatus::Done);
     }
 }
