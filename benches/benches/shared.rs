@@ -19,7 +19,7 @@ const WINDOW: usize = 1024;
 const PRIORITIES: [Priority; 4] =
     [Priority::LOCAL, Priority::new(1), Priority::new(2), Priority::new(3)];
 const SOURCES: usize = PRIORITIES.len();
-/// So many that threads have begun long before the first ends.
+/// Enough operations that every thread has begun long before the first one ends.
 const MACHINES: usize = 32;
 const MESSAGES: usize = MACHINES * WINDOW;
 const CALLS: usize = MESSAGES * SOURCES;

@@ -146,7 +146,7 @@ fn usage(error: &clap::Error, args: &[OsString]) -> String {
     format!("{what}; {}", remedy.as_deref().unwrap_or("see --help"))
 }
 
-/// What to type where the command to drive does not stand behind `--`.
+/// The usage line when the command to drive does not follow `--`.
 fn undriven(error: &clap::Error, args: &[OsString]) -> Option<String> {
     let has_command = args.iter().any(|arg| arg == "--");
     if has_command || args.get(1).is_none_or(|command| command != "drive") {

@@ -18,6 +18,7 @@ mod older;
 mod record;
 mod sources;
 mod table;
+mod tool;
 mod tree;
 
 pub use campaign::{Campaign, Summary};

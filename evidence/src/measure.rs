@@ -1,7 +1,6 @@
 //! Measurements of the tests: mutants that they let pass, lines and branches that they never take.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::process::Command;
 
 use serde::{Deserialize, Serialize};
 
@@ -11,6 +10,7 @@ use crate::sources::{
     ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, SHARED, TESTS,
     TRACES,
 };
+use crate::tool::Tests;
 use crate::tree::Tree;
 use crate::{coverage, mutants};
 
@@ -24,13 +24,6 @@ pub struct Measure {
     sources: &'static [&'static str],
     tool: Tool,
     tests: Tests,
-}
-
-/// Which tests run.
-pub(crate) struct Tests {
-    pub(crate) packages: &'static [&'static str],
-    /// The arguments for `cargo test` that choose among those of the packages.
-    pub(crate) targets: &'static [&'static str],
 }
 
 enum Tool {
@@ -199,16 +192,4 @@ impl Measure {
     fn path(&self, tree: &Tree) -> std::path::PathBuf {
         crate::record::folder(tree).join(format!("{}.json", self.name))
     }
-}
-
-/// A tool's name and version, from its first line.
-pub(crate) fn version(command: &mut Command, remedy: &str) -> Result<String, Error> {
-    let tool = format!("{command:?}");
-    let missing = || Error::Tool { tool: tool.clone(), remedy: remedy.to_owned() };
-    let printed = command.output().map_err(|_| missing())?;
-    if !printed.status.success() {
-        return Err(missing());
-    }
-    let text = String::from_utf8_lossy(&printed.stdout);
-    Ok(text.lines().next().unwrap_or_default().trim().to_owned())
 }

@@ -33,7 +33,7 @@ enum Stage {
 }
 
 impl History {
-    /// Of a timestamp just opened; `due` is where its limit ends.
+    /// A timestamp just opened; `due` is when local's deadline ends.
     #[must_use]
     pub fn new(due: Option<u64>) -> Self {
         let mut history = Self { is_limited: due.is_some(), sources: Vec::new(), latest: None };
@@ -75,7 +75,7 @@ impl History {
         self.latest = latest.filter(|due| *due > now && Some(*due) > armed);
     }
 
-    /// Whether it was opened with a limit.
+    /// Whether it was opened with a deadline for local.
     #[must_use]
     pub const fn is_limited(&self) -> bool {
         self.is_limited

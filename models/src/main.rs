@@ -1,6 +1,6 @@
 //! The command: checks the models, and serves them for exploring.
 
-mod fault;
+mod error;
 mod report;
 
 use std::io::{self, IsTerminal};
@@ -13,7 +13,7 @@ use clap::{Parser, Subcommand};
 use fuseline_models::{CONFIGS, Config, Effort, Exploration, Size, check, explore, hush};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::fault::Fault;
+use crate::error::Error;
 
 const EXITS: &str = "\
 Exit codes:
@@ -94,7 +94,7 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            eprintln!("error: {}", fault::usage(&error));
+            eprintln!("error: {}", error::usage(&error));
             return ExitCode::from(2);
         }
     };
@@ -106,15 +106,15 @@ fn main() -> ExitCode {
     match done {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
-        Err(fault) => {
-            eprintln!("error: {fault}");
+        Err(error) => {
+            eprintln!("error: {error}");
             ExitCode::from(2)
         }
     }
 }
 
 /// Checks what is asked for; whether all of it holds.
-fn check_all(args: &Check) -> Result<bool, Fault> {
+fn check_all(args: &Check) -> Result<bool, Error> {
     hush();
     let configs = chosen(args)?;
     let threads = args
@@ -144,14 +144,14 @@ fn check_all(args: &Check) -> Result<bool, Fault> {
 }
 
 /// The configurations asked for, in the order of the table.
-fn chosen(args: &Check) -> Result<Vec<&'static Config>, Fault> {
+fn chosen(args: &Check) -> Result<Vec<&'static Config>, Error> {
     let is_named = |config: &Config, name: &str| {
         let rest = config.name.strip_prefix(name);
         rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
     };
     for name in &args.configs {
         if !CONFIGS.iter().any(|config| is_named(config, name)) {
-            return Err(Fault::Config { name: name.clone() });
+            return Err(Error::Config { name: name.clone() });
         }
     }
     let most = match (args.quick, args.large) {
@@ -169,7 +169,7 @@ fn chosen(args: &Check) -> Result<Vec<&'static Config>, Fault> {
     Ok(CONFIGS.iter().filter(is_chosen).collect())
 }
 
-fn check_one(config: &'static Config, effort: Effort) -> Result<Exploration, Fault> {
+fn check_one(config: &'static Config, effort: Effort) -> Result<Exploration, Error> {
     let visible = io::stderr().is_terminal();
     let bar = if visible {
         let style =
@@ -181,18 +181,18 @@ fn check_one(config: &'static Config, effort: Effort) -> Result<Exploration, Fau
     };
     let verdict = check(config, effort, |states| bar.set_position(states as u64));
     bar.finish_and_clear();
-    let verdict = verdict.map_err(|source| Fault::Check { config: config.name, source })?;
+    let verdict = verdict.map_err(|source| Error::Check { config: config.name, source })?;
     if !visible {
         eprintln!("{}", report::line(&verdict));
     }
     Ok(verdict)
 }
 
-fn explore_one(args: &Explore) -> Result<(), Fault> {
+fn explore_one(args: &Explore) -> Result<(), Error> {
     let name = &args.config;
-    let config = Config::named(name).ok_or_else(|| Fault::Config { name: name.clone() })?;
+    let config = Config::named(name).ok_or_else(|| Error::Config { name: name.clone() })?;
     eprintln!("{name}: open http://{}/ in a browser; Ctrl-C ends it", args.listen);
     hush();
     explore(config, args.listen, args.witnesses)
-        .map_err(|source| Fault::Listen { address: args.listen, source })
+        .map_err(|source| Error::Listen { address: args.listen, source })
 }

@@ -1,4 +1,4 @@
-//! The machine as the rules tell it, with plain sets.
+//! The machine as the rules state it, with plain sets.
 //!
 //! It is written to be obvious, not fast: a method a rule, in the rule's words. It shares no code with
 //! the machine that ships, so that the two can disagree.
@@ -48,7 +48,7 @@ struct Open {
     cached: BTreeSet<u64>,
 }
 
-/// What brings a timestamp to be settled.
+/// Why a timestamp is settled.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Cause {
     CloudTimer,
@@ -56,7 +56,7 @@ enum Cause {
 }
 
 impl Reference {
-    /// A machine so configured, with nothing open.
+    /// A machine with this configuration and nothing open.
     #[must_use]
     pub fn new(header: &Header) -> Self {
         let gate = |limit, resume| Gate { limit, resume, open: true };

@@ -11,9 +11,9 @@ use std::{fs::File, io::BufWriter};
 
 use fuseline_traces::{Decision, Event, Input, Recorder};
 
+use crate::counts::Counts;
 #[cfg(feature = "mcap")]
 use crate::mcap::Mcap;
-use crate::tally::Counts;
 
 /// How long a line waits at most before it is written.
 const PERIOD: Duration = Duration::from_millis(500);

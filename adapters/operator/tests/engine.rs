@@ -6,8 +6,8 @@ use std::io::BufReader;
 use std::time::Duration;
 
 use fuseline_operator::{
-    Cloud, Commit, DropReason, Effect, Ending, Engine, Header, Item, Local, Offer, OfferRefusal,
-    Recorder, Recording, Trigger,
+    Cloud, Commit, DropReason, Effect, Ending, Engine, Header, Hint, Item, Local, Offer,
+    OfferRefusal, Recorder, Recording, Trigger,
 };
 use fuseline_traces::judge;
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
@@ -35,10 +35,13 @@ fn effects(engine: &mut Tested) -> Vec<String> {
 
 fn words(effect: &Effect<&'static str, u64>) -> String {
     match effect {
-        Effect::Start { priority, timestamp, due, request } => {
-            format!("start {priority} {timestamp} due {due:?} with {request}")
+        Effect::Start { priority, timestamp, until, request } => {
+            format!("start {priority} {timestamp} due {until:?} with {request}")
         }
         Effect::Abort { priority, timestamp } => format!("abort {priority} {timestamp}"),
+        Effect::Hint(Hint { timestamp, source, value, age, why }) => {
+            format!("hint {timestamp} {value} of {source} after {age:?}: {why}")
+        }
         Effect::Output(Item { timestamp, decided, ending, .. }) => {
             let at = decided.as_nanos();
             match ending {
@@ -188,6 +191,8 @@ fn meters_say_what_the_tally_says() {
         }
     }
     let expected = [
+        ("deadlines_total tested east offered", "1"),
+        ("deadlines_total tested west offered", "1"),
         ("failures_total tested east accepted", "1"),
         ("failures_total tested local accepted", "1"),
         ("failures_total tested local superseded", "1"),
@@ -267,7 +272,7 @@ fn over_topics() -> Tested {
 fn started(engine: &mut Tested) -> Vec<u64> {
     let starts = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
         Effect::Start { priority: 0, timestamp, .. } => Some(timestamp),
-        Effect::Start { .. } | Effect::Abort { .. } | Effect::Output(_) => None,
+        Effect::Start { .. } | Effect::Abort { .. } | Effect::Output(_) | Effect::Hint(_) => None,
     });
     starts.collect()
 }
@@ -357,7 +362,7 @@ fn why_sources_failed_is_told_with_the_item_and_counted_by_its_words() {
     }
     let mut items = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
         Effect::Output(item) => Some(item),
-        Effect::Start { .. } | Effect::Abort { .. } => None,
+        Effect::Start { .. } | Effect::Abort { .. } | Effect::Hint(_) => None,
     });
     let item = items.nth(1).unwrap();
     let why: Vec<_> = item.failures.iter().map(|f| (f.source.priority, f.why.len())).collect();
@@ -430,9 +435,9 @@ proptest! {
             while let Some(effect) = engine.next_effect() {
                 match effect {
                     Effect::Output(item) => prop_assert!(answered.insert(item.timestamp)),
-                    Effect::Start { priority, timestamp, due, request } => {
+                    Effect::Start { priority, timestamp, until, request } => {
                         prop_assert_eq!(request, timestamp);
-                        prop_assert!(due.is_none_or(|due| due > now));
+                        prop_assert!(until.is_none_or(|until| until > now));
                         prop_assert!(flying.insert((priority, timestamp)));
                         let calls = flying.iter().filter(|(p, _)| *p == priority).count();
                         let lost = if priority > 0 { 0 } else { lost(&engine) };
@@ -442,6 +447,7 @@ proptest! {
                         prop_assert!(priority > 0);
                         prop_assert!(flying.remove(&(priority, timestamp)));
                     }
+                    Effect::Hint(hint) => prop_assert!(false, "nobody takes {hint:?}"),
                 }
             }
         }

@@ -13,20 +13,8 @@ use fuseline_tokio::{
 };
 use futures_util::StreamExt;
 use support::Act::{Answers, Never};
-use support::{Script, line, play, play_default};
+use support::{Made, Script, line, play, play_default};
 use tokio::time::{Instant, sleep};
-
-/// An operator whose setup is a closure.
-struct Made<F>(F);
-
-impl<F: FnOnce(&mut Setup<u64, String>) -> Local<u64, String>> Operator for Made<F> {
-    type Input = u64;
-    type Output = String;
-
-    fn setup(self, setup: &mut Setup<u64, String>) -> Local<u64, String> {
-        self.0(setup)
-    }
-}
 
 const MS: Duration = Duration::from_millis(1);
 

@@ -6,14 +6,14 @@ use super::story::{Slack, Story};
 use crate::event::{Decision, Event, Input};
 use crate::reason::DropReason;
 
-/// So many facts are kept before those are left out that decide nothing.
+/// How many facts are kept before those that decide nothing are left out.
 const MANY: usize = 64;
 /// All sources that are neither local nor registered: when something came of them is all that counts.
 const STRANGER: u64 = u64::MAX;
 
 /// What was observed of a timestamp so far.
 #[derive(Debug, Default)]
-pub(super) struct Watch {
+pub(super) struct OpenStory {
     opens: Vec<Open>,
     /// When an open was refused.
     refusals: Vec<u64>,
@@ -60,7 +60,7 @@ struct Dropped {
 
 /// All that was observed of a timestamp, put together.
 #[derive(Debug)]
-pub(super) struct Account {
+pub(super) struct WholeStory {
     pub(super) story: Story,
     /// The lines of what came out.
     pub(super) lines: Vec<u64>,
@@ -71,7 +71,7 @@ pub(super) struct Account {
     pub(super) was_refused: bool,
 }
 
-impl Watch {
+impl OpenStory {
     /// Takes a line of the timestamp; `records_opens` tells whether an open stands before it in the trace.
     pub(super) fn take(
         &mut self,
@@ -170,7 +170,7 @@ impl Watch {
 
     /// Puts together what was observed, without what was refused and what came of that; `was_refused` tells whether an open of it was
     /// refused long ago.
-    pub(super) fn account(&self, slack: Slack, was_refused: bool) -> Account {
+    pub(super) fn whole(&self, slack: Slack, was_refused: bool) -> WholeStory {
         let reach = slack.tolerance.saturating_mul(2).saturating_add(slack.lateness);
         let opens = self.accepted(reach);
         let outputs: Vec<(Option<u64>, u64)> =
@@ -187,7 +187,7 @@ impl Watch {
             (if came.is_result { &mut results } else { &mut failures }).push((came.p, came.at));
         }
         let open = opens.first().map(|open| (open.at, open.deadline));
-        Account {
+        WholeStory {
             story: Story { open, requests: self.requests.clone(), results, failures, outputs },
             lines: self.outputs.iter().map(|(.., line)| *line).collect(),
             second_open: opens.get(1).map(|open| open.line),
@@ -244,7 +244,7 @@ impl Watch {
     }
 }
 
-impl Account {
+impl WholeStory {
     /// Whether an open of it was not refused.
     pub(super) const fn is_opened(&self) -> bool {
         self.story.open.is_some()

@@ -8,7 +8,7 @@ use thiserror::Error;
 
 /// Why a command stopped.
 #[derive(Debug, Error)]
-pub(crate) enum Fault {
+pub(crate) enum Error {
     #[error("no configuration is named {name:?}; `list` names them")]
     Config { name: String },
     #[error("{config}: {source}; mend the model")]
