@@ -10,8 +10,8 @@ use crate::citation::{named, words};
 use crate::error::Error;
 use crate::fault::SeededFault;
 use crate::sources::{
-    ARBITER, CORE, CORPUS, KIT, NO_LIST, NO_LIST_OF_KIT, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED,
-    SHARED, TESTS, TRACES,
+    ARBITER, CORE, CORPUS, KIT, NO_LIST, NO_LIST_OF_KIT, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES,
+    NO_OBSERVED, TESTS, THREADS, TRACES,
 };
 use crate::tree::Tree;
 
@@ -75,7 +75,6 @@ pub const KINDS: &[Kind] = &[
         sources: &[
             CORE,
             NO_LIST,
-            NO_SHARED,
             ARBITER,
             TRACES,
             NO_LIST_OF_TRACES,
@@ -104,7 +103,6 @@ pub const KINDS: &[Kind] = &[
         sources: &[
             CORE,
             NO_LIST,
-            NO_SHARED,
             ARBITER,
             TRACES,
             NO_LIST_OF_TRACES,
@@ -139,7 +137,6 @@ pub const KINDS: &[Kind] = &[
         sources: &[
             CORE,
             NO_LIST,
-            NO_SHARED,
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
@@ -162,7 +159,6 @@ pub const KINDS: &[Kind] = &[
         sources: &[
             CORE,
             NO_LIST,
-            NO_SHARED,
             ARBITER,
             TRACES,
             NO_LIST_OF_TRACES,
@@ -183,7 +179,7 @@ pub const KINDS: &[Kind] = &[
         applies: |id| id.starts_with('P'),
         concerns: is_of_machine,
         run: Run::Prove,
-        sources: &[CORE, NO_LIST, NO_SHARED, "proofs/src"],
+        sources: &[CORE, NO_LIST, "proofs/src"],
         read: |_| Outcomes::new(),
         cites: cited_by_harness,
     },
@@ -212,7 +208,6 @@ pub const KINDS: &[Kind] = &[
         sources: &[
             CORE,
             NO_LIST,
-            NO_SHARED,
             ARBITER,
             TRACES,
             NO_LIST_OF_TRACES,
@@ -249,12 +244,12 @@ pub const KINDS: &[Kind] = &[
             variables: &[("RUSTFLAGS", "--cfg loom")],
         },
         sources: &[
-            SHARED,
+            THREADS,
+            NO_LIST_OF_THREADS,
             "core/src/clouds.rs",
+            "core/src/entry.rs",
             "core/src/gate.rs",
             "core/src/slot.rs",
-            "core/src/window.rs",
-            "adapters/threads/src",
             "tests/loom",
         ],
         read: read_tests,
@@ -267,7 +262,7 @@ const GENERATED: &str = "generated runs";
 
 /// Whether a fault is in the machine with one caller.
 fn is_of_machine(fault: &SeededFault) -> bool {
-    !fault.file.starts_with(SHARED) && !fault.file.starts_with("adapters/threads")
+    !fault.file.starts_with(THREADS)
 }
 
 impl Kind {
