@@ -70,7 +70,7 @@ impl Operator {
         let config = self.config;
         let sources = || config.clouds.iter().map(|cloud| u64::from(cloud.p));
         for &t in config.timestamps {
-            out.extend(config.limits.iter().map(|deadline| Input::Open {
+            out.extend(config.local_deadlines.iter().map(|deadline| Input::Open {
                 at,
                 t,
                 deadline: *deadline,

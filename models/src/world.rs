@@ -28,8 +28,8 @@ pub struct World {
     pub clock: &'static [u64],
     /// Which of them inputs other than ticks come with.
     pub readings: Readings,
-    /// The limits that an open may bring.
-    pub limits: &'static [Option<u64>],
+    /// The deadlines of local that an open may bring.
+    pub local_deadlines: &'static [Option<u64>],
     /// The deadlines that an offer may bring.
     pub deadlines: &'static [u64],
     /// The backlogs that an offer may bring.

@@ -65,7 +65,7 @@ const BASE: World = World {
     timestamps: &[0],
     clock: &[0, 1, 2, 3],
     readings: Readings::Now,
-    limits: &[None, Some(2)],
+    local_deadlines: &[None, Some(2)],
     deadlines: &[1, 2],
     backlogs: &[0],
     absent: &[],
@@ -88,7 +88,7 @@ const EDGES: World = World {
     timestamps: &[0, MAX - 1, MAX],
     clock: &[0, MAX - 2, MAX - 1, MAX],
     readings: Readings::Any,
-    limits: &[None, Some(1), Some(MAX)],
+    local_deadlines: &[None, Some(1), Some(MAX)],
     deadlines: &[1, MAX],
     ..BASE
 };
@@ -114,7 +114,7 @@ const HIGH: World = World {
 const HIGHER: World = World {
     size: Size::Standard,
     clock: &[0, 1, 2, 3, 4, 5, 6],
-    limits: &[None, Some(1), Some(3)],
+    local_deadlines: &[None, Some(1), Some(3)],
     deadlines: &[1, 2, 3, 4],
     ..HIGH
 };
@@ -127,7 +127,7 @@ const BROAD: World = World {
     clouds: THREE,
     timestamps: &[0, 1],
     clock: &[0, 1, 2],
-    limits: &[None],
+    local_deadlines: &[None],
     ..BASE
 };
 
@@ -155,7 +155,7 @@ pub const WORLDS: &[World] = &[
         ],
         timestamps: &[0, 1],
         clock: &[0, 1],
-        limits: &[None],
+        local_deadlines: &[None],
         deadlines: &[1],
         backlogs: &[0, 1, 2, 3],
         absent: &[PATIENT, THREE_CLOUDS, LIMITS, LEAPS, THREE_INSTANTS, TWO_TIMESTAMPS],
@@ -206,7 +206,7 @@ pub const WORLDS: &[World] = &[
         size: Size::Standard,
         window: 3,
         timestamps: &[0, 1, 2, 3],
-        limits: &[None],
+        local_deadlines: &[None],
         absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, LIMITS, LEAPS, &[Sighting::TimersTogether]],
         states: 19_136,
         ..BASE
