@@ -9,17 +9,17 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant as Clock};
 
-use fuseline_core::shared::Shared;
 use fuseline_core::{
     Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Timestamp,
 };
+use fuseline_threads::Shared;
 
 const WINDOW: usize = 1024;
 /// Local's and the clouds'.
 const PRIORITIES: [Priority; 4] =
     [Priority::LOCAL, Priority::new(1), Priority::new(2), Priority::new(3)];
 const SOURCES: usize = PRIORITIES.len();
-/// So many that threads have begun long before the first ends.
+/// Enough operations that every thread has begun long before the first one ends.
 const MACHINES: usize = 32;
 const MESSAGES: usize = MACHINES * WINDOW;
 const CALLS: usize = MESSAGES * SOURCES;
@@ -53,13 +53,13 @@ impl Machine for LockFree {
     }
 
     fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration) {
-        let (mut intake, desk) = self.0.split();
+        let (mut owner, desk) = self.0.split();
         let mut tickets = Vec::with_capacity(WINDOW);
         let start = Clock::now();
         for t in (t..).take(WINDOW) {
-            let ticket = intake.open(NOW, Timestamp::new(t), None).expect("there is room");
+            let ticket = owner.open(NOW, Timestamp::new(t), None).expect("there is room");
             for p in 1..=3 {
-                let (_, admission) = intake.offer(NOW, ticket, Priority::new(p), LONG, 0);
+                let (_, admission) = owner.offer(NOW, ticket, Priority::new(p), LONG, 0);
                 assert!(matches!(admission, Admission::Admitted { .. }));
             }
             tickets.push(ticket);

@@ -19,13 +19,13 @@ use crate::sink::Sink;
 use crate::tail::Tail;
 use crate::verdict::Found;
 
-/// Shorter files are judged before a bar could be seen, in bytes.
+/// Files shorter than this, in bytes, are judged before anyone could see a bar.
 const LONG: u64 = 16 << 20;
 /// How much of a file is read at once, in bytes.
 const CHUNK: usize = 64 * 1024;
-/// The byte that gzip begins with and no trace does.
+/// The first byte of a gzip file; no trace begins with it.
 const GZIP: u8 = 0x1f;
-/// How many files a thread gets before their verdicts are told.
+/// How many files a thread judges before their verdicts are printed.
 const FILES: usize = 4;
 
 #[derive(clap::Args)]
@@ -75,7 +75,7 @@ impl From<FollowError> for Fault {
     }
 }
 
-/// Judges each file; what cannot be read outweighs what does not conform.
+/// Judges each file. A file that cannot be read decides the exit code, whatever the others' verdicts are.
 pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     let mut out = Sink::new(anstream::stdout());
     if args.follow {
@@ -165,8 +165,8 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
         if args.json {
             continue;
         }
-        for breach in judging.since(told) {
-            bar.suspend(|| breach.tell(out, &name)).map_err(Fault::Output)?;
+        for violation in judging.since(told) {
+            bar.suspend(|| violation.tell(out, &name)).map_err(Fault::Output)?;
             told += 1;
         }
     }

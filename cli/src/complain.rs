@@ -1,9 +1,9 @@
-//! Standard error, which nobody has to read.
+//! Standard error, which may be closed.
 
 use std::fmt;
 use std::io::{self, Write};
 
-/// Tells a line on standard error. That nobody reads it must not end what goes well.
+/// Prints a line on standard error. If it is closed, the command goes on.
 pub(crate) fn complain(line: impl fmt::Display) {
     let _ = writeln!(io::stderr().lock(), "{line}");
 }

@@ -40,7 +40,7 @@ pub(crate) struct Drive {
     length: Duration,
 }
 
-/// What a message sent from `at` on, until the next sample, met.
+/// What a message met that was sent at `at` or later, before the next sample.
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Sample {
     at: Duration,
@@ -237,7 +237,7 @@ fn nanos(nanos: u128) -> Duration {
     Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
 }
 
-/// Tells the end that [`Cut`] made from other faults.
+/// Whether an error is the end that [`Cut`] made.
 fn csv_error(file: &str, source: csv::Error) -> DriveError {
     let name = file.to_owned();
     match source.kind() {
@@ -248,7 +248,7 @@ fn csv_error(file: &str, source: csv::Error) -> DriveError {
     }
 }
 
-/// Refuses to read more than so many bytes, so that no file fills the memory.
+/// Refuses to read more than this many bytes, so that no file fills the memory.
 struct Cut<R> {
     text: R,
     left: u64,

@@ -17,7 +17,7 @@ pub(crate) const REQUEST_BYTES: usize = 33_300;
 /// Bytes of a reply in the paper's drive.
 pub(crate) const REPLY_BYTES: usize = 1_000;
 
-/// A reply's payload; nobody looks into it.
+/// A reply's payload; nothing reads it.
 static REPLY: [u8; REPLY_BYTES] = [0; REPLY_BYTES];
 
 /// One cloud, emulated: it takes its model's runtime, and its network the recorded round trip.
@@ -29,7 +29,7 @@ pub(crate) struct Emulation {
     pub(crate) drive: Drive,
     /// Where in the drive the emulation begins.
     pub(crate) start: Duration,
-    /// Makes its runtimes stray.
+    /// Seeds the spread of its runtimes.
     pub(crate) seed: u64,
 }
 
@@ -155,7 +155,7 @@ impl Outage {
         self.to.saturating_sub(self.from)
     }
 
-    /// What two lists of outages have in common.
+    /// The outages that both lists have in common.
     pub(crate) fn common(one: &[Self], other: &[Self]) -> Vec<Self> {
         let pairs = one.iter().flat_map(|a| other.iter().map(move |b| (a, b)));
         let both = pairs.map(|(a, b)| Self { from: a.from.max(b.from), to: a.to.min(b.to) });

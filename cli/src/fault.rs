@@ -40,7 +40,7 @@ impl Fault {
         Self::Own(Box::new(error))
     }
 
-    /// Whether whoever read the output has gone, which is no one's fault.
+    /// Whether the reader of the output has gone away, which is no error.
     pub(crate) fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
     }

@@ -1,4 +1,4 @@
-//! Ctrl-C and termination: asked for once, seen by whoever polls or waits.
+//! Ctrl-C and termination: caught once, seen by whoever polls or waits.
 
 use std::process;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -47,12 +47,12 @@ impl Interrupt {
             .clone()
     }
 
-    /// Whether it came.
+    /// Whether Ctrl-C or termination came.
     pub(crate) fn came(&self) -> bool {
         self.inner.came.load(Ordering::Acquire)
     }
 
-    /// Waits until it comes.
+    /// Waits for Ctrl-C or termination.
     pub(crate) async fn wait(&self) {
         loop {
             let notified = self.inner.waiting.notified();
@@ -65,7 +65,7 @@ impl Interrupt {
         }
     }
 
-    /// Makes it come.
+    /// Acts as if it had come.
     pub(crate) fn set(&self) {
         self.inner.came.store(true, Ordering::Release);
         self.inner.waiting.notify_waiters();

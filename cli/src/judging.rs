@@ -9,14 +9,14 @@ use thiserror::Error;
 
 use crate::complain::complain;
 use crate::fault::Fault;
-use crate::verdict::{Breach, Found};
+use crate::verdict::{AnyViolation, Found};
 
-/// What happens where a trace ends.
+/// How the end of a trace is judged.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum End {
-    /// All that it lacks there is missing.
+    /// What is not there by then is missing.
     Whole,
-    /// It may go on, or was cut short: what it lacks there may have come.
+    /// The trace may go on, or was cut short: what is not there may still have come.
     Early,
 }
 
@@ -38,7 +38,7 @@ pub(crate) struct How {
         allow_hyphen_values = true)]
     lateness: Option<Duration>,
     /// Judge what a crash or a full disk cut off: without a last line that is cut short, and without
-    /// decisions that are not there. What is left out is told.
+    /// decisions that are not there. A note says what was left out.
     #[arg(long)]
     truncated: bool,
 }
@@ -73,9 +73,9 @@ pub(crate) fn next_event<R: BufRead>(
         Ok(event) => return Ok(event),
         Err(error) => error,
     };
-    let is_cut = match &error.fault {
-        fuseline_traces::Fault::Unterminated => true,
-        fuseline_traces::Fault::Io(error) => error.kind() == io::ErrorKind::UnexpectedEof,
+    let is_cut = match &error.defect {
+        fuseline_traces::Defect::Unterminated => true,
+        fuseline_traces::Defect::Io(error) => error.kind() == io::ErrorKind::UnexpectedEof,
         _ => false,
     };
     match (is_cut, end) {
@@ -135,13 +135,13 @@ impl Judging {
     }
 
     /// The violations found so far, without the first of them.
-    pub(crate) fn since(&self, told: usize) -> Vec<Breach<'_>> {
+    pub(crate) fn since(&self, told: usize) -> Vec<AnyViolation<'_>> {
         match self {
             Self::Strict(judge) => {
-                judge.so_far().violations.iter().skip(told).map(Breach::from).collect()
+                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
             }
             Self::Observed(judge) => {
-                judge.so_far().violations.iter().skip(told).map(Breach::from).collect()
+                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
             }
         }
     }
@@ -156,7 +156,7 @@ impl Judging {
     }
 }
 
-/// The verdict without what the last input still lacks; says if it lacks something.
+/// The verdict without decisions that the last input still lacks, and whether there are any.
 fn without_last(judge: Judge) -> Verdict {
     let so_far = judge.so_far();
     let (conforms, known, more) = (so_far.conforms, so_far.violations.len(), so_far.more);

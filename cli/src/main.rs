@@ -21,6 +21,7 @@ mod models;
 mod output;
 mod plot;
 mod policies;
+mod probe;
 mod reckoning;
 mod replay;
 mod report;
@@ -67,6 +68,8 @@ struct Cli {
 enum Command {
     /// Drive a camera operator with emulated models over recorded networks, and judge its trace.
     Run(run::Args),
+    /// Measure the network to a server as the paper's drive did, and record it as a drive.
+    Probe(probe::Args),
     /// Serve one emulated model over one recorded network, for `fuseline run` on another machine.
     Serve(serve::Args),
     /// Read a header and inputs, and write the trace with the decisions that the core makes.
@@ -126,6 +129,7 @@ fn main() -> ExitCode {
 fn dispatch(command: Command) -> Result<Exit, Fault> {
     match command {
         Command::Run(args) => run::run(&args),
+        Command::Probe(args) => probe::probe(&args),
         Command::Serve(args) => serve::serve(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Check(args) => check::check(&args),
@@ -151,7 +155,7 @@ fn usage(error: &clap::Error, args: &[OsString]) -> String {
     format!("{what}; {}", remedy.as_deref().unwrap_or("see --help"))
 }
 
-/// What to type where the command to drive does not stand behind `--`.
+/// The usage line when the command to drive does not follow `--`.
 fn undriven(error: &clap::Error, args: &[OsString]) -> Option<String> {
     let has_command = args.iter().any(|arg| arg == "--");
     if has_command || args.get(1).is_none_or(|command| command != "drive") {

@@ -1,4 +1,4 @@
-//! Models: the detectors whose runtimes the paper measured, emulated by waiting as long.
+//! Models: the detectors whose runtimes the paper measured, emulated by waiting for as long.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde::Deserialize;
 use thiserror::Error;
 
-/// A runtime strays from the paper's by at most one part in this many.
+/// A runtime differs from the paper's by at most one part in this many.
 const JITTER: u64 = 20;
 
 static TABLE: LazyLock<Table> = LazyLock::new(|| {
@@ -24,8 +24,8 @@ pub(crate) struct Model {
     pub(crate) device: Device,
     /// How long the paper measured it to take there.
     pub(crate) runtime: Duration,
-    /// Box AP on COCO val2017 as published by its authors, 0 to 100; none where no figure was at
-    /// hand.
+    /// Box AP on COCO val2017 as published by its authors, 0 to 100; `None` where no figure was
+    /// found.
     pub(crate) ap: Option<f64>,
 }
 
@@ -65,10 +65,17 @@ impl Model {
     /// seed.
     pub(crate) fn runtime(&self, seed: u64, t: u64) -> Duration {
         let name = self.name.bytes().fold(0, |hash, byte| mix(hash ^ u64::from(byte)));
+        let (least, greatest) = self.runtimes();
+        let range = u64::try_from(greatest.abs_diff(least).as_nanos()).unwrap_or(u64::MAX);
+        let strayed = mix(mix(seed ^ name) ^ t) % range.saturating_add(1);
+        least + Duration::from_nanos(strayed)
+    }
+
+    /// The shortest and the longest that it takes.
+    pub(crate) fn runtimes(&self) -> (Duration, Duration) {
         let nanos = u64::try_from(self.runtime.as_nanos()).unwrap_or(u64::MAX);
         let most = nanos / JITTER;
-        let strayed = mix(mix(seed ^ name) ^ t) % (2 * most + 1);
-        Duration::from_nanos(nanos - most + strayed)
+        (Duration::from_nanos(nanos - most), Duration::from_nanos(nanos + most))
     }
 }
 
@@ -152,6 +159,8 @@ mod tests {
         let runtimes: Vec<Duration> = (0..1000).map(|t| model.runtime(1, t)).collect();
         let within = model.runtime.mul_f64(0.95)..=model.runtime.mul_f64(1.05);
         assert!(runtimes.iter().all(|runtime| within.contains(runtime)));
+        let (shortest, longest) = model.runtimes();
+        assert!(runtimes.iter().all(|runtime| (shortest..=longest).contains(runtime)));
         let (least, most) = (runtimes.iter().min().unwrap(), runtimes.iter().max().unwrap());
         assert!(most.abs_diff(*least) > model.runtime.mul_f64(0.09), "{least:?} to {most:?}");
         assert_eq!(model.runtime(1, 7), runtimes[7]);

@@ -13,14 +13,14 @@ use crate::exit::INTERRUPTED;
 use crate::fault::Fault;
 use crate::input;
 
-/// Where a command writes; it is none of what it reads.
+/// Where a command writes; never one of the files that it reads.
 pub(crate) struct Output {
     name: String,
     /// The file, links followed; none is standard output.
     file: Option<PathBuf>,
 }
 
-/// Why nothing can be written to a path.
+/// Why a path cannot be written.
 #[derive(Debug, Error)]
 enum OutputError {
     #[error("{0}: a directory; name a file in it")]
@@ -110,7 +110,7 @@ pub(crate) fn file(path: &Path, inputs: &[&Path]) -> Result<PathBuf, Fault> {
     path.canonicalize().map_err(|source| Fault::Create { name: name(), source })
 }
 
-/// Sees that standard output does not go to a file that is read.
+/// Checks that standard output does not go to a file that is read.
 ///
 /// # Errors
 /// If it does.
@@ -131,14 +131,14 @@ fn same(output: &Metadata, path: Option<&Path>, inputs: &[&Path]) -> Option<Stri
     inputs.iter().find(|input| is_same(input)).map(|input| input::name(input))
 }
 
-/// Whether two are one file: hard links and symbolic ones are.
+/// Whether two paths are one file, also by hard and symbolic links.
 #[cfg(unix)]
 fn is_one(output: &Metadata, _: Option<&Path>, input: &Metadata, _: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     (output.dev(), output.ino()) == (input.dev(), input.ino())
 }
 
-/// Whether two are one file: symbolic links are.
+/// Whether two paths are one file, also by symbolic links.
 #[cfg(not(unix))]
 fn is_one(_: &Metadata, output: Option<&Path>, _: &Metadata, input: &Path) -> bool {
     let [output, input] = [output, Some(input)].map(|path| path?.canonicalize().ok());

@@ -55,7 +55,7 @@ pub(crate) struct Reckoning {
 
 /// What a trace comes to.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Account {
+pub(crate) struct Totals {
     /// Messages that came: forwarded, missed, refused or open.
     pub(crate) messages: u64,
     pub(crate) forwarded: u64,
@@ -82,7 +82,7 @@ pub(crate) struct Row {
 
 /// What became of a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Outcome {
+pub(crate) enum Ending {
     Forwarded {
         p: u64,
     },
@@ -213,14 +213,14 @@ impl Reckoning {
     }
 
     /// What became of a timestamp.
-    pub(crate) fn outcome(&self, t: u64) -> Outcome {
+    pub(crate) fn outcome(&self, t: u64) -> Ending {
         match self.stories.get(&t) {
             Some(Story { end: Some(End { source: Some(source), .. }), .. }) => {
-                Outcome::Forwarded { p: self.priorities[*source] }
+                Ending::Forwarded { p: self.priorities[*source] }
             }
-            Some(Story { end: Some(_), .. }) => Outcome::Missed,
-            Some(story) if story.is_message() => Outcome::Open,
-            Some(_) | None => Outcome::Unopened,
+            Some(Story { end: Some(_), .. }) => Ending::Missed,
+            Some(story) if story.is_message() => Ending::Open,
+            Some(_) | None => Ending::Unopened,
         }
     }
 
@@ -232,7 +232,7 @@ impl Reckoning {
     }
 
     /// What it all comes to.
-    pub(crate) fn account(&self) -> Account {
+    pub(crate) fn totals(&self) -> Totals {
         let row = |(source, p): (usize, &u64)| {
             let refused = self.refused.get(source).copied().unwrap_or_default();
             (Row { p: *p, counts: [0, 0, 0, 0, 0, 0, 0, refused], response: [None; 3] }, Vec::new())
@@ -266,7 +266,7 @@ impl Reckoning {
         let rows = rows
             .into_iter()
             .map(|(row, mut responses)| Row { response: quantiles(&mut responses), ..row });
-        Account {
+        Totals {
             messages: forwarded + missed + open + self.turned_away,
             forwarded,
             missed,
@@ -291,13 +291,16 @@ impl Reckoning {
             }
             let arrivals = (0..self.known).map(|source| {
                 let opened = story.begin().filter(|_| story.is_asked(source));
-                let Some(opened) = opened else { return Arrival::Never };
+                // What was refused is as good as failed at once: nobody waits for it.
+                let Some(opened) = opened else { return Arrival::Failed(Duration::ZERO) };
                 let call = story.calls.get(source).copied().unwrap_or_default();
                 let bound = call.sealed.map(|(_, at)| at).or(story.end.map(|end| end.at));
                 let since = |at: u64| Duration::from_nanos(at.saturating_sub(opened));
                 match (call.arrived, story.fate(source, self.is_observed)) {
                     (Some(arrived), _) => Arrival::At(since(arrived)),
-                    (None, Some(Fate::Failed)) => Arrival::Never,
+                    (None, Some(Fate::Failed)) => {
+                        Arrival::Failed(since(call.failing.or(bound).unwrap_or(opened)))
+                    }
                     (None, _) => planned(source, opened, *t)
                         .unwrap_or(Arrival::After(since(bound.unwrap_or(opened)))),
                 }

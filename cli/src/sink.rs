@@ -1,8 +1,8 @@
-//! Output that nobody has to read: the exit code is still wanted.
+//! Output whose reader may go away: the exit code is still wanted.
 
 use std::io::{self, Write};
 
-/// Takes everything, also when its reader has gone.
+/// Takes everything, even after its reader has gone.
 pub(crate) struct Sink<W> {
     inner: W,
     gone: bool,

@@ -38,7 +38,7 @@ impl Tail {
         Self { file, interrupt, held: Vec::new(), taken: 0, whole: 0, read: 0 }
     }
 
-    /// Reads once more; says whether there was anything.
+    /// Reads once more; says whether there was anything new.
     fn grow(&mut self) -> io::Result<bool> {
         if self.file.metadata()?.len() < self.read {
             let shrank = "the file shrank while it was followed; follow the new one";

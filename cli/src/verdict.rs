@@ -34,7 +34,7 @@ pub(crate) struct Summary<'a> {
 }
 
 /// One violation.
-pub(crate) struct Breach<'a> {
+pub(crate) struct AnyViolation<'a> {
     pub(crate) line: u64,
     pub(crate) t: Option<u64>,
     /// The rule's identifier and its sentence.
@@ -58,11 +58,11 @@ impl Found {
         }
         let summary = self.summary();
         summary.tell(out)?;
-        let breaches = self.breaches();
-        for breach in breaches.iter().skip(told) {
-            breach.tell(out, summary.file)?;
+        let violations = self.violations();
+        for violation in violations.iter().skip(told) {
+            violation.tell(out, summary.file)?;
         }
-        match summary.violations - breaches.len() as u64 {
+        match summary.violations - violations.len() as u64 {
             0 => Ok(()),
             more => writeln!(out, "\n{} more not shown", count(more, "violation")),
         }
@@ -94,10 +94,10 @@ impl Found {
         }
     }
 
-    pub(crate) fn breaches(&self) -> Vec<Breach<'_>> {
+    pub(crate) fn violations(&self) -> Vec<AnyViolation<'_>> {
         match self {
-            Self::Strict(verdict) => verdict.violations.iter().map(Breach::from).collect(),
-            Self::Observed(verdict) => verdict.violations.iter().map(Breach::from).collect(),
+            Self::Strict(verdict) => verdict.violations.iter().map(AnyViolation::from).collect(),
+            Self::Observed(verdict) => verdict.violations.iter().map(AnyViolation::from).collect(),
         }
     }
 }
@@ -118,7 +118,7 @@ impl Summary<'_> {
     }
 }
 
-impl<'a> From<&'a Violation> for Breach<'a> {
+impl<'a> From<&'a Violation> for AnyViolation<'a> {
     fn from(violation: &'a Violation) -> Self {
         let Violation { line, t, rule, found, expected, story } = violation;
         let rule = (rule.id(), rule.sentence());
@@ -126,7 +126,7 @@ impl<'a> From<&'a Violation> for Breach<'a> {
     }
 }
 
-impl<'a> From<&'a observed::Violation> for Breach<'a> {
+impl<'a> From<&'a observed::Violation> for AnyViolation<'a> {
     fn from(violation: &'a observed::Violation) -> Self {
         let observed::Violation { line, t, rule, found, expected, late, story } = violation;
         let rule = (rule.id(), rule.sentence());
@@ -134,10 +134,10 @@ impl<'a> From<&'a observed::Violation> for Breach<'a> {
     }
 }
 
-impl Breach<'_> {
+impl AnyViolation<'_> {
     /// A few lines, the first with the file.
     pub(crate) fn tell(&self, out: &mut impl Write, file: &str) -> io::Result<()> {
-        let Breach { line, t, rule: (id, sentence), found, expected, late, story } = *self;
+        let AnyViolation { line, t, rule: (id, sentence), found, expected, late, story } = *self;
         let t = t.map_or_else(String::new, |t| format!("timestamp {t} "));
         writeln!(out, "\n{file}:{line}: {t}{BAD}breaks {id}{BAD:#}")?;
         let options =

@@ -16,7 +16,7 @@ pub enum Invalid {
     Below0(Figure),
     /// The planner must want at least one frame.
     NoFrames,
-    /// So many classes of hazards were given; there must be one, and at most [`Classes::MOST`].
+    /// The number of classes of hazards given; there must be at least one, and at most [`Classes::MOST`].
     Classes(usize),
     /// The cloud sees some class less far than local: its result in time would hide what local reports, so no deadline
     /// is safe.

@@ -58,7 +58,7 @@ pub enum End {
 pub struct Chosen {
     /// The deadline.
     pub deadline: Duration,
-    /// Why.
+    /// Why it is that one.
     pub reason: Reason,
 }
 

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use crate::error::Error;
 use crate::gap::Gap;
-use crate::measure::{Tests, version};
+use crate::tool::{Tests, version};
 use crate::tree::Tree;
 
 type Taken = (String, BTreeMap<String, u64>, BTreeSet<Gap>);

@@ -12,7 +12,7 @@ pub enum Error {
     File {
         /// Which one.
         path: PathBuf,
-        /// Why.
+        /// What went wrong.
         source: io::Error,
     },
     /// A file does not say what it should.

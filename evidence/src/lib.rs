@@ -15,9 +15,11 @@ mod matrix;
 mod measure;
 mod mutants;
 mod older;
+mod printed;
 mod record;
 mod sources;
 mod table;
+mod tool;
 mod tree;
 
 pub use campaign::{Campaign, Summary};

@@ -1,16 +1,16 @@
 //! Measurements of the tests: mutants that they let pass, lines and branches that they never take.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::process::Command;
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::gap::Gap;
 use crate::sources::{
-    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, SHARED, TESTS,
-    TRACES,
+    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES, NO_OBSERVED, TESTS,
+    THREADS, TRACES,
 };
+use crate::tool::Tests;
 use crate::tree::Tree;
 use crate::{coverage, mutants};
 
@@ -24,13 +24,6 @@ pub struct Measure {
     sources: &'static [&'static str],
     tool: Tool,
     tests: Tests,
-}
-
-/// Which tests run.
-pub(crate) struct Tests {
-    pub(crate) packages: &'static [&'static str],
-    /// The arguments for `cargo test` that choose among those of the packages.
-    pub(crate) targets: &'static [&'static str],
 }
 
 enum Tool {
@@ -61,7 +54,6 @@ const TESTS_OF_CORE: Tests = Tests {
 const SOURCES_OF_CORE: &[&str] = &[
     CORE,
     NO_LIST,
-    NO_SHARED,
     ARBITER,
     "traces/src/reference.rs",
     CORPUS,
@@ -72,17 +64,17 @@ const SOURCES_OF_CORE: &[&str] = &[
     "tests/tests/window.rs",
 ];
 
-const TESTS_OF_SHARED: Tests = Tests {
-    packages: &["fuseline-core", "fuseline-loom"],
+const TESTS_OF_THREADS: Tests = Tests {
+    packages: &["fuseline-threads", "fuseline-loom"],
     targets: &["--lib", "--test=history", "--test=stress"],
 };
-const SOURCES_OF_SHARED: &[&str] = &[
-    SHARED,
+const SOURCES_OF_THREADS: &[&str] = &[
+    THREADS,
+    NO_LIST_OF_THREADS,
     "core/src/clouds.rs",
+    "core/src/entry.rs",
     "core/src/gate.rs",
     "core/src/slot.rs",
-    "core/src/window.rs",
-    "adapters/threads/src",
     "tests/loom",
 ];
 
@@ -92,7 +84,7 @@ pub const MEASURES: &[Measure] = &[
         name: "mutants-core",
         title: "mutants of the core",
         sources: SOURCES_OF_CORE,
-        tool: Tool::Mutants(&["core/src/*.rs", NO_SHARED]),
+        tool: Tool::Mutants(&["core/src/*.rs"]),
         tests: TESTS_OF_CORE,
     },
     Measure {
@@ -132,22 +124,22 @@ pub const MEASURES: &[Measure] = &[
         name: "coverage-core",
         title: "coverage of the core",
         sources: SOURCES_OF_CORE,
-        tool: Tool::Coverage(&[CORE, NO_SHARED]),
+        tool: Tool::Coverage(&[CORE]),
         tests: TESTS_OF_CORE,
     },
     Measure {
-        name: "mutants-shared",
+        name: "mutants-threads",
         title: "mutants of the machine for many threads",
-        sources: SOURCES_OF_SHARED,
-        tool: Tool::Mutants(&["core/src/shared.rs", "core/src/shared/*.rs"]),
-        tests: TESTS_OF_SHARED,
+        sources: SOURCES_OF_THREADS,
+        tool: Tool::Mutants(&["adapters/threads/src/*.rs"]),
+        tests: TESTS_OF_THREADS,
     },
     Measure {
-        name: "coverage-shared",
+        name: "coverage-threads",
         title: "coverage of the machine for many threads",
-        sources: SOURCES_OF_SHARED,
-        tool: Tool::Coverage(&[SHARED]),
-        tests: TESTS_OF_SHARED,
+        sources: SOURCES_OF_THREADS,
+        tool: Tool::Coverage(&[THREADS]),
+        tests: TESTS_OF_THREADS,
     },
 ];
 
@@ -199,16 +191,4 @@ impl Measure {
     fn path(&self, tree: &Tree) -> std::path::PathBuf {
         crate::record::folder(tree).join(format!("{}.json", self.name))
     }
-}
-
-/// A tool's name and version, from its first line.
-pub(crate) fn version(command: &mut Command, remedy: &str) -> Result<String, Error> {
-    let tool = format!("{command:?}");
-    let missing = || Error::Tool { tool: tool.clone(), remedy: remedy.to_owned() };
-    let printed = command.output().map_err(|_| missing())?;
-    if !printed.status.success() {
-        return Err(missing());
-    }
-    let text = String::from_utf8_lossy(&printed.stdout);
-    Ok(text.lines().next().unwrap_or_default().trim().to_owned())
 }

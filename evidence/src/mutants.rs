@@ -9,7 +9,7 @@ use serde::Deserialize;
 use crate::error::Error;
 use crate::gap::Gap;
 use crate::lane::BOUNDED;
-use crate::measure::{Tests, version};
+use crate::tool::{Tests, version};
 use crate::tree::Tree;
 
 type Taken = (String, BTreeMap<String, u64>, BTreeSet<Gap>);

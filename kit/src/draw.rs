@@ -26,7 +26,7 @@ impl Draw {
         }
     }
 
-    /// A place in something so long; 0 if it is empty.
+    /// An index into something of this length; 0 if it is empty.
     pub(crate) fn place(&mut self, len: usize) -> usize {
         let len = u64::try_from(len).unwrap_or(u64::MAX).max(1);
         usize::try_from(self.next() % len).unwrap_or(0)
@@ -37,7 +37,7 @@ impl Draw {
         self.next().is_multiple_of(times)
     }
 
-    /// One of these, each as often as its weight says. There must be one with a weight.
+    /// One of these, each as often as its weight says. At least one weight must not be 0.
     pub(crate) fn weighed<T: Copy>(&mut self, choices: &[(u64, T)]) -> T {
         let whole: u64 = choices.iter().map(|(weight, _)| weight).sum();
         let mut left = self.next() % whole;

@@ -5,7 +5,7 @@ use fuseline_traces::{Decision, Input};
 use crate::run::Run;
 use crate::scene::{Ruling, Scene};
 
-/// A run as long as this is a long one, in inputs.
+/// From this length on a run counts as long, in inputs.
 const LONG: usize = 400;
 /// The greatest window.
 const GREATEST: usize = 1024;
@@ -41,7 +41,7 @@ pub enum Edge {
 }
 
 impl Edge {
-    /// All of them, with what to call them.
+    /// All of them, with their names.
     pub const ALL: [(Self, &str); 24] = [
         (Self::ArrivalBeforeDue, "arrival just before its due instant"),
         (Self::ArrivalAtDue, "arrival at its due instant"),
@@ -69,7 +69,7 @@ impl Edge {
         (Self::LongRun, "run of 400 inputs and more"),
     ];
 
-    /// What to call it.
+    /// Its name.
     #[must_use]
     pub fn name(self) -> &'static str {
         Self::ALL.iter().find(|(edge, _)| *edge == self).map_or("", |(_, name)| name)

@@ -1,4 +1,4 @@
-//! Runs made by chance: weighted towards the places where one rule or another decides.
+//! Random runs, weighted towards the places where one rule or another decides.
 
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
@@ -8,9 +8,9 @@ use crate::scene::Scene;
 
 /// How far back a step reaches for a timestamp or a request.
 const RECENT: usize = 12;
-/// So many runs hold one that fills the greatest window.
+/// One run in so many fills the greatest window.
 const FLOODS: u64 = 250;
-/// So many runs hold one that is long.
+/// One run in so many is long.
 const LONGS: u64 = 50;
 /// The greatest window.
 const GREATEST: u16 = 1024;
@@ -18,7 +18,7 @@ const GREATEST: u16 = 1024;
 /// What all generated runs have in common.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Generator {
-    /// Another seed makes other runs.
+    /// The seed: another one makes other runs.
     pub seed: u64,
     /// The commit rule, if it is to be but one.
     pub commit: Option<Commit>,
@@ -27,7 +27,7 @@ pub struct Generator {
 }
 
 impl Generator {
-    /// The run so numbered, always the same.
+    /// The run with this number, always the same.
     #[must_use]
     pub fn run(&self, number: u64) -> Run {
         let mut draw = Draw::new(self.seed, number);
@@ -128,7 +128,7 @@ impl Writer {
         }
     }
 
-    /// Opens so many timestamps at one instant, with an offer each, so that many are due together.
+    /// Opens many timestamps at one instant, with an offer each, so that many are due together.
     fn flood(&mut self, count: u64, header: &Header) {
         for i in 0..count {
             let (at, t) = (self.scene.now(), self.next_t);
@@ -378,7 +378,7 @@ impl Writer {
         }
     }
 
-    /// A place among the last ones of so many.
+    /// An index among the last few of this many.
     fn recent(&mut self, len: usize) -> usize {
         let back = self.draw.place(len.min(RECENT));
         len.saturating_sub(1).saturating_sub(back)

@@ -1,9 +1,9 @@
-//! What runs and files came to: a check that reaches little says little.
+//! What runs and files reached: a check that reaches little says little.
 
 use std::collections::HashMap;
 
 use fuseline_traces::{
-    Commit, Decision, DropReason, Event, Fault, Input, Line, OfferRefusal, OpenRefusal, ReadError,
+    Commit, Decision, Defect, DropReason, Event, Input, Line, OfferRefusal, OpenRefusal, ReadError,
     Rule,
 };
 
@@ -11,7 +11,7 @@ use crate::edge::Edge;
 use crate::run::Run;
 use crate::scene::{Grounds, Ruling, Scene};
 
-/// Something that a check can come to.
+/// Something that a check can reach.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Mark {
     /// A run under this commit rule.
@@ -28,11 +28,11 @@ pub enum Mark {
     Fail(DropReason),
     /// An open was refused for the first reason although the second holds as well.
     Opens(OpenRefusal, OpenRefusal),
-    /// So was an offer.
+    /// An offer was refused for the first reason although the second holds as well.
     Offers(OfferRefusal, OfferRefusal),
-    /// So was a result dropped.
+    /// A result was dropped for the first reason although the second holds as well.
     Results(DropReason, DropReason),
-    /// So was a failure.
+    /// A failure was dropped for the first reason although the second holds as well.
     Fails(DropReason, DropReason),
     /// An input, or what was due before it, had this effect.
     Outcome(Cause, Consequence),
@@ -43,7 +43,7 @@ pub enum Mark {
     /// Such a line was read.
     Line(&'static str),
     /// A file could not be read, for such a reason.
-    Fault(&'static str),
+    Defect(&'static str),
 }
 
 /// What brings a decision about.
@@ -141,8 +141,8 @@ impl Reach {
     }
 
     /// Notes why a file could not be read.
-    pub fn fault(&mut self, error: &ReadError) {
-        self.mark(Mark::Fault(name_of_fault(&error.fault)));
+    pub fn defect(&mut self, error: &ReadError) {
+        self.mark(Mark::Defect(name_of_defect(&error.defect)));
     }
 
     /// Whether a mark was reached.
@@ -304,7 +304,7 @@ impl Mark {
             Self::Edge(edge) => edge.name().to_owned(),
             Self::Violation(rule) => format!("violation of {rule}"),
             Self::Line(name) => format!("line {name}"),
-            Self::Fault(name) => format!("file refused: {name}"),
+            Self::Defect(name) => format!("file refused: {name}"),
         }
     }
 
@@ -338,7 +338,7 @@ impl Mark {
     /// What reading files can come to: every line, and every reason for which one cannot be read.
     #[must_use]
     pub fn of_files() -> Vec<Self> {
-        LINES.map(Self::Line).into_iter().chain(FAULTS.map(Self::Fault)).collect()
+        LINES.map(Self::Line).into_iter().chain(DEFECTS.map(Self::Defect)).collect()
     }
 
     fn of_reasons() -> Vec<Self> {
@@ -382,7 +382,7 @@ const LINES: [&str; 14] = [
     "drop", "emit", "miss", "cancel",
 ];
 /// Every reason for which a file cannot be read.
-const FAULTS: [&str; 7] =
+const DEFECTS: [&str; 7] =
     ["bytes", "empty", "no header", "second header", "unterminated", "too long", "line"];
 
 const fn name_of_line(line: &Line) -> &'static str {
@@ -408,15 +408,15 @@ const fn name_of_line(line: &Line) -> &'static str {
     }
 }
 
-const fn name_of_fault(fault: &Fault) -> &'static str {
-    match fault {
-        Fault::Io(_) => "bytes",
-        Fault::Empty => "empty",
-        Fault::NoHeader => "no header",
-        Fault::SecondHeader => "second header",
-        Fault::Unterminated => "unterminated",
-        Fault::TooLong => "too long",
-        Fault::Line(_) => "line",
+const fn name_of_defect(defect: &Defect) -> &'static str {
+    match defect {
+        Defect::Io(_) => "bytes",
+        Defect::Empty => "empty",
+        Defect::NoHeader => "no header",
+        Defect::SecondHeader => "second header",
+        Defect::Unterminated => "unterminated",
+        Defect::TooLong => "too long",
+        Defect::Line(_) => "line",
     }
 }
 

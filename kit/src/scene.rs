@@ -74,7 +74,7 @@ impl Ruling {
 }
 
 impl Scene {
-    /// The scene of an operator so configured, before anything happens.
+    /// The scene of an operator with this configuration, before anything happens.
     #[must_use]
     pub fn new(header: &Header) -> Self {
         let gate = |cloud: &Cloud| {
@@ -164,7 +164,7 @@ impl Scene {
         })
     }
 
-    /// When the request `(t, p)` is due, or was; of local, when the limit ends.
+    /// When the request `(t, p)` is due, or was; of local, when its deadline ends.
     #[must_use]
     pub fn due(&self, t: u64, p: u64) -> Option<u64> {
         self.histories.get(&t)?.asked_for(p)

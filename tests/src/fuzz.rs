@@ -9,7 +9,7 @@ mod edit;
 use fuseline_arbiter::Arbiter;
 use fuseline_kit::{Mark, Reach, Run};
 use fuseline_traces as traces;
-use fuseline_traces::{Event, Events, Fault, LINE, Line, ReadError, parse, unpack};
+use fuseline_traces::{Defect, Event, Events, LINE, Line, ReadError, parse, unpack};
 use serde::de::IgnoredAny;
 
 use bytes::Bytes;
@@ -64,10 +64,10 @@ pub fn judge(bytes: &[u8], reach: &mut Reach) -> Check {
     let mut bytes = Bytes::new(bytes);
     let edit = Edit::read(&mut bytes);
     let run = bytes.run();
-    let whole = replay(&run).map_err(|fault| format!("{fault}\n{run:?}"))?;
+    let whole = replay(&run).map_err(|defect| format!("{defect}\n{run:?}"))?;
     let edited = edit.apply(&whole);
     find(&run, &whole, &edited, reach)
-        .map_err(|fault| format!("{fault}\n{}", String::from_utf8_lossy(&text(&run, &edited))))
+        .map_err(|defect| format!("{defect}\n{}", String::from_utf8_lossy(&text(&run, &edited))))
 }
 
 /// All that [`judge`] can reach: what runs can, and a violation of every rule.
@@ -134,11 +134,11 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Reach) -> Check {
 
 /// An error where line number `line` was to be read: it tells that line, fit for a terminal.
 fn refused(error: &ReadError, line: u64, reach: &mut Reach) -> Check {
-    reach.fault(error);
+    reach.defect(error);
     let message = error.to_string();
     let column = 1..=LINE as u64 + 1;
     // What flate2 says of a broken file is not ours.
-    let is_ours = !matches!(error.fault, Fault::Io(_));
+    let is_ours = !matches!(error.defect, Defect::Io(_));
     if error.line != line || !column.contains(&error.column) {
         return Err(format!("at line {line} the error is {message:?}"));
     }

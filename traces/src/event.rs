@@ -66,18 +66,18 @@ pub enum Commit {
 pub enum Input {
     /// A message came (F1).
     Open {
-        /// The clock's reading.
+        /// The clock's reading, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
         /// How long the local computation may take.
         deadline: Option<u64>,
     },
     /// The message handler wants a request sent (F2).
     Offer {
-        /// The clock's reading.
+        /// The clock's reading, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
         /// The cloud's priority; any number.
         p: u64,
@@ -88,25 +88,25 @@ pub enum Input {
     },
     /// A result came (F3).
     Result {
-        /// The clock's reading.
+        /// The clock's reading, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
         /// The source's priority; any number.
         p: u64,
     },
     /// No result will come (F4).
     Fail {
-        /// The clock's reading.
+        /// The clock's reading, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
         /// The source's priority; any number.
         p: u64,
     },
     /// Time went by (F5).
     Tick {
-        /// The clock's reading.
+        /// The clock's reading, in nanoseconds.
         at: u64,
     },
 }
@@ -116,87 +116,87 @@ pub enum Input {
 pub enum Decision {
     /// The timer of `(t, p)` fired; `p` 0 is the local deadline's.
     Timer {
-        /// When it was served.
+        /// `now`, in nanoseconds: when it was served, not when it was due.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
-        /// The priority.
+        /// The source's priority.
         p: u64,
     },
     /// An open was refused.
     RefuseOpen {
-        /// When.
+        /// `now`, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
-        /// Why.
+        /// The first reason that holds.
         why: OpenRefusal,
     },
     /// An offer was refused.
     RefuseOffer {
-        /// When.
+        /// `now`, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
-        /// The cloud.
+        /// The cloud's priority.
         p: u64,
-        /// Why.
+        /// The first reason that holds.
         why: OfferRefusal,
     },
     /// An offer was admitted.
     Request {
-        /// When.
+        /// `now`, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
-        /// The cloud.
+        /// The cloud's priority.
         p: u64,
-        /// The due instant.
+        /// The due instant, in nanoseconds.
         due: u64,
     },
     /// A result was cached.
     Hold {
-        /// When.
+        /// `now`, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
-        /// The source.
+        /// The source's priority; 0 is local's.
         p: u64,
     },
     /// A result or a failure was dropped.
     Drop {
-        /// When.
+        /// `now`, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
-        /// The source.
+        /// The source's priority; 0 is local's.
         p: u64,
-        /// Why.
+        /// The first reason that holds.
         why: DropReason,
     },
     /// A result was forwarded.
     Emit {
-        /// When.
+        /// `now`, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
-        /// Whose result.
+        /// The priority of the source whose result it is; 0 is local's.
         p: u64,
     },
     /// The timestamp was missed.
     Miss {
-        /// When.
+        /// `now`, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
     },
     /// A pending call was cancelled.
     Cancel {
-        /// When.
+        /// `now`, in nanoseconds.
         at: u64,
-        /// The timestamp.
+        /// The timestamp that it is about.
         t: u64,
-        /// The cloud.
+        /// The cloud's priority.
         p: u64,
     },
 }

@@ -17,7 +17,7 @@ mod write;
 pub use event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 pub use judge::{Judge, Verdict, Violation, judge};
 pub use parse::{ParseError, parse};
-pub use read::{Events, Fault, LINE, ReadError, unpack};
+pub use read::{Defect, Events, LINE, ReadError, unpack};
 pub use reason::{DropReason, OfferRefusal, OpenRefusal};
 pub use record::{Recorder, Recording};
 pub use reference::{Demands, Reference};

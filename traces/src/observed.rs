@@ -3,19 +3,19 @@
 //! [`Judge`] goes through a trace line by line and keeps what it needs of the timestamps that may still get a line; each is
 //! then one [`Story`], of which it is decided, exactly, whether the rules can explain it within the [`Slack`].
 
-mod blame;
 mod explain;
 mod judge;
+mod open;
 mod story;
 mod verdict;
-mod watch;
+mod violation;
 
 use crate::event::Line;
 use crate::parse::{Form, ParseError, parse_as};
 
 pub use judge::{Disorder, Judge, JudgeError, judge};
 pub use story::{Allowed, Slack, Story};
-pub use verdict::{Broken, Verdict, Violation};
+pub use verdict::{BrokenRule, Verdict, Violation};
 
 /// Reads one line of an observed trace, given without its `\n`: as [`parse`](crate::parse) does, but a request may have its
 /// `deadline` instead of `due`, and comes as one with `due`.

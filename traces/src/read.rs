@@ -12,7 +12,7 @@ pub const LINE: usize = 64 * 1024;
 
 /// Why a trace cannot be read: the first thing wrong with it, as `file:line:column: message`.
 #[derive(Debug, thiserror::Error)]
-#[error("{file}:{line}:{column}: {fault}")]
+#[error("{file}:{line}:{column}: {defect}")]
 pub struct ReadError {
     /// The name the trace was given.
     pub file: String,
@@ -21,13 +21,13 @@ pub struct ReadError {
     /// The byte of the line, counted from 1.
     pub column: u64,
     /// What is wrong.
-    pub fault: Fault,
+    pub defect: Defect,
 }
 
 /// What can be wrong with a trace.
 #[derive(Debug, thiserror::Error)]
-pub enum Fault {
-    /// The bytes did not come.
+pub enum Defect {
+    /// The bytes could not be read.
     #[error("{0}")]
     Io(#[from] io::Error),
     /// There is no line at all.
@@ -52,7 +52,7 @@ pub enum Fault {
 
 /// Reads a trace: its header when it is made, then one event after the other.
 ///
-/// It holds one line at a time. After an error there is nothing more to be had from it.
+/// It holds one line at a time. After an error it yields nothing more.
 #[derive(Debug)]
 pub struct Events<R> {
     inner: R,
@@ -87,10 +87,10 @@ impl<R: BufRead> Events<R> {
         let mut reader = Self { inner, file, form, header, raw: Vec::new(), line: 0 };
         match reader.next_line()? {
             Some(Line::Header(header)) => reader.header = header,
-            Some(Line::Event(_)) => return Err(reader.error(1, Fault::NoHeader)),
+            Some(Line::Event(_)) => return Err(reader.error(1, Defect::NoHeader)),
             None => {
                 reader.line = 1;
-                return Err(reader.error(1, Fault::Empty));
+                return Err(reader.error(1, Defect::Empty));
             }
         }
         Ok(reader)
@@ -99,11 +99,11 @@ impl<R: BufRead> Events<R> {
     /// The next event; none at the end.
     ///
     /// # Errors
-    /// If the next line is none that a trace may have there.
+    /// If a trace may not have such a line there.
     pub fn next_event(&mut self) -> Result<Option<Event>, ReadError> {
         match self.next_line()? {
             Some(Line::Event(event)) => Ok(Some(event)),
-            Some(Line::Header(_)) => Err(self.error(1, Fault::SecondHeader)),
+            Some(Line::Header(_)) => Err(self.error(1, Defect::SecondHeader)),
             None => Ok(None),
         }
     }
@@ -142,13 +142,13 @@ impl<R: BufRead> Events<R> {
         self.line += 1;
         let column = self.raw.len() as u64 + 1;
         match whole {
-            Ok(_) if self.raw.len() > LINE => Err(self.error(LINE as u64 + 1, Fault::TooLong)),
+            Ok(_) if self.raw.len() > LINE => Err(self.error(LINE as u64 + 1, Defect::TooLong)),
             Ok(true) => match parse_as(&self.raw, self.form) {
                 Ok(line) => Ok(Some(line)),
-                Err(error) => Err(self.error(error.column, Fault::Line(error))),
+                Err(error) => Err(self.error(error.column, Defect::Line(error))),
             },
-            Ok(false) => Err(self.error(column, Fault::Unterminated)),
-            Err(error) => Err(self.error(column, Fault::Io(error))),
+            Ok(false) => Err(self.error(column, Defect::Unterminated)),
+            Err(error) => Err(self.error(column, Defect::Io(error))),
         }
     }
 
@@ -175,15 +175,15 @@ impl<R: BufRead> Events<R> {
         Ok(false)
     }
 
-    fn error(&self, column: u64, fault: Fault) -> ReadError {
-        ReadError { file: self.file.clone(), line: self.line, column, fault }
+    fn error(&self, column: u64, defect: Defect) -> ReadError {
+        ReadError { file: self.file.clone(), line: self.line, column, defect }
     }
 }
 
 /// Reads plain and gzipped traces alike: unpacks what begins as gzip does.
 ///
 /// # Errors
-/// If the first bytes do not come.
+/// If the first bytes cannot be read.
 pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
     // No trace begins with this byte, gzip always does.
     if inner.fill_buf()?.first() == Some(&0x1f) {

@@ -45,7 +45,7 @@ pub enum DropReason {
     Late,
 }
 
-/// The word of a trace and a sentence for who does not know the rules yet.
+/// The word in a trace, and a sentence for readers who do not know the rules yet.
 type Said = (&'static str, &'static str);
 
 impl OpenRefusal {
@@ -100,7 +100,7 @@ impl DropReason {
     }
 }
 
-/// What the three kinds have alike.
+/// What the three kinds have in common.
 macro_rules! reason {
     ($kind:ident) => {
         impl $kind {

@@ -9,7 +9,7 @@ use serde::de::IgnoredAny;
 
 use crate::parse::{ParseError, brief};
 
-/// How many digits a number may have that fits for sure.
+/// How many digits a number may have and fit for sure.
 const FITS: usize = 19;
 
 /// Where the line stands between two tokens, or within one.
@@ -192,7 +192,7 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// What comes next, in a few characters.
+    /// What comes next, in a few characters, for an error.
     fn found(&self) -> String {
         let rest = self.text.get(self.at..).unwrap_or_default();
         let end = match rest.chars().next() {

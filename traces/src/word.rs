@@ -47,7 +47,7 @@ impl Kind {
     pub(crate) const EVENTS: &str =
         "open, offer, result, fail, tick, timer, refuse, request, hold, drop, emit, miss, cancel";
 
-    /// The event so written.
+    /// The event with this word.
     pub(crate) fn named(name: &str) -> Option<Self> {
         Some(match name {
             "open" => Self::Open,
@@ -125,7 +125,7 @@ impl Kind {
         Keys(self.required().0 | more.0)
     }
 
-    /// Such a line and its keys, for people.
+    /// A line of this kind and its keys, for people.
     pub(crate) fn takes(self) -> String {
         let article = if self == Self::Open || self == Self::Offer || self == Self::Emit {
             "an"
@@ -159,7 +159,7 @@ impl Key {
         Self::X,
     ];
 
-    /// The key so written.
+    /// The key with this name.
     pub(crate) fn named(name: &str) -> Option<Self> {
         Some(match name {
             "ev" => Self::Ev,

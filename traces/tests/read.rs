@@ -4,7 +4,7 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use fuseline_traces::{Decision, Event, Events, Fault, Input, LINE, ReadError, unpack};
+use fuseline_traces::{Decision, Defect, Event, Events, Input, LINE, ReadError, unpack};
 
 const HEADER: &str = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}";
 const TICK: &str = "{\"ev\":\"tick\",\"at\":1}";
@@ -107,7 +107,7 @@ fn an_endless_line_is_refused_without_being_held() {
     let endless = BufReader::new(io::repeat(b' '));
     let mut asked = Counted { inner: endless, taken: 0 };
     let error = Events::new("a.jsonl", &mut asked).expect_err("it never ends");
-    assert!(matches!(error.fault, Fault::TooLong));
+    assert!(matches!(error.defect, Defect::TooLong));
     assert_eq!(asked.taken, LINE + 1);
 }
 
@@ -171,7 +171,7 @@ fn packed_and_plain_traces_are_read_alike() {
     let cut = &packed[..packed.len() - 9];
     let mut reader = Events::new("a.jsonl", unpack(cut).unwrap()).unwrap();
     let error = (0..2).find_map(|_| reader.next_event().err()).expect("it is cut short");
-    assert!(matches!(error.fault, Fault::Io(_)));
+    assert!(matches!(error.defect, Defect::Io(_)));
 }
 
 /// Counts what is taken.

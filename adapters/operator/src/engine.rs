@@ -1,26 +1,28 @@
 //! One operator without its clock, its threads and its network: what happened goes in, what to do
 //! comes out.
 
-use std::collections::{HashMap, VecDeque};
 use std::fmt;
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_arbiter::{Arbiter, decisions_of};
-use fuseline_core::ConfigError;
-use fuseline_traces::{Decision, Header, Input};
-use tracing::{debug, warn};
+use fuseline_arbiter::{Answer, Arbiter};
+use fuseline_core::{Admission, ConfigError, Opening};
+use fuseline_deadline::{End, Policy, Situation};
+use fuseline_traces::{Header, Input};
+use tracing::warn;
 
+use crate::counts::Event;
 use crate::effect::{Effect, Local, Offer};
-use crate::item::{Ending, Failure, Forwarded, Item, Source, Trigger};
+use crate::hands::{Hands, LOCAL};
+use crate::item::Source;
 use crate::lane::{Lane, Waiting};
 use crate::reasons::words;
-use crate::tally::{Counting, Counts, Event};
+use crate::tally::Counting;
 use crate::tape::{Sink, Tape};
 
-/// Local's priority and the place of its lane.
-const LOCAL: usize = 0;
+/// As many clouds as a header may have.
+const CLOUDS: usize = 15;
 
 /// One operator: the core, the values it holds, the queues to its sources, its counts and its
 /// recording.
@@ -29,43 +31,17 @@ const LOCAL: usize = 0;
 /// nanoseconds of the adapter's monotonic clock. After each input, take the effects by
 /// [`next_effect`](Self::next_effect) until there are none.
 ///
+/// - before the first input: [`set_policy`](Self::set_policy), [`set_linger`](Self::set_linger),
+///   [`take_hints`](Self::take_hints), [`record`](Self::record)
 /// - inputs: [`open`](Self::open), [`offer`](Self::offer), [`result`](Self::result),
 ///   [`fail`](Self::fail), [`tick`](Self::tick)
+/// - what policies know: [`set_situation`](Self::set_situation)
 /// - effects: [`next_effect`](Self::next_effect)
 /// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
 pub struct Engine<V, R> {
-    operator: Arc<str>,
     arbiter: Arbiter,
-    /// Local's, then the clouds' in the header's order.
-    lanes: Vec<Lane<R>>,
-    local: Local,
-    open: HashMap<u64, Story<V>>,
-    counts: Arc<Counts>,
-    effects: VecDeque<Effect<V, R>>,
-    decisions: Vec<Decision>,
-    tapes: Vec<Tape>,
-}
-
-/// What an open message has.
-struct Story<V> {
-    opened: u64,
-    held: Vec<Held<V>>,
-    failures: Vec<Failure>,
-}
-
-struct Held<V> {
-    p: u64,
-    arrived: u64,
-    value: V,
-}
-
-/// What came along with an input.
-enum Cargo<'a, V, R> {
-    Nothing,
-    Value(V),
-    Request(R),
-    /// Why there is no result.
-    Reason(&'a str),
+    hands: Hands<V, R>,
+    situation: Situation<'static>,
 }
 
 impl<V, R> Engine<V, R> {
@@ -87,20 +63,42 @@ impl<V, R> Engine<V, R> {
             let at_once = at_once.get(i).copied().unwrap_or(1);
             lanes.push(Lane::new(Source { priority: cloud.p, name }, at_once));
         }
-        let sources: Vec<Source> = lanes.iter().map(|lane| lane.source.clone()).collect();
-        let counts = Arc::new(Counts::new(&operator, &sources));
-        let (open, effects, decisions) = (HashMap::new(), VecDeque::new(), Vec::new());
-        Ok(Self {
-            operator,
-            arbiter,
-            lanes,
-            local,
-            open,
-            counts,
-            effects,
-            decisions,
-            tapes: Vec::new(),
-        })
+        let hands = Hands::new(operator, lanes, local);
+        // Until it is told, nothing is known, and policies risk nothing.
+        Ok(Self { arbiter, hands, situation: Situation::at(f64::NAN) })
+    }
+
+    /// Lets `policy` choose the deadlines of cloud `p`, each up to the one that is offered, and tells
+    /// it how each of its requests ended; nothing if there is no such cloud.
+    ///
+    /// A request that was given up is censored, also if it waited in the queue until then. Ages count
+    /// from taking the message in. If the policy panics nothing is asked.
+    pub fn set_policy(&mut self, p: u16, policy: Box<dyn Policy + Send>) {
+        if let Some(place) = self.cloud(p) {
+            self.hands.lanes[place].policy = Some(policy);
+        }
+    }
+
+    /// Lets calls to cloud `p` run on until so long after they were due, so that their true ends are
+    /// seen; nothing if there is no such cloud.
+    ///
+    /// They take no place of calls that are waited for. At most as many linger as calls may be under
+    /// way; one more ends the oldest.
+    pub fn set_linger(&mut self, p: u16, linger: Duration) {
+        if let Some(place) = self.cloud(p) {
+            self.hands.lanes[place].linger = nanos(linger);
+        }
+    }
+
+    /// Gives results that came too late back as [hints](Effect::Hint), if they are of the last 1024
+    /// messages.
+    pub fn take_hints(&mut self) {
+        self.hands.stories.remember();
+    }
+
+    /// Tells policies of the vehicle, for messages from now on. Until then nothing is known.
+    pub const fn set_situation(&mut self, situation: Situation<'static>) {
+        self.situation = situation;
     }
 
     /// Records everything from here on; to be called before the first input, once for each file.
@@ -114,7 +112,8 @@ impl<V, R> Engine<V, R> {
     /// # Errors
     /// If the system has no thread left.
     pub fn record(&mut self, sink: impl Into<Sink>) -> io::Result<()> {
-        self.tapes.push(Tape::new(sink.into(), Arc::clone(&self.counts))?);
+        let counts = Arc::clone(&self.hands.counts);
+        self.hands.tapes.push(Tape::new(sink.into(), counts)?);
         Ok(())
     }
 
@@ -131,57 +130,109 @@ impl<V, R> Engine<V, R> {
         job: R,
         offers: impl IntoIterator<Item = Offer<R>>,
     ) -> bool {
+        self.begin(at);
         let deadline = deadline.map(nanos);
-        self.apply(Input::Open { at, t, deadline }, Cargo::Nothing);
-        if self.decisions.iter().any(|decision| matches!(decision, Decision::RefuseOpen { .. })) {
-            self.send(at);
+        let Self { arbiter, hands, .. } = self;
+        let opening = arbiter.open(at, t, deadline, |at, firing| hands.fired(at, firing));
+        let now = arbiter.now();
+        hands.record::<CLOUDS>(&Input::Open { at, t, deadline }, now, &Answer::Open { t, opening });
+        if let Opening::Refused(why) = opening {
+            hands.refuse(now, t, why);
+            hands.send(now);
             return false;
         }
-        self.counts.message();
-        self.counts.source(LOCAL, Event::Admitted);
-        self.open.insert(t, Story { opened: at, held: Vec::new(), failures: Vec::new() });
-        let lost_after = deadline.filter(|_| self.local.lossy);
-        let lane = &mut self.lanes[LOCAL];
-        lane.push(Waiting { t, asked: at, due: None, lost_after, request: job });
-        self.send(at);
+        hands.counts.message();
+        hands.counts.source(LOCAL, Event::Admitted);
+        hands.stories.open(t, now);
+        let lost_after = deadline.filter(|_| hands.local.lossy);
+        hands.lanes[LOCAL].push(Waiting { t, asked: now, due: None, lost_after, request: job });
+        hands.send(now);
         for Offer { priority, deadline, request } in offers {
             self.offer(at, t, priority, deadline, request);
         }
-        if self.lanes[LOCAL].backlog() > self.local.waiting {
+        if self.hands.lanes[LOCAL].backlog() > self.hands.local.waiting {
             self.fail(at, t, 0, &"too many computations wait");
         }
         true
     }
 
     /// F2: a message handler wants `request` sent to cloud `p`.
+    ///
+    /// If the cloud has a policy, that chooses the deadline, at most `deadline`.
     pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
-        let backlog = self.lane(p.into()).map_or(0, |lane| self.lanes[lane].backlog() as u64);
-        let input = Input::Offer { at, t, p: p.into(), deadline: nanos(deadline), backlog };
-        self.apply(input, Cargo::Request(request));
-        self.send(at);
+        self.begin(at);
+        let place = self.hands.place(p);
+        let mut deadline = deadline;
+        if let Some(place) = place.filter(|place| *place != LOCAL) {
+            let Some(chosen) = self.hands.deadline(at, t, place, self.situation, deadline) else {
+                return;
+            };
+            deadline = chosen;
+        }
+        let deadline = nanos(deadline);
+        let backlog = place.map_or(0, |place| self.hands.lanes[place].backlog() as u64);
+        let Self { arbiter, hands, .. } = self;
+        let p = p.into();
+        let admission =
+            arbiter.offer(at, (t, p), deadline, backlog, |at, firing| hands.fired(at, firing));
+        let now = arbiter.now();
+        let input = Input::Offer { at, t, p, deadline, backlog };
+        hands.record::<CLOUDS>(&input, now, &Answer::Offer { t, p, admission });
+        match (admission, place) {
+            (Admission::Refused(why), _) => hands.refuse_offer(t, place, why),
+            // The core admits requests to registered clouds alone.
+            (Admission::Admitted { .. }, None) => {}
+            (Admission::Admitted { due }, Some(place)) => {
+                hands.counts.source(place, Event::Admitted);
+                let due = Some(due.as_nanos());
+                let waiting = Waiting { t, asked: now, due, lost_after: None, request };
+                hands.lanes[place].push(waiting);
+            }
+        }
+        hands.send(now);
     }
 
     /// F3: a source's result came.
     pub fn result(&mut self, at: u64, t: u64, p: u16, value: V) {
-        self.end(at, t, p);
-        self.apply(Input::Result { at, t, p: p.into() }, Cargo::Value(value));
-        self.send(at);
+        self.begin(at);
+        let Self { arbiter, hands, .. } = self;
+        if let Some(place) = hands.place(p) {
+            hands.ended(at, t, place, End::Answered);
+        }
+        let outcome = arbiter.result(at, (t, p.into()), |at, firing| hands.fired(at, firing));
+        let now = arbiter.now();
+        let input = Input::Result { at, t, p: p.into() };
+        hands.record(&input, now, &Answer::Result { t, p: p.into(), outcome });
+        hands.result(now, (t, p), &outcome, value);
+        hands.send(now);
     }
 
     /// F4: a source will send no result; `why` is logged, counted, and told with the message's item.
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
-        let source = self.lane(p.into()).map(|lane| &*self.lanes[lane].source.name);
+        self.begin(at);
+        let Self { arbiter, hands, .. } = self;
+        let place = hands.place(p);
         let why = words(why);
-        warn!(operator = %self.operator, timestamp = t, source, %why, "no result will come");
-        self.end(at, t, p);
-        self.apply(Input::Fail { at, t, p: p.into() }, Cargo::Reason(&why));
-        self.send(at);
+        let source = place.map(|place| hands.name(place));
+        warn!(operator = %hands.operator, timestamp = t, source, %why, "no result will come");
+        if let Some(place) = place {
+            hands.ended(at, t, place, End::Failed);
+        }
+        let outcome = arbiter.fail(at, (t, p.into()), |at, firing| hands.fired(at, firing));
+        let now = arbiter.now();
+        let input = Input::Fail { at, t, p: p.into() };
+        hands.record(&input, now, &Answer::Fail { t, p: p.into(), outcome });
+        hands.failed(now, (t, p), &outcome, &why);
+        hands.send(now);
     }
 
     /// F5: time went by.
     pub fn tick(&mut self, at: u64) {
-        self.apply(Input::Tick { at }, Cargo::Nothing);
-        self.send(at);
+        self.begin(at);
+        let Self { arbiter, hands, .. } = self;
+        arbiter.tick(at, |at, firing| hands.fired(at, firing));
+        hands.record::<CLOUDS>(&Input::Tick { at }, arbiter.now(), &Answer::Tick);
+        hands.send(arbiter.now());
     }
 
     /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine
@@ -191,22 +242,22 @@ impl<V, R> Engine<V, R> {
     /// The first error met while recording; the trace is whole up to there.
     pub fn finish(&mut self) -> io::Result<()> {
         // All are ended, whatever became of the first.
-        let written: Vec<_> = self.tapes.drain(..).map(|mut tape| tape.finish()).collect();
+        let written: Vec<_> = self.hands.tapes.drain(..).map(|mut tape| tape.finish()).collect();
         written.into_iter().collect()
     }
 
     /// The next thing to be done, in the order of the decisions.
     pub fn next_effect(&mut self) -> Option<Effect<V, R>> {
-        self.effects.pop_front()
+        self.hands.effects.pop_front()
     }
 
-    /// The earliest instant at which a timer is due, or a lost computation gives its place to one
-    /// that waits; tick then.
+    /// The earliest instant at which a timer is due, a call has lingered long enough, or a lost
+    /// computation gives its place to one that waits; tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
-        let due = self.arbiter.next_due();
-        let lost = self.lanes[LOCAL].next_lost();
-        due.map_or(lost, |due| Some(lost.map_or(due, |lost| lost.min(due))))
+        let lanes = &self.hands.lanes;
+        let lapses = lanes.iter().filter_map(Lane::next_lapse);
+        self.arbiter.next_due().into_iter().chain(lanes[LOCAL].next_lost()).chain(lapses).min()
     }
 
     /// Whether no message is open.
@@ -218,230 +269,25 @@ impl<V, R> Engine<V, R> {
     /// The counts, as they go on.
     #[must_use]
     pub fn counts(&self) -> Counting {
-        Counting::new(&self.counts)
+        Counting::new(&self.hands.counts)
     }
 
-    /// Lets the core decide, records it, and turns its decisions into effects.
-    fn apply(&mut self, input: Input, mut cargo: Cargo<'_, V, R>) {
-        let at = input.at();
+    /// Time comes before the input that carries it.
+    fn begin(&mut self, at: u64) {
         if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
-            self.counts.meters.timer_lag.record(Duration::from_nanos(at - due));
+            let lag = &self.hands.counts.meters.timer_lag;
+            lag.record(Duration::from_nanos(at - due));
         }
-        let mut decisions = std::mem::take(&mut self.decisions);
-        decisions.clear();
-        let answer = self.arbiter.apply(&input, |at, firing| {
-            decisions_of(at, firing, |decision| decisions.push(decision));
-        });
-        let fired = decisions.len();
-        answer.decisions(self.arbiter.now(), |decision| decisions.push(decision));
-        for tape in &mut self.tapes {
-            tape.record(&input, &decisions);
-        }
-        let (timers, own) = decisions.split_at(fired);
-        for decision in timers {
-            self.act(decision, Trigger::Timer, &mut Cargo::Nothing);
-        }
-        if let (Input::Fail { t, p, .. }, Cargo::Reason(why)) = (input, &cargo)
-            && !matches!(own.first(), Some(Decision::Drop { .. }))
-        {
-            self.failed(t, p, why);
-        }
-        for decision in own {
-            match input {
-                Input::Fail { .. } => self.act(decision, Trigger::Failure, &mut cargo),
-                Input::Open { .. }
-                | Input::Offer { .. }
-                | Input::Result { .. }
-                | Input::Tick { .. } => self.act(decision, Trigger::Arrival, &mut cargo),
-            }
-        }
-        self.decisions = decisions;
+        self.hands.lapse(at);
     }
 
-    /// Does what one decision says; `trigger` is what brought it about.
-    fn act(&mut self, decision: &Decision, trigger: Trigger, cargo: &mut Cargo<'_, V, R>) {
-        let operator = &*self.operator;
-        match *decision {
-            Decision::Timer { t, p, .. } => {
-                debug!(operator, timestamp = t, source = self.name(p), "timer fired");
-                self.count(p, Event::Timer);
-                self.close(t, p);
-            }
-            Decision::RefuseOpen { at, t, why } => {
-                warn!(operator, timestamp = t, %why, "message refused");
-                self.counts.refused(why);
-                self.output(t, at, at, Ending::Refused(why), Vec::new());
-            }
-            Decision::RefuseOffer { t, p, why, .. } => {
-                debug!(operator, timestamp = t, source = self.name(p), %why, "request refused");
-                self.count(p, Event::Refused(why));
-            }
-            Decision::Request { at, t, p, due } => {
-                self.count(p, Event::Admitted);
-                if let (Some(lane), Cargo::Request(request)) = (self.lane(p), cargo.take()) {
-                    let waiting =
-                        Waiting { t, asked: at, due: Some(due), lost_after: None, request };
-                    self.lanes[lane].push(waiting);
-                }
-            }
-            Decision::Hold { at, t, p } => {
-                debug!(operator, timestamp = t, source = self.name(p), "result held");
-                self.count(p, Event::Held);
-                if let (Some(story), Cargo::Value(value)) = (self.open.get_mut(&t), cargo.take()) {
-                    story.held.push(Held { p, arrived: at, value });
-                }
-            }
-            Decision::Drop { t, p, why, .. } => {
-                let source = self.name(p);
-                if trigger == Trigger::Failure {
-                    debug!(operator, timestamp = t, source, %why, "failure dropped");
-                    self.count(p, Event::FailureDropped(why));
-                } else {
-                    debug!(operator, timestamp = t, source, %why, "result dropped");
-                    self.count(p, Event::Dropped(why));
-                }
-            }
-            Decision::Emit { at, t, p } => self.forward(at, t, p, trigger, cargo),
-            Decision::Miss { at, t } => {
-                warn!(operator, timestamp = t, why = trigger.as_str(), "message missed");
-                self.counts.missed();
-                if let Some(story) = self.retire(t) {
-                    self.output(t, story.opened, at, Ending::Missed, story.failures);
-                }
-            }
-            Decision::Cancel { t, p, .. } => {
-                self.count(p, Event::Cancelled);
-                self.close(t, p);
-            }
-        }
-    }
-
-    /// F7: what the core chose is in hand: held, or the result that just came.
-    fn forward(&mut self, at: u64, t: u64, p: u64, trigger: Trigger, cargo: &mut Cargo<'_, V, R>) {
-        let Some(mut story) = self.retire(t) else { return };
-        let held = story.held.iter().position(|held| held.p == p);
-        let (arrived, value) = match (held, cargo.take()) {
-            (Some(place), _) => {
-                let held = story.held.swap_remove(place);
-                (held.arrived, held.value)
-            }
-            (None, Cargo::Value(value)) => {
-                self.count(p, Event::Forwarded);
-                (at, value)
-            }
-            (None, Cargo::Nothing | Cargo::Request(_) | Cargo::Reason(_)) => {
-                debug_assert!(false, "the core forwards only what came");
-                return;
-            }
-        };
-        let Some(lane) = self.lane(p) else { return };
-        self.count(p, Event::Output(trigger));
-        if let Some(meter) = self.counts.meters.sources.get(lane) {
-            meter.output.record(Duration::from_nanos(at.saturating_sub(story.opened)));
-        }
-        let source = self.lanes[lane].source.clone();
-        let arrived = Duration::from_nanos(arrived);
-        let forwarded = Forwarded { value, source, arrived, trigger };
-        self.output(t, story.opened, at, Ending::Forwarded(forwarded), story.failures);
-    }
-
-    /// The message is open no more.
-    fn retire(&mut self, t: u64) -> Option<Story<V>> {
-        if self.local.skip_answered {
-            self.lanes[LOCAL].withdraw(t);
-        }
-        self.open.remove(&t)
-    }
-
-    /// F4: the failure was accepted.
-    fn failed(&mut self, t: u64, p: u64, why: &str) {
-        let Some(lane) = self.lane(p) else { return };
-        self.counts.source(lane, Event::Failed);
-        let why = self.counts.reason(lane, why);
-        if let Some(story) = self.open.get_mut(&t) {
-            story.failures.push(Failure { source: self.lanes[lane].source.clone(), why });
-        }
-    }
-
-    fn output(
-        &mut self,
-        timestamp: u64,
-        opened: u64,
-        decided: u64,
-        ending: Ending<V>,
-        failures: Vec<Failure>,
-    ) {
-        let (opened, decided) = (Duration::from_nanos(opened), Duration::from_nanos(decided));
-        let item = Item { timestamp, opened, decided, ending, failures };
-        self.effects.push_back(Effect::Output(item));
-    }
-
-    /// The request's result is no longer wanted. F7: local is never aborted.
-    fn close(&mut self, t: u64, p: u64) {
-        let Some(lane) = self.lane(p).filter(|lane| *lane != LOCAL) else { return };
-        let lane = &mut self.lanes[lane];
-        if lane.close(t) {
-            let priority = lane.source.priority;
-            self.effects.push_back(Effect::Abort { priority, timestamp: t });
-        }
-    }
-
-    /// A request has ended by itself.
-    fn end(&mut self, at: u64, t: u64, p: u16) {
-        let Some(lane) = self.lane(p.into()) else { return };
-        if let Some(asked) = self.lanes[lane].end(t)
-            && let Some(meter) = self.counts.meters.sources.get(lane)
-        {
-            meter.response.record(Duration::from_nanos(at.saturating_sub(asked)));
-        }
-    }
-
-    /// Starts what waits and has room.
-    fn send(&mut self, now: u64) {
-        while let Some(t) = self.lanes[LOCAL].give_up(now) {
-            warn!(operator = %self.operator, timestamp = t, "no word of the local computation came");
-            self.counts.source(LOCAL, Event::Lost);
-        }
-        for (i, lane) in self.lanes.iter_mut().enumerate() {
-            while let Some(Waiting { t, due, request, .. }) = lane.next(now) {
-                let priority = lane.source.priority;
-                self.effects.push_back(Effect::Start { priority, timestamp: t, due, request });
-            }
-            if let Some(meter) = self.counts.meters.sources.get(i) {
-                meter.backlog.set(count(lane.backlog()));
-                meter.calls.set(count(lane.flying()));
-            }
-        }
-        self.counts.meters.open.set(count(self.open.len()));
-    }
-
-    fn count(&self, p: u64, event: Event) {
-        if let Some(lane) = self.lane(p) {
-            self.counts.source(lane, event);
-        }
-    }
-
-    fn lane(&self, p: u64) -> Option<usize> {
-        self.lanes.iter().position(|lane| u64::from(lane.source.priority) == p)
-    }
-
-    fn name(&self, p: u64) -> Option<&str> {
-        self.lane(p).map(|lane| &*self.lanes[lane].source.name)
-    }
-}
-
-impl<V, R> Cargo<'_, V, R> {
-    fn take(&mut self) -> Self {
-        std::mem::replace(self, Self::Nothing)
+    /// The place of cloud `p`.
+    fn cloud(&self, p: u16) -> Option<usize> {
+        self.hands.place(p).filter(|place| *place != LOCAL)
     }
 }
 
 /// Saturates at 2⁶⁴ − 1 ns, as due instants do (A14).
 fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
-}
-
-/// For gauges; what queues hold is far from 2³².
-fn count(len: usize) -> f64 {
-    u32::try_from(len).unwrap_or(u32::MAX).into()
 }

@@ -1,15 +1,28 @@
 //! The way to one source: what waits to be sent and what is under way.
 
 use std::collections::VecDeque;
+use std::time::Duration;
+
+use fuseline_deadline::Policy;
 
 use crate::item::Source;
+use crate::tally::InForce;
 
 /// One source's outgoing queue and its calls, in the order of admission.
 pub(crate) struct Lane<R> {
     pub(crate) source: Source,
     waiting: VecDeque<Waiting<R>>,
     flying: Vec<Flight>,
+    /// Calls that were closed and run on, so that their true ends are seen; at most `at_once`.
+    lingering: VecDeque<Flight>,
     at_once: usize,
+    /// How long a call may run on past its due instant, in ns.
+    pub(crate) linger: u64,
+    pub(crate) policy: Option<Box<dyn Policy + Send>>,
+    /// That of the latest offer.
+    pub(crate) in_force: Option<InForce>,
+    /// What the gauges show: how many wait, and how many are under way.
+    pub(crate) shown: (usize, usize),
 }
 
 /// A request that was admitted and not yet sent.
@@ -26,15 +39,33 @@ pub(crate) struct Waiting<R> {
 struct Flight {
     t: u64,
     asked: u64,
+    due: Option<u64>,
     /// When it counts as lost.
     lost: Option<u64>,
+}
+
+/// A request that ends unanswered: it is not waited for any longer.
+pub(crate) struct GivenUp {
+    pub(crate) t: u64,
+    pub(crate) asked: u64,
+    /// Whether it is a call that may be aborted; otherwise it was never sent.
+    pub(crate) was_sent: bool,
 }
 
 impl<R> Lane<R> {
     /// An empty lane with at most `at_once` calls under way, at least one.
     pub(crate) fn new(source: Source, at_once: usize) -> Self {
-        let at_once = at_once.max(1);
-        Self { source, waiting: VecDeque::new(), flying: Vec::new(), at_once }
+        Self {
+            source,
+            waiting: VecDeque::new(),
+            flying: Vec::new(),
+            lingering: VecDeque::new(),
+            at_once: at_once.max(1),
+            linger: 0,
+            policy: None,
+            in_force: None,
+            shown: (0, 0),
+        }
     }
 
     pub(crate) fn push(&mut self, waiting: Waiting<R>) {
@@ -48,22 +79,46 @@ impl<R> Lane<R> {
         }
         let next = self.waiting.pop_front()?;
         let lost = next.lost_after.map(|after| now.saturating_add(after));
-        self.flying.push(Flight { t: next.t, asked: next.asked, lost });
+        self.flying.push(Flight { t: next.t, asked: next.asked, due: next.due, lost });
         Some(next)
     }
 
     /// The request has ended by itself, perhaps before it was sent; says when it was asked for.
     pub(crate) fn end(&mut self, t: u64) -> Option<u64> {
-        self.land(t).or_else(|| self.withdraw(t))
+        self.land(t)
+            .map(|flight| flight.asked)
+            .or_else(|| self.unlinger(t))
+            .or_else(|| self.withdraw(t))
     }
 
-    /// The result is no longer wanted. Says whether a call is under way that may be aborted.
-    pub(crate) fn close(&mut self, t: u64) -> bool {
-        let is_flying = self.land(t).is_some();
-        if !is_flying {
-            self.withdraw(t);
+    /// The result is no longer wanted. A call that may linger goes on; says what ends instead, if
+    /// anything does.
+    pub(crate) fn close(&mut self, t: u64) -> Option<GivenUp> {
+        let Some(flight) = self.land(t) else {
+            return self.withdraw(t).map(|asked| GivenUp { t, asked, was_sent: false });
+        };
+        if self.linger == 0 {
+            return Some(flight.given_up());
         }
-        is_flying
+        // A dead cloud must not have ever more of them.
+        let oldest = if self.lingering.len() >= self.at_once {
+            self.lingering.pop_front().map(Flight::given_up)
+        } else {
+            None
+        };
+        self.lingering.push_back(flight);
+        oldest
+    }
+
+    /// Ends a call that has lingered until `now`, if there is one.
+    pub(crate) fn lapse(&mut self, now: u64) -> Option<GivenUp> {
+        let place = self.lingering.iter().position(|flight| self.until(flight) <= now)?;
+        self.lingering.remove(place).map(Flight::given_up)
+    }
+
+    /// When the next call has lingered long enough.
+    pub(crate) fn next_lapse(&self) -> Option<u64> {
+        self.lingering.iter().map(|flight| self.until(flight)).min()
     }
 
     /// Takes back the place of one that is lost by `now`, if there is one; says whose it was.
@@ -87,17 +142,42 @@ impl<R> Lane<R> {
         self.waiting.remove(place).map(|waiting| waiting.asked)
     }
 
-    fn land(&mut self, t: u64) -> Option<u64> {
-        let place = self.flying.iter().position(|flight| flight.t == t)?;
-        Some(self.flying.remove(place).asked)
+    /// How old each unanswered request is at `now`, the oldest first, those that linger included.
+    pub(crate) fn ages(&self, now: u64, ages: &mut Vec<Duration>) {
+        let flying = self.flying.iter().chain(&self.lingering).map(|flight| flight.asked);
+        let asked = flying.chain(self.waiting.iter().map(|waiting| waiting.asked));
+        ages.clear();
+        ages.extend(asked.map(|asked| Duration::from_nanos(now.saturating_sub(asked))));
+        ages.sort_unstable_by(|one, other| other.cmp(one));
     }
 
-    /// F2: the length of the outgoing queue, calls under way not counted.
+    /// D4, F2: the length of the outgoing queue, calls under way not counted.
     pub(crate) fn backlog(&self) -> usize {
         self.waiting.len()
     }
 
+    /// Calls under way, those that linger not counted.
     pub(crate) fn flying(&self) -> usize {
         self.flying.len()
+    }
+
+    fn land(&mut self, t: u64) -> Option<Flight> {
+        let place = self.flying.iter().position(|flight| flight.t == t)?;
+        Some(self.flying.remove(place))
+    }
+
+    fn unlinger(&mut self, t: u64) -> Option<u64> {
+        let place = self.lingering.iter().position(|flight| flight.t == t)?;
+        self.lingering.remove(place).map(|flight| flight.asked)
+    }
+
+    fn until(&self, flight: &Flight) -> u64 {
+        flight.due.unwrap_or(u64::MAX).saturating_add(self.linger)
+    }
+}
+
+impl Flight {
+    const fn given_up(self) -> GivenUp {
+        GivenUp { t: self.t, asked: self.asked, was_sent: true }
     }
 }

@@ -1,20 +1,24 @@
 //! What every adapter shares: the core driven in the words of the trace, the queues to the sources,
 //! recording and counting. An adapter adds its clock, its threads and its network.
 
+mod counts;
 mod effect;
 mod engine;
+mod hands;
 mod item;
 mod lane;
 #[cfg(feature = "mcap")]
 mod mcap;
 mod meter;
 mod reasons;
+mod story;
 mod tally;
 mod tape;
 
-pub use effect::{Effect, Local, Offer};
+pub use effect::{Effect, Hint, Local, Offer};
 pub use engine::Engine;
 pub use fuseline_core::ConfigError;
+pub use fuseline_deadline::{Policy, Situation};
 pub use fuseline_traces::{
     Cloud, Commit, DropReason, Header, OfferRefusal, OpenRefusal, Recorder, Recording,
 };
@@ -22,5 +26,5 @@ pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
 pub use reasons::Reasons;
-pub use tally::{Counting, SourceTally, Tally};
+pub use tally::{Counting, InForce, SourceTally, Tally};
 pub use tape::Sink;

@@ -3,8 +3,9 @@
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use metrics::{Counter, Gauge, Histogram, counter, gauge, histogram};
 
+use crate::counts::Event;
 use crate::item::{Source, Trigger};
-use crate::tally::Event;
+use crate::tally::InForce;
 
 /// An operator's meters.
 pub(crate) struct Meters {
@@ -37,6 +38,9 @@ pub(crate) struct SourceMeters {
     pub(crate) output: Histogram,
     pub(crate) backlog: Gauge,
     pub(crate) calls: Gauge,
+    /// That of the latest offer.
+    pub(crate) deadline: Gauge,
+    deadlines: [Counter; InForce::WHYS.len()],
 }
 
 impl Meters {
@@ -90,7 +94,17 @@ impl SourceMeters {
             output: histogram!("fuseline_output_seconds", &labels),
             backlog: gauge!("fuseline_backlog", &labels),
             calls: gauge!("fuseline_calls", &labels),
+            deadline: gauge!("fuseline_deadline_seconds", &labels),
+            deadlines: InForce::WHYS.map(|why| {
+                let [operator, source] = labels.clone();
+                counter!("fuseline_deadlines_total", &[operator, source, ("why", why.to_owned())])
+            }),
         }
+    }
+
+    /// Counts a deadline that was chosen.
+    pub(crate) fn chosen(&self, chosen: &InForce) {
+        increment(&self.deadlines, chosen.index());
     }
 
     pub(crate) fn count(&self, event: Event) {

@@ -2,17 +2,18 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+use std::time::Duration;
 
+use fuseline_deadline::{Chosen, Reason};
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
-use tracing::error;
 
+use crate::counts::Counts;
 use crate::item::{Source, Trigger};
-use crate::meter::Meters;
 use crate::reasons::Reasons;
 
 /// An operator's counts since its start.
-#[derive(Clone, PartialEq, Eq, Debug, Default)]
+#[derive(Clone, PartialEq, Debug, Default)]
 pub struct Tally {
     /// Messages taken on.
     pub messages: u64,
@@ -27,7 +28,7 @@ pub struct Tally {
 }
 
 /// One source's counts.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub struct SourceTally {
     /// Whose they are.
     pub source: Source,
@@ -55,7 +56,22 @@ pub struct SourceTally {
     pub cancelled: u64,
     /// Bytes that its calls say they sent.
     pub sent_bytes: u64,
+    /// The deadline in force: that of its latest offer. None before the first, and for local.
+    pub in_force: Option<InForce>,
 }
+
+/// A deadline, and why it is that one.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct InForce {
+    /// The deadline.
+    pub deadline: Duration,
+    /// Why, if a policy chose it; none is as it was offered.
+    pub reason: Option<Reason>,
+}
+
+/// One cell for all counts, to be read from anywhere while the operator runs.
+#[derive(Clone)]
+pub struct Counting(Arc<Counts>);
 
 impl Tally {
     /// Messages answered with a result.
@@ -71,134 +87,35 @@ impl SourceTally {
     pub fn forwarded(&self) -> u64 {
         self.outputs.values().sum()
     }
+}
 
-    fn new(source: Source) -> Self {
-        Self {
-            source,
-            admitted: 0,
-            refused: BTreeMap::new(),
-            outputs: BTreeMap::new(),
-            held: 0,
-            dropped: BTreeMap::new(),
-            failed: 0,
-            reasons: Reasons::default(),
-            lost: 0,
-            failures_dropped: BTreeMap::new(),
-            timers: 0,
-            cancelled: 0,
-            sent_bytes: 0,
+impl InForce {
+    /// Why a deadline can be in force, as [`why`](Self::why) says it.
+    pub const WHYS: [&str; 8] =
+        ["offered", "constant", "local-stops", "cloud-alone", "unsure", "expected", "probe", "cap"];
+
+    /// Why, in a word.
+    #[must_use]
+    pub const fn why(&self) -> &'static str {
+        Self::WHYS[self.index()]
+    }
+
+    /// The word's place.
+    pub(crate) const fn index(&self) -> usize {
+        match self.reason {
+            None => 0,
+            Some(Reason::Constant) => 1,
+            Some(Reason::Guard(case)) => 1 + case.number() as usize,
+            Some(Reason::Expected { .. }) => 5,
+            Some(Reason::Probe) => 6,
+            Some(Reason::Cap) => 7,
         }
     }
 }
 
-/// One cell for all counts, to be read from anywhere while the operator runs.
-#[derive(Clone)]
-pub struct Counting(Arc<Counts>);
-
-/// The tally and the meters of one operator, counted together.
-pub(crate) struct Counts {
-    tally: Mutex<Tally>,
-    pub(crate) meters: Meters,
-}
-
-/// What there is to count about one source.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Event {
-    Admitted,
-    Refused(OfferRefusal),
-    Output(Trigger),
-    /// The result that just came goes at once; its message is counted by `Output`.
-    Forwarded,
-    Held,
-    Dropped(DropReason),
-    Failed,
-    Lost,
-    FailureDropped(DropReason),
-    Timer,
-    Cancelled,
-    Sent {
-        bytes: u64,
-    },
-}
-
-impl Counts {
-    pub(crate) fn new(operator: &str, sources: &[Source]) -> Self {
-        let tally = Tally {
-            sources: sources.iter().cloned().map(SourceTally::new).collect(),
-            ..Tally::default()
-        };
-        Self { tally: Mutex::new(tally), meters: Meters::new(operator, sources) }
-    }
-
-    pub(crate) fn snapshot(&self) -> Tally {
-        self.lock().clone()
-    }
-
-    pub(crate) fn message(&self) {
-        self.lock().messages += 1;
-        self.meters.messages.increment(1);
-    }
-
-    pub(crate) fn refused(&self, why: OpenRefusal) {
-        *self.lock().refused.entry(why).or_default() += 1;
-        self.meters.refused(why);
-    }
-
-    pub(crate) fn missed(&self) {
-        self.lock().missed += 1;
-        self.meters.missed.increment(1);
-    }
-
-    /// Counts what a call to cloud `p` sent.
-    pub(crate) fn sent(&self, p: u16, bytes: u64) {
-        let place = self.lock().sources.iter().position(|tally| tally.source.priority == p);
-        if let Some(index) = place {
-            self.source(index, Event::Sent { bytes });
-        }
-    }
-
-    /// Keeps why the source at `index` sent no result.
-    pub(crate) fn reason(&self, index: usize, why: &str) -> Arc<str> {
-        match self.lock().sources.get_mut(index) {
-            Some(tally) => tally.reasons.count(why),
-            None => why.into(),
-        }
-    }
-
-    /// Tells that a recording ends here.
-    pub(crate) fn unrecorded(&self, why: &str) {
-        error!(why, "the recording ends here; the operator goes on");
-        self.lock().unrecorded.get_or_insert_with(|| why.into());
-    }
-
-    /// Counts an event of the source at `index`; local has 0.
-    pub(crate) fn source(&self, index: usize, event: Event) {
-        if let Some(tally) = self.lock().sources.get_mut(index) {
-            match event {
-                Event::Admitted => tally.admitted += 1,
-                Event::Refused(why) => *tally.refused.entry(why).or_default() += 1,
-                Event::Output(trigger) => *tally.outputs.entry(trigger).or_default() += 1,
-                Event::Forwarded => {}
-                Event::Held => tally.held += 1,
-                Event::Dropped(why) => *tally.dropped.entry(why).or_default() += 1,
-                Event::Failed => tally.failed += 1,
-                Event::Lost => tally.lost += 1,
-                Event::FailureDropped(why) => {
-                    *tally.failures_dropped.entry(why).or_default() += 1;
-                }
-                Event::Timer => tally.timers += 1,
-                Event::Cancelled => tally.cancelled += 1,
-                Event::Sent { bytes } => tally.sent_bytes += bytes,
-            }
-        }
-        if let Some(meter) = self.meters.sources.get(index) {
-            meter.count(event);
-        }
-    }
-
-    /// Counting never panics midway, so what a poisoned lock holds is whole.
-    fn lock(&self) -> MutexGuard<'_, Tally> {
-        self.tally.lock().unwrap_or_else(PoisonError::into_inner)
+impl From<Chosen> for InForce {
+    fn from(Chosen { deadline, reason }: Chosen) -> Self {
+        Self { deadline, reason: Some(reason) }
     }
 }
 
@@ -216,7 +133,7 @@ impl Counting {
     /// The counts so far.
     #[must_use]
     pub fn tally(&self) -> Tally {
-        self.0.snapshot()
+        self.0.tally()
     }
 
     /// Counts bytes that a call to cloud `p` sends; nothing if there is no such cloud.

@@ -1,4 +1,4 @@
-//! The way from the operator to its recorder, which writes files and may wait for the disk.
+//! The way from the operator to its recorder, which writes files and may wait for the disk (D10 whole trace).
 
 use std::io;
 use std::mem;
@@ -11,9 +11,9 @@ use std::{fs::File, io::BufWriter};
 
 use fuseline_traces::{Decision, Event, Input, Recorder};
 
+use crate::counts::Counts;
 #[cfg(feature = "mcap")]
 use crate::mcap::Mcap;
-use crate::tally::Counts;
 
 /// How long a line waits at most before it is written.
 const PERIOD: Duration = Duration::from_millis(500);

@@ -6,8 +6,8 @@ use std::io::BufReader;
 use std::time::Duration;
 
 use fuseline_operator::{
-    Cloud, Commit, DropReason, Effect, Ending, Engine, Header, Item, Local, Offer, OfferRefusal,
-    Recorder, Recording, Trigger,
+    Cloud, Commit, DropReason, Effect, Ending, Engine, Header, Hint, Item, Local, Offer,
+    OfferRefusal, Recorder, Recording, Trigger,
 };
 use fuseline_traces::judge;
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
@@ -35,10 +35,13 @@ fn effects(engine: &mut Tested) -> Vec<String> {
 
 fn words(effect: &Effect<&'static str, u64>) -> String {
     match effect {
-        Effect::Start { priority, timestamp, due, request } => {
-            format!("start {priority} {timestamp} due {due:?} with {request}")
+        Effect::Start { priority, timestamp, until, request } => {
+            format!("start {priority} {timestamp} due {until:?} with {request}")
         }
         Effect::Abort { priority, timestamp } => format!("abort {priority} {timestamp}"),
+        Effect::Hint(Hint { timestamp, source, value, age, why }) => {
+            format!("hint {timestamp} {value} of {source} after {age:?}: {why}")
+        }
         Effect::Output(Item { timestamp, decided, ending, .. }) => {
             let at = decided.as_nanos();
             match ending {
@@ -80,6 +83,7 @@ fn a_better_result_aborts_what_it_outranks_and_a_late_word_of_it_changes_nothing
     assert_eq!(tally.sources[1].outputs, BTreeMap::from([(Trigger::Arrival, 1)]));
 }
 
+/// D2.
 #[test]
 fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_result() {
     let mut engine = engine();
@@ -97,6 +101,7 @@ fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_r
     );
 }
 
+/// D4.
 #[test]
 fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
     let mut engine = engine();
@@ -115,6 +120,7 @@ fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
     );
 }
 
+/// D4.
 #[test]
 fn the_gate_sees_the_true_length_of_the_queue() {
     let mut engine = engine();
@@ -156,6 +162,7 @@ fn local_beyond_its_queue_is_told_and_answered_by_a_cloud() {
     assert_eq!(effects(&mut engine), ["7: 3 refused order"]);
 }
 
+/// D11.
 #[test]
 fn meters_say_what_the_tally_says() {
     let recorder = DebuggingRecorder::new();
@@ -188,6 +195,8 @@ fn meters_say_what_the_tally_says() {
         }
     }
     let expected = [
+        ("deadlines_total tested east offered", "1"),
+        ("deadlines_total tested west offered", "1"),
         ("failures_total tested east accepted", "1"),
         ("failures_total tested local accepted", "1"),
         ("failures_total tested local superseded", "1"),
@@ -267,11 +276,12 @@ fn over_topics() -> Tested {
 fn started(engine: &mut Tested) -> Vec<u64> {
     let starts = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
         Effect::Start { priority: 0, timestamp, .. } => Some(timestamp),
-        Effect::Start { .. } | Effect::Abort { .. } | Effect::Output(_) => None,
+        Effect::Start { .. } | Effect::Abort { .. } | Effect::Output(_) | Effect::Hint(_) => None,
     });
     starts.collect()
 }
 
+/// D13.
 #[test]
 fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_was_answered() {
     let mut engine = over_topics();
@@ -357,7 +367,7 @@ fn why_sources_failed_is_told_with_the_item_and_counted_by_its_words() {
     }
     let mut items = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
         Effect::Output(item) => Some(item),
-        Effect::Start { .. } | Effect::Abort { .. } => None,
+        Effect::Start { .. } | Effect::Abort { .. } | Effect::Hint(_) => None,
     });
     let item = items.nth(1).unwrap();
     let why: Vec<_> = item.failures.iter().map(|f| (f.source.priority, f.why.len())).collect();
@@ -430,9 +440,9 @@ proptest! {
             while let Some(effect) = engine.next_effect() {
                 match effect {
                     Effect::Output(item) => prop_assert!(answered.insert(item.timestamp)),
-                    Effect::Start { priority, timestamp, due, request } => {
+                    Effect::Start { priority, timestamp, until, request } => {
                         prop_assert_eq!(request, timestamp);
-                        prop_assert!(due.is_none_or(|due| due > now));
+                        prop_assert!(until.is_none_or(|until| until > now));
                         prop_assert!(flying.insert((priority, timestamp)));
                         let calls = flying.iter().filter(|(p, _)| *p == priority).count();
                         let lost = if priority > 0 { 0 } else { lost(&engine) };
@@ -442,6 +452,7 @@ proptest! {
                         prop_assert!(priority > 0);
                         prop_assert!(flying.remove(&(priority, timestamp)));
                     }
+                    Effect::Hint(hint) => prop_assert!(false, "nobody takes {hint:?}"),
                 }
             }
         }

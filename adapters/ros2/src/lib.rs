@@ -2,6 +2,7 @@
 
 pub mod arguments;
 mod dds;
+mod error;
 mod fusion;
 pub mod key;
 pub mod names;
@@ -18,8 +19,9 @@ mod stop;
 mod voice;
 
 pub use arguments::Arguments;
+pub use error::NodeError;
 pub use fuseline_operator::{Commit, Tally};
-pub use node::{NodeError, run};
+pub use node::run;
 pub use raw::Payload;
 pub use rosout::{Lines, Rosout};
 pub use settings::Settings;

@@ -1,6 +1,6 @@
 //! The node: what it opens, and its end.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::SystemTime;
 
@@ -9,59 +9,23 @@ use fuseline_operator::{
 };
 use fuseline_tokio::drive::{Driver, finish};
 use rustdds::dds::CreateError;
-use thiserror::Error;
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::Payload;
 use crate::dds::Domain;
+use crate::error::NodeError;
 use crate::fusion::{Fusion, Heard, Memory, Sample};
 use crate::report::Reporter;
 use crate::rosout::Lines;
 use crate::settings::{self, Role, Settings};
-use crate::source::{GrpcError, Source, Strays, Way, call};
+use crate::source::{Source, Strays, Way, call};
 use crate::stop::Stop;
 use crate::voice::Voice;
 
 /// How many results may wait for the node at once; more stay in the readers, the oldest drop out.
 const RESULTS: usize = 64;
-
-/// Why a node does not run, or did not end well.
-#[derive(Debug, Error)]
-pub enum NodeError {
-    /// What its parameters make is no machine.
-    #[error("the parameters are refused: {0}")]
-    Config(#[from] ConfigError),
-    /// A file of a recording cannot be made.
-    #[error("{path} cannot be written: {error}", path = path.display())]
-    Recording {
-        /// The file.
-        path: PathBuf,
-        /// Why not.
-        error: std::io::Error,
-    },
-    /// A cloud's server cannot be called.
-    #[error("the cloud {cloud}: {error}")]
-    Grpc {
-        /// The cloud's name.
-        cloud: String,
-        /// Why not.
-        error: GrpcError,
-    },
-    /// DDS refuses an end of a topic, or the domain.
-    #[error("DDS: {0}")]
-    Dds(#[from] CreateError),
-    /// ROS refuses the node or an end of a topic.
-    #[error("ROS: {0}")]
-    Ros(String),
-    /// The system refuses what every program has.
-    #[error("the system refuses: {0}")]
-    System(std::io::Error),
-    /// The run was not recorded whole.
-    #[error("the trace is not whole: {0}")]
-    Trace(std::io::Error),
-}
 
 /// Runs the node until told to stop; answers its counts. What is in `lines`, if anything, goes to
 /// `/rosout`.

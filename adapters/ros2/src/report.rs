@@ -1,4 +1,4 @@
-//! What the node says of itself: `/diagnostics` once a period, and a status for each message.
+//! What the node says of itself: `/diagnostics` once a period, and a status for each message (D15 told).
 
 use std::time::Duration;
 

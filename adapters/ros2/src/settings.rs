@@ -3,8 +3,10 @@
 mod change;
 mod clouds;
 mod error;
+mod nearest;
 mod qos;
 mod reader;
+mod seconds;
 mod table;
 
 use std::path::PathBuf;
@@ -16,11 +18,12 @@ use crate::arguments::{Arguments, Level};
 use crate::key::{Key, Kind, has_header};
 use crate::names::{NodeName, check_type};
 use crate::parameters::{Given, Place, Value, given};
-pub use crate::settings::change::{Change, ChangeError, seconds};
+pub use crate::settings::change::{Change, ChangeError};
 pub use crate::settings::error::SettingsError;
 pub use crate::settings::qos::{Qos, Role, Topic};
 pub use crate::settings::reader::Parameter;
 use crate::settings::reader::{Placed, Reader};
+pub use crate::settings::seconds::seconds;
 
 /// Names of types that are always the same.
 const FLOAT64: &str = "std_msgs/msg/Float64";
@@ -207,7 +210,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         Value::Double(0.0),
         "How long no input may come until diagnostics tell it, in seconds; 0 for ten usual gaps",
         "seconds, at most 1e9, or 0 for ten usual gaps between inputs",
-        change::own_seconds,
+        seconds::own_seconds,
     )?;
     let output = stream(r, "output", Role::Publisher)?;
     let window = r.integer("window", 1..=1024, 16, "How many messages may be open at once")?.value;
@@ -244,7 +247,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         domain: domain.value,
         localhost_only,
         input,
-        silence: change::none_if_zero(silence.value),
+        silence: seconds::none_if_zero(silence.value),
         output,
         window,
         commit: commit.value,

@@ -13,7 +13,7 @@ use tokio::task::JoinSet;
 use tracing::{debug, error};
 
 use crate::dds::Domain;
-use crate::node::NodeError;
+use crate::error::NodeError;
 use crate::parameters::Value;
 use crate::report::{self, DiagnosticArray, DiagnosticStatus, Time};
 use crate::rosout::Lines;

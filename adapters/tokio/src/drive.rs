@@ -4,16 +4,16 @@
 //! A [`Transport`] says what differs: where messages come from, where requests and outputs go, and
 //! what else is to be seen to. What is decided once, for all of them:
 //!
-//! - **Turns.** What comes from calls, what comes from the transport and the timer take turns
+//! - **Turns** (D9 served in time). What comes from calls, what comes from the transport and the timer take turns
 //!   whenever several are ready, so that a flood of one keeps no other from its turn. Which is taken
 //!   first changes no decision about time: the core expires what is due before anything else (A2).
 //!   The order of turns is fixed, so that a run on a paused clock can be repeated.
 //! - **The timer** is set to the nearest due instant and never moved further away: it may find
 //!   nothing due, which is cheaper than to move it with each message. It is set again after each
 //!   time that it went off, also where the system's clock ends before the due instant.
-//! - **Calls** run in tasks of their own, since what they do may take long, and are aborted when
-//!   they are no longer wanted, and all of them when the loop ends or is dropped. Local's
-//!   computations never are (F7).
+//! - **Calls** (D6 aborted) run in tasks of their own, since what they do may take long, and are aborted when
+//!   they are no longer wanted, or when they have lingered long enough after that, and all of them
+//!   when the loop ends or is dropped. Local's computations never are (F7).
 //! - **Panics** of a call or a computation are failures (F4).
 //! - **What could not be sent** fails once the message was offered to every cloud (A30).
 
@@ -25,7 +25,7 @@ use std::pin::{Pin, pin};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Effect, Engine, Item, Offer};
+use fuseline_operator::{Effect, Engine, Hint, Item, Offer, Situation};
 use futures_util::future::BoxFuture;
 use tokio::sync::mpsc;
 use tokio::task::AbortHandle;
@@ -52,7 +52,7 @@ pub trait Transport {
         context: &mut Context<'_>,
     ) -> Poll<Incoming<Self::Message, Self::Value>>;
 
-    /// Local's job for a message and its limit, if it has one.
+    /// Local's job for a message and its deadline, if it has one.
     fn job(&mut self, message: &Self::Message) -> (Self::Request, Option<Duration>);
 
     /// What is offered to clouds for a message that was taken on.
@@ -62,11 +62,23 @@ pub trait Transport {
         message: &Self::Message,
     ) -> impl Iterator<Item = Offer<Self::Request>>;
 
+    /// What policies are told of the vehicle with this message; none is what they were told before.
+    fn situation(&mut self, timestamp: u64, message: &Self::Message) -> Option<Situation<'static>> {
+        let _ = (timestamp, message);
+        None
+    }
+
     /// Sends a request to a source.
     fn send(&mut self, start: Start<Self::Request>) -> Sent<Self::Value>;
 
     /// What became of a message goes out.
     fn output(&mut self, item: Item<Self::Value>);
+
+    /// A result came too late for its message. There are such only if the engine
+    /// [takes them](Engine::take_hints).
+    fn hint(&mut self, hint: Hint<Self::Value>) {
+        drop(hint);
+    }
 
     /// Whether all outputs are on their way; until then the driver does not end by itself.
     fn is_delivered(&self) -> bool {
@@ -110,7 +122,7 @@ pub struct Start<R> {
     pub priority: u16,
     /// For which message.
     pub timestamp: u64,
-    /// How much time is left; local has any.
+    /// D5: how much time is left, that to linger included; local has any.
     pub left: Duration,
     /// What was offered.
     pub request: R,
@@ -253,6 +265,9 @@ impl<T: Transport> Driver<T> {
     fn message(&mut self, timestamp: u64, message: &T::Message) {
         // One instant for all of it: deadlines count from the message, and equal ones end together.
         let now = self.now();
+        if let Some(situation) = self.transport.situation(timestamp, message) {
+            self.engine.set_situation(situation);
+        }
         let (job, limit) = self.transport.job(message);
         let offers = self.transport.offers(timestamp, message);
         self.engine.open(now, timestamp, limit, job, offers);
@@ -274,8 +289,8 @@ impl<T: Transport> Driver<T> {
             while let Some(effect) = self.engine.next_effect() {
                 match effect {
                     Effect::Output(item) => self.transport.output(item),
-                    Effect::Start { priority, timestamp, due, request } => {
-                        let left = due.map_or(u64::MAX, |due| due.saturating_sub(self.now()));
+                    Effect::Start { priority, timestamp, until, request } => {
+                        let left = until.map_or(u64::MAX, |until| until.saturating_sub(self.now()));
                         let left = Duration::from_nanos(left);
                         self.send(Start { priority, timestamp, left, request });
                     }
@@ -284,6 +299,7 @@ impl<T: Transport> Driver<T> {
                             call.abort();
                         }
                     }
+                    Effect::Hint(hint) => self.transport.hint(hint),
                 }
             }
             if self.unsent.is_empty() {

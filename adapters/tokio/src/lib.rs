@@ -13,9 +13,10 @@ mod setup;
 mod stream;
 mod words;
 
+pub use fuseline_deadline as deadline;
 pub use fuseline_operator::{
-    Commit, ConfigError, DropReason, Ending, Failure, Forwarded, Item, OfferRefusal, OpenRefusal,
-    Reasons, Recording, Source, SourceTally, Tally, Trigger,
+    Commit, ConfigError, DropReason, Ending, Failure, Forwarded, Hint, InForce, Item, OfferRefusal,
+    OpenRefusal, Reasons, Recording, Source, SourceTally, Tally, Trigger,
 };
 pub use local::Local;
 pub use operator::{Config, Items, JoinError, Operator, Running, SpawnError, Trace, spawn};

@@ -145,6 +145,12 @@ pub fn spawn<P: Operator>(
         lossy: false,
     };
     let mut engine = Engine::new(&header, &calls, bounds)?;
+    for Registered { priority, cloud, .. } in &mut setup.clouds {
+        engine.set_linger(*priority, cloud.linger);
+        if let Some(policy) = cloud.policy.take() {
+            engine.set_policy(*priority, policy);
+        }
+    }
     let workers = Workers::start(local.kind).map_err(SpawnError::Threads)?;
     if let Some(Trace { path, recording }) = config.trace {
         Recorder::create(&path, &header, recording)
@@ -157,6 +163,7 @@ pub fn spawn<P: Operator>(
     let streams = Streams {
         input,
         clouds: setup.clouds,
+        situation: setup.situation,
         workers,
         deadline: local.deadline,
         output: Outbox::new(writer),

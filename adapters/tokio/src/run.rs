@@ -1,25 +1,29 @@
 //! An operator on streams: its transport.
 
 use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Counting, Item, Offer};
+use fuseline_operator::{Counting, Item, Offer, Situation};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use tokio::sync::mpsc;
+use tracing::error;
 
 use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::local::Workers;
-use crate::setup::{Call, Registered, Request};
+use crate::panics::reason;
+use crate::setup::{Assess, Call, Registered, Request};
 use crate::stream::{Reader, WriteError, Writer};
 
 /// What an operator reads, asks and writes.
 pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<Registered<I, O>>,
+    pub(crate) situation: Option<Assess<I>>,
     pub(crate) workers: Workers<I, O>,
     /// Local's.
     pub(crate) deadline: Option<Duration>,
@@ -84,6 +88,16 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
             let request = Work::Call(request);
             Some(Offer { priority: cloud.priority, deadline, request })
         })
+    }
+
+    fn situation(&mut self, timestamp: u64, message: &Arc<I>) -> Option<Situation<'static>> {
+        let assess = self.situation.as_mut()?;
+        let assessed = catch_unwind(AssertUnwindSafe(|| assess(message, timestamp)));
+        Some(assessed.unwrap_or_else(|panic| {
+            let why = reason(&*panic);
+            error!(timestamp, why, "the situation's handler panicked: nothing is known");
+            Situation::at(f64::NAN)
+        }))
     }
 
     fn send(&mut self, start: Start<Work<I, O>>) -> Sent<O> {

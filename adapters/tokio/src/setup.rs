@@ -1,9 +1,11 @@
 //! What an operator's `setup` says about its clouds.
 
+use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 
+use fuseline_deadline::{Policy, Situation};
 use fuseline_operator::Counting;
 use futures_util::future::BoxFuture;
 use tracing::error;
@@ -14,10 +16,10 @@ use crate::panics::reason;
 /// Takes an operator's clouds, in any number up to 15.
 pub struct Setup<I, O> {
     pub(crate) clouds: Vec<Registered<I, O>>,
+    pub(crate) situation: Option<Assess<I>>,
 }
 
-/// A cloud's queue and bounds, with defaults.
-#[derive(Clone, PartialEq, Eq, Debug)]
+/// A cloud's queue, bounds and deadlines, with defaults.
 pub struct Cloud {
     /// For people, traces and metrics; `cloud-` and the priority by default.
     pub name: String,
@@ -27,6 +29,16 @@ pub struct Cloud {
     pub resume: u64,
     /// How many calls may be under way; at least 1, 8 by default. Only what is beyond waits.
     pub calls: usize,
+    /// Chooses how long each request may take, up to what the message handler says, and is told how
+    /// each ended; none by default, so that it is what the message handler says.
+    ///
+    /// It is asked in the operator's task and must not block. One that panics asks nothing.
+    pub policy: Option<Box<dyn Policy + Send>>,
+    /// How long a call may run on after it was due, so that `policy` learns how long it really
+    /// takes; not at all by default. What comes then is dropped all the same (F3).
+    ///
+    /// As many may linger as `calls` says, besides those; one more ends the oldest.
+    pub linger: Duration,
 }
 
 /// One call to a cloud, as its handle sees it.
@@ -34,7 +46,7 @@ pub struct Cloud {
 pub struct Call {
     /// The message's timestamp.
     pub timestamp: u64,
-    /// How much time is left, what was spent in the queue taken off.
+    /// How much time is left, what was spent in the queue taken off, the time to linger added.
     pub deadline: Duration,
     priority: u16,
     counting: Counting,
@@ -47,6 +59,8 @@ pub(crate) struct Registered<I, O> {
     pub(crate) offer: Offer<I, O>,
 }
 
+/// What policies are to know of the vehicle.
+pub(crate) type Assess<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
 /// The message handler: what to send, if anything, and how long the cloud may take.
 pub(crate) type Offer<I, O> = Box<dyn FnMut(&I, u64) -> Option<(Request<O>, Duration)> + Send>;
 /// A request that knows its handle and its response handler.
@@ -54,7 +68,7 @@ pub(crate) type Request<O> = Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O
 
 impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
-        Self { clouds: Vec::new() }
+        Self { clouds: Vec::new(), situation: None }
     }
 
     /// Registers a cloud; what it answers can be given a name and bounds.
@@ -90,10 +104,29 @@ impl<I, O: Send + 'static> Setup<I, O> {
             });
             Some((request, deadline))
         };
-        let cloud = Cloud { name: format!("cloud-{priority}"), limit: 31, resume: 0, calls: 8 };
+        let cloud = Cloud {
+            name: format!("cloud-{priority}"),
+            limit: 31,
+            resume: 0,
+            calls: 8,
+            policy: None,
+            linger: Duration::ZERO,
+        };
         self.clouds.push(Registered { priority, cloud, offer: Box::new(offer) });
         let last = self.clouds.len() - 1;
         &mut self.clouds[last].cloud
+    }
+
+    /// Says what the clouds' policies are told of the vehicle, with each message that was taken in: its
+    /// speed above all. Without it they know nothing, and the guard risks nothing.
+    ///
+    /// It is called in the operator's task and must not block. After a panic nothing is known.
+    pub fn use_situation(
+        &mut self,
+        situation: impl FnMut(&I, u64) -> Situation<'static> + Send + 'static,
+    ) -> &mut Self {
+        self.situation = Some(Box::new(situation));
+        self
     }
 }
 
@@ -107,6 +140,20 @@ impl<I, O> Registered<I, O> {
                 None
             },
         )
+    }
+}
+
+impl fmt::Debug for Cloud {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, limit, resume, calls, policy, linger } = self;
+        f.debug_struct("Cloud")
+            .field("name", name)
+            .field("limit", limit)
+            .field("resume", resume)
+            .field("calls", calls)
+            .field("policy", &policy.as_ref().map(|_| "…"))
+            .field("linger", linger)
+            .finish()
     }
 }
 

@@ -13,7 +13,7 @@ use serde::de::IgnoredAny;
 use crate::convert::recorded::{ConvertError, Recorded};
 use crate::fault::Fault;
 
-/// No record of a channel of lines is longer, in bytes.
+/// The longest record of a channel of lines, in bytes.
 const RECORD: usize = 256 << 20;
 
 /// An MCAP file that is being read.
@@ -25,7 +25,7 @@ pub(crate) struct Messages<'a, R> {
     channels: BTreeSet<u16>,
     /// How many messages of the topic were read.
     number: u64,
-    /// The first event, where the header was looked for.
+    /// The first event, if it came where a header was expected.
     first: Option<Event>,
 }
 

@@ -1,4 +1,4 @@
-//! `fuseline convert`: what others record, as a trace.
+//! `fuseline convert`: makes a trace of what other tools recorded.
 
 mod csv;
 mod mcap;
@@ -30,10 +30,10 @@ Examples:
   fuseline convert --header header.jsonl --event response=result,send=request events.csv
   fuseline convert drive.mcap | fuseline check --observed --tolerance 2ms --lateness 5ms")]
 pub(crate) struct Args {
-    /// What was recorded; - is standard input.
+    /// The file to convert; - is standard input.
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The format; without it the file's name tells it.
+    /// The format; by default the file's name decides.
     #[arg(long, value_name = "FORMAT")]
     from: Option<Format>,
     /// A file whose first line is the trace's header.
@@ -65,7 +65,7 @@ pub(crate) enum Format {
     Mcap,
 }
 
-/// Converts a file; nothing is written to a named output before all is read.
+/// Converts a file; a named output is written only once all of the input was read.
 pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let name = args.file.display().to_string();
     let format = args.from.or_else(|| format_of(&args.file));

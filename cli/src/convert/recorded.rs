@@ -1,13 +1,13 @@
-//! What the readers of recordings share: what they are asked, and what can be wrong.
+//! What the readers of recordings have in common: their interface and their errors.
 
 use fuseline_traces::{Event, Header};
 use thiserror::Error;
 
 use crate::fault::Fault;
 
-/// What is read: perhaps a header, then events.
+/// A recording being read: a header, if it has one, then events.
 pub(super) trait Recorded {
-    /// The header that it has itself.
+    /// The recording's own header, if it has one.
     fn header(&mut self) -> Result<Option<Header>, Fault>;
     /// The next event; none at the end.
     fn next_event(&mut self) -> Result<Option<Event>, Fault>;

@@ -16,7 +16,7 @@ use crate::input::open;
 #[derive(Clone, Debug)]
 pub(super) struct Case {
     pub(super) id: String,
-    /// What names it on a command line.
+    /// Its name on a command line.
     pub(super) name: String,
     pub(super) run: Run,
 }
@@ -29,7 +29,7 @@ pub(super) struct Suite {
 }
 
 impl Suite {
-    /// The corpus, and so many generated runs.
+    /// The corpus, and this many generated runs.
     pub(super) fn whole(generator: Generator, generated: u64) -> Result<Self, Fault> {
         let case = |case: &fuseline_traces::corpus::Example| {
             let run = Run::read(case.name, case.trace.as_bytes())?;
@@ -39,7 +39,7 @@ impl Suite {
         Ok(Self { fixed, generator, generated })
     }
 
-    /// The cases so called: files, cases of the corpus, generated ones.
+    /// The cases with these names: files, cases of the corpus, generated ones.
     pub(super) fn of(names: &[String], generator: Generator) -> Result<Self, Fault> {
         let case = |name: &String| -> Result<Case, Fault> {
             let (id, name) = (name.clone(), name.clone());

@@ -6,7 +6,7 @@ use quick_junit::{
 
 use super::report::{Mark, Report};
 
-/// The report's cases; the generated ones are one, under the name of that which does not pass.
+/// The report's cases; all generated ones count as one, named after the one that failed, if any.
 pub(super) fn xml(report: &Report) -> Result<String, SerializeError> {
     let mut suite = TestSuite::new(report.name.as_str());
     suite.set_time(report.took);

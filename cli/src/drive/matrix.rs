@@ -8,7 +8,7 @@ use indicatif::HumanCount;
 use super::report::{Mark, Report};
 use crate::exit::Exit;
 
-/// So much of the suite's digest is shown, in characters.
+/// How much of the suite's digest is shown, in characters.
 const DIGEST: usize = 16;
 
 /// Where a table is written, and how.

@@ -35,9 +35,9 @@ use crate::output::{self, Output};
 use crate::seconds::seconds;
 use crate::sink::Sink;
 
-/// How often it is told how far it is, where there is no terminal.
+/// How often progress is printed when there is no terminal.
 const TELL: Duration = Duration::from_secs(10);
-/// The most clouds of a generated run, if nothing else is asked for.
+/// The most clouds of a generated run, by default.
 const CLOUDS: u8 = 4;
 
 #[derive(clap::Args)]
@@ -121,7 +121,7 @@ impl From<DriveError> for Fault {
     }
 }
 
-/// Drives the command through all cases and tells what came of it.
+/// Drives the command through all cases and reports the results.
 pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     let commit = match args.commit {
         Rules::Eager => Some(Commit::Eager),
@@ -169,7 +169,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     Ok(report.exit())
 }
 
-/// Where results go; nothing of it is read.
+/// Where results go. None of these files is read.
 struct Outputs {
     junit: Option<Output>,
     matrix: Vec<Output>,
@@ -204,11 +204,11 @@ fn create(path: &Path, source: io::Error) -> Fault {
     Fault::Create { name: path.display().to_string(), source }
 }
 
-/// How much a difference tells, the least most: whether its case is of another rule, and how long
+/// How telling a difference is, the most telling first: whether its case is of another rule, and how long
 /// the trace is.
 type Key = (bool, usize);
 
-/// Whether more is worth driving.
+/// Whether driving more cases makes sense.
 enum Driven {
     All,
     Enough,
@@ -220,7 +220,7 @@ struct Driver<'a> {
     bench: Bench,
     bar: ProgressBar,
     since: Instant,
-    /// When it was last told how far it is, where there is no bar.
+    /// When progress was last printed, if there is no bar.
     told: Instant,
     report: Report,
 }
@@ -280,7 +280,7 @@ impl<'a> Driver<'a> {
 
     /// The fixed cases; `first` becomes the difference that tells most.
     ///
-    /// What does not answer at all is not waited for again and again.
+    /// A command that does not answer at all is not waited for case after case.
     fn fixed(&mut self, first: &mut Option<(Key, Case, Finding)>) -> Result<Driven, Stop> {
         for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
             let Some(finding) = self.run(&case)? else {
@@ -359,7 +359,7 @@ fn is_telling(case: &Case, finding: &Finding) -> bool {
     }
 }
 
-/// Words as a shell takes them.
+/// The words, quoted for a shell.
 fn quoted(words: &[OsString]) -> String {
     let words: Vec<_> = words.iter().map(|word| word.to_string_lossy()).collect();
     let quote = |word: &str| shlex::try_quote(word).map_or_else(|_| word.into(), Into::into);

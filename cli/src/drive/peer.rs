@@ -27,14 +27,14 @@ const ENDING: Duration = Duration::from_millis(500);
 /// How much of a line that cannot be read is shown, in characters.
 const SHOWN: usize = 160;
 
-/// The running command. It and all that it started in its group are gone when this is.
+/// The running command. Dropping this kills it and all that it started in its group.
 pub(super) struct Peer {
     child: Child,
     reaped: bool,
     input: Option<ChildStdin>,
     output: Option<ChildStdout>,
     chunk: Box<[u8]>,
-    /// What was read; the lines before `taken` were looked at.
+    /// What was read; the lines before `taken` have been handled.
     read: Vec<u8>,
     taken: usize,
     wait: Duration,
@@ -49,7 +49,7 @@ pub(super) enum Trouble {
     Misbehaved(Misbehaviour),
 }
 
-/// What a command may not do.
+/// A way to break the protocol.
 #[derive(Debug, Error)]
 pub(super) enum Misbehaviour {
     #[error(
@@ -78,7 +78,7 @@ pub(super) enum Misbehaviour {
 }
 
 impl Misbehaviour {
-    /// Whether each further time would take as long as is waited.
+    /// Whether trying again would only wait as long again.
     pub(super) const fn is_slow(&self) -> bool {
         matches!(self, Self::Silent(_) | Self::Closed)
     }
@@ -94,7 +94,7 @@ struct Done<'a> {
 }
 
 impl Peer {
-    /// Starts the command; it complains where `complaints` go.
+    /// Starts the command; its standard error goes to `complaints`.
     ///
     /// # Errors
     /// If the system cannot start it.
@@ -125,7 +125,7 @@ impl Peer {
         Ok(peer)
     }
 
-    /// Sends a line and takes the decisions up to `done`, at most so many.
+    /// Sends a line and takes the decisions up to `done`, at most this many.
     pub(super) fn ask(
         &mut self,
         line: &[u8],
@@ -148,7 +148,7 @@ impl Peer {
         Ok(())
     }
 
-    /// Sees that nothing came unasked.
+    /// Checks that the command has written nothing that was not asked for.
     pub(super) fn quiet(&mut self) -> Result<(), Trouble> {
         if self.taken == self.read.len() {
             self.read.clear();
@@ -232,7 +232,7 @@ impl Peer {
         }
     }
 
-    /// Waits so long at most; says whether it can be read from or written to.
+    /// Waits at most this long; says whether it can be read from or written to.
     fn pause(&self, flags: PollFlags, most: Duration) -> Result<bool, Trouble> {
         if self.interrupt.came() {
             return Err(Trouble::Interrupted);
@@ -246,7 +246,7 @@ impl Peer {
         Ok(poll(&mut ends, Some(&most)).is_ok_and(|ready| ready > 0))
     }
 
-    /// Reads what is there; 0 is the end, none that there is nothing yet.
+    /// Reads what is there; 0 is the end, `None` means nothing yet.
     fn take(&mut self) -> io::Result<Option<usize>> {
         let Some(output) = &mut self.output else { return Ok(Some(0)) };
         match output.read(&mut self.chunk) {
@@ -316,7 +316,7 @@ impl From<Misbehaviour> for Trouble {
     }
 }
 
-/// Whether it is worth another try.
+/// Whether the call is to be tried again.
 fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }

@@ -1,4 +1,4 @@
-//! What driving a command came to, for people and as JSON.
+//! The report on a driven command, for people and as JSON.
 
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -16,18 +16,18 @@ use super::peer::Misbehaviour;
 use super::shrink::{Finding, What};
 use super::words;
 use crate::exit::Exit;
-use crate::verdict::{BAD, Breach, GOOD};
+use crate::verdict::{AnyViolation, BAD, GOOD};
 
-/// So many failed cases are named.
+/// How many failed cases are named.
 const NAMED: usize = 5;
-/// So many lines of a run are told in words.
+/// How many lines of a run are told in words.
 const LINES: usize = 16;
 /// Lines are told within so many columns.
 const WIDTH: usize = 96;
 /// Where what follows a lead begins.
 const INDENT: &str = "            ";
 
-/// What driving a command came to.
+/// The results of driving a command.
 pub(super) struct Report {
     /// What the implementation is called.
     pub(super) name: String,
@@ -59,7 +59,7 @@ pub(super) enum Mark {
     NotRun,
 }
 
-/// A thing wrong, in its smallest run.
+/// A finding, in its smallest run.
 pub(super) struct Found {
     pub(super) case: String,
     /// How many inputs its case has.
@@ -90,7 +90,7 @@ impl Mark {
 }
 
 impl Found {
-    /// The file, or the case, in which it is told.
+    /// The file or the case that shows it.
     pub(super) fn place(&self) -> String {
         self.saved.as_ref().map_or_else(|| self.case.clone(), |saved| saved.display().to_string())
     }
@@ -120,7 +120,7 @@ impl Found {
                 if let Some(verdict) = self.verdict()
                     && let Some(violation) = verdict.violations.first()
                 {
-                    Breach::from(violation).tell(out, &verdict.file)?;
+                    AnyViolation::from(violation).tell(out, &verdict.file)?;
                     self.tell_story(out, "in words")?;
                     writeln!(out, "{INDENT}  found: {}", words::told(&violation.found))?;
                     writeln!(out, "{INDENT}  expected: {}", words::told(&violation.expected))?;
@@ -177,7 +177,7 @@ impl Report {
         self.fixed.iter().filter(|(_, mark)| counts(*mark)).count()
     }
 
-    /// The things wrong that are not of one kind.
+    /// The findings, one of each kind.
     pub(super) fn told(&self) -> impl Iterator<Item = &Found> {
         let first = self.found.first();
         self.found

@@ -1,4 +1,4 @@
-//! From a run that shows a difference to a smallest one that still shows it.
+//! Shrinks a run that shows a difference to a smallest one that still shows it.
 
 use std::collections::BTreeSet;
 use std::mem::discriminant;
@@ -8,11 +8,11 @@ use fuseline_kit::Run;
 use fuseline_traces::{Cloud, Header, Input, Rule};
 
 use super::peer::Misbehaviour;
-use super::trial::{Bench, Outcome, Stop, Told};
+use super::trial::{Bench, Comparison, Stop, Told};
 
-/// So many runs are tried at most.
+/// The most runs that are tried.
 const TRIES: u32 = 4000;
-/// So long is tried at most.
+/// The longest that the search may take.
 const LONGEST: Duration = Duration::from_secs(20);
 
 /// What a run shows, with what was sent and answered.
@@ -30,15 +30,15 @@ pub(super) enum What {
 
 impl Finding {
     /// What a run shows, if anything.
-    pub(super) fn of(outcome: Outcome) -> Option<Self> {
+    pub(super) fn of(outcome: Comparison) -> Option<Self> {
         match outcome {
-            Outcome::Same => None,
-            Outcome::Differs(told) => {
+            Comparison::Same => None,
+            Comparison::Differs(told) => {
                 let verdict = told.verdict("")?;
                 let rule = verdict.violations.first()?.rule;
                 Some(Self { told, what: What::Breaks(rule) })
             }
-            Outcome::Misbehaves(told, how) => Some(Self { told, what: What::Misbehaves(how) }),
+            Comparison::Misbehaves(told, how) => Some(Self { told, what: What::Misbehaves(how) }),
         }
     }
 
@@ -83,7 +83,7 @@ impl Search<'_> {
         Ok(cost(&self.best.told.run()) < before && !self.is_over())
     }
 
-    /// Takes a run for the best if it is smaller and shows the same.
+    /// Keeps a run as the best so far if it is smaller and shows the same.
     fn attempt(&mut self, run: &Run) -> Result<bool, Stop> {
         let mut taken = BTreeSet::new();
         let is_header = run.header.clouds.iter().all(|cloud| taken.insert(cloud.p));

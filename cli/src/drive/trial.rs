@@ -11,23 +11,23 @@ use fuseline_traces::{Decision, Demands, Event, Header, Input, Reference, Verdic
 use super::peer::{Misbehaviour, Peer, Trouble};
 use crate::interrupt::Interrupt;
 
-/// So many lines more than the rules demand are listened to.
+/// How many lines more than the rules demand are read.
 const MORE: usize = 1000;
 
-/// The command, started when it is first asked and again after it misbehaved.
+/// The command: started when it is first asked, and again after it misbehaved.
 pub(super) struct Bench {
     command: Vec<OsString>,
     wait: Duration,
     interrupt: Interrupt,
     peer: Option<Peer>,
-    /// Whether it misbehaved before: what it complains of is known then.
+    /// Whether it misbehaved before: then its complaints are known already.
     misbehaved: bool,
     /// How many inputs were answered.
     pub(super) inputs: u64,
 }
 
 /// How a run went.
-pub(super) enum Outcome {
+pub(super) enum Comparison {
     /// Every decision is what the rules demand.
     Same,
     /// The trace up to the input whose decisions are not.
@@ -57,20 +57,20 @@ impl Bench {
     }
 
     /// Drives the command through a run, up to the first input whose decisions differ.
-    pub(super) fn try_run(&mut self, run: &Run) -> Result<Outcome, Stop> {
+    pub(super) fn try_run(&mut self, run: &Run) -> Result<Comparison, Stop> {
         let mut told = Told { header: run.header.clone(), events: Vec::new() };
         match self.compare(run, &mut told) {
-            Ok(true) => Ok(Outcome::Same),
-            Ok(false) => Ok(Outcome::Differs(told)),
-            Err(Broken::Stop(stop)) => Err(stop),
-            Err(Broken::Trouble(trouble)) => {
+            Ok(true) => Ok(Comparison::Same),
+            Ok(false) => Ok(Comparison::Differs(told)),
+            Err(Interrupted::Stop(stop)) => Err(stop),
+            Err(Interrupted::Trouble(trouble)) => {
                 // It is started afresh for the next run.
                 self.peer = None;
                 match trouble {
                     Trouble::Interrupted => Err(Stop::Interrupted),
                     Trouble::Misbehaved(how) => {
                         self.misbehaved = true;
-                        Ok(Outcome::Misbehaves(told, how))
+                        Ok(Comparison::Misbehaves(told, how))
                     }
                 }
             }
@@ -86,14 +86,14 @@ impl Bench {
         }
     }
 
-    fn compare(&mut self, run: &Run, told: &mut Told) -> Result<bool, Broken> {
+    fn compare(&mut self, run: &Run, told: &mut Told) -> Result<bool, Interrupted> {
         let peer = match &mut self.peer {
             Some(peer) => peer,
             none => {
                 let complaints = if self.misbehaved { Stdio::null() } else { Stdio::inherit() };
                 let interrupt = self.interrupt.clone();
                 let started = Peer::start(&self.command, complaints, self.wait, interrupt);
-                none.insert(started.map_err(|error| Broken::Stop(Stop::Start(error)))?)
+                none.insert(started.map_err(|error| Interrupted::Stop(Stop::Start(error)))?)
             }
         };
         let (mut line, mut answer, mut demands) = (Vec::new(), Vec::new(), Demands::new());
@@ -164,12 +164,12 @@ impl Told {
 }
 
 /// What ends a run before its end.
-enum Broken {
+enum Interrupted {
     Trouble(Trouble),
     Stop(Stop),
 }
 
-impl From<Trouble> for Broken {
+impl From<Trouble> for Interrupted {
     fn from(trouble: Trouble) -> Self {
         Self::Trouble(trouble)
     }

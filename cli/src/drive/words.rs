@@ -1,4 +1,4 @@
-//! Lines of a trace in words, for who does not know the rules yet.
+//! Lines of a trace in words, for readers who do not know the rules yet.
 
 use fuseline_traces::{Decision, Event, Input, Line, parse};
 

@@ -26,7 +26,7 @@ impl<W: Write + Seek> Writer for Messages<W> {
     }
 }
 
-/// What the file could not take.
+/// Why the file could not be written.
 fn io_error(error: McapError) -> io::Error {
     match error {
         McapError::Io(error) => error,

@@ -1,4 +1,4 @@
-//! `fuseline export`: a trace for the viewers of others.
+//! `fuseline export`: a trace for other tools' viewers.
 
 mod mcap;
 mod perfetto;

@@ -14,13 +14,13 @@ use crate::export::viewer;
 
 /// The process of all tracks.
 const PROCESS: u32 = 1;
-/// The track of what was forwarded or missed; those of sources follow as they are needed.
+/// The track of what was forwarded or missed; tracks of sources are added as they are needed.
 const OUTPUTS: u32 = 1;
 
 /// A file that is being written.
 pub(super) struct Tracks<W> {
     out: W,
-    /// By priority; all that is not registered shares the last one.
+    /// By priority; all sources that are not registered share the last one.
     sources: BTreeMap<Option<u64>, Source>,
     /// The slices that have not ended, by timestamp and priority.
     open: BTreeMap<(u64, u64), Slice>,
@@ -82,7 +82,7 @@ impl<W: Write> Tracks<W> {
         Ok(tracks)
     }
 
-    /// A track of this name below those there are.
+    /// Adds a track of this name below the others.
     fn track(&mut self, number: u32, name: &str) -> io::Result<()> {
         self.told("thread_name", number, "name", name)?;
         self.told("thread_sort_index", number, "sort_index", number)

@@ -29,8 +29,8 @@ fn reckoning(inputs: &[Input]) -> Reckoning {
 
 /// What a source's requests came to, without what is 0.
 fn fates(reckoning: &Reckoning, p: u64) -> Vec<(&'static str, u64)> {
-    let account = reckoning.account();
-    let row = account.rows.iter().find(|row| row.p == p).unwrap();
+    let totals = reckoning.totals();
+    let row = totals.rows.iter().find(|row| row.p == p).unwrap();
     let named = COLUMNS.iter().map(|(word, _)| *word).zip(row.counts);
     named.skip(1).filter(|(_, count)| *count > 0).collect()
 }
@@ -55,6 +55,9 @@ const fn at(ms: u64) -> Arrival {
     Arrival::At(Duration::from_millis(ms))
 }
 
+/// Of a source that was not asked.
+const UNASKED: Arrival = Arrival::Failed(Duration::ZERO);
+
 const fn after(ms: u64) -> Arrival {
     Arrival::After(Duration::from_millis(ms))
 }
@@ -67,7 +70,7 @@ fn the_best_clouds_result_supersedes_the_other_request_and_local() {
     assert_eq!(fates(&told, 0), [("superseded", 1)]);
     assert_eq!(fates(&told, 5), []);
     let messages = told.messages(|_, _, _| None);
-    assert_eq!(messages[0].arrivals, [after(170), at(170), after(170), Arrival::Never]);
+    assert_eq!(messages[0].arrivals, [after(170), at(170), after(170), UNASKED]);
     assert_eq!(messages[0].forwarded.unwrap().response, Duration::from_millis(170));
 }
 
@@ -86,10 +89,7 @@ fn a_held_result_goes_or_is_discarded_and_the_one_timed_out_is_late() {
     assert_eq!(fates(&told, 3), [("forwarded", 1)]);
     assert_eq!(fates(&told, 0), [("discarded", 1)]);
     // What came after the end was seen all the same.
-    assert_eq!(
-        told.messages(|_, _, _| None)[0].arrivals,
-        [at(300), at(900), at(100), Arrival::Never]
-    );
+    assert_eq!(told.messages(|_, _, _| None)[0].arrivals, [at(300), at(900), at(100), UNASKED]);
 }
 
 #[test]
@@ -104,26 +104,27 @@ fn a_failure_after_its_timer_in_the_same_input_is_late_and_no_failure() {
 fn an_accepted_failure_counts() {
     let told = reckoning(&[open(0, 0), offer(0, 0, 7), fail(20, 0, 7), result(30, 0, 0)]);
     assert_eq!(fates(&told, 7), [("failed", 1)]);
-    assert_eq!(told.messages(|_, _, _| None)[0].arrivals[1], Arrival::Never);
+    let failed = Arrival::Failed(Duration::from_millis(20));
+    assert_eq!(told.messages(|_, _, _| None)[0].arrivals[1], failed);
 }
 
 #[test]
 fn refused_offers_and_refused_messages_count_apart() {
     let told = reckoning(&[open(0, 0), open(1, 1), open(2, 2), offer(2, 2, 7), offer(3, 1, 7)]);
-    let Account { messages, refused, open, .. } = told.account();
+    let Totals { messages, refused, open, .. } = told.totals();
     assert_eq!((messages, refused, open), (3, 1, 2));
     assert_eq!(fates(&told, 7), [("open", 1), ("refused", 1)]);
     // Only what ended is weighed, and what was refused nobody got.
     let messages = told.messages(|_, _, _| Some(at(1)));
     assert_eq!(messages.len(), 1);
-    assert_eq!(messages[0].arrivals, [Arrival::Never; 4]);
+    assert_eq!(messages[0].arrivals, [UNASKED; 4]);
 }
 
 #[test]
 fn an_open_that_is_refused_changes_nothing_about_the_one_before() {
     let told = reckoning(&[open(0, 0), open(5, 0), result(10, 0, 0)]);
-    assert_eq!(told.outcome(0), Outcome::Forwarded { p: 0 });
-    let Account { messages, forwarded, refused, response, .. } = told.account();
+    assert_eq!(told.outcome(0), Ending::Forwarded { p: 0 });
+    let Totals { messages, forwarded, refused, response, .. } = told.totals();
     assert_eq!((messages, forwarded, refused), (2, 1, 1));
     assert_eq!(response[0], Some(Quantile::Exactly(Duration::from_millis(10))));
 }
@@ -153,8 +154,8 @@ fn a_second_offer_is_refused_and_no_request() {
 #[test]
 fn a_message_nobody_answers_is_missed() {
     let told = reckoning(&[open(0, 0), fail(5, 0, 0)]);
-    assert_eq!((told.account().missed, told.outcome(0)), (1, Outcome::Missed));
-    assert_eq!(told.account().response, [Some(Quantile::Never); 3]);
+    assert_eq!((told.totals().missed, told.outcome(0)), (1, Ending::Missed));
+    assert_eq!(told.totals().response, [Some(Quantile::Never); 3]);
     assert_eq!(told.messages(|_, _, _| None)[0].forwarded, None);
 }
 
@@ -165,7 +166,7 @@ fn a_plan_stands_in_for_a_call_that_was_ended() {
         assert_eq!((opened, t), (10 * MS, 0));
         (source == 2).then(|| at(220))
     };
-    let expected = [after(170), at(170), at(220), Arrival::Never];
+    let expected = [after(170), at(170), at(220), UNASKED];
     assert_eq!(told.messages(planned)[0].arrivals, expected);
 }
 
@@ -268,23 +269,23 @@ fn run_and_page_tell_what_the_operator_counted() {
         let run = generator.run(number);
         let (tally, trace) = operate(&run);
         let reckoning = reckon(&trace);
-        let account = reckoning.account();
-        assert_eq!(account.missed, tally.missed);
-        assert_eq!(account.forwarded, tally.forwarded());
-        assert_eq!(account.refused, tally.refused.values().sum::<u64>());
-        assert_eq!(account.messages, tally.messages + account.refused);
-        assert_eq!(account.rows.len(), tally.sources.len());
-        for (i, (row, tally)) in account.rows.iter().zip(&tally.sources).enumerate() {
+        let totals = reckoning.totals();
+        assert_eq!(totals.missed, tally.missed);
+        assert_eq!(totals.forwarded, tally.forwarded());
+        assert_eq!(totals.refused, tally.refused.values().sum::<u64>());
+        assert_eq!(totals.messages, tally.messages + totals.refused);
+        assert_eq!(totals.rows.len(), tally.sources.len());
+        for (i, (row, tally)) in totals.rows.iter().zip(&tally.sources).enumerate() {
             assert_eq!(row.p, u64::from(tally.source.priority));
             holds(row, tally, i == 0);
         }
 
-        let table = sources_table(&account, |row| format!("source-{}", row.p)).to_string();
+        let table = sources_table(&totals, |row| format!("source-{}", row.p)).to_string();
         let shown: Vec<&str> = table.lines().filter(|line| line.contains("source-")).collect();
-        assert_eq!(shown.len(), account.rows.len());
+        assert_eq!(shown.len(), totals.rows.len());
         let page = data(&trace);
-        let told = &page["traces"][0]["account"];
-        for (row, line) in account.rows.iter().zip(shown) {
+        let told = &page["traces"][0]["totals"];
+        for (row, line) in totals.rows.iter().zip(shown) {
             let mut counts = row.counts.to_vec();
             if !table.contains(" open ") {
                 assert_eq!(counts.remove(6), 0);
@@ -297,11 +298,11 @@ fn run_and_page_tell_what_the_operator_counted() {
             assert_eq!(&told["counts"], &serde_json::json!(row.counts));
         }
         for (word, count) in [
-            ("messages", account.messages),
-            ("forwarded", account.forwarded),
-            ("missed", account.missed),
-            ("refused", account.refused),
-            ("open", account.open),
+            ("messages", totals.messages),
+            ("forwarded", totals.forwarded),
+            ("missed", totals.missed),
+            ("refused", totals.refused),
+            ("open", totals.open),
         ] {
             assert_eq!(&told[word], &Value::from(count));
         }

@@ -12,9 +12,9 @@ use serde::ser::Serializer;
 
 use crate::judging::Manner;
 use crate::policies::Quantile;
-use crate::reckoning::{Account, Outcome, Reckoning, Row};
+use crate::reckoning::{Ending, Reckoning, Row, Totals};
 use crate::report::reasons;
-use crate::verdict::{Breach, Found};
+use crate::verdict::{AnyViolation, Found};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;
@@ -46,7 +46,7 @@ pub(crate) struct Told {
     lines: u64,
     violations: Vec<Violation>,
     more: u64,
-    account: Sums,
+    totals: Sums,
     /// How long requests had, the commonest first.
     deadlines: Vec<Exact>,
     /// The instant from which `at` counts.
@@ -162,7 +162,7 @@ impl Columns {
         timestamps.dedup();
         let place = |t: u64| timestamps.binary_search(&t).unwrap_or_default();
         let origin = self.events.iter().map(instant).min().unwrap_or_default();
-        let (summary, breaches) = (verdict.summary(), verdict.breaches());
+        let (summary, violations) = (verdict.summary(), verdict.violations());
         let mut told = Told {
             file: summary.file.to_owned(),
             operator: header.operator.clone(),
@@ -173,9 +173,12 @@ impl Columns {
             conforms: summary.conforms,
             judged: summary.judged,
             lines: summary.lines,
-            more: summary.violations - breaches.len() as u64,
-            violations: breaches.iter().map(|breach| Violation::new(breach, place)).collect(),
-            account: self.sums(),
+            more: summary.violations - violations.len() as u64,
+            violations: violations
+                .iter()
+                .map(|violation| Violation::new(violation, place))
+                .collect(),
+            totals: self.sums(),
             deadlines: self.deadlines(),
             origin: Exact(origin),
             timestamps: differences(&timestamps),
@@ -207,8 +210,8 @@ impl Columns {
     }
 
     fn sums(&self) -> Sums {
-        let Account { messages, forwarded, missed, refused, open, response, rows } =
-            self.reckoning.account();
+        let Totals { messages, forwarded, missed, refused, open, response, rows } =
+            self.reckoning.totals();
         let line = |Row { p, counts, response }| {
             let response = response.map(Response::new);
             Line { place: self.place(p), counts, response }
@@ -227,10 +230,10 @@ impl Columns {
 
     fn outcome(&self, t: u64) -> i64 {
         match self.reckoning.outcome(t) {
-            Outcome::Forwarded { p } => i64::try_from(self.place(p)).unwrap_or(i64::MAX),
-            Outcome::Missed => -1,
-            Outcome::Open => -2,
-            Outcome::Unopened => -3,
+            Ending::Forwarded { p } => i64::try_from(self.place(p)).unwrap_or(i64::MAX),
+            Ending::Missed => -1,
+            Ending::Open => -2,
+            Ending::Unopened => -3,
         }
     }
 
@@ -269,8 +272,9 @@ impl Response {
 }
 
 impl Violation {
-    fn new(breach: &Breach<'_>, place: impl Fn(u64) -> usize) -> Self {
-        let Breach { line, t, rule: (rule, sentence), found, expected, late, story: _ } = *breach;
+    fn new(violation: &AnyViolation<'_>, place: impl Fn(u64) -> usize) -> Self {
+        let AnyViolation { line, t, rule: (rule, sentence), found, expected, late, story: _ } =
+            *violation;
         let (found, expected) = (found.to_owned(), expected.to_owned());
         Self { line, t: t.map(place), rule, sentence, found, expected, late }
     }

@@ -135,7 +135,7 @@ mod tests {
 
     use super::*;
 
-    /// What the page of this trace is told.
+    /// The page's data for this trace.
     pub(crate) fn data(trace: &[u8]) -> Value {
         let (told, found) = read(None, End::Whole, "trace", trace, &mut EVENTS.clone()).unwrap();
         assert!(found.summary().conforms);

@@ -15,7 +15,7 @@ const SCRIPT: &str = include_str!("../../report/dist/report.js");
 const STYLE: &str = include_str!("../../report/dist/report.css");
 const LICENSES: &str = include_str!("../../report/dist/LICENSES.txt");
 
-/// All that the page is told; it has no words of its own for these.
+/// All of the page's data; it has no words of its own for these.
 #[derive(Serialize)]
 pub(crate) struct Data<'a> {
     /// What is counted about a source's requests: word and meaning.

@@ -7,8 +7,8 @@ use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
 use crate::policies::Quantile;
-use crate::reckoning::{Account, COLUMNS, Row};
-use crate::run::plan::{Cloud, Plan, Server};
+use crate::reckoning::{COLUMNS, Row, Totals};
+use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::report::{PolicyReport, Report, SourceReport, share};
 
 /// Shorter outages are not worth a word.
@@ -28,9 +28,14 @@ pub(crate) struct Introduction<'a>(pub(crate) &'a Plan);
 impl fmt::Display for Introduction<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plan = self.0;
+        let at_most = match plan.policy {
+            DeadlinePolicy::Expected => "at most ",
+            DeadlinePolicy::Constant => "",
+        };
         writeln!(
             f,
-            "A camera takes {} frames a second for {}; each cloud gets every frame and has {} ms.",
+            "A camera takes {} frames a second for {}; each cloud gets every frame and has \
+             {at_most}{} ms.",
             plan.rate,
             secs(plan.span),
             plan.deadline_ms
@@ -100,9 +105,9 @@ impl fmt::Display for Report {
             let source = self.sources.iter().find(|source| u64::from(source.priority) == row.p);
             format!("{} {}", row.p, source.map_or("", |source| source.name.as_str()))
         };
-        writeln!(f, "{}\n", sources_table(&self.account, name).trim_fmt())?;
+        writeln!(f, "{}\n", sources_table(&self.totals, name).trim_fmt())?;
         f.write_str(&self.failures())?;
-        writeln!(f, "{}\n", Messages(&self.account))?;
+        writeln!(f, "{}\n", Messages(&self.totals))?;
         writeln!(f, "{}\n", self.policies_table().trim_fmt())?;
         writeln!(
             f,
@@ -110,7 +115,14 @@ impl fmt::Display for Report {
              more, counts 0.",
             self.deadline_ms
         )?;
-        let refused: u64 = self.account.rows.iter().map(Row::refused).sum();
+        if self.outage_messages > 0 {
+            writeln!(
+                f,
+                "Outages are the {} that some cloud would not have answered by then.",
+                counted(self.outage_messages as u64, "message")
+            )?;
+        }
+        let refused: u64 = self.totals.rows.iter().map(Row::refused).sum();
         if self.refused + refused > 0 {
             writeln!(
                 f,
@@ -140,11 +152,11 @@ impl fmt::Display for Report {
 }
 
 /// What became of the messages, in a sentence.
-struct Messages<'a>(&'a Account);
+struct Messages<'a>(&'a Totals);
 
 impl fmt::Display for Messages<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Account { messages, forwarded, missed, refused, open, .. } = *self.0;
+        let Totals { messages, forwarded, missed, refused, open, .. } = *self.0;
         let messages = counted(messages, "message");
         write!(f, "{messages}: {forwarded} forwarded, {missed} missed")?;
         write!(f, ", {refused} refused")?;
@@ -170,7 +182,8 @@ impl Report {
 
     /// What fusion bought and what it cost.
     fn policies_table(&self) -> Table {
-        let mut table = table(["policy", "mean AP", "in time", "p50", "p90", "p99", "sent"]);
+        let mut table =
+            table(["policy", "mean AP", "in time", "p50", "p90", "p99", "in outages", "sent"]);
         for policy in &self.policies {
             table.add_row(self.policy_row(policy));
         }
@@ -184,7 +197,8 @@ impl Report {
             policy.mean_ap.map_or_else(|| "?".to_owned(), |ap| format!("{ap:.1}")),
             percent(policy.in_time, self.messages),
         ];
-        row.extend(policy.response_ms.iter().map(|quantile| match quantile {
+        let responses = policy.response_ms.iter().chain([&policy.outage_response_ms]);
+        row.extend(responses.map(|quantile| match quantile {
             Some(Quantile::Exactly(at)) => millis(*at),
             Some(Quantile::AtLeast(at)) => format!("≥ {}", millis(*at)),
             Some(Quantile::Never) => "never".to_owned(),
@@ -196,17 +210,17 @@ impl Report {
 }
 
 /// Who answered, and what became of the requests, in the reckoning's words; `name` calls a source.
-pub(crate) fn sources_table(account: &Account, name: impl Fn(&Row) -> String) -> Table {
+pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&Row) -> String) -> Table {
     // Most traces end with all decided.
-    let is_open = account.rows.iter().any(|row| row.counts[OPEN] > 0);
+    let is_open = totals.rows.iter().any(|row| row.counts[OPEN] > 0);
     let told: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
     let words = told.iter().map(|i| COLUMNS[*i].0);
     let mut table = Table::new();
     table.load_style(STYLE);
     table.set_header(["source", "share"].into_iter().chain(words));
-    for row in &account.rows {
+    for row in &totals.rows {
         let counts = told.iter().map(|i| row.counts[*i].to_string());
-        let share = percent(row.forwarded(), account.messages);
+        let share = percent(row.forwarded(), totals.messages);
         table.add_row([name(row), share].into_iter().chain(counts));
     }
     align(&mut table);

@@ -10,7 +10,7 @@ pub(crate) enum Error {
     File {
         /// Which.
         path: PathBuf,
-        /// Why.
+        /// What went wrong.
         source: std::io::Error,
     },
     /// A file does not say what it should.

@@ -6,10 +6,10 @@ use std::io::BufRead;
 
 use rangemap::RangeInclusiveSet;
 
-use super::blame::{Blame, of_account, of_again, of_refused};
+use super::open::{OpenStory, WholeStory};
 use super::story::Slack;
 use super::verdict::{Verdict, Violation};
-use super::watch::{Account, Watch};
+use super::violation::{Unplaced, of_again, of_refused, of_story};
 use crate::event::{Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
@@ -36,10 +36,10 @@ pub struct Judge {
     records_opens: bool,
     /// The greatest instant so far.
     greatest: u64,
-    watched: BTreeMap<u64, Watch>,
+    open: BTreeMap<u64, OpenStory>,
     /// When each can be judged, or could before it got another line.
     ripening: BinaryHeap<Reverse<(u64, u64)>>,
-    /// Of those watched, the ones that broke the rules.
+    /// Of those open, the ones that broke the rules.
     overdue: VecDeque<u64>,
     /// The timestamps done with.
     ended: RangeInclusiveSet<u64>,
@@ -103,7 +103,7 @@ impl Judge {
             slack,
             records_opens: false,
             greatest: 0,
-            watched: BTreeMap::new(),
+            open: BTreeMap::new(),
             ripening: BinaryHeap::new(),
             overdue: VecDeque::new(),
             ended: RangeInclusiveSet::new(),
@@ -168,8 +168,8 @@ impl Judge {
     }
 
     fn finish_at(mut self, end: u64) -> Verdict {
-        while let Some((t, watch)) = self.watched.pop_first() {
-            self.close(t, &watch, &self.account(t, &watch), end);
+        while let Some((t, open)) = self.open.pop_first() {
+            self.close(t, &open, &self.whole(t, &open), end);
         }
         self.verdict.conforms &= self.verdict.judged > 0;
         self.verdict
@@ -177,23 +177,23 @@ impl Judge {
 
     /// Notes a line of a timestamp.
     fn take(&mut self, t: u64, line: u64, event: &Event, since: u64) {
-        if !self.watched.contains_key(&t) && !self.begins(t, event) {
+        if !self.open.contains_key(&t) && !self.begins(t, event) {
             return;
         }
         let clouds = &self.header.clouds;
         let is_cloud = |p| clouds.iter().any(|cloud| u64::from(cloud.p) == p);
-        let watch = self.watched.entry(t).or_default();
-        watch.take(line, event, is_cloud, self.records_opens);
+        let open = self.open.entry(t).or_default();
+        open.take(line, event, is_cloud, self.records_opens);
         self.records_opens |= matches!(event, Event::Input(Input::Open { .. }));
-        watch.compact(since);
-        watch.ripe = watch.ripens(self.slack);
-        if !watch.is_queued {
-            watch.is_queued = true;
-            self.ripening.push(Reverse((watch.ripe, t)));
+        open.compact(since);
+        open.ripe = open.ripens(self.slack);
+        if !open.is_queued {
+            open.is_queued = true;
+            self.ripening.push(Reverse((open.ripe, t)));
         }
     }
 
-    /// Whether a line of a timestamp that is not watched makes it so.
+    /// Whether a line of a timestamp that is not open makes it so.
     fn begins(&self, t: u64, event: &Event) -> bool {
         match event {
             Event::Input(Input::Open { .. })
@@ -227,31 +227,30 @@ impl Judge {
                 break;
             }
             self.ripening.pop();
-            let Some(mut watch) = self.watched.remove(&t) else { continue };
-            if watch.ripe >= self.greatest {
+            let Some(mut open) = self.open.remove(&t) else { continue };
+            if open.ripe >= self.greatest {
                 // It got a line since.
-                self.ripening.push(Reverse((watch.ripe, t)));
-                self.watched.insert(t, watch);
+                self.ripening.push(Reverse((open.ripe, t)));
+                self.open.insert(t, open);
                 continue;
             }
-            watch.is_queued = false;
-            let account = self.account(t, &watch);
-            if watch.has_come_out() || self.is_not_open(t, &account) {
-                self.close(t, &watch, &account, self.greatest);
+            open.is_queued = false;
+            let whole = self.whole(t, &open);
+            if open.has_come_out() || self.is_not_open(t, &whole) {
+                self.close(t, &open, &whole, self.greatest);
                 continue;
             }
             let end = self.certain();
-            if !watch.is_overdue && !account.story.is_explained(self.header.commit, self.slack, end)
-            {
-                watch.is_overdue = true;
+            if !open.is_overdue && !whole.story.is_explained(self.header.commit, self.slack, end) {
+                open.is_overdue = true;
                 self.overdue.push_back(t);
             }
-            self.watched.insert(t, watch);
+            self.open.insert(t, open);
             if self.overdue.len() > OVERDUE
                 && let Some(t) = self.overdue.pop_front()
-                && let Some(watch) = self.watched.remove(&t)
+                && let Some(open) = self.open.remove(&t)
             {
-                self.close(t, &watch, &self.account(t, &watch), self.greatest);
+                self.close(t, &open, &self.whole(t, &open), self.greatest);
             }
         }
     }
@@ -262,49 +261,49 @@ impl Judge {
     }
 
     /// Whether a timestamp is not open, nothing having come out: it was refused, never opened, or retired before.
-    fn is_not_open(&self, t: u64, account: &Account) -> bool {
-        Self::is_refused(account) || account.is_none() || self.ended.contains(&t)
+    fn is_not_open(&self, t: u64, whole: &WholeStory) -> bool {
+        Self::is_refused(whole) || whole.is_none() || self.ended.contains(&t)
     }
 
-    fn is_refused(account: &Account) -> bool {
-        !account.is_opened() && account.was_refused
+    fn is_refused(whole: &WholeStory) -> bool {
+        !whole.is_opened() && whole.was_refused
     }
 
-    fn account(&self, t: u64, watch: &Watch) -> Account {
-        watch.account(self.slack, self.refused.contains(&t))
+    fn whole(&self, t: u64, open: &OpenStory) -> WholeStory {
+        open.whole(self.slack, self.refused.contains(&t))
     }
 
     /// Judges a timestamp; `end` is the greatest instant that its trace is known to have.
-    fn close(&mut self, t: u64, watch: &Watch, account: &Account, end: u64) {
-        if watch.is_overdue {
+    fn close(&mut self, t: u64, open: &OpenStory, whole: &WholeStory, end: u64) {
+        if open.is_overdue {
             self.overdue.retain(|overdue| *overdue != t);
         }
-        let blame = if self.ended.contains(&t) {
-            of_again(t, account)
-        } else if Self::is_refused(account) {
+        let unplaced = if self.ended.contains(&t) {
+            of_again(t, whole)
+        } else if Self::is_refused(whole) {
             self.refused.insert(t..=t);
-            of_refused(t, account)
-        } else if account.is_none() {
+            of_refused(t, whole)
+        } else if whole.is_none() {
             None
         } else {
-            self.verdict.judged += u64::from(account.is_told_of());
+            self.verdict.judged += u64::from(whole.is_told_of());
             self.ended.insert(t..=t);
             self.refused.remove(t..=t);
-            of_account(t, account, self.header.commit, self.slack, end)
+            of_story(t, whole, self.header.commit, self.slack, end)
         };
-        if let Some(blame) = blame {
-            self.tell(t, watch, blame);
+        if let Some(unplaced) = unplaced {
+            self.tell(t, open, unplaced);
         }
     }
 
-    fn tell(&mut self, t: u64, watch: &Watch, blame: Blame) {
+    fn tell(&mut self, t: u64, open: &OpenStory, unplaced: Unplaced) {
         self.verdict.conforms = false;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
             return;
         }
-        let Blame { line, rule, found, expected, late } = blame;
-        let line = line.unwrap_or(watch.line);
+        let Unplaced { line, rule, found, expected, late } = unplaced;
+        let line = line.unwrap_or(open.line);
         let story = self.story(t);
         self.verdict.violations.push(Violation { line, t, rule, found, expected, late, story });
     }

@@ -32,7 +32,7 @@ pub struct Violation {
     /// The timestamp.
     pub t: u64,
     /// The rule or promise that is broken.
-    pub rule: Broken,
+    pub rule: BrokenRule,
     /// What came out.
     pub found: String,
     /// What the rules allow, and when it may be recorded.
@@ -47,7 +47,7 @@ pub struct Violation {
 
 /// A rule or promise of SPEC.md that an observed timestamp can break.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub enum Broken {
+pub enum BrokenRule {
     /// A rule, or P1.
     Rule(Rule),
     /// Never late.
@@ -64,7 +64,7 @@ pub enum Broken {
     P7,
 }
 
-impl Broken {
+impl BrokenRule {
     /// The identifier in SPEC.md.
     #[must_use]
     pub const fn id(self) -> &'static str {
@@ -79,7 +79,7 @@ impl Broken {
         }
     }
 
-    /// It in a sentence.
+    /// The rule or promise as a sentence.
     #[must_use]
     pub const fn sentence(self) -> &'static str {
         match self {
@@ -103,13 +103,13 @@ impl Broken {
     }
 }
 
-impl fmt::Display for Broken {
+impl fmt::Display for BrokenRule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.id())
     }
 }
 
-impl Serialize for Broken {
+impl Serialize for BrokenRule {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(self.id())
     }

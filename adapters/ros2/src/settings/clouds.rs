@@ -3,7 +3,7 @@
 use crate::names::check_token;
 use crate::parameters::{Place, Value};
 use crate::settings::reader::{Placed, Reader};
-use crate::settings::{Cloud, Grpc, SettingsError, Way, change, topics};
+use crate::settings::{Cloud, Grpc, SettingsError, Way, seconds, topics};
 
 /// The most clouds; the core has as many.
 const CLOUDS: usize = 15;
@@ -86,8 +86,8 @@ fn cloud(
         &of("deadline"),
         Value::Double(0.0),
         "How long it may take, in seconds; 0 for deadline",
-        change::OWN_SECONDS,
-        change::own_seconds,
+        seconds::OWN_SECONDS,
+        seconds::own_seconds,
     )?;
     let enabled = r.flag(&of("enabled"), true, "Whether it is asked")?;
     let about = "The gate shuts when this many requests wait";
@@ -103,7 +103,7 @@ fn cloud(
         Way::Topics { input, output }
     };
     let limit = limit.unsigned_abs();
-    let deadline = change::none_if_zero(deadline.value);
+    let deadline = seconds::none_if_zero(deadline.value);
     Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, way })
 }
 

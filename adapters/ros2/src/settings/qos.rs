@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::parameters::{Given, Place, Value};
 use crate::settings::SettingsError;
-use crate::settings::reader::nearest;
+use crate::settings::nearest::nearest;
 
 /// What the parameters of quality of service begin with.
 pub(super) const PREFIX: &str = "qos_overrides.";

@@ -7,9 +7,10 @@ use std::time::Duration;
 
 use crate::names::{NodeName, Remap, check_token};
 use crate::parameters::{Given, Place, Value};
-use crate::settings::change::{SECONDS, seconds_of};
 use crate::settings::clouds::is_part;
+use crate::settings::nearest::nearest;
 use crate::settings::qos::{Qos, Role, Topic};
+use crate::settings::seconds::{SECONDS, seconds_of};
 use crate::settings::{SettingsError, qos};
 
 /// A parameter of the node.
@@ -276,10 +277,4 @@ impl<T> Placed<T> {
     pub(super) fn map<U>(self, change: impl FnOnce(T) -> U) -> Placed<U> {
         Placed { value: change(self.value), place: self.place }
     }
-}
-
-/// The name that is reached with the fewest slips of the hand.
-pub(super) fn nearest<'n>(name: &str, names: impl Iterator<Item = &'n str>) -> String {
-    let nearest = names.min_by_key(|known| strsim::damerau_levenshtein(name, known));
-    nearest.unwrap_or_default().to_owned()
 }

@@ -119,6 +119,7 @@ const FULL: &str = "
 ";
 const RENAMED: &str = "-r __node:=front -r __ns:=/car";
 
+/// D16.
 #[test]
 fn everything_can_be_set() {
     let all = settings(&[FULL], RENAMED).unwrap();
@@ -280,6 +281,7 @@ other:
     assert!(all.to_string().contains("0.yaml:4:5: robot is for other nodes, not this one\n"));
 }
 
+/// D16.
 #[test]
 fn deadlines_and_clouds_change_at_run_time_and_nothing_else() {
     let all = with("-p clouds:=[west,east]").unwrap();

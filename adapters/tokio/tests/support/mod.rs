@@ -9,7 +9,7 @@ use std::io::BufReader;
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Call, Cloud, Config, Ending, Error, Item, Local, Operator, Setup, Tally, Trace, spawn, stream,
+    Call, Config, Ending, Error, Item, Local, Operator, Setup, Tally, Trace, spawn, stream,
 };
 use fuseline_traces::judge;
 use tokio::time::{Instant, sleep, sleep_until};
@@ -74,12 +74,24 @@ impl Operator for Script {
             let deadline = Duration::from_millis(part.deadline_ms);
             let cloud =
                 setup.use_cloud(handle, move |m, _| Some((*m, deadline)), Ok, part.priority);
-            *cloud = Cloud { limit: part.limit, calls: part.calls, ..cloud.clone() };
+            (cloud.limit, cloud.calls) = (part.limit, part.calls);
         }
         let local = self.local;
         let mut local = Local::futures(64, move |_, t| act(local(t), "local".into()));
         local.deadline = self.deadline;
         local
+    }
+}
+
+/// An operator whose setup is a closure.
+pub(crate) struct Made<F>(pub(crate) F);
+
+impl<F: FnOnce(&mut Setup<u64, String>) -> Local<u64, String>> Operator for Made<F> {
+    type Input = u64;
+    type Output = String;
+
+    fn setup(self, setup: &mut Setup<u64, String>) -> Local<u64, String> {
+        self.0(setup)
     }
 }
 

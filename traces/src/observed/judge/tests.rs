@@ -26,7 +26,7 @@ fn of_timestamps_done_with_only_their_range_is_held() {
         for event in [opened(at, t), came(at, t), emit] {
             judge.line(t, &event).expect("it is in order");
         }
-        assert!(judge.watched.len() <= 4 && judge.ripening.len() <= 4, "{}", judge.watched.len());
+        assert!(judge.open.len() <= 4 && judge.ripening.len() <= 4, "{}", judge.open.len());
     }
     assert_eq!(judge.ended.len(), 1);
     assert_eq!(judge.finish().judged, 20_000);
@@ -40,7 +40,7 @@ fn of_timestamps_that_never_end_so_many_are_waited_for() {
             judge.line(t, &event).expect("it is in order");
         }
     }
-    assert!(judge.watched.len() < OVERDUE + 8, "{}", judge.watched.len());
+    assert!(judge.open.len() < OVERDUE + 8, "{}", judge.open.len());
     let verdict = judge.finish();
     assert_eq!(verdict.violations.len() as u64 + verdict.more, 4_999, "the last may still end");
 }
@@ -54,6 +54,6 @@ fn what_comes_again_and_again_for_one_timestamp_is_held_once() {
         let drop = Decision::Drop { at, t: 1, p: 7, why: DropReason::Superseded };
         judge.line(1, &Event::Decision(drop)).expect("it is in order");
     }
-    let held = judge.watched.get(&1).map_or(0, Watch::len);
+    let held = judge.open.get(&1).map_or(0, OpenStory::len);
     assert!(held < 300, "{held} facts are held");
 }

@@ -1,0 +1,223 @@
+//! The cells that are counted in: written by the engine, read from anywhere (D11 one account).
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
+use tracing::error;
+
+use crate::item::{Source, Trigger};
+use crate::meter::Meters;
+use crate::reasons::Reasons;
+use crate::tally::{InForce, SourceTally, Tally};
+
+/// The tally's cells and the meters of one operator, counted together.
+///
+/// Each count is a word of its own: a tally read in the midst of an input may have one count of it
+/// and not the next. What is seldom and no number stands behind a lock.
+pub(crate) struct Counts {
+    messages: AtomicU64,
+    refused: [AtomicU64; OpenRefusal::ALL.len()],
+    missed: AtomicU64,
+    sources: Vec<SourceCounts>,
+    unrecorded: Mutex<Option<Arc<str>>>,
+    pub(crate) meters: Meters,
+}
+
+struct SourceCounts {
+    source: Source,
+    admitted: AtomicU64,
+    refused: [AtomicU64; OfferRefusal::ALL.len()],
+    outputs: [AtomicU64; Trigger::ALL.len()],
+    held: AtomicU64,
+    dropped: [AtomicU64; DropReason::ALL.len()],
+    failed: AtomicU64,
+    reasons: Mutex<Reasons>,
+    lost: AtomicU64,
+    failures_dropped: [AtomicU64; DropReason::ALL.len()],
+    timers: AtomicU64,
+    cancelled: AtomicU64,
+    sent_bytes: AtomicU64,
+    in_force: Mutex<Option<InForce>>,
+}
+
+/// What there is to count about one source.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Event {
+    Admitted,
+    Refused(OfferRefusal),
+    Output(Trigger),
+    /// The result that just came goes at once; its message is counted by `Output`.
+    Forwarded,
+    Held,
+    Dropped(DropReason),
+    Failed,
+    Lost,
+    FailureDropped(DropReason),
+    Timer,
+    Cancelled,
+    Sent {
+        bytes: u64,
+    },
+}
+
+impl Counts {
+    pub(crate) fn new(operator: &str, sources: &[Source]) -> Self {
+        Self {
+            messages: AtomicU64::new(0),
+            refused: Default::default(),
+            missed: AtomicU64::new(0),
+            sources: sources.iter().cloned().map(SourceCounts::new).collect(),
+            unrecorded: Mutex::new(None),
+            meters: Meters::new(operator, sources),
+        }
+    }
+
+    pub(crate) fn tally(&self) -> Tally {
+        Tally {
+            messages: read(&self.messages),
+            refused: by_reason(OpenRefusal::ALL, &self.refused),
+            missed: read(&self.missed),
+            sources: self.sources.iter().map(SourceCounts::tally).collect(),
+            unrecorded: lock(&self.unrecorded).clone(),
+        }
+    }
+
+    pub(crate) fn message(&self) {
+        add(&self.messages, 1);
+        self.meters.messages.increment(1);
+    }
+
+    pub(crate) fn refused(&self, why: OpenRefusal) {
+        add_at(&self.refused, why.index());
+        self.meters.refused(why);
+    }
+
+    pub(crate) fn missed(&self) {
+        add(&self.missed, 1);
+        self.meters.missed.increment(1);
+    }
+
+    /// Counts what a call to cloud `p` sent.
+    pub(crate) fn sent(&self, p: u16, bytes: u64) {
+        if let Some(at) = self.sources.iter().position(|counts| counts.source.priority == p) {
+            self.source(at, Event::Sent { bytes });
+        }
+    }
+
+    /// Keeps why the source at `index` sent no result.
+    pub(crate) fn reason(&self, index: usize, why: &str) -> Arc<str> {
+        match self.sources.get(index) {
+            Some(counts) => lock(&counts.reasons).count(why),
+            None => why.into(),
+        }
+    }
+
+    /// Keeps the deadline of the source's latest offer; to be called when it changed.
+    pub(crate) fn in_force(&self, index: usize, in_force: InForce) {
+        if let Some(counts) = self.sources.get(index) {
+            *lock(&counts.in_force) = Some(in_force);
+        }
+        if let Some(meter) = self.meters.sources.get(index) {
+            meter.deadline.set(in_force.deadline.as_secs_f64());
+        }
+    }
+
+    /// Tells that a recording ends here.
+    pub(crate) fn unrecorded(&self, why: &str) {
+        error!(why, "the recording ends here; the operator goes on");
+        lock(&self.unrecorded).get_or_insert_with(|| why.into());
+    }
+
+    /// Counts an event of the source at `index`; local has 0.
+    pub(crate) fn source(&self, index: usize, event: Event) {
+        if let Some(counts) = self.sources.get(index) {
+            counts.count(event);
+        }
+        if let Some(meter) = self.meters.sources.get(index) {
+            meter.count(event);
+        }
+    }
+}
+
+impl SourceCounts {
+    fn new(source: Source) -> Self {
+        Self {
+            source,
+            admitted: AtomicU64::new(0),
+            refused: Default::default(),
+            outputs: Default::default(),
+            held: AtomicU64::new(0),
+            dropped: Default::default(),
+            failed: AtomicU64::new(0),
+            reasons: Mutex::default(),
+            lost: AtomicU64::new(0),
+            failures_dropped: Default::default(),
+            timers: AtomicU64::new(0),
+            cancelled: AtomicU64::new(0),
+            sent_bytes: AtomicU64::new(0),
+            in_force: Mutex::new(None),
+        }
+    }
+
+    fn count(&self, event: Event) {
+        match event {
+            Event::Admitted => add(&self.admitted, 1),
+            Event::Refused(why) => add_at(&self.refused, why.index()),
+            Event::Output(trigger) => add_at(&self.outputs, trigger as usize),
+            Event::Forwarded => {}
+            Event::Held => add(&self.held, 1),
+            Event::Dropped(why) => add_at(&self.dropped, why.index()),
+            Event::Failed => add(&self.failed, 1),
+            Event::Lost => add(&self.lost, 1),
+            Event::FailureDropped(why) => add_at(&self.failures_dropped, why.index()),
+            Event::Timer => add(&self.timers, 1),
+            Event::Cancelled => add(&self.cancelled, 1),
+            Event::Sent { bytes } => add(&self.sent_bytes, bytes),
+        }
+    }
+
+    fn tally(&self) -> SourceTally {
+        SourceTally {
+            source: self.source.clone(),
+            admitted: read(&self.admitted),
+            refused: by_reason(OfferRefusal::ALL, &self.refused),
+            outputs: by_reason(Trigger::ALL, &self.outputs),
+            held: read(&self.held),
+            dropped: by_reason(DropReason::ALL, &self.dropped),
+            failed: read(&self.failed),
+            reasons: lock(&self.reasons).clone(),
+            lost: read(&self.lost),
+            failures_dropped: by_reason(DropReason::ALL, &self.failures_dropped),
+            timers: read(&self.timers),
+            cancelled: read(&self.cancelled),
+            sent_bytes: read(&self.sent_bytes),
+            in_force: *lock(&self.in_force),
+        }
+    }
+}
+
+fn add(cell: &AtomicU64, count: u64) {
+    cell.fetch_add(count, Ordering::Relaxed);
+}
+
+fn add_at(cells: &[AtomicU64], index: usize) {
+    if let Some(cell) = cells.get(index) {
+        add(cell, 1);
+    }
+}
+
+fn read(cell: &AtomicU64) -> u64 {
+    cell.load(Ordering::Relaxed)
+}
+
+/// Those that were counted at all.
+fn by_reason<K: Ord, const N: usize>(all: [K; N], cells: &[AtomicU64; N]) -> BTreeMap<K, u64> {
+    all.into_iter().zip(cells.iter().map(read)).filter(|(_, count)| *count > 0).collect()
+}
+
+/// Nothing panics midway while it is held.
+fn lock<T>(cell: &Mutex<T>) -> MutexGuard<'_, T> {
+    cell.lock().unwrap_or_else(PoisonError::into_inner)
+}

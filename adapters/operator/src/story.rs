@@ -1,0 +1,87 @@
+//! What each open message has.
+
+use std::collections::VecDeque;
+
+use crate::item::Failure;
+
+/// The open messages, by ascending timestamp, and when the last ones were opened.
+pub(crate) struct Stories<V> {
+    open: VecDeque<Story<V>>,
+    /// Timestamps and instants of the last [`REMEMBERED`], answered ones too; none is for an
+    /// operator that takes no hints.
+    last: Option<VecDeque<(u64, u64)>>,
+}
+
+pub(crate) struct Story<V> {
+    t: u64,
+    pub(crate) opened: u64,
+    /// The best that was held; only that can ever go (P3).
+    pub(crate) held: Option<Held<V>>,
+    pub(crate) failures: Vec<Failure>,
+}
+
+pub(crate) struct Held<V> {
+    pub(crate) p: u16,
+    pub(crate) arrived: u64,
+    pub(crate) value: V,
+}
+
+/// Of how many messages it is known how old their results are. It is the greatest window.
+const REMEMBERED: usize = 1024;
+
+impl<V> Stories<V> {
+    pub(crate) const fn new() -> Self {
+        Self { open: VecDeque::new(), last: None }
+    }
+
+    /// Remembers from now on when messages were opened.
+    pub(crate) fn remember(&mut self) {
+        self.last.get_or_insert_default();
+    }
+
+    /// F1: timestamps ascend.
+    pub(crate) fn open(&mut self, t: u64, at: u64) {
+        self.open.push_back(Story { t, opened: at, held: None, failures: Vec::new() });
+        if let Some(last) = &mut self.last {
+            if last.len() == REMEMBERED {
+                last.pop_front();
+            }
+            last.push_back((t, at));
+        }
+    }
+
+    /// F3: a result is in hand; it is kept if it is the best, with its own message (D2 its own value).
+    pub(crate) fn hold(&mut self, t: u64, p: u16, arrived: u64, value: V) {
+        if let Some(story) = self.find(t)
+            && story.held.as_ref().is_none_or(|held| held.p < p)
+        {
+            story.held = Some(Held { p, arrived, value });
+        }
+    }
+
+    pub(crate) fn find(&mut self, t: u64) -> Option<&mut Story<V>> {
+        let place = self.place(t)?;
+        self.open.get_mut(place)
+    }
+
+    /// The message is open no more.
+    pub(crate) fn close(&mut self, t: u64) -> Option<Story<V>> {
+        let place = self.place(t)?;
+        self.open.remove(place)
+    }
+
+    /// When the message was opened, if that is remembered.
+    pub(crate) fn opened(&self, t: u64) -> Option<u64> {
+        let last = self.last.as_ref()?;
+        let place = last.binary_search_by_key(&t, |(t, _)| *t).ok()?;
+        last.get(place).map(|(_, opened)| *opened)
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.open.len()
+    }
+
+    fn place(&self, t: u64) -> Option<usize> {
+        self.open.binary_search_by_key(&t, |story| story.t).ok()
+    }
+}

@@ -1,0 +1,45 @@
+//! What keeps a node from running.
+
+use std::path::PathBuf;
+
+use fuseline_operator::ConfigError;
+use rustdds::dds::CreateError;
+use thiserror::Error;
+
+use crate::source::GrpcError;
+
+/// Why a node does not run, or did not end well.
+#[derive(Debug, Error)]
+pub enum NodeError {
+    /// What its parameters make is no machine.
+    #[error("the parameters are refused: {0}")]
+    Config(#[from] ConfigError),
+    /// A file of a recording cannot be made.
+    #[error("{path} cannot be written: {error}", path = path.display())]
+    Recording {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        error: std::io::Error,
+    },
+    /// A cloud's server cannot be called.
+    #[error("the cloud {cloud}: {error}")]
+    Grpc {
+        /// The cloud's name.
+        cloud: String,
+        /// Why not.
+        error: GrpcError,
+    },
+    /// DDS refuses an end of a topic, or the domain.
+    #[error("DDS: {0}")]
+    Dds(#[from] CreateError),
+    /// ROS refuses the node or an end of a topic.
+    #[error("ROS: {0}")]
+    Ros(String),
+    /// The system refuses what every program has.
+    #[error("the system refuses: {0}")]
+    System(std::io::Error),
+    /// The run was not recorded whole.
+    #[error("the trace is not whole: {0}")]
+    Trace(std::io::Error),
+}

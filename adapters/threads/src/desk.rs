@@ -1,0 +1,226 @@
+//! The half for all threads: what comes for open timestamps.
+
+use core::sync::atomic::Ordering;
+
+#[cfg(not(loom))]
+use core::sync::atomic::AtomicU64;
+#[cfg(loom)]
+use loom::sync::atomic::AtomicU64;
+
+use fuseline_core::{
+    Cause, Clouds, Commit, DropReason, Entry, Firing, Instant, Outcome, Priority, Slot, Source,
+    Sources,
+};
+
+use crate::shared::Ticket;
+use crate::word::Word;
+
+/// Where any thread gives results and failures, and lets time go by.
+///
+/// Each call names its message and says when it is, by the caller's own clock. It answers first which timers of that
+/// message were due by then and what they decided, several due instants told as one firing with the last of them.
+/// Whoever is told `Forwarded`, by a firing or an outcome, forwards; nobody else is.
+///
+/// - inputs: [`result`](Self::result), [`fail`](Self::fail), [`expire`](Self::expire)
+/// - questions: [`next_due`](Self::next_due), [`source`](Self::source), [`priority`](Self::priority)
+pub struct Desk<const CLOUDS: usize, const WINDOW: usize> {
+    pub(crate) window: usize,
+    pub(crate) commit: Commit,
+    pub(crate) clouds: Clouds<CLOUDS>,
+    pub(crate) places: [Place<CLOUDS>; WINDOW],
+}
+
+/// One place of the window. Places do not share cache lines: their messages have different callers.
+#[repr(align(64))]
+pub(crate) struct Place<const CLOUDS: usize> {
+    pub(crate) word: AtomicU64,
+    local_due: AtomicU64,
+    dues: [AtomicU64; CLOUDS],
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
+    /// The most changes that an open timestamp can see: each cloud is asked once, each source stops being pending once,
+    /// and the last of these changes retires it. An exchange fails only after a change.
+    const CHANGES: usize = CLOUDS.wrapping_mul(2).wrapping_add(1);
+
+    pub(crate) fn new(window: usize, commit: Commit, clouds: Clouds<CLOUDS>) -> Self {
+        Self { window, commit, clouds, places: core::array::from_fn(|_| Place::new()) }
+    }
+
+    /// F3: this source's result came.
+    pub fn result(
+        &self,
+        now: Instant,
+        ticket: Ticket,
+        source: Priority,
+    ) -> (Option<Firing<CLOUDS>>, Outcome<CLOUDS>) {
+        self.close(now, ticket, source, Cause::Result)
+    }
+
+    /// F4: no result will come from this source.
+    pub fn fail(
+        &self,
+        now: Instant,
+        ticket: Ticket,
+        source: Priority,
+    ) -> (Option<Firing<CLOUDS>>, Outcome<CLOUDS>) {
+        self.close(now, ticket, source, Cause::Failure)
+    }
+
+    /// F5: time went by. Answers none if no timer of this message was due, as when it is open no more.
+    #[must_use = "a firing may forward a result"]
+    pub fn expire(&self, now: Instant, ticket: Ticket) -> Option<Firing<CLOUDS>> {
+        let fired = self.exchange(ticket, |_, mut entry| {
+            let fired = self.fire(now, ticket, &mut entry);
+            (entry.slot(), fired)
+        });
+        fired.flatten()
+    }
+
+    /// The earliest due instant of this message's timers, if one is armed; another thread's call may move it at once.
+    #[must_use]
+    pub fn next_due(&self, ticket: Ticket) -> Option<Instant> {
+        self.exchange(ticket, |_, entry| (entry.slot(), entry.next_due())).flatten()
+    }
+
+    /// The source that has this priority; 0 is local.
+    #[must_use]
+    pub fn source(&self, priority: Priority) -> Option<Source> {
+        self.clouds.source(priority)
+    }
+
+    /// The priority of a source; local's for one that is not registered.
+    #[must_use]
+    pub fn priority(&self, source: Source) -> Priority {
+        self.clouds.priority(source)
+    }
+
+    fn close(
+        &self,
+        now: Instant,
+        ticket: Ticket,
+        source: Priority,
+        cause: impl Fn(Source) -> Cause,
+    ) -> (Option<Firing<CLOUDS>>, Outcome<CLOUDS>) {
+        let source = self.clouds.source(source);
+        let answer = self.exchange(ticket, |_, mut entry| {
+            let fired = self.fire(now, ticket, &mut entry);
+            let Some(source) = source else {
+                return (entry.slot(), (fired, Outcome::Dropped(DropReason::Unknown)));
+            };
+            let (slot, decision) = entry.slot().step(self.commit, cause(source));
+            (slot, (fired, self.clouds.outcome(decision)))
+        });
+        answer.unwrap_or_else(|| {
+            let reason = source.map_or(DropReason::Unknown, |_| DropReason::Superseded);
+            (None, Outcome::Dropped(reason))
+        })
+    }
+
+    /// F5 for one timestamp: fires what is due by `now`, one due instant after the other.
+    pub(crate) fn fire(
+        &self,
+        now: Instant,
+        ticket: Ticket,
+        entry: &mut Entry<CLOUDS>,
+    ) -> Option<Firing<CLOUDS>> {
+        let mut timers = Sources::EMPTY;
+        let mut last = None;
+        for _ in 0..Source::COUNT {
+            // F5 due: the due instant itself is past (A1).
+            let Some(due) = entry.next_due().filter(|due| *due <= now) else { break };
+            let firing = entry.armed_at(due);
+            let (slot, decision) = entry.slot().step(self.commit, Cause::Timers(firing));
+            entry.set_slot(slot);
+            timers = timers.union(firing);
+            last = Some((due, decision));
+        }
+        let (due, decision) = last?;
+        Some(Firing {
+            timestamp: ticket.timestamp,
+            due,
+            timers: self.clouds.priorities(timers),
+            outcome: self.clouds.outcome(decision),
+        })
+    }
+
+    /// Lets `decide` turn the message's entry into its next state and an answer, as if nothing happened meanwhile; none
+    /// if the message is open no more.
+    ///
+    /// Within a generation a state never comes back, and the due instant of a requested source stays. So if the word is
+    /// still what it was, what `decide` saw was still so.
+    pub(crate) fn exchange<A>(
+        &self,
+        ticket: Ticket,
+        mut decide: impl FnMut(&Place<CLOUDS>, Entry<CLOUDS>) -> (Slot, A),
+    ) -> Option<A> {
+        let place = self.places.get(ticket.place())?;
+        for _ in 0..Self::CHANGES {
+            // Acquire: the due instants of those requested in it, and what was done before results were held.
+            let word = Word::<CLOUDS>::from_bits(place.word.load(Ordering::Acquire));
+            if word.generation() != ticket.generation {
+                return None;
+            }
+            let (slot, answer) = decide(place, place.entry(word.slot(self.commit)));
+            let next = word.stepped(slot);
+            // Also when nothing changes: the place may have been reused since, and the due instants be another one's.
+            // Release: what the caller did before, to whoever forwards or opens next. The word of a failed exchange is
+            // not used, so its load may be relaxed; the next load sees no older one.
+            let exchanged = place.word.compare_exchange(
+                word.bits(),
+                next.bits(),
+                Ordering::Release,
+                Ordering::Relaxed,
+            );
+            if exchanged.is_ok() {
+                return Some(answer);
+            }
+        }
+        // F8 bounded: that was the last change.
+        None
+    }
+}
+
+impl<const CLOUDS: usize> Place<CLOUDS> {
+    fn new() -> Self {
+        Self {
+            word: AtomicU64::new(0),
+            local_due: AtomicU64::new(0),
+            dues: core::array::from_fn(|_| AtomicU64::new(0)),
+        }
+    }
+
+    /// For a source that is not requested: the word that makes it so publishes this, hence relaxed.
+    pub(crate) fn set_due(&self, source: Source, due: Instant) {
+        if let Some(cell) = self.due(source) {
+            cell.store(due.as_nanos(), Ordering::Relaxed);
+        }
+    }
+
+    /// The state with the due instants of its armed timers. They were published along with it, hence relaxed.
+    fn entry(&self, slot: Slot) -> Entry<CLOUDS> {
+        let mut entry = Entry::new(slot);
+        for source in slot.armed().iter() {
+            if let Some(cell) = self.due(source) {
+                entry.set_due(source, Instant::from_nanos(cell.load(Ordering::Relaxed)));
+            }
+        }
+        entry
+    }
+
+    fn due(&self, source: Source) -> Option<&AtomicU64> {
+        match usize::from(source.index()).checked_sub(1) {
+            None => Some(&self.local_due),
+            Some(cloud) => self.dues.get(cloud),
+        }
+    }
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> core::fmt::Debug for Desk<CLOUDS, WINDOW> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Desk")
+            .field("commit", &self.commit)
+            .field("window", &self.window)
+            .finish_non_exhaustive()
+    }
+}

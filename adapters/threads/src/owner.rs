@@ -1,0 +1,121 @@
+//! The owner's half: opens and offers.
+
+use core::sync::atomic::Ordering;
+
+use fuseline_core::{
+    Admission, Clouds, Deadline, Entry, Firing, Instant, OfferRefusal, OpenRefusal, Priority,
+    Source, Timestamp,
+};
+
+use crate::desk::{Desk, Place};
+use crate::shared::Ticket;
+use crate::word::Word;
+
+/// Where the one owner opens timestamps and offers requests, while other threads use the [`Desk`].
+///
+/// There is one at a time and it cannot be cloned: with two, both might write one request's due instant.
+#[derive(Debug)]
+pub struct Owner<'a, const CLOUDS: usize, const WINDOW: usize> {
+    desk: &'a Desk<CLOUDS, WINDOW>,
+    kept: &'a mut Kept<CLOUDS>,
+}
+
+/// What nobody else needs.
+#[derive(Debug)]
+pub(crate) struct Kept<const CLOUDS: usize> {
+    /// For their gates, which the desk's do not follow.
+    clouds: Clouds<CLOUDS>,
+    newest: Option<Timestamp>,
+    /// The place that was opened last.
+    last: usize,
+}
+
+impl<const CLOUDS: usize> Kept<CLOUDS> {
+    pub(crate) const fn new(clouds: Clouds<CLOUDS>) -> Self {
+        Self { clouds, newest: None, last: 0 }
+    }
+}
+
+impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
+    pub(crate) const fn new(desk: &'a Desk<CLOUDS, WINDOW>, kept: &'a mut Kept<CLOUDS>) -> Self {
+        Self { desk, kept }
+    }
+
+    /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
+    ///
+    /// Looks at no place twice, and only once where messages leave in the order in which they came.
+    ///
+    /// # Errors
+    /// The first [`OpenRefusal`] that holds. `Full` held when the call began.
+    pub fn open(
+        &mut self,
+        now: Instant,
+        timestamp: Timestamp,
+        deadline: Option<Deadline>,
+    ) -> Result<Ticket, OpenRefusal> {
+        if self.kept.newest.is_some_and(|newest| timestamp <= newest) {
+            return Err(OpenRefusal::Order);
+        }
+        let Some((index, place, word)) = self.free_place() else {
+            return Err(OpenRefusal::Full);
+        };
+        let entry = Entry::<CLOUDS>::open(now, deadline)?;
+        if deadline.is_some() {
+            place.set_due(Source::LOCAL, entry.due(Source::LOCAL));
+        }
+        let word = word.opened(entry.slot());
+        // No exchange: nobody else writes a free place. Relaxed: who has the ticket got it after this.
+        place.word.store(word.bits(), Ordering::Relaxed);
+        self.kept.newest = Some(timestamp);
+        self.kept.last = index;
+        Ok(Ticket { timestamp, generation: word.generation(), place: index })
+    }
+
+    /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
+    /// the cloud's outgoing queue without this message. Answers first which timers were due, as the desk does.
+    pub fn offer(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        cloud: Priority,
+        deadline: Deadline,
+        backlog: u64,
+    ) -> (Option<Firing<CLOUDS>>, Admission) {
+        let desk = self.desk;
+        let source = desk.clouds.source(cloud);
+        // F2 unknown: local has no gate (A19).
+        let gated = source.and_then(|source| Some((source, self.kept.clouds.gate_mut(source)?)));
+        let Some((source, gate)) = gated else {
+            return (desk.expire(now, ticket), Admission::Refused(OfferRefusal::Unknown));
+        };
+        let answer = desk.exchange(ticket, |place, mut entry| {
+            let fired = desk.fire(now, ticket, &mut entry);
+            // F2g: each look asks the gate as it was, so that an offer moves it once at most.
+            let mut asked = *gate;
+            let (slot, admission) = entry.slot().admit(source, &mut asked, now, deadline, backlog);
+            if let Admission::Admitted { due } = admission {
+                // Before the exchange that makes it count. Nobody reads it yet, and only the owner makes requests.
+                place.set_due(source, due);
+            }
+            (slot, (fired, admission, asked))
+        });
+        let Some((fired, admission, asked)) = answer else {
+            return (None, Admission::Refused(OfferRefusal::Closed));
+        };
+        *gate = asked;
+        (fired, admission)
+    }
+
+    /// A place where nothing is open, from the one after the last that was opened, with its word.
+    fn free_place(&self) -> Option<(usize, &'a Place<CLOUDS>, Word<CLOUDS>)> {
+        let places = self.desk.places.iter().take(self.desk.window).enumerate();
+        let from = self.kept.last.wrapping_add(1);
+        let free = |(index, place): (usize, &'a Place<CLOUDS>)| {
+            // An exchange that changes nothing: a load might not hear of a retirement that is long past.
+            // Acquire: what was done before it, the reads of the due instants that are now written anew among it.
+            let word = Word::from_bits(place.word.fetch_or(0, Ordering::Acquire));
+            (!word.is_open()).then_some((index, place, word))
+        };
+        places.clone().skip(from).chain(places.take(from)).find_map(free)
+    }
+}

@@ -1,0 +1,95 @@
+//! The owner's half, with values.
+
+use std::fmt;
+use std::sync::Arc;
+use std::vec::Vec;
+
+use fuseline_core::{
+    Admission, Deadline, Firing, Instant, OfferRefusal, OpenRefusal, Priority, Source, Timestamp,
+};
+
+use crate::call::{Call, Message};
+use crate::cells::Cells;
+use crate::desk::Desk;
+use crate::owner::Owner;
+use crate::shared::Shared;
+
+/// The [`Owner`] of a machine whose calls bring values of type `T`, and those values.
+///
+/// Threads that outlive the function that made it need the machine for ever: `Box::leak`.
+pub struct Intake<'a, T, const CLOUDS: usize, const WINDOW: usize> {
+    owner: Owner<'a, CLOUDS, WINDOW>,
+    desk: &'a Desk<CLOUDS, WINDOW>,
+    /// Those of the last message of each place.
+    cells: Vec<Arc<Cells<T, CLOUDS>>>,
+}
+
+impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WINDOW> {
+    /// The values of this machine.
+    pub fn new(shared: &'a mut Shared<CLOUDS, WINDOW>) -> Self {
+        let (owner, desk) = shared.split();
+        let cells = std::iter::repeat_with(|| Arc::new(Cells::new())).take(WINDOW).collect();
+        Self { owner, desk, cells }
+    }
+
+    /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
+    ///
+    /// Answers the message, and the call for local.
+    ///
+    /// # Errors
+    /// The first [`OpenRefusal`] that holds.
+    pub fn open(
+        &mut self,
+        now: Instant,
+        timestamp: Timestamp,
+        deadline: Option<Deadline>,
+    ) -> Result<(Message<'a, T, CLOUDS, WINDOW>, Call<'a, T, CLOUDS, WINDOW>), OpenRefusal> {
+        let ticket = self.owner.open(now, timestamp, deadline)?;
+        let cells = &mut self.cells[ticket.place()];
+        match Arc::get_mut(cells) {
+            Some(cells) => cells.clear(),
+            // A call of the place's last message is still under way, and may fill its cell now.
+            None => *cells = Arc::new(Cells::new()),
+        }
+        let message = Message { desk: self.desk, ticket, cells: Arc::clone(cells) };
+        let call = Call { message: message.clone(), source: Source::LOCAL };
+        Ok((message, call))
+    }
+
+    /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
+    /// the cloud's outgoing queue without this message.
+    ///
+    /// Answers first which timers were due, as [`Message::expire`] does; then the call and its due instant.
+    ///
+    /// # Errors
+    /// Inside: the first [`OfferRefusal`] that holds.
+    #[expect(clippy::type_complexity, reason = "each part is another type's answer")]
+    pub fn offer(
+        &mut self,
+        now: Instant,
+        message: &Message<'a, T, CLOUDS, WINDOW>,
+        cloud: Priority,
+        deadline: Deadline,
+        backlog: u64,
+    ) -> (
+        Option<(Firing<CLOUDS>, Option<T>)>,
+        Result<(Call<'a, T, CLOUDS, WINDOW>, Instant), OfferRefusal>,
+    ) {
+        let (fired, admission) = self.owner.offer(now, message.ticket, cloud, deadline, backlog);
+        let fired = fired.map(|firing| (firing, message.forwarded(&firing.outcome)));
+        let call = match admission {
+            Admission::Admitted { due } => match self.desk.source(cloud) {
+                Some(source) => Ok((Call { message: message.clone(), source }, due)),
+                None => Err(OfferRefusal::Unknown),
+            },
+            Admission::Refused(why) => Err(why),
+        };
+        (fired, call)
+    }
+}
+
+impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for Intake<'_, T, CLOUDS, WINDOW> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Intake").field(&self.owner).finish()
+    }
+}

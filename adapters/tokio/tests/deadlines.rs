@@ -1,0 +1,293 @@
+//! Which deadlines clouds get, and what their policies are told.
+
+mod support;
+
+use std::future::pending;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use fuseline_tokio::deadline::{
+    Accuracy, Chosen, Constant, End, Expected, Guard, Parameters, Policy, Reason, Situation,
+};
+use fuseline_tokio::{Call, Config, Error, Local, Setup, spawn, stream};
+use support::{Made, Played, line, play};
+use tokio::time::{Instant, sleep};
+
+const MS: Duration = Duration::from_millis(1);
+
+/// What a policy was asked and told, in its order.
+type Log = Arc<Mutex<Vec<String>>>;
+
+/// Answers with one deadline after the other, the last again and again, and notes everything.
+struct Noting {
+    log: Log,
+    deadlines: Vec<u32>,
+}
+
+impl Policy for Noting {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
+        let Situation { speed, under_way, .. } = situation;
+        let speed = speed.greatest;
+        self.log.lock().unwrap().push(format!("at {speed} m/s up to {cap:?}, {under_way:?}"));
+        let deadline = self.deadlines[0] * MS;
+        if self.deadlines.len() > 1 {
+            self.deadlines.remove(0);
+        }
+        Chosen { deadline, reason: Reason::Constant }
+    }
+
+    fn ended(&mut self, end: End) {
+        self.log.lock().unwrap().push(format!("{end:?}"));
+    }
+}
+
+/// What a cloud does with the n-th message, in ms from when it is asked.
+#[derive(Clone, Copy)]
+enum Does {
+    Answers(u32),
+    Fails(u32),
+    Hangs,
+}
+use Does::{Answers, Fails, Hangs};
+
+/// Its value says who answered which message, asked when.
+async fn does(who: &str, does: Does, t: u64, start: Instant) -> Result<String, Error> {
+    let asked = start.elapsed().as_millis();
+    let value = format!("{who}'s of {t}, asked at {asked} ms,");
+    match does {
+        Answers(ms) => sleep(ms * MS).await,
+        Fails(ms) => {
+            sleep(ms * MS).await;
+            return Err("as told".into());
+        }
+        Hangs => pending().await,
+    }
+    Ok(value)
+}
+
+/// Local answers after 20 ms, and cloud `p` as it is told for each message.
+fn cloud(
+    setup: &mut Setup<u64, String>,
+    p: u16,
+    what: fn(u64) -> Does,
+    deadline: Duration,
+) -> &mut fuseline_tokio::Cloud {
+    let start = Instant::now();
+    let handle =
+        move |t, _: Call| async move { does(&format!("cloud {p}"), what(t), t, start).await };
+    setup.use_cloud(handle, move |_, t| Some((t, deadline)), Ok, p)
+}
+
+fn local(ms: u32) -> Local<u64, String> {
+    let start = Instant::now();
+    Local::futures(64, move |_, t| does("local", Answers(ms), t, start))
+}
+
+async fn played(
+    messages: &[u64],
+    setup: impl FnOnce(&mut Setup<u64, String>) -> Local<u64, String>,
+) -> Played {
+    play(Made(setup), Config { window: 64, ..Config::default() }, messages).await
+}
+
+fn noting(log: &Log, deadlines: &[u32]) -> Box<dyn Policy + Send> {
+    Box::new(Noting { log: Arc::clone(log), deadlines: deadlines.to_vec() })
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_policy_chooses_up_to_what_is_offered_and_knows_speed_and_calls_under_way() {
+    let log = Log::default();
+    let run = played(&[0, 30, 60], |setup| {
+        setup.use_situation(|_, t| Situation::at(if t == 1 { 18.0 } else { 11.0 }));
+        cloud(setup, 1, |_| Hangs, 150 * MS).policy = Some(noting(&log, &[100, 50, 900]));
+        local(20)
+    });
+    let run = run.await;
+    assert_eq!(
+        run.items,
+        "80.000 ms: 1 local's of 1, asked at 30 ms, by timer from 50 ms\n\
+         100.000 ms: 0 local's of 0, asked at 0 ms, by timer from 20 ms\n\
+         210.000 ms: 2 local's of 2, asked at 60 ms, by timer from 80 ms\n"
+    );
+    let told = [
+        "at 11 m/s up to 150ms, []",
+        "at 18 m/s up to 150ms, [30ms]",
+        "at 11 m/s up to 150ms, [60ms, 30ms]",
+        "Censored(50ms)",
+        "Censored(100ms)",
+        "Censored(150ms)",
+    ];
+    assert_eq!(*log.lock().unwrap(), told);
+}
+
+/// What becomes of five messages, 200 ms apart with 100 ms each.
+fn fates(t: u64) -> Does {
+    [Answers(40), Fails(30), Answers(130), Answers(170), Hangs][usize::try_from(t).unwrap()]
+}
+
+/// The ends alone.
+fn ends(log: &Log) -> Vec<String> {
+    log.lock().unwrap().iter().filter(|line| !line.starts_with("at")).cloned().collect()
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_policy_is_told_how_each_call_ended_and_at_which_age() {
+    let log = Log::default();
+    let run = played(&[0, 200, 400, 600, 800], |setup| {
+        cloud(setup, 1, fates, 100 * MS).policy = Some(noting(&log, &[100]));
+        local(20)
+    });
+    let run = run.await;
+    assert_eq!(
+        ends(&log),
+        ["Answered(40ms)", "Failed(30ms)", "Censored(100ms)", "Censored(100ms)", "Censored(100ms)"]
+    );
+    assert!(run.items.contains("40.000 ms: 0 cloud 1's of 0, asked at 0 ms, by arrival"));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_call_that_lingers_shows_its_true_age_and_changes_no_output() {
+    let outputs = async |linger, log: Log| {
+        let run = played(&[0, 200, 400, 600, 800], |setup| {
+            let cloud = cloud(setup, 1, fates, 100 * MS);
+            cloud.policy = Some(noting(&log, &[100]));
+            cloud.linger = linger;
+            local(20)
+        });
+        run.await
+    };
+    let log = Log::default();
+    let lingering = outputs(50 * MS, Arc::clone(&log)).await;
+    assert_eq!(
+        ends(&log),
+        // At 170 ms the fourth had lingered for its 50 ms.
+        ["Answered(40ms)", "Failed(30ms)", "Answered(130ms)", "Censored(150ms)"]
+    );
+    assert_eq!(lingering.items, outputs(Duration::ZERO, Log::default()).await.items);
+    assert!(lingering.trace.contains(r#""t":2,"p":1,"why":"superseded""#), "{}", lingering.trace);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_cancelled_call_lingers_until_it_would_have_been_due_and_the_linger_after_it() {
+    let log = Log::default();
+    let run = played(&[0, 500, 1000], |setup| {
+        // Cloud 2 answers at 60 ms; cloud 1 is cancelled then.
+        let what = |t| [Answers(90), Answers(260), Answers(10)][usize::try_from(t).unwrap()];
+        let lower = cloud(setup, 1, what, 100 * MS);
+        (lower.policy, lower.linger) = (Some(noting(&log, &[100])), 150 * MS);
+        cloud(setup, 2, |_| Answers(60), 100 * MS);
+        local(20)
+    });
+    let run = run.await;
+    assert_eq!(ends(&log), ["Answered(90ms)", "Censored(250ms)", "Answered(10ms)"]);
+    assert_eq!(run.tally.sources[1].cancelled, 2);
+    assert!(run.items.contains("60.000 ms: 0 cloud 2's of 0, asked at 0 ms, by arrival"));
+}
+
+#[tokio::test(start_paused = true)]
+async fn calls_that_linger_take_no_place_and_are_no_more_than_calls() {
+    let log = Log::default();
+    let run = played(&[0, 100, 200, 300], |setup| {
+        let cloud = cloud(setup, 1, |t| if t == 3 { Answers(10) } else { Hangs }, 50 * MS);
+        (cloud.policy, cloud.linger, cloud.calls) = (Some(noting(&log, &[50])), 1000 * MS, 1);
+        local(20)
+    });
+    let run = run.await;
+    // Each message is sent at once; the second and third that linger end the one before.
+    assert_eq!(ends(&log), ["Censored(150ms)", "Censored(150ms)", "Answered(10ms)"]);
+    let last = "310.000 ms: 3 cloud 1's of 3, asked at 300 ms, by arrival from 310 ms\n";
+    assert!(run.items.ends_with(last), "{}", run.items);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_request_that_was_never_sent_is_censored_too() {
+    let log = Log::default();
+    played(&[0, 10], |setup| {
+        let cloud = cloud(setup, 1, |_| Hangs, 100 * MS);
+        (cloud.policy, cloud.calls) = (Some(noting(&log, &[100, 60])), 1);
+        local(20)
+    })
+    .await;
+    assert_eq!(ends(&log), ["Censored(60ms)", "Censored(100ms)"]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_policy_that_panics_asks_nothing_and_is_asked_again() {
+    struct Shaky;
+    impl Policy for Shaky {
+        fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
+            assert!(situation.speed.greatest < 20.0, "as told");
+            Constant(50 * MS).decide(situation, cap)
+        }
+        fn ended(&mut self, _: End) {
+            panic!("as told")
+        }
+    }
+    let run = played(&[0, 100], |setup| {
+        setup.use_situation(|_, t| Situation::at(if t == 0 { 22.0 } else { 18.0 }));
+        cloud(setup, 1, |_| Answers(40), 100 * MS).policy = Some(Box::new(Shaky));
+        local(20)
+    });
+    assert_eq!(
+        run.await.items,
+        "20.000 ms: 0 local's of 0, asked at 0 ms, by arrival from 20 ms\n\
+         140.000 ms: 1 cloud 1's of 1, asked at 100 ms, by arrival from 140 ms\n"
+    );
+}
+
+#[tokio::test(start_paused = true)]
+async fn without_a_policy_it_is_what_the_message_handler_says() {
+    let run = played(&[0], |setup| {
+        cloud(setup, 1, |_| Hangs, 70 * MS);
+        local(20)
+    })
+    .await;
+    assert_eq!(run.items, "70.000 ms: 0 local's of 0, asked at 0 ms, by timer from 20 ms\n");
+    let in_force = run.tally.sources[1].in_force.unwrap();
+    assert_eq!((in_force.deadline, in_force.why()), (70 * MS, "offered"));
+    assert_eq!(run.tally.sources[0].in_force, None);
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_guard_waits_as_long_as_the_speed_allows_and_risks_nothing_without_one() {
+    let guard = || Guard::new(Parameters::default()).unwrap();
+    let speeds = [18.0, f64::NAN, 20.0];
+    let run = played(&[0, 2000, 4000], |setup| {
+        setup.use_situation(move |_, t| Situation::at(speeds[usize::try_from(t).unwrap()]));
+        cloud(setup, 1, |_| Hangs, Duration::MAX).policy = Some(Box::new(guard()));
+        local(300)
+    });
+    let run = run.await;
+    // 0.6506 s at 18 m/s, local's response without a speed, 0.3117 s at 20 m/s.
+    let due = |line: &str| line.split("\"due\":").nth(1).map(|due| due[..6].to_owned());
+    let dues: Vec<_> = run.trace.lines().filter(|line| line.contains("request")).map(due).collect();
+    let expected = ["650555", "230170", "431166"].map(|due| Some(due.to_owned()));
+    assert_eq!(dues, expected, "{}", run.trace);
+    assert_eq!(run.tally.sources[1].in_force.unwrap().why(), "local-stops");
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_expecting_policy_stops_waiting_for_a_cloud_that_is_gone_and_finds_it_when_it_returns() {
+    let loss = Accuracy { local: 42.0, cloud: 58.0, price_per_ms: 0.01 };
+    let expected = Expected::<_, 16>::new(loss, 0.02, Some(8)).unwrap();
+    let policy = Constant(400 * MS).caps(expected);
+    let (mut camera, frames) = stream(8);
+    let operator = Made(move |setup: &mut Setup<u64, String>| {
+        // It is gone from message 40 to message 79.
+        let what = |t| if (40..80).contains(&t) { Hangs } else { Answers(150) };
+        cloud(setup, 1, what, Duration::MAX).policy = Some(Box::new(policy));
+        local(20)
+    });
+    let (_running, mut output) = spawn(operator, Config::default(), frames).unwrap();
+    let mut took = Vec::new();
+    for t in 0..120 {
+        camera.write(t).unwrap();
+        let item = output.read().await.unwrap();
+        took.push((item.took().as_millis(), line(&item).contains("cloud 1's")));
+    }
+    assert!(took[16..40].iter().all(|took| *took == (150, true)), "{took:?}");
+    // Sixteen ends after it went nothing is left to wait for, but for one message in eight.
+    let waits = took[56..80].iter().filter(|(ms, _)| *ms > 20).count();
+    assert_eq!(waits, 3, "{took:?}");
+    assert!(took[97..].iter().all(|took| *took == (150, true)), "{took:?}");
+}

@@ -1,0 +1,36 @@
+//! What can go wrong, told in one line: what and where, and a remedy.
+
+use std::io;
+use std::net::SocketAddr;
+
+use fuseline_models::CheckError;
+use thiserror::Error;
+
+/// Why a command stopped.
+#[derive(Debug, Error)]
+pub(crate) enum Error {
+    #[error("no configuration is named {name:?}; `list` names them")]
+    World { name: String },
+    #[error("{config}: {source}; mend the model")]
+    Check { config: &'static str, source: CheckError },
+    #[error("--listen {address}: {source}; choose an address of this machine and a free port")]
+    Listen { address: SocketAddr, source: io::Error },
+    #[error("{name}: {source}; give a directory that can be written to")]
+    Save { name: String, source: io::Error },
+    #[error("standard output: {0}")]
+    Output(#[from] io::Error),
+}
+
+/// A mistake on the command line as one line.
+pub(crate) fn usage(error: &clap::Error) -> String {
+    let text = error.render().to_string();
+    let mut paragraphs = text.split("\n\n").map(one_line);
+    let what = paragraphs.next().unwrap_or_default();
+    let what = what.strip_prefix("error: ").unwrap_or(&what).to_owned();
+    let remedy = paragraphs.find_map(|paragraph| Some(paragraph.strip_prefix("tip: ")?.to_owned()));
+    format!("{what}; {}", remedy.as_deref().unwrap_or("see --help"))
+}
+
+fn one_line(paragraph: &str) -> String {
+    paragraph.split_whitespace().collect::<Vec<_>>().join(" ")
+}

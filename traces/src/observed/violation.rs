@@ -1,0 +1,207 @@
+//! What is wrong with a timestamp that has no explanation.
+
+use super::open::WholeStory;
+use super::story::{Allowed, Slack, Story};
+use super::verdict::BrokenRule;
+use crate::event::{Commit, Decision};
+use crate::rule::Rule;
+
+/// What is wrong, in the words of a verdict.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Unplaced {
+    /// The line; none for the timestamp's last.
+    pub(super) line: Option<u64>,
+    pub(super) rule: BrokenRule,
+    pub(super) found: String,
+    pub(super) expected: String,
+    pub(super) late: Option<u64>,
+}
+
+/// What comes for a timestamp that was retired before: it must be dropped or refused.
+pub(super) fn of_again(t: u64, whole: &WholeStory) -> Option<Unplaced> {
+    if let Some(line) = whole.lines.first() {
+        let found = outputs(t, &whole.story);
+        let expected = "nothing more: it was forwarded or missed before".to_owned();
+        return Some(Unplaced::new(Rule::P1, *line, found, expected));
+    }
+    of_open_or_request(t, whole, "it was opened before, and retired")
+}
+
+/// What comes for a timestamp of which each open was refused (A42).
+pub(super) fn of_refused(t: u64, whole: &WholeStory) -> Option<Unplaced> {
+    if let Some(line) = whole.lines.first() {
+        let found = outputs(t, &whole.story);
+        let expected = "nothing: its open was refused".to_owned();
+        return Some(Unplaced::new(Rule::F1, *line, found, expected));
+    }
+    of_open_or_request(t, whole, "its open was refused")
+}
+
+/// What no explanation fits.
+pub(super) fn of_story(
+    t: u64,
+    whole: &WholeStory,
+    commit: Commit,
+    slack: Slack,
+    end: u64,
+) -> Option<Unplaced> {
+    if let Some(line) = whole.second_open {
+        let found = format!("a second open of timestamp {t}");
+        return Some(Unplaced::new(Rule::F1, line, found, "a refusal: order".to_owned()));
+    }
+    if let Some((line, p)) = whole.stranger {
+        let found = format!("a request to p {p}");
+        return Some(Unplaced::new(Rule::F2, line, found, "a refusal: no such cloud".to_owned()));
+    }
+    let line = whole.lines.last().copied();
+    let story = &whole.story;
+    if story.is_explained(commit, slack, end) {
+        return None;
+    }
+    let allowed = story.allowed(commit, slack, end);
+    let found = outputs(t, story);
+    if story.outputs.len() > 1 {
+        let unplaced = Unplaced::new(Rule::P1, 0, found, told(t, &allowed));
+        return Some(Unplaced { line, ..unplaced });
+    }
+    let without = Story { outputs: Vec::new(), ..story.clone() };
+    if allowed.is_empty() && !without.is_explained(commit, slack, end) {
+        return Some(of_contradiction(t, story, commit, slack, end));
+    }
+    let (rule, late) = of_output(story, &allowed, slack, end);
+    Some(Unplaced { line, rule, found, expected: told(t, &allowed), late })
+}
+
+fn of_open_or_request(t: u64, whole: &WholeStory, why: &str) -> Option<Unplaced> {
+    let expected = format!("a refusal: {why}");
+    let (rule, found) = if whole.is_opened() {
+        (Rule::F1, format!("a second open of timestamp {t}"))
+    } else {
+        let asked = whole.story.requests.first().map(|(p, ..)| *p);
+        let p = asked.or(whole.stranger.map(|(_, p)| p))?;
+        (Rule::F2, format!("a request to p {p}"))
+    };
+    Some(Unplaced { line: None, rule: BrokenRule::Rule(rule), found, expected, late: None })
+}
+
+/// The lines contradict each other, whatever came out.
+fn of_contradiction(t: u64, story: &Story, commit: Commit, slack: Slack, end: u64) -> Unplaced {
+    let explains = |story: &Story| !story.allowed(commit, slack, end).is_empty();
+    for i in 0..story.requests.len() {
+        let mut without = story.clone();
+        let (p, at, due) = without.requests.remove(i);
+        if explains(&without) {
+            let is_second = without.requests.iter().any(|(q, ..)| *q == p);
+            let expected = if is_second {
+                format!("one request to p {p}: a refusal of the second, duplicate")
+            } else {
+                format!("a refusal: timestamp {t} cannot be open then")
+            };
+            let found = Decision::Request { at, t, p, due }.to_string();
+            let rule = BrokenRule::Rule(Rule::F2);
+            return Unplaced { line: None, rule, found, expected, late: None };
+        }
+    }
+    let found = outputs(t, story);
+    let expected =
+        "an open first, and each request before what comes of it; no order of these lines \
+                    within the tolerance has that"
+            .to_owned();
+    Unplaced { line: None, rule: BrokenRule::Rule(Rule::F1), found, expected, late: None }
+}
+
+/// The rule or promise that an output breaks, or that there is none; and by how much it came too late.
+fn of_output(
+    story: &Story,
+    allowed: &[Allowed],
+    slack: Slack,
+    end: u64,
+) -> (BrokenRule, Option<u64>) {
+    let alone = story.requests.is_empty();
+    let has_local = story.results.iter().any(|(p, _)| *p == 0);
+    let Some((what, at)) = story.outputs.first().copied() else {
+        let by = allowed.iter().map(|allowed| allowed.to).max().unwrap_or(end);
+        let rule = match (alone, has_local) {
+            (true, true) => BrokenRule::P6,
+            (false, true) => BrokenRule::P5,
+            (_, false) => BrokenRule::P7,
+        };
+        return (rule, Some(end.saturating_sub(by)));
+    };
+    let same = allowed.iter().find(|allowed| allowed.p == what);
+    if let Some(same) = same.filter(|same| at > same.to) {
+        let rule = match what {
+            None => BrokenRule::P7,
+            Some(0) if alone => BrokenRule::P6,
+            Some(_) => BrokenRule::P4,
+        };
+        return (rule, Some(at - same.to));
+    }
+    let Some(p) = what else { return (BrokenRule::Rule(Rule::F6), None) };
+    let first = |facts: &[(u64, u64)], p: u64| {
+        facts.iter().filter(|(q, _)| *q == p).map(|(_, at)| *at).min()
+    };
+    let Some(came) = first(&story.results, p) else { return (BrokenRule::P3, None) };
+    if came > at.saturating_add(slack.tolerance.saturating_mul(2)) {
+        return (BrokenRule::P3, None);
+    }
+    let request = story.requests.iter().find(|(q, ..)| *q == p);
+    let due = match request {
+        Some((_, _, due)) => Some(*due),
+        None => story.open.and_then(|(at, deadline)| Some(at.saturating_add(deadline?))),
+    };
+    let in_time = due.map(|due| {
+        due.saturating_add(slack.lateness).saturating_add(slack.tolerance.saturating_mul(2))
+    });
+    if p > 0 && request.is_none() {
+        return (BrokenRule::Rule(Rule::F3), None);
+    }
+    if let Some(by) = in_time.filter(|by| came > *by) {
+        return (BrokenRule::P2, Some(came - by));
+    }
+    if same.is_none() && first(&story.failures, p).is_some_and(|failed| failed < came) {
+        return (BrokenRule::Rule(Rule::F4), None);
+    }
+    let higher = allowed.iter().filter_map(|allowed| allowed.p).filter(|q| *q > p);
+    let is_outranked =
+        higher.into_iter().any(|q| first(&story.results, q).is_some_and(|came| came <= at));
+    (if is_outranked { BrokenRule::P3 } else { BrokenRule::Rule(Rule::F3) }, None)
+}
+
+/// What came out, as it stands in the trace.
+fn outputs(t: u64, story: &Story) -> String {
+    let told: Vec<String> =
+        story.outputs.iter().map(|(p, at)| output(t, *p, *at).to_string()).collect();
+    if told.is_empty() { "nothing came out".to_owned() } else { told.join(" and ") }
+}
+
+const fn output(t: u64, p: Option<u64>, at: u64) -> Decision {
+    match p {
+        Some(p) => Decision::Emit { at, t, p },
+        None => Decision::Miss { at, t },
+    }
+}
+
+/// What is allowed, with its instants.
+fn told(t: u64, allowed: &[Allowed]) -> String {
+    let told: Vec<String> = allowed
+        .iter()
+        .map(|Allowed { p, from, to }| {
+            let what = p.map_or_else(|| "miss".to_owned(), |p| format!("emit p {p}"));
+            match *to {
+                u64::MAX => format!("{what}, at {from} or later"),
+                to => format!("{what}, at {from} to {to}"),
+            }
+        })
+        .collect();
+    if told.is_empty() {
+        return format!("nothing yet of timestamp {t}");
+    }
+    told.join("; or ")
+}
+
+impl Unplaced {
+    fn new(rule: Rule, line: u64, found: String, expected: String) -> Self {
+        Self { line: Some(line), rule: BrokenRule::Rule(rule), found, expected, late: None }
+    }
+}
