@@ -123,7 +123,8 @@ async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered
     assert_eq!(rows.len() as u64, counts.sent + 1);
     // The longest are the first of the stall; a skipped slot took until the pause's end.
     assert!((quantile(log.figures.answers.quantile(100)) - 3020.0).abs() <= 40.0);
-    assert!(quantile(log.figures.slots.quantile(90)) > quantile(log.figures.answers.quantile(80)));
+    let skipped_ms = quantile(log.figures.slots.quantile(70));
+    assert!((500.0..2000.0).contains(&skipped_ms), "{skipped_ms}");
 }
 
 #[tokio::test(start_paused = true)]
