@@ -175,7 +175,7 @@ fn a_stall_of_3_s_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answere
         1..=3 => Duration::from_secs(4).saturating_sub(came),
         _ => Duration::ZERO,
     });
-    let probe = ["probe", &relay.url, "--seconds", "6"];
+    let probe = ["probe", &relay.url, "--seconds", "6", "-o", "plots"];
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
     assert!(out(&probed).contains("\n1 pause, "), "{}", out(&probed));
@@ -191,6 +191,100 @@ fn a_stall_of_3_s_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answere
     let [pause] = pauses[..] else { panic!("{pauses:?}") };
     assert_eq!(pause[5], "31");
     assert_eq!(rows.len(), seen.len() + 1);
+
+    assert!(out(&probed).contains("\nThere are no positions, so there is no route.\n"));
+    assert!(out(&probed).contains("plots: round-trips.svg, round-trips.png, "), "{}", out(&probed));
+    let plots = dir.path().join("plots");
+    let svg = plotted(&plots, &["round-trips", "distribution"]);
+    assert!(!plots.join("route.svg").exists());
+    let answers = format!("{} answers, 0 failed or unanswered, 1 pause; p50 ", seen.len());
+    assert!(svg.iter().all(|svg| svg.contains(&answers)), "{answers}");
+    // The key's and the pause's own, which is about half of the 6 s.
+    let bands = bands(&svg[0]);
+    assert_eq!(bands.len(), 2, "{bands:?}");
+    assert!((200.0..450.0).contains(&bands[0].max(bands[1])), "{bands:?}");
+    for paper in ["68 ms", "336 ms", "3027 ms"] {
+        assert!(svg[1].contains(paper), "{paper}");
+    }
+}
+
+/// The drawings on light ground; each is there as a picture too, and on the page.
+fn plotted(folder: &Path, names: &[&str]) -> Vec<String> {
+    let page = fs::read_to_string(folder.join("index.html")).unwrap();
+    let plotted = names.iter().map(|name| {
+        for suffix in ["", "-dark"] {
+            let png = fs::read(folder.join(format!("{name}{suffix}.png"))).unwrap();
+            assert!(png.starts_with(b"\x89PNG"), "{name}{suffix}");
+        }
+        let svg = fs::read_to_string(folder.join(format!("{name}.svg"))).unwrap();
+        assert!(page.contains(&svg), "{name}");
+        svg
+    });
+    plotted.collect()
+}
+
+/// How wide what is drawn like a pause is, in units of the drawing.
+fn bands(svg: &str) -> Vec<f64> {
+    let rects =
+        svg.split("<rect ").filter(|it| it.starts_with("x=") && it.contains("opacity=\"0.22\""));
+    rects.map(|it| ms(it.split("width=\"").nth(1).unwrap().split('"').next().unwrap())).collect()
+}
+
+#[test]
+fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
+    let dir = tempdir().unwrap();
+    let mut text = "sent_ms,rtt_ms,lat,lon,queued\n".to_owned();
+    for slot in 0..40_u32 {
+        let (sent, rtt, lat) = (slot * 33, 10 + slot * 20, 37.0 + f64::from(slot) * 1e-4);
+        text += &format!("{sent},{rtt},{lat},-122.0,{}\n", slot % 30);
+    }
+    fs::write(dir.path().join("drive.csv"), &text).unwrap();
+    let plot = |name| {
+        let args = ["probe", "--plot", name, "-o", "plots"];
+        fuseline(&args).current_dir(dir.path()).output().unwrap()
+    };
+    let told = plot("drive.csv");
+    assert_eq!(told.status.code(), Some(0), "{}", err(&told));
+    assert!(out(&told).contains("route.svg"), "{}", out(&told));
+    let plots = dir.path().join("plots");
+    let svg = plotted(&plots, &["round-trips", "distribution", "route"]);
+    assert!(svg[0].contains("40 answers, 0 failed or unanswered, 0 pauses; p50 400 ms"));
+    assert_eq!(bands(&svg[0]).len(), 1);
+    // The key's one and 40 places.
+    assert_eq!(svg[2].matches("<circle ").count(), 41);
+
+    fs::remove_dir_all(&plots).unwrap();
+    for (wrong, what) in [
+        ("sent_ms,rtt_ms\n0,1\n0,1\n", "wrong.csv:3: sent_ms is 0; it must be milliseconds, "),
+        ("sent_ms,rtt_ms\n0,-2\n", "wrong.csv:2: rtt_ms is -2; it must be milliseconds from 0 "),
+        ("sent_ms,rtt_ms\n0,NaN\n", "wrong.csv:2: rtt_ms is NaN; "),
+        ("sent_ms,rtt_ms,lat,lon\n0,1,91,0\n", "wrong.csv:2: lat is 91; it must be degrees"),
+        ("second\n0\n", "wrong.csv: "),
+        (&"x".repeat(1 << 20), "wrong.csv: a line of more than 64 KiB; "),
+    ] {
+        fs::write(dir.path().join("wrong.csv"), wrong).unwrap();
+        let refused = plot("wrong.csv");
+        let told = err(&refused);
+        assert_eq!(refused.status.code(), Some(2), "{told}");
+        assert!(told.starts_with("error: ") && told.contains(what), "{what}: {told}");
+        assert_eq!((told.lines().count(), fs::read_dir(&plots).unwrap().count()), (1, 0), "{told}");
+    }
+}
+
+#[test]
+fn a_plot_that_cannot_be_written_is_one_error_and_the_recording_stays() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &[]);
+    // A file cannot take a folder's name.
+    fs::create_dir_all(dir.path().join("plots/round-trips.svg/taken")).unwrap();
+    let probe = ["probe", &server.url, "--seconds", "0.5", "-o", "plots"];
+    let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
+    assert_eq!(probed.status.code(), Some(2));
+    let told = err(&probed);
+    assert!(told.lines().last().unwrap().starts_with("error: plots/round-trips.svg: "), "{told}");
+    assert!(out(&probed).contains("15 sent"), "{}", out(&probed));
+    assert_eq!(fs::read_dir(dir.path().join("plots")).unwrap().count(), 1);
+    assert_eq!(rows(&dir.path().join("fuseline-probe.csv")).len(), 15);
 }
 
 #[test]
@@ -250,7 +344,7 @@ fn rmc(second: u64) -> String {
 fn ctrl_c_ends_a_probe_with_its_summary_and_a_whole_recording() {
     let dir = tempdir().unwrap();
     let server = Server::start(dir.path(), &[]);
-    let child = fuseline(&["probe", &server.url, "--json"])
+    let child = fuseline(&["probe", &server.url, "--json", "-o", "plots"])
         .current_dir(dir.path())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
@@ -268,6 +362,9 @@ fn ctrl_c_ends_a_probe_with_its_summary_and_a_whole_recording() {
     let rows = rows(&csv);
     assert_eq!(rows.len() as u64, summary["sent"].as_u64().unwrap());
     assert!(rows.iter().all(|row| row.len() == 7));
+    let svg = plotted(&dir.path().join("plots"), &["round-trips", "distribution"]);
+    assert!(svg[0].contains(&format!("{} answers, ", summary["answered"])));
+    assert_eq!(summary["plots"][0], "round-trips.svg");
 }
 
 #[test]

@@ -3,6 +3,8 @@
 use std::ops::Range;
 
 use plotters::coord::Shift;
+use plotters::coord::combinators::WithKeyPoints;
+use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -12,9 +14,9 @@ use crate::plot::png::FONT;
 
 /// A sheet to draw on.
 pub(crate) type Sheet<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-/// A chart with both axes linear.
-pub(crate) type Chart<'a, 'b> =
-    ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+/// A chart; its axes are linear unless told.
+pub(crate) type Chart<'a, 'b, X = RangedCoordf64, Y = RangedCoordf64> =
+    ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;
 
 /// Drawing into a string does not fail.
 pub(crate) const DRAWN: &str = "a drawing in memory";
@@ -40,6 +42,10 @@ impl Label {
 
     pub(crate) const fn centred(self) -> Self {
         Self { pos: Pos { h_pos: HPos::Center, v_pos: VPos::Center }, ..self }
+    }
+
+    pub(crate) const fn right(self) -> Self {
+        Self { pos: Pos { h_pos: HPos::Right, v_pos: VPos::Center }, ..self }
     }
 
     pub(crate) fn style(&self) -> TextStyle<'static> {
@@ -77,6 +83,23 @@ pub(crate) fn sheet(
     svg
 }
 
+/// What an axis is made of.
+pub(crate) trait Scale: AsRangedCoord<Value = f64> {}
+
+impl<T: AsRangedCoord<Value = f64>> Scale for T {}
+
+/// A logarithmic scale with a line at each power of ten, between powers of ten.
+pub(crate) fn logarithmic(range: &Range<f64>) -> impl Scale<CoordDescType = LogPoints> + use<> {
+    let mut powers = vec![range.start];
+    while let Some(last) = powers.last().filter(|last| **last * 5.0 < range.end) {
+        powers.push(last * 10.0);
+    }
+    (range.start..range.end).log_scale().with_key_points(powers)
+}
+
+/// What a logarithmic axis is.
+pub(crate) type LogPoints = WithKeyPoints<LogCoord<f64>>;
+
 /// What a chart's axes are.
 pub(crate) struct Axes {
     pub(crate) x: Range<f64>,
@@ -97,10 +120,24 @@ pub(crate) struct Line {
 impl Axes {
     /// A chart with a grid and its axes named.
     pub(crate) fn chart<'a, 'b>(&self, theme: &Theme, sheet: &'a Sheet<'b>) -> Chart<'a, 'b> {
+        self.scaled(theme, sheet, (self.x.clone(), self.y.clone()))
+    }
+
+    /// The same with scales of the caller's; they have the ranges.
+    pub(crate) fn scaled<'a, 'b, X: Scale, Y: Scale>(
+        &self,
+        theme: &Theme,
+        sheet: &'a Sheet<'b>,
+        (x, y): (X, Y),
+    ) -> Chart<'a, 'b, X::CoordDescType, Y::CoordDescType>
+    where
+        X::CoordDescType: ValueFormatter<f64>,
+        Y::CoordDescType: ValueFormatter<f64>,
+    {
         let mut chart = ChartBuilder::on(sheet)
             .x_label_area_size(46)
             .y_label_area_size(58)
-            .build_cartesian_2d(self.x.clone(), self.y.clone())
+            .build_cartesian_2d(x, y)
             .expect(DRAWN);
         let soft = Label::new(13.0, theme.soft);
         chart
@@ -124,7 +161,11 @@ impl Axes {
 
 impl Line {
     /// Draws it; what lies outside the chart is cut off at its edge.
-    pub(crate) fn draw(&self, chart: &mut Chart<'_, '_>) {
+    pub(crate) fn draw<X, Y>(&self, chart: &mut Chart<'_, '_, X, Y>)
+    where
+        X: Ranged<ValueType = f64>,
+        Y: Ranged<ValueType = f64>,
+    {
         let style = self.colour.stroke_width(self.width);
         let points = self.points.iter().copied();
         if self.is_dashed {

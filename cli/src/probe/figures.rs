@@ -68,7 +68,7 @@ impl Figures {
 }
 
 impl Spread {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let times = Histogram::new_with_max(LONGEST_US, DIGITS).expect("the bounds are in order");
         Self { times, never: 0 }
     }
@@ -96,6 +96,18 @@ impl Spread {
         #[expect(clippy::cast_precision_loss, reason = "a day at 1000 Hz has 2^27 slots")]
         let share = (rank as f64 - 0.5) / self.times.len() as f64;
         Some(Quantile::Exactly(Duration::from_micros(self.times.value_at_quantile(share))))
+    }
+
+    /// Times in milliseconds and how many percent took no longer, in that many steps.
+    #[expect(clippy::cast_precision_loss, reason = "microseconds of an hour; some hundreds")]
+    pub(crate) fn curve(&self, steps: u64) -> Vec<(f64, f64)> {
+        let steps = if self.times.is_empty() { 0..0 } else { 0..steps + 1 };
+        let last = steps.end as f64 - 1.0;
+        let point = |step| {
+            let share = step as f64 / last;
+            (self.times.value_at_quantile(share) as f64 / 1000.0, share * 100.0)
+        };
+        steps.map(point).collect()
     }
 
     pub(crate) fn told(&self) -> Told {

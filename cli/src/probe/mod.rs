@@ -6,7 +6,9 @@ mod live;
 mod log;
 mod options;
 mod pace;
+mod plots;
 mod position;
+mod recording;
 mod row;
 mod server;
 mod summary;
@@ -28,6 +30,7 @@ use crate::exit::Exit;
 use crate::fault::{Fault, chain, plain};
 use crate::interrupt::Interrupt;
 use crate::output;
+use crate::plot::Folder;
 use crate::probe::client::{Schedule, drive};
 use crate::probe::live::Live;
 use crate::probe::log::Log;
@@ -50,6 +53,8 @@ enum ProbeError {
     Silent { url: String, why: String },
     #[error("--gpsd {address}: {}; start gpsd there, or leave it out", plain(.source))]
     Gpsd { address: String, source: io::Error },
+    #[error("--plot -: it is read twice; name a file")]
+    Stdin,
     #[error("--csv -: the rows are told as they come; name a file")]
     Stdout,
     #[error("{file}: {}; make room, or name another --csv", plain(.source))]
@@ -64,6 +69,9 @@ impl From<ProbeError> for Fault {
 
 /// Measures, or serves who measures.
 pub(crate) fn probe(args: &Args) -> Result<Exit, Fault> {
+    if let Some(recording) = &args.plot {
+        return again(recording, args).map(|()| Exit::Conforms);
+    }
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
     let interrupt = Interrupt::watch();
     let ended = if args.serve {
@@ -74,6 +82,24 @@ pub(crate) fn probe(args: &Args) -> Result<Exit, Fault> {
     // Whatever still runs belongs to calls that were given up.
     runtime.shutdown_background();
     ended.map(|()| Exit::Conforms)
+}
+
+/// Plots what was recorded before.
+fn again(recording: &Path, args: &Args) -> Result<(), Fault> {
+    if crate::input::is_standard(recording) {
+        return Err(ProbeError::Stdin.into());
+    }
+    let Some((path, folder)) = folder(args)? else { return Ok(()) };
+    let files = plots::plot(recording, &folder, None)?;
+    Sink::new(anstream::stdout())
+        .write_all(summary::plotted(path, &files).as_bytes())
+        .map_err(Fault::Output)
+}
+
+/// The folder for plots, if one is wanted.
+fn folder(args: &Args) -> Result<Option<(&Path, Folder)>, Fault> {
+    let folder = Folder::open(args.output.as_deref())?;
+    Ok(args.output.as_deref().zip(folder))
 }
 
 async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
@@ -92,6 +118,7 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
         () = interrupt.wait() => return Ok(()),
     }
     let fixes = positions(args).await?;
+    let folder = folder(args)?;
     let name = args.csv.display().to_string();
     let unwritten = |source| ProbeError::Write { file: name.clone(), source };
     let file =
@@ -107,9 +134,20 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let look = (live.period(), |log: &Log<_>, now| live.show(log, now));
     let wrote = drive(&mut log, &schedule, ask, interrupt.wait(), look).await;
     live.end();
-    let summary = Summary::new(args, url, &log.figures, interrupt.came());
+    let mut summary = Summary::new(args, url, &log.figures, interrupt.came());
+    // What was measured is told whatever becomes of the files.
+    let wrote = wrote.map_err(|source| unwritten(source).into()).and_then(|()| {
+        if let Some((_, folder)) = &folder {
+            summary.plots = plots::plot(&args.csv, folder, Some(&summary.to_string()))?;
+        }
+        Ok(())
+    });
     tell(&summary, args.json).map_err(Fault::Output)?;
-    wrote.map_err(|source| unwritten(source).into())
+    if let Some((path, _)) = folder.filter(|_| !args.json && !summary.plots.is_empty()) {
+        let told = summary::plotted(path, &summary.plots);
+        Sink::new(anstream::stdout()).write_all(told.as_bytes()).map_err(Fault::Output)?;
+    }
+    wrote
 }
 
 fn tell(summary: &Summary, is_json: bool) -> io::Result<()> {

@@ -25,10 +25,13 @@ Examples:
   fuseline probe --serve --listen 0.0.0.0:50051
   fuseline probe http://10.0.0.2:50051 --gpsd 127.0.0.1:2947
   fuseline probe https://cloud:50051 --ca ca.pem --token-file secret --seconds 600
+  fuseline probe http://10.0.0.2:50051 -o pictures
+  fuseline probe --plot fuseline-probe.csv -o pictures
   fuseline run --drive west=fuseline-probe.csv")]
 pub(crate) struct Args {
     /// Where `fuseline probe --serve` listens: <http://HOST:PORT>, or https with --ca.
-    #[arg(value_name = "URL", required_unless_present = "serve", conflicts_with = "serve")]
+    #[arg(value_name = "URL", required_unless_present_any = ["serve", "plot"],
+        conflicts_with_all = ["serve", "plot"])]
     pub(crate) url: Option<String>,
     /// Answer probes instead of sending one.
     #[arg(long)]
@@ -50,6 +53,13 @@ pub(crate) struct Args {
     /// Where the recording is written, from the start on.
     #[arg(long, value_name = "FILE", default_value = "fuseline-probe.csv")]
     pub(crate) csv: PathBuf,
+    /// Write plots, as SVG and PNG on light and on dark ground, and a page that holds them to this
+    /// folder once the probe has ended: round trips over time, their distribution, the route.
+    #[arg(short, long, value_name = "DIR", conflicts_with = "serve")]
+    pub(crate) output: Option<PathBuf>,
+    /// Measure nothing, but plot this recording.
+    #[arg(long, value_name = "FILE", requires = "output", conflicts_with_all = ["serve", "json"])]
+    pub(crate) plot: Option<PathBuf>,
     /// A gpsd that tells positions.
     #[arg(long, value_name = "HOST:PORT", conflicts_with = "serve")]
     pub(crate) gpsd: Option<String>,

@@ -1,6 +1,7 @@
 //! The summary, for people and for `--json`.
 
 use std::fmt;
+use std::path::Path;
 use std::sync::LazyLock;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
@@ -15,7 +16,7 @@ const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// The round trips of the paper's drive, in milliseconds.
-static PAPER: LazyLock<Paper> = LazyLock::new(|| {
+pub(crate) static PAPER: LazyLock<Paper> = LazyLock::new(|| {
     let figures: File = serde_json::from_str(include_str!("../../data/paper.json"))
         .expect("a test reads the same bytes");
     figures.drive_5g_san_francisco.rtt_ms
@@ -33,10 +34,10 @@ struct Drive {
 
 /// Quantiles in milliseconds.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
-struct Paper {
-    p50: f64,
-    p90: f64,
-    p99: f64,
+pub(crate) struct Paper {
+    pub(crate) p50: f64,
+    pub(crate) p90: f64,
+    pub(crate) p99: f64,
 }
 
 /// What a probe came to.
@@ -58,6 +59,8 @@ pub(crate) struct Summary {
     /// The paper's.
     paper_ms: Paper,
     csv: String,
+    /// Files in the folder for plots.
+    pub(crate) plots: Vec<String>,
 }
 
 impl Summary {
@@ -74,6 +77,7 @@ impl Summary {
             slots_ms: figures.slots.told(),
             paper_ms: *PAPER,
             csv: args.csv.display().to_string(),
+            plots: Vec::new(),
         }
     }
 }
@@ -125,6 +129,13 @@ impl fmt::Display for Summary {
             self.csv,
         )
     }
+}
+
+/// What was plotted, in words.
+pub(crate) fn plotted(folder: &Path, files: &[String]) -> String {
+    let has_route = files.iter().any(|file| file == "route.svg");
+    let none = if has_route { "" } else { "There are no positions, so there is no route.\n" };
+    format!("{}: {}\n{none}", folder.display(), files.join(", "))
 }
 
 /// A quantile in whole milliseconds.

@@ -3,7 +3,6 @@
 mod approach;
 mod braking;
 mod jaywalking;
-mod leave;
 mod networks;
 mod operator;
 mod options;

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::fault::Fault;
+use crate::plot::Folder;
 use crate::scenario::approach::Vehicle;
-use crate::scenario::leave::Folder;
 use crate::sink::Sink;
 
 /// What a scenario leaves.

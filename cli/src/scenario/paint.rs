@@ -10,8 +10,3 @@ pub(crate) const SOFT: Style = Style::new().dimmed();
 pub(crate) fn paint(style: Style, text: &str) -> String {
     format!("{style}{text}{style:#}")
 }
-
-/// A text without colours.
-pub(crate) fn bare(text: &str) -> String {
-    anstream::adapter::strip_str(text).to_string()
-}

@@ -10,9 +10,9 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::fault::Fault;
+use crate::plot::{Folder, Shown, show};
 use crate::scenario::jaywalking::planning::{Answered, Planning};
 pub(crate) use crate::scenario::jaywalking::scene::{Manoeuvre, Scene};
-use crate::scenario::leave::{Folder, Shown, show};
 use crate::scenario::options::{Leave, above_0, not_below_0, speed};
 
 /// What the page says first.

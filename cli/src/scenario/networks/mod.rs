@@ -13,10 +13,10 @@ use serde_json::{Value, json};
 
 use crate::drives::Drive;
 use crate::fault::Fault;
+use crate::plot::{Folder, Shown, show};
 use crate::scenario::ScenarioError;
 use crate::scenario::approach::{self, Vehicle, whole};
 use crate::scenario::braking::Aftermath;
-use crate::scenario::leave::{Folder, Shown, show};
 use crate::scenario::networks::policy::{Manner, deadline, observe};
 use crate::scenario::operator::Operator;
 use crate::scenario::options::{Leave, VehicleArgs, not_below_0, speed};

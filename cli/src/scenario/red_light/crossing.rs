@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use crate::fault::Fault;
+use crate::plot::Folder;
 use crate::scenario::approach::{nanos, seconds};
 use crate::scenario::braking::Brakes;
-use crate::scenario::leave::Folder;
 use crate::scenario::operator::{CLOUD, Message, Operator, Output, Request, UNLIMITED};
 use crate::scenario::planner::{Planner, Sight};
 use crate::scenario::red_light::scene::{MEETING, Scene};

@@ -11,7 +11,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::fault::Fault;
-use crate::scenario::leave::{Folder, Shown, show};
+use crate::plot::{Folder, Shown, show};
 use crate::scenario::options::{Leave, above_0, any, not_below_0, speed};
 use crate::scenario::red_light::crossing::{Approach, Crossing, Ego};
 pub(crate) use crate::scenario::red_light::scene::{Scene, Variant};

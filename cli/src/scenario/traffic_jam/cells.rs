@@ -9,10 +9,10 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::fault::Fault;
+use crate::plot::Folder;
 use crate::scenario::ScenarioError;
 use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
 use crate::scenario::braking::Aftermath;
-use crate::scenario::leave::Folder;
 use crate::scenario::operator::Operator;
 use crate::scenario::paper::PAPER;
 

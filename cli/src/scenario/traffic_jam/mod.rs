@@ -13,8 +13,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::fault::Fault;
+use crate::plot::{Shown, show};
 use crate::scenario::approach::Approach;
-use crate::scenario::leave::{Shown, show};
 use crate::scenario::options::{Leave, VehicleArgs, not_below_0, speed};
 use crate::scenario::traffic_jam::cells::{Cell, Deadline, Jam, Question};
 use crate::scenario::traffic_jam::narrow::{Constants, Interval, OnBoard, Only};

@@ -1,14 +1,14 @@
-//! Folders that a scenario fills: each file appears whole or not at all.
+//! Folders that a command fills: each file appears whole or not at all.
 
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use anstream::adapter::strip_str;
 use tempfile::Builder;
 
 use crate::fault::Fault;
 use crate::plot::{DARK, LIGHT, Page, Plot, png};
-use crate::scenario::paint::bare;
 
 /// A folder to write to; it is made if it is not there, and what else is in it stays.
 pub(crate) struct Folder(PathBuf);
@@ -48,7 +48,7 @@ fn fault(path: &Path, source: io::Error) -> Fault {
     Fault::Create { name: path.display().to_string(), source }
 }
 
-/// What a page of a scenario holds.
+/// What a command's page holds.
 pub(crate) struct Shown<'a> {
     pub(crate) title: &'a str,
     pub(crate) words: &'a [&'a str],
@@ -70,6 +70,6 @@ pub(crate) fn show(folder: &Folder, shown: &Shown<'_>) -> Result<(), Fault> {
             folder.put(&format!("{name}.png"), &png(&svg))?;
         }
     }
-    let page = Page { title, words, plots, table: &bare(told) };
+    let page = Page { title, words, plots, table: &strip_str(told).to_string() };
     folder.put("index.html", page.html().as_bytes())
 }

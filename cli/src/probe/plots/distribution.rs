@@ -1,0 +1,78 @@
+//! How many answers took how long.
+
+use plotters::element::Circle;
+use plotters::style::{Color, RGBColor};
+
+use crate::plot::{Axes, DRAWN, Label, Line, Plot, Theme, logarithmic, sheet};
+use crate::policies::Quantile;
+use crate::probe::plots::extent::Extent;
+use crate::probe::summary::PAPER;
+
+/// What is told apart, in parts of all answers.
+const STEPS: u64 = 500;
+
+pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
+    let curve = extent.round_trips.curve(STEPS);
+    let marks: Vec<(f64, f64)> = [50, 90, 99]
+        .into_iter()
+        .filter_map(|percent| match extent.round_trips.quantile(percent)? {
+            Quantile::Exactly(at) => Some((at.as_secs_f64() * 1000.0, f64::from(percent as u8))),
+            Quantile::AtLeast(_) | Quantile::Never => None,
+        })
+        .collect();
+    let paper = vec![(PAPER.p50, 50.0), (PAPER.p90, 90.0), (PAPER.p99, 99.0)];
+    let x = extent.milliseconds();
+    let caption = "How many of the answers took no longer, with the quantiles p50, p90 and p99, beside those of \
+        the paper's 5G drive, which are joined by straight lines.";
+    Plot::new("distribution", caption, move |theme| {
+        sheet(theme, (860, 500), ("Network probe: distribution of round trips", &about), |sheet| {
+            let lines = [
+                line("this network", theme.series[1], false, &curve),
+                line("the paper's 5G drive", theme.series[2], true, &paper),
+            ];
+            Line::keys(&lines, theme, sheet, (82, 84));
+            let area = sheet.margin(104, 12, 20, 24);
+            let axes = Axes {
+                x: x.clone(),
+                y: 0.0..100.0,
+                x_name: "round trip, ms",
+                y_name: "answers, %",
+            };
+            let mut chart = axes.scaled(theme, &area, (logarithmic(&x), axes.y.clone()));
+            lines.iter().for_each(|line| line.draw(&mut chart));
+            for (points, others, colour) in
+                [(&marks, &paper, theme.series[1]), (&paper, &marks, theme.series[2])]
+            {
+                let dots = points.iter().map(|at| Circle::new(*at, 5, colour.filled()));
+                chart.draw_series(dots).expect(DRAWN);
+                for (place, at) in points.iter().enumerate() {
+                    let is_left = others.get(place).is_none_or(|other| *at < *other);
+                    let (x, y) = chart.backend_coord(at);
+                    let x = if is_left { x - 10 } else { x + 10 };
+                    let name = ["p50", "p90", "p99"][place];
+                    write(theme, sheet, (name, at.0, is_left), (x, y));
+                }
+            }
+        })
+    })
+}
+
+fn write(
+    theme: &Theme,
+    sheet: &crate::plot::Sheet<'_>,
+    (name, ms, is_left): (&str, f64, bool),
+    at: (i32, i32),
+) {
+    let label = Label::new(13.0, theme.ink).bold();
+    let label = if is_left { label.right() } else { label };
+    label.put(sheet, &format!("{name} {}", short(ms)), at);
+}
+
+/// In whole milliseconds where that tells enough.
+fn short(ms: f64) -> String {
+    if ms < 9.95 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }
+}
+
+fn line(name: &str, colour: RGBColor, is_dashed: bool, points: &[(f64, f64)]) -> Line {
+    Line { name: name.to_owned(), colour, width: 2, is_dashed, points: points.to_vec() }
+}

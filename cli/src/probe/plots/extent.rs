@@ -1,0 +1,73 @@
+//! How much a recording holds, and within which bounds.
+
+use std::ops::Range;
+use std::time::Duration;
+
+use crate::probe::figures::Spread;
+use crate::probe::plots::places::Bounds;
+use crate::probe::recording::Seen;
+use crate::probe::summary::{PAPER, counted, quantile};
+
+/// What a first look at a recording tells.
+pub(crate) struct Extent {
+    pub(crate) rows: u64,
+    pub(crate) answered: u64,
+    pub(crate) lost: u64,
+    pub(crate) pauses: u64,
+    /// When the first and the last were sent, in seconds.
+    pub(crate) sent: Option<(f64, f64)>,
+    pub(crate) round_trips: Spread,
+    pub(crate) bounds: Option<Bounds>,
+    /// The least and the greatest round trip, in milliseconds.
+    ends: Option<(f64, f64)>,
+}
+
+impl Default for Extent {
+    fn default() -> Self {
+        let round_trips = Spread::new();
+        let (rows, answered, lost, pauses) = (0, 0, 0, 0);
+        Self { rows, answered, lost, pauses, sent: None, round_trips, bounds: None, ends: None }
+    }
+}
+
+impl Extent {
+    pub(crate) fn add(&mut self, seen: &Seen) {
+        self.rows += 1;
+        self.sent = Some((self.sent.map_or(seen.sent, |(first, _)| first), seen.sent));
+        match seen.round_trip {
+            Some(ms) => {
+                self.answered += 1;
+                self.round_trips.add(Duration::from_secs_f64(ms / 1000.0));
+                let (least, greatest) = self.ends.unwrap_or((ms, ms));
+                self.ends = Some((least.min(ms), greatest.max(ms)));
+            }
+            None if seen.is_pause => self.pauses += 1,
+            None => self.lost += 1,
+        }
+        if let Some(place) = seen.place {
+            let bounds = self.bounds.get_or_insert_with(|| Bounds::new(place));
+            bounds.add(place);
+        }
+    }
+
+    /// Powers of ten around all round trips and the paper's, in milliseconds, with room for words.
+    pub(crate) fn milliseconds(&self) -> Range<f64> {
+        let (least, greatest) = self.ends.unwrap_or((PAPER.p50, PAPER.p99));
+        // Nothing is told apart below 0.01 ms.
+        let least = (least.min(PAPER.p50) / 3.0).max(0.01);
+        let greatest = greatest.max(PAPER.p99) * 3.0;
+        10_f64.powf(least.log10().floor())..10_f64.powf(greatest.log10().ceil())
+    }
+
+    /// In a line.
+    pub(crate) fn told(&self) -> String {
+        let [p50, p90, p99] =
+            [50, 90, 99].map(|percent| quantile(self.round_trips.quantile(percent)));
+        format!(
+            "{}, {} failed or unanswered, {}; p50 {p50}, p90 {p90}, p99 {p99}",
+            counted(self.answered, "answer"),
+            self.lost,
+            counted(self.pauses, "pause"),
+        )
+    }
+}

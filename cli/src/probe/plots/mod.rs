@@ -1,0 +1,60 @@
+//! What a probe looks like: its round trips over time, their distribution, and where they were.
+
+mod distribution;
+mod extent;
+mod places;
+mod route;
+mod series;
+
+use std::path::Path;
+
+use crate::fault::Fault;
+use crate::plot::{DARK, Folder, LIGHT, Plot, Shown, show};
+use crate::probe::plots::extent::Extent;
+use crate::probe::plots::places::Places;
+use crate::probe::plots::series::Series;
+use crate::probe::recording::Recording;
+
+/// What the page says first.
+const WORDS: &str = "A message of 33.3 KB was due at each slot, 30 times a second unless told otherwise, and \
+    a reply of 1 KB came back. With more than 30 unanswered the sending paused until none was. The paper's figures \
+    are those of its 5G drive through San Francisco.";
+
+/// Plots the recording at `path` into a folder; says which files there are.
+///
+/// The page has what the terminal is told, if that is more than the plots say.
+///
+/// # Errors
+/// If the recording cannot be read, or a file cannot be written; each file is whole or not there.
+pub(crate) fn plot(path: &Path, folder: &Folder, told: Option<&str>) -> Result<Vec<String>, Fault> {
+    let mut recording = Recording::open(path)?;
+    let mut extent = Extent::default();
+    recording.each(u64::MAX, |seen| extent.add(&seen))?;
+    let mut series = Series::new(&extent);
+    let mut places = extent.bounds.map(Places::new);
+    // It may have grown since.
+    recording.each(extent.rows, |seen| {
+        series.add(&seen);
+        places.iter_mut().for_each(|places| places.add(&seen));
+    })?;
+    let about = extent.told();
+    let mut plots = vec![series.plot(about.clone()), distribution::plot(&extent, about.clone())];
+    plots.extend(places.map(route::plot));
+    let files = names(&plots);
+    let shown =
+        Shown { title: "Network probe", words: &[WORDS], plots, told: told.unwrap_or(&about) };
+    show(folder, &shown)?;
+    Ok(files)
+}
+
+fn names(plots: &[Plot]) -> Vec<String> {
+    let mut names = Vec::new();
+    for plot in plots {
+        for theme in [LIGHT, DARK] {
+            names
+                .extend(["svg", "png"].map(|kind| format!("{}{}.{kind}", plot.name, theme.suffix)));
+        }
+    }
+    names.push("index.html".to_owned());
+    names
+}

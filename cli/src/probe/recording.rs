@@ -1,0 +1,153 @@
+//! Reads a recording again, a row at a time.
+
+use std::fs::File;
+use std::io::{self, Read, Seek};
+use std::path::Path;
+
+use serde::Deserialize;
+use thiserror::Error;
+
+use crate::fault::{Fault, plain};
+use crate::probe::pace::QUEUED;
+
+/// No line is longer, in bytes.
+const LINE: usize = 64 * 1024;
+/// No time is later: 30 years, in milliseconds.
+const LATEST_MS: f64 = 1e12;
+/// No round trip is longer: a day, in milliseconds.
+const LONGEST_MS: f64 = 86_400_000.0;
+
+/// A recording that can be read more than once.
+pub(crate) struct Recording {
+    name: String,
+    file: File,
+}
+
+/// A row as far as plots need it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Seen {
+    /// In seconds.
+    pub(crate) sent: f64,
+    /// In milliseconds; none if there was no answer.
+    pub(crate) round_trip: Option<f64>,
+    /// Latitude and longitude, in degrees.
+    pub(crate) place: Option<(f64, f64)>,
+    /// Whether a pause began and nothing was sent.
+    pub(crate) is_pause: bool,
+}
+
+/// Why a recording cannot be plotted.
+#[derive(Debug, Error)]
+enum RecordingError {
+    #[error("{name}: {}; give a recording of fuseline probe", plain(.source))]
+    Csv { name: String, source: csv::Error },
+    #[error("{name}:{line}: {column} is {found}; it must be {must}")]
+    Value { name: String, line: u64, column: &'static str, found: f64, must: &'static str },
+}
+
+impl From<RecordingError> for Fault {
+    fn from(error: RecordingError) -> Self {
+        Self::own(error)
+    }
+}
+
+#[derive(Deserialize)]
+struct Cells {
+    sent_ms: f64,
+    rtt_ms: f64,
+    lat: Option<f64>,
+    lon: Option<f64>,
+    queued: Option<u64>,
+}
+
+impl Recording {
+    /// The recording at `path`.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub(crate) fn open(path: &Path) -> Result<Self, Fault> {
+        let name = path.display().to_string();
+        match File::open(path) {
+            Ok(file) => Ok(Self { name, file }),
+            Err(source) => Err(Fault::Open { name, source }),
+        }
+    }
+
+    /// Hands out each row in order, at most `most` of them; memory does not grow with them.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is no recording.
+    pub(crate) fn each(&mut self, most: u64, mut look: impl FnMut(Seen)) -> Result<(), Fault> {
+        let name = || self.name.clone();
+        let fault = |source| RecordingError::Csv { name: name(), source };
+        self.file.rewind().map_err(|source| Fault::Open { name: name(), source })?;
+        let text = Lines { text: &self.file, since: 0 };
+        // A quoted cell could hold lines without end.
+        let mut rows = csv::ReaderBuilder::new().quoting(false).from_reader(text);
+        let columns = rows.headers().map_err(fault)?.clone();
+        let (mut row, mut before, mut count) = (csv::StringRecord::new(), f64::NEG_INFINITY, 0);
+        while count < most && rows.read_record(&mut row).map_err(fault)? {
+            let cells: Cells = row.deserialize(Some(&columns)).map_err(fault)?;
+            let line = row.position().map_or(0, csv::Position::line);
+            cells.check(before).map_err(|(column, found, must)| RecordingError::Value {
+                name: name(),
+                line,
+                column,
+                found,
+                must,
+            })?;
+            before = cells.sent_ms;
+            count += 1;
+            look(cells.seen());
+        }
+        Ok(())
+    }
+}
+
+impl Cells {
+    /// What is wrong: the column, the figure and what it must be.
+    fn check(&self, before: f64) -> Result<(), (&'static str, f64, &'static str)> {
+        if !(self.sent_ms > before && self.sent_ms.abs() <= LATEST_MS) {
+            return Err(("sent_ms", self.sent_ms, "milliseconds, greater than the line before"));
+        }
+        let is_lost = self.rtt_ms.to_bits() == (-1.0_f64).to_bits();
+        if !is_lost && !(0.0..=LONGEST_MS).contains(&self.rtt_ms) {
+            return Err(("rtt_ms", self.rtt_ms, "milliseconds from 0 to a day, or -1"));
+        }
+        for (column, found, most) in [("lat", self.lat, 90.0), ("lon", self.lon, 180.0)] {
+            if let Some(found) = found.filter(|found| !(-most..=most).contains(found)) {
+                return Err((column, found, "degrees, or empty"));
+            }
+        }
+        Ok(())
+    }
+
+    fn seen(&self) -> Seen {
+        let round_trip = Some(self.rtt_ms).filter(|ms| *ms >= 0.0);
+        // What is sent has fewer unanswered before it.
+        let is_pause = round_trip.is_none() && self.queued.is_some_and(|it| it > QUEUED as u64);
+        Seen { sent: self.sent_ms / 1000.0, round_trip, place: self.lat.zip(self.lon), is_pause }
+    }
+}
+
+/// Text with lines of bounded length.
+struct Lines<R> {
+    text: R,
+    /// Bytes since the last line ended.
+    since: usize,
+}
+
+impl<R: Read> Read for Lines<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let most = into.len().min(LINE);
+        let read = self.text.read(&mut into[..most])?;
+        self.since = match into[..read].iter().rposition(|byte| *byte == b'\n') {
+            Some(end) => read - end - 1,
+            None => self.since + read,
+        };
+        if self.since > LINE {
+            return Err(io::Error::other("a line of more than 64 KiB"));
+        }
+        Ok(read)
+    }
+}
