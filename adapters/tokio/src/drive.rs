@@ -11,13 +11,16 @@
 //! - **The timer** is set to the nearest due instant and never moved further away: it may find
 //!   nothing due, which is cheaper than to move it with each message. It is set again after each
 //!   time that it went off, also where the system's clock ends before the due instant.
-//! - **Calls** run in tasks of their own, since what they do may take long, and are aborted when
+//! - **Calls** run in tasks of their own, since what they do may take long; on a runtime of one
+//!   thread within the driver, where that makes no difference and costs half. They are aborted when
 //!   they are no longer wanted, or when they have lingered long enough after that, and all of them
 //!   when the loop ends or is dropped. Local's computations never are (F7).
+//! - **The clock** is read once for each event.
 //! - **Panics** of a call or a computation are failures (F4).
 //! - **What could not be sent** fails once the message was offered to every cloud (A30).
 
-use std::collections::HashMap;
+mod calls;
+
 use std::future::poll_fn;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -27,13 +30,11 @@ use std::time::Duration;
 
 use fuseline_operator::{Effect, Engine, Hint, Item, Offer, Situation};
 use futures_util::future::BoxFuture;
-use tokio::sync::mpsc;
-use tokio::task::AbortHandle;
 use tokio::time::{Instant, Sleep, sleep_until};
-use tracing::{Instrument, debug_span};
 
 use crate::Error;
-use crate::panics::{guarded, panicked};
+use crate::drive::calls::Calls;
+use crate::panics::panicked;
 use crate::words::Words;
 
 /// What differs between the adapters.
@@ -143,9 +144,9 @@ pub struct Driver<T: Transport> {
     engine: Engine<T::Value, T::Request>,
     transport: T,
     start: Instant,
-    words: mpsc::UnboundedReceiver<Word<T::Value>>,
-    sender: mpsc::UnboundedSender<Word<T::Value>>,
-    calls: Calls,
+    /// The clock's reading when the event at hand was taken in.
+    now: u64,
+    calls: Calls<T::Value>,
     /// What could not be sent for the message at hand.
     unsent: Vec<(u16, u64, Error)>,
     /// Who has the next turn.
@@ -164,10 +165,6 @@ pub async fn finish<V: Send + 'static, R: Send + 'static>(
     written.unwrap_or_else(|error| Err(io::Error::other(error)))
 }
 
-/// The calls under way, aborted when this is dropped.
-#[derive(Default)]
-struct Calls(HashMap<(u16, u64), AbortHandle>);
-
 /// Whose turn it is.
 enum Turn<M, V> {
     Transport(Incoming<M, V>),
@@ -181,14 +178,12 @@ const TURNS: u8 = 3;
 impl<T: Transport> Driver<T> {
     /// A driver whose clock starts now.
     pub fn new(engine: Engine<T::Value, T::Request>, transport: T) -> Self {
-        let (sender, words) = mpsc::unbounded_channel();
         Self {
             engine,
             transport,
             start: Instant::now(),
-            words,
-            sender,
-            calls: Calls::default(),
+            now: 0,
+            calls: Calls::new(),
             unsent: Vec::new(),
             turn: 0,
             is_last: false,
@@ -212,7 +207,9 @@ impl<T: Transport> Driver<T> {
                 armed = Some(due);
             }
             let is_armed = armed.is_some();
-            match poll_fn(|context| self.poll_turn(context, timer.as_mut(), is_armed)).await {
+            let turn = poll_fn(|context| self.poll_turn(context, timer.as_mut(), is_armed)).await;
+            self.now = self.clock();
+            match turn {
                 Turn::Transport(Incoming::Message { timestamp, message }) => {
                     self.message(timestamp, &message);
                 }
@@ -221,9 +218,8 @@ impl<T: Transport> Driver<T> {
                 Turn::Transport(Incoming::Stop) => break,
                 Turn::Timer => {
                     armed = None;
-                    let now = self.now();
-                    if self.engine.next_due().is_some_and(|due| due <= now) {
-                        self.engine.tick(now);
+                    if self.engine.next_due().is_some_and(|due| due <= self.now) {
+                        self.engine.tick(self.now);
                     }
                 }
             }
@@ -242,20 +238,15 @@ impl<T: Transport> Driver<T> {
             let turn = self.turn;
             self.turn = (turn + 1) % TURNS;
             let ready = match turn {
-                // The driver has a sender itself: the channel does not end.
-                0 => self
-                    .words
-                    .poll_recv(context)
-                    .map(|word| word.map(|word| Turn::Transport(Incoming::Word(word)))),
-                1 => self
-                    .transport
-                    .poll_incoming(context)
-                    .map(|incoming| Some(Turn::Transport(incoming))),
-                _ if is_armed => timer.as_mut().poll(context).map(|()| Some(Turn::Timer)),
+                0 => {
+                    self.calls.poll_word(context).map(|word| Turn::Transport(Incoming::Word(word)))
+                }
+                1 => self.transport.poll_incoming(context).map(Turn::Transport),
+                _ if is_armed => timer.as_mut().poll(context).map(|()| Turn::Timer),
                 _ => Poll::Pending,
             };
-            if let Poll::Ready(Some(turn)) = ready {
-                return Poll::Ready(turn);
+            if ready.is_ready() {
+                return ready;
             }
         }
         Poll::Pending
@@ -264,7 +255,7 @@ impl<T: Transport> Driver<T> {
     /// A message came (F1); each cloud is offered it (F2).
     fn message(&mut self, timestamp: u64, message: &T::Message) {
         // One instant for all of it: deadlines count from the message, and equal ones end together.
-        let now = self.now();
+        let now = self.now;
         if let Some(situation) = self.transport.situation(timestamp, message) {
             self.engine.set_situation(situation);
         }
@@ -275,8 +266,7 @@ impl<T: Transport> Driver<T> {
 
     /// A result or a failure came (F3, F4).
     fn word(&mut self, Word { priority, timestamp, result }: Word<T::Value>) {
-        self.calls.0.remove(&(priority, timestamp));
-        let now = self.now();
+        let now = self.now;
         match result {
             Ok(value) => self.engine.result(now, timestamp, priority, value),
             Err(error) => self.engine.fail(now, timestamp, priority, &Words(&*error)),
@@ -290,14 +280,12 @@ impl<T: Transport> Driver<T> {
                 match effect {
                     Effect::Output(item) => self.transport.output(item),
                     Effect::Start { priority, timestamp, until, request } => {
-                        let left = until.map_or(u64::MAX, |until| until.saturating_sub(self.now()));
+                        let left = until.map_or(u64::MAX, |until| until.saturating_sub(self.now));
                         let left = Duration::from_nanos(left);
                         self.send(Start { priority, timestamp, left, request });
                     }
                     Effect::Abort { priority, timestamp } => {
-                        if let Some(call) = self.calls.0.remove(&(priority, timestamp)) {
-                            call.abort();
-                        }
+                        self.calls.abort(priority, timestamp);
                     }
                     Effect::Hint(hint) => self.transport.hint(hint),
                 }
@@ -305,9 +293,8 @@ impl<T: Transport> Driver<T> {
             if self.unsent.is_empty() {
                 return;
             }
-            let now = self.now();
             for (priority, timestamp, error) in self.unsent.drain(..) {
-                self.engine.fail(now, timestamp, priority, &Words(&*error));
+                self.engine.fail(self.now, timestamp, priority, &Words(&*error));
             }
         }
     }
@@ -316,27 +303,14 @@ impl<T: Transport> Driver<T> {
         let Start { priority, timestamp, .. } = start;
         let sent = catch_unwind(AssertUnwindSafe(|| self.transport.send(start)));
         match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
-            Sent::Call(call) => {
-                let words = self.sender.clone();
-                let task = async move {
-                    let result = guarded(call).await;
-                    // Nobody waits for it once the driver has ended.
-                    drop(words.send(Word { priority, timestamp, result }));
-                };
-                let span = debug_span!("call", priority, timestamp);
-                let task = tokio::spawn(task.instrument(span));
-                // F7: local is never aborted.
-                if priority > 0 {
-                    self.calls.0.insert((priority, timestamp), task.abort_handle());
-                }
-            }
+            Sent::Call(call) => self.calls.begin(priority, timestamp, call),
             Sent::Away => {}
             Sent::Failed(error) => self.unsent.push((priority, timestamp, error)),
         }
     }
 
     /// The operator's clock: nanoseconds since its start.
-    fn now(&self) -> u64 {
+    fn clock(&self) -> u64 {
         u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
     }
 
@@ -345,11 +319,5 @@ impl<T: Transport> Driver<T> {
         let day = Duration::from_secs(24 * 60 * 60);
         let far = self.start.elapsed() + day;
         self.start + Duration::from_nanos(nanos).min(far)
-    }
-}
-
-impl Drop for Calls {
-    fn drop(&mut self) {
-        self.0.values().for_each(AbortHandle::abort);
     }
 }

@@ -2,13 +2,14 @@
 
 use std::io;
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 use fuseline_operator::{
     self as shared, Commit, ConfigError, Counting, Engine, Header, Item, Recorder, Recording, Tally,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
-use tokio::sync::mpsc;
+use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tracing::{Instrument, info_span};
 
@@ -66,7 +67,7 @@ pub struct Trace {
 #[derive(Debug)]
 pub struct Running {
     task: JoinHandle<io::Result<()>>,
-    stop: mpsc::Sender<()>,
+    stop: Mutex<Option<oneshot::Sender<()>>>,
     counting: Counting,
 }
 
@@ -159,7 +160,7 @@ pub fn spawn<P: Operator>(
     }
     let counting = engine.counts();
     let (writer, output) = stream(config.output_len);
-    let (stop, stopped) = mpsc::channel(1);
+    let (stop, stopped) = oneshot::channel();
     let streams = Streams {
         input,
         clouds: setup.clouds,
@@ -168,7 +169,7 @@ pub fn spawn<P: Operator>(
         deadline: local.deadline,
         output: Outbox::new(writer),
         counting: counting.clone(),
-        stop: stopped,
+        stop: Some(stopped),
         is_open: true,
     };
     let driver = Driver::new(engine, streams);
@@ -178,7 +179,7 @@ pub fn spawn<P: Operator>(
         finish(engine).await
     };
     let task = runtime.spawn(task.instrument(info_span!("operator", name = config.name)));
-    Ok((Running { task, stop, counting }, output))
+    Ok((Running { task, stop: Mutex::new(Some(stop)), counting }, output))
 }
 
 impl Running {
@@ -191,8 +192,9 @@ impl Running {
     /// Lets the operator end at once: calls are aborted, open messages stay unanswered, the output
     /// ends. The trace is whole up to there.
     pub fn stop(&self) {
-        // If it is full, it was told before.
-        let _ = self.stop.try_send(());
+        let stop = self.stop.lock().unwrap_or_else(PoisonError::into_inner).take();
+        // It may have been told before, or have ended.
+        let _ = stop.map(|stop| stop.send(()));
     }
 
     /// Waits until the operator has ended and its trace is written; answers its counts.

@@ -10,7 +10,7 @@ use std::time::Duration;
 use fuseline_operator::{Counting, Item, Offer, Situation};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
-use tokio::sync::mpsc;
+use tokio::sync::oneshot;
 use tracing::error;
 
 use crate::drive::{Incoming, Sent, Start, Transport};
@@ -29,8 +29,8 @@ pub(crate) struct Streams<I, O> {
     pub(crate) deadline: Option<Duration>,
     pub(crate) output: Outbox<O>,
     pub(crate) counting: Counting,
-    /// Ends, without a word, with who could stop it.
-    pub(crate) stop: mpsc::Receiver<()>,
+    /// None once nobody can stop it any more.
+    pub(crate) stop: Option<oneshot::Receiver<()>>,
     pub(crate) is_open: bool,
 }
 
@@ -55,8 +55,13 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
     type Message = Arc<I>;
 
     fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<Arc<I>, O>> {
-        if let Poll::Ready(Some(())) = self.stop.poll_recv(context) {
-            return Poll::Ready(Incoming::Stop);
+        if let Some(stop) = &mut self.stop
+            && let Poll::Ready(told) = Pin::new(stop).poll(context)
+        {
+            self.stop = None;
+            if told.is_ok() {
+                return Poll::Ready(Incoming::Stop);
+            }
         }
         if let Poll::Ready(word) = self.workers.poll_word(context) {
             return Poll::Ready(Incoming::Word(word));
