@@ -19,20 +19,24 @@
 //! - **Panics** of a call or a computation are failures (F4).
 //! - **What could not be sent** fails once the message was offered to every cloud (A30).
 
+mod bell;
 mod calls;
 
 use std::future::poll_fn;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::{Pin, pin};
+use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
 use fuseline_operator::{Effect, Engine, Hint, Item, Offer, Situation};
 use futures_util::future::BoxFuture;
+use futures_util::task::AtomicWaker;
 use tokio::time::{Instant, Sleep, sleep_until};
 
 use crate::Error;
+use crate::drive::bell::Bell;
 use crate::drive::calls::Calls;
 use crate::panics::panicked;
 use crate::words::Words;
@@ -46,8 +50,8 @@ pub trait Transport {
     /// What comes in.
     type Message;
 
-    /// What happens next, if anything: the driver calls this when it is woken. The transport's own
-    /// affairs are seen to in here.
+    /// What happens next, if anything: the driver calls this until nothing is ready, and again once the
+    /// context's waker is called. The transport's own affairs are seen to in here.
     fn poll_incoming(
         &mut self,
         context: &mut Context<'_>,
@@ -62,6 +66,11 @@ pub trait Transport {
         timestamp: u64,
         message: &Self::Message,
     ) -> impl Iterator<Item = Offer<Self::Request>>;
+
+    /// A message was taken on, and offered to all clouds.
+    fn taken_on(&mut self, timestamp: u64, message: &Self::Message) {
+        let _ = (timestamp, message);
+    }
 
     /// What policies are told of the vehicle with this message; none is what they were told before.
     fn situation(&mut self, timestamp: u64, message: &Self::Message) -> Option<Situation<'static>> {
@@ -150,7 +159,10 @@ pub struct Driver<T: Transport> {
     /// What could not be sent for the message at hand.
     unsent: Vec<(u16, u64, Error)>,
     /// Who has the next turn.
-    turn: u8,
+    turn: usize,
+    /// Of calls, transport and timer.
+    bells: [Bell; TURNS],
+    waker: Arc<AtomicWaker>,
     is_last: bool,
 }
 
@@ -173,19 +185,27 @@ enum Turn<M, V> {
 }
 
 /// How many take turns.
-const TURNS: u8 = 3;
+const TURNS: usize = 3;
+/// Their places.
+const CALLS: usize = 0;
+const TRANSPORT: usize = 1;
+const TIMER: usize = 2;
 
 impl<T: Transport> Driver<T> {
     /// A driver whose clock starts now.
     pub fn new(engine: Engine<T::Value, T::Request>, transport: T) -> Self {
+        let waker = Arc::new(AtomicWaker::new());
+        let bells = [(); TURNS].map(|()| Bell::new(&waker));
         Self {
             engine,
             transport,
             start: Instant::now(),
             now: 0,
-            calls: Calls::new(),
+            calls: Calls::new(bells[CALLS].ring()),
             unsent: Vec::new(),
             turn: 0,
+            bells,
+            waker,
             is_last: false,
         }
     }
@@ -205,9 +225,9 @@ impl<T: Transport> Driver<T> {
             {
                 timer.as_mut().reset(self.instant(due));
                 armed = Some(due);
+                self.bells[TIMER].set();
             }
-            let is_armed = armed.is_some();
-            let turn = poll_fn(|context| self.poll_turn(context, timer.as_mut(), is_armed)).await;
+            let turn = poll_fn(|context| self.poll_turn(context, timer.as_mut(), armed)).await;
             self.now = self.clock();
             match turn {
                 Turn::Transport(Incoming::Message { timestamp, message }) => {
@@ -227,27 +247,31 @@ impl<T: Transport> Driver<T> {
         (self.transport, self.engine)
     }
 
-    /// Whoever is ready, beginning with the one after who was last.
+    /// Whoever is ready, beginning with the one after who was last. Only who was woken is asked.
     fn poll_turn(
         &mut self,
         context: &mut Context<'_>,
         mut timer: Pin<&mut Sleep>,
-        is_armed: bool,
+        armed: Option<u64>,
     ) -> Poll<Turn<T::Message, T::Value>> {
+        let Self { calls, transport, bells, .. } = self;
         for _ in 0..TURNS {
             let turn = self.turn;
             self.turn = (turn + 1) % TURNS;
-            let ready = match turn {
-                0 => {
-                    self.calls.poll_word(context).map(|word| Turn::Transport(Incoming::Word(word)))
-                }
-                1 => self.transport.poll_incoming(context).map(Turn::Transport),
-                _ if is_armed => timer.as_mut().poll(context).map(|()| Turn::Timer),
-                _ => Poll::Pending,
-            };
+            let ready = bells[turn].poll(|context| match turn {
+                CALLS => calls.poll_word(context).map(|word| Turn::Transport(Incoming::Word(word))),
+                TIMER if armed.is_some() => timer.as_mut().poll(context).map(|()| Turn::Timer),
+                TIMER => Poll::Pending,
+                _ => transport.poll_incoming(context).map(Turn::Transport),
+            });
             if ready.is_ready() {
                 return ready;
             }
+        }
+        self.waker.register(context.waker());
+        // Somebody may have rung before that.
+        if bells.iter().any(Bell::is_rung) {
+            context.waker().wake_by_ref();
         }
         Poll::Pending
     }
@@ -261,7 +285,9 @@ impl<T: Transport> Driver<T> {
         }
         let (job, limit) = self.transport.job(message);
         let offers = self.transport.offers(timestamp, message);
-        self.engine.open(now, timestamp, limit, job, offers);
+        if self.engine.open(now, timestamp, limit, job, offers) {
+            self.transport.taken_on(timestamp, message);
+        }
     }
 
     /// A result or a failure came (F3, F4).
@@ -277,6 +303,8 @@ impl<T: Transport> Driver<T> {
     fn act(&mut self) {
         loop {
             while let Some(effect) = self.engine.next_effect() {
+                // What it is given may make it wait for something new.
+                self.bells[TRANSPORT].set();
                 match effect {
                     Effect::Output(item) => self.transport.output(item),
                     Effect::Start { priority, timestamp, until, request } => {
@@ -303,7 +331,10 @@ impl<T: Transport> Driver<T> {
         let Start { priority, timestamp, .. } = start;
         let sent = catch_unwind(AssertUnwindSafe(|| self.transport.send(start)));
         match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
-            Sent::Call(call) => self.calls.begin(priority, timestamp, call),
+            Sent::Call(call) => {
+                self.calls.begin(priority, timestamp, call);
+                self.bells[CALLS].set();
+            }
             Sent::Away => {}
             Sent::Failed(error) => self.unsent.push((priority, timestamp, error)),
         }

@@ -7,16 +7,17 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Counting, Item, Offer, Situation};
+use fuseline_operator::{Counting, Hint, Item, Offer, Situation};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use tokio::sync::oneshot;
 use tracing::error;
 
+use crate::aside::Asker;
 use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::local::Workers;
 use crate::panics::reason;
-use crate::setup::{Assess, Call, Registered, Request};
+use crate::setup::{Assess, Call, Registered, Request, TakeHint};
 use crate::stream::{Reader, WriteError, Writer};
 
 /// What an operator reads, asks and writes.
@@ -24,6 +25,8 @@ pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<Registered<I, O>>,
     pub(crate) situation: Option<Assess<I>>,
+    pub(crate) asides: Vec<Asker<I>>,
+    pub(crate) hints: Option<TakeHint<O>>,
     pub(crate) workers: Workers<I, O>,
     /// Local's.
     pub(crate) deadline: Option<Duration>,
@@ -67,8 +70,13 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
             return Poll::Ready(Incoming::Word(word));
         }
         // A reader that lags holds back new messages, and nothing else.
-        if self.output.poll_delivered(context).is_pending() || !self.is_open {
+        let was_waiting = !self.is_delivered();
+        if self.output.poll_delivered(context).is_pending() {
             return Poll::Pending;
+        }
+        if !self.is_open {
+            // The driver waits for what was just delivered before it ends.
+            return if was_waiting { Poll::Ready(Incoming::Last) } else { Poll::Pending };
         }
         self.input.poll_numbered(context).map(|message| {
             if let Some((timestamp, message)) = message {
@@ -103,6 +111,18 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
             error!(timestamp, why, "the situation's handler panicked: nothing is known");
             Situation::at(f64::NAN)
         }))
+    }
+
+    fn taken_on(&mut self, timestamp: u64, message: &Arc<I>) {
+        self.asides.iter_mut().for_each(|aside| aside.ask(message, timestamp));
+    }
+
+    fn hint(&mut self, hint: Hint<O>) {
+        let Some(take_hint) = &mut self.hints else { return };
+        let timestamp = hint.timestamp;
+        if let Err(panic) = catch_unwind(AssertUnwindSafe(|| take_hint(hint))) {
+            error!(timestamp, why = reason(&*panic), "the handler of hints panicked");
+        }
     }
 
     fn send(&mut self, start: Start<Work<I, O>>) -> Sent<O> {

@@ -7,7 +7,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
 
 use futures_util::future::BoxFuture;
-use futures_util::task::AtomicWaker;
 use rustc_hash::FxHashMap;
 use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::mpsc;
@@ -16,6 +15,7 @@ use tracing::{Instrument, Span, debug_span};
 
 use crate::Error;
 use crate::drive::Word;
+use crate::drive::bell::Ring;
 use crate::panics::{guarded, panicked};
 
 type Call<V> = BoxFuture<'static, Result<V, Error>>;
@@ -68,15 +68,14 @@ struct Alarm {
 }
 
 /// The places that were woken since the driver looked.
-#[derive(Default)]
 struct Woken {
     places: Mutex<Vec<usize>>,
-    driver: AtomicWaker,
+    ring: Arc<Ring>,
 }
 
 impl<V: Send + 'static> Calls<V> {
-    /// None under way, on the current runtime.
-    pub(super) fn new() -> Self {
+    /// None under way, on the current runtime; `ring` is for what is woken.
+    pub(super) fn new(ring: Arc<Ring>) -> Self {
         let flavor = Handle::try_current().map(|runtime| runtime.runtime_flavor());
         if matches!(flavor, Ok(RuntimeFlavor::CurrentThread)) {
             return Self::Here(Here {
@@ -84,7 +83,7 @@ impl<V: Send + 'static> Calls<V> {
                 free: Vec::new(),
                 under_way: FxHashMap::default(),
                 turns: VecDeque::new(),
-                woken: Arc::default(),
+                woken: Arc::new(Woken { places: Mutex::default(), ring }),
             });
         }
         let (sender, words) = mpsc::unbounded_channel();
@@ -161,7 +160,9 @@ impl<V> Here<V> {
     }
 
     fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Word<V>> {
-        self.take_woken();
+        let mut woken = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
+        self.turns.extend(woken.drain(..));
+        drop(woken);
         // What wakes itself again and again waits until others had their turns.
         for _ in 0..self.turns.len() {
             if let Some(place) = self.turns.pop_front()
@@ -170,8 +171,7 @@ impl<V> Here<V> {
                 return Poll::Ready(word);
             }
         }
-        self.woken.driver.register(context.waker());
-        if self.take_woken() {
+        if !self.turns.is_empty() {
             context.waker().wake_by_ref();
         }
         Poll::Pending
@@ -195,13 +195,6 @@ impl<V> Here<V> {
         self.under_way.remove(&(priority, timestamp));
         self.clear(place);
         Some(Word { priority, timestamp, result })
-    }
-
-    /// Gives those that were woken their turns; says whether there are any.
-    fn take_woken(&mut self) -> bool {
-        let mut woken = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
-        self.turns.extend(woken.drain(..));
-        !self.turns.is_empty()
     }
 
     /// F7: local's computations go on in tasks of their own, if the runtime does.
@@ -243,7 +236,7 @@ impl Wake for Alarm {
             let mut places = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
             places.push(self.place);
             drop(places);
-            self.woken.driver.wake();
+            self.woken.ring.wake_by_ref();
         }
     }
 }
