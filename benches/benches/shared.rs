@@ -9,10 +9,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant as Clock};
 
-use fuseline_core::shared::Shared;
 use fuseline_core::{
     Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Timestamp,
 };
+use fuseline_threads::Shared;
 
 const WINDOW: usize = 1024;
 /// Local's and the clouds'.
@@ -53,13 +53,13 @@ impl Machine for LockFree {
     }
 
     fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration) {
-        let (mut intake, desk) = self.0.split();
+        let (mut owner, desk) = self.0.split();
         let mut tickets = Vec::with_capacity(WINDOW);
         let start = Clock::now();
         for t in (t..).take(WINDOW) {
-            let ticket = intake.open(NOW, Timestamp::new(t), None).expect("there is room");
+            let ticket = owner.open(NOW, Timestamp::new(t), None).expect("there is room");
             for p in 1..=3 {
-                let (_, admission) = intake.offer(NOW, ticket, Priority::new(p), LONG, 0);
+                let (_, admission) = owner.offer(NOW, ticket, Priority::new(p), LONG, 0);
                 assert!(matches!(admission, Admission::Admitted { .. }));
             }
             tickets.push(ticket);

@@ -65,10 +65,17 @@ impl Model {
     /// seed.
     pub(crate) fn runtime(&self, seed: u64, t: u64) -> Duration {
         let name = self.name.bytes().fold(0, |hash, byte| mix(hash ^ u64::from(byte)));
+        let (least, greatest) = self.runtimes();
+        let range = u64::try_from(greatest.abs_diff(least).as_nanos()).unwrap_or(u64::MAX);
+        let strayed = mix(mix(seed ^ name) ^ t) % range.saturating_add(1);
+        least + Duration::from_nanos(strayed)
+    }
+
+    /// The shortest and the longest that it takes.
+    pub(crate) fn runtimes(&self) -> (Duration, Duration) {
         let nanos = u64::try_from(self.runtime.as_nanos()).unwrap_or(u64::MAX);
         let most = nanos / JITTER;
-        let strayed = mix(mix(seed ^ name) ^ t) % (2 * most + 1);
-        Duration::from_nanos(nanos - most + strayed)
+        (Duration::from_nanos(nanos - most), Duration::from_nanos(nanos + most))
     }
 }
 
@@ -152,6 +159,8 @@ mod tests {
         let runtimes: Vec<Duration> = (0..1000).map(|t| model.runtime(1, t)).collect();
         let within = model.runtime.mul_f64(0.95)..=model.runtime.mul_f64(1.05);
         assert!(runtimes.iter().all(|runtime| within.contains(runtime)));
+        let (shortest, longest) = model.runtimes();
+        assert!(runtimes.iter().all(|runtime| (shortest..=longest).contains(runtime)));
         let (least, most) = (runtimes.iter().min().unwrap(), runtimes.iter().max().unwrap());
         assert!(most.abs_diff(*least) > model.runtime.mul_f64(0.09), "{least:?} to {most:?}");
         assert_eq!(model.runtime(1, 7), runtimes[7]);

@@ -1,6 +1,14 @@
-//! Policies: the same arrivals under fusion, local only, cloud only and first response wins.
+//! Policies: the same arrivals under fusion, fusion with one deadline, local only, cloud only and
+//! first response wins.
 
+mod constant;
+
+use std::collections::BTreeMap;
 use std::time::Duration;
+
+use serde::{Serialize, Serializer};
+
+pub(crate) use constant::Constant;
 
 /// One message: when each source's result was there, and what fusion forwarded.
 #[derive(Clone, PartialEq, Debug)]
@@ -18,7 +26,9 @@ pub(crate) enum Arrival {
     At(Duration),
     /// Unknown, but not before: the call was ended then.
     After(Duration),
-    /// The source failed, or its network never came back.
+    /// No result will come, as was known then; at once if the source was not asked.
+    Failed(Duration),
+    /// Its network never came back.
     Never,
 }
 
@@ -32,10 +42,12 @@ pub(crate) struct Forwarded {
 }
 
 /// A way to choose one result for each message.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum Policy {
     /// What the operator did.
     Fusion,
+    /// What the operator would have done with one deadline for all requests.
+    Constant(Constant),
     /// Local's result, whenever it is there.
     LocalOnly,
     /// This source's result, however long that takes.
@@ -55,6 +67,8 @@ pub(crate) struct Score {
     /// Response times that half, 90 % and 99 % of the messages do not exceed. None without
     /// messages.
     pub(crate) quantiles: [Option<Quantile>; 3],
+    /// The response time that half of the messages in outages do not exceed. None without such.
+    pub(crate) outage: Option<Quantile>,
 }
 
 /// A response time among all messages; one without output never ends.
@@ -68,6 +82,20 @@ pub(crate) enum Quantile {
     Never,
 }
 
+impl Serialize for Quantile {
+    /// Milliseconds; `{"at_least":…}` where some are not known, null where it never ends.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let ms = |at: Duration| at.as_secs_f64() * 1000.0;
+        match *self {
+            Self::Exactly(at) => serializer.serialize_f64(ms(at)),
+            Self::AtLeast(at) => {
+                [("at_least", ms(at))].into_iter().collect::<BTreeMap<_, _>>().serialize(serializer)
+            }
+            Self::Never => serializer.serialize_none(),
+        }
+    }
+}
+
 /// The quantiles told, in percent.
 pub(crate) const PERCENT: [usize; 3] = [50, 90, 99];
 
@@ -78,12 +106,24 @@ struct Choice {
     result: Option<(usize, Duration)>,
 }
 
+impl Message {
+    /// Whether some cloud had no result for it before the deadline, though it was asked and did not
+    /// fail.
+    pub(crate) fn is_in_outage(&self, deadline: Duration) -> bool {
+        self.arrivals.iter().skip(1).any(|arrival| match *arrival {
+            Arrival::At(at) | Arrival::After(at) => at >= deadline,
+            Arrival::Failed(_) => false,
+            Arrival::Never => true,
+        })
+    }
+}
+
 impl Policy {
     /// How much the policy needs of what all requests admitted need, by source; none for fusion,
-    /// which cancels some before they are sent.
-    pub(crate) fn needs(self, all: &[u64]) -> Option<u64> {
-        match self {
-            Self::Fusion => None,
+    /// which cancels some before they are sent, whatever its deadlines.
+    pub(crate) fn needs(&self, all: &[u64]) -> Option<u64> {
+        match *self {
+            Self::Fusion | Self::Constant(_) => None,
             Self::LocalOnly => Some(0),
             Self::CloudOnly(source) => all.get(source).copied(),
             Self::FirstWins => Some(all.iter().skip(1).sum()),
@@ -95,16 +135,20 @@ impl Policy {
     ///
     /// A result at its deadline is late (A1).
     pub(crate) fn score(
-        self,
+        &self,
         messages: &[Message],
         aps: &[Option<f64>],
         deadline: Duration,
     ) -> Score {
         let mut responses = Vec::with_capacity(messages.len());
+        let mut in_outages = Vec::new();
         let (mut sum, mut in_time) = (Some(0.0), 0);
         for message in messages {
             let choice = self.choose(message);
             responses.push(choice.response);
+            if message.is_in_outage(deadline) {
+                in_outages.push(choice.response);
+            }
             match (choice.result, choice.response) {
                 (Some((source, arrival)), _) if arrival < deadline => {
                     in_time += 1;
@@ -116,31 +160,48 @@ impl Policy {
         }
         #[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
         let ap = sum.filter(|_| !messages.is_empty()).map(|sum| sum / messages.len() as f64);
-        Score { ap, in_time, quantiles: quantiles(&mut responses) }
+        let [outage, ..] = quantiles(&mut in_outages);
+        Score { ap, in_time, quantiles: quantiles(&mut responses), outage }
     }
 
-    fn choose(self, message: &Message) -> Choice {
+    fn choose(&self, message: &Message) -> Choice {
         let alone = |source: usize| {
             let response = message.arrivals[source];
             let result = match response {
                 Arrival::At(arrival) => Some((source, arrival)),
-                Arrival::After(_) | Arrival::Never => None,
+                Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => None,
             };
             Choice { response, result }
         };
-        match self {
+        let put_out = |forwarded: Option<Forwarded>| match forwarded {
+            Some(Forwarded { source, response }) => {
+                Choice { response: Arrival::At(response), ..alone(source) }
+            }
+            None => Choice { response: Arrival::Never, result: None },
+        };
+        match *self {
             Self::LocalOnly => alone(0),
             Self::CloudOnly(source) => alone(source),
             Self::FirstWins => {
                 let first = (0..message.arrivals.len()).min_by_key(|i| key(message.arrivals[*i]));
                 first.map_or(Choice { response: Arrival::Never, result: None }, alone)
             }
-            Self::Fusion => match message.forwarded {
-                Some(Forwarded { source, response }) => {
-                    Choice { response: Arrival::At(response), ..alone(source) }
+            Self::Fusion => put_out(message.forwarded),
+            Self::Constant(ref constant) => {
+                let forwarded = constant.forwarded(&message.arrivals);
+                // What is unknown may have changed everything from then on.
+                let unknown = message.arrivals.iter().filter_map(|arrival| match arrival {
+                    Arrival::After(bound) => Some(*bound),
+                    Arrival::At(_) | Arrival::Failed(_) | Arrival::Never => None,
+                });
+                match (unknown.min(), forwarded) {
+                    (Some(bound), Some(Forwarded { response, .. })) if response <= bound => {
+                        put_out(forwarded)
+                    }
+                    (Some(bound), _) => Choice { response: Arrival::After(bound), result: None },
+                    (None, _) => put_out(forwarded),
                 }
-                None => Choice { response: Arrival::Never, result: None },
-            },
+            }
         }
     }
 }
@@ -150,7 +211,8 @@ const fn key(arrival: Arrival) -> (Duration, u8) {
     match arrival {
         Arrival::After(bound) => (bound, 0),
         Arrival::At(at) => (at, 1),
-        Arrival::Never => (Duration::MAX, 2),
+        // No output however long one waits.
+        Arrival::Failed(_) | Arrival::Never => (Duration::MAX, 2),
     }
 }
 
@@ -166,7 +228,7 @@ pub(crate) fn quantiles(responses: &mut [Arrival]) -> [Option<Quantile>; 3] {
         Some(match *responses.get(place)? {
             Arrival::At(at) if place < unknown => Quantile::Exactly(at),
             Arrival::At(bound) | Arrival::After(bound) => Quantile::AtLeast(bound),
-            Arrival::Never => Quantile::Never,
+            Arrival::Failed(_) | Arrival::Never => Quantile::Never,
         })
     })
 }
@@ -192,7 +254,12 @@ mod tests {
         Arrival::At(ms(millis))
     }
 
-    fn score(policy: Policy, messages: &[Message]) -> Score {
+    fn constant() -> Policy {
+        let (deadline, priorities) = (DEADLINE, vec![1, 2]);
+        Policy::Constant(Constant { deadline, priorities })
+    }
+
+    fn score(policy: &Policy, messages: &[Message]) -> Score {
         policy.score(messages, &APS, DEADLINE)
     }
 
@@ -212,12 +279,13 @@ mod tests {
     fn each_policy_takes_its_own_result() {
         for (policy, ap, in_time) in [
             (Policy::Fusion, 46.0, 2),
+            (constant(), 46.0, 2),
             (Policy::LocalOnly, 40.0, 2),
             (Policy::CloudOnly(1), 22.0, 1),
             (Policy::CloudOnly(2), 26.0, 1),
             (Policy::FirstWins, 42.0, 2),
         ] {
-            let score = score(policy, &two());
+            let score = score(&policy, &two());
             assert!(close(score.ap, ap), "{policy:?}: {score:?}");
             assert_eq!(score.in_time, in_time, "{policy:?}");
         }
@@ -226,22 +294,22 @@ mod tests {
     #[test]
     fn a_result_at_the_deadline_counts_as_late() {
         let late = [message([at(500), at(499), at(501)], Some((0, 500)))];
-        assert_eq!(score(Policy::LocalOnly, &late).in_time, 0);
-        assert_eq!(score(Policy::CloudOnly(1), &late).in_time, 1);
-        assert_eq!(score(Policy::Fusion, &late).in_time, 0);
+        assert_eq!(score(&Policy::LocalOnly, &late).in_time, 0);
+        assert_eq!(score(&Policy::CloudOnly(1), &late).in_time, 1);
+        assert_eq!(score(&Policy::Fusion, &late).in_time, 0);
     }
 
     #[test]
     fn fusion_is_in_time_by_its_results_arrival_though_it_leaves_at_the_deadline() {
         let held = [message([at(300), at(9_000), at(9_000)], Some((0, 501)))];
-        let score = score(Policy::Fusion, &held);
+        let score = score(&Policy::Fusion, &held);
         assert_eq!((score.in_time, score.quantiles[0]), (1, Some(Quantile::Exactly(ms(501)))));
     }
 
     #[test]
     fn a_missed_message_counts_zero_and_never_responds() {
         let missed = [message([Arrival::Never; 3], None), message([at(1); 3], Some((2, 1)))];
-        let score = score(Policy::Fusion, &missed);
+        let score = score(&Policy::Fusion, &missed);
         assert!(close(score.ap, 26.0), "{score:?}");
         assert_eq!(score.quantiles[1], Some(Quantile::Never));
     }
@@ -250,11 +318,11 @@ mod tests {
     fn an_ended_call_leaves_the_ap_open_only_before_the_deadline() {
         let ended =
             |bound| [message([at(300), at(150), Arrival::After(ms(bound))], Some((0, 500)))];
-        assert!(close(score(Policy::CloudOnly(2), &ended(500)).ap, 0.0));
-        assert_eq!(score(Policy::CloudOnly(2), &ended(499)).ap, None);
+        assert!(close(score(&Policy::CloudOnly(2), &ended(500)).ap, 0.0));
+        assert_eq!(score(&Policy::CloudOnly(2), &ended(499)).ap, None);
         // Who is first is known while the unknown one is later.
-        assert!(close(score(Policy::FirstWins, &ended(499)).ap, 44.0));
-        assert_eq!(score(Policy::FirstWins, &ended(150)).ap, None);
+        assert!(close(score(&Policy::FirstWins, &ended(499)).ap, 44.0));
+        assert_eq!(score(&Policy::FirstWins, &ended(150)).ap, None);
     }
 
     #[test]
@@ -272,6 +340,33 @@ mod tests {
         assert_eq!(quantiles(&mut responses), [exactly(100), exactly(180), exactly(198)]);
         assert_eq!(quantiles(&mut responses[..1]), [exactly(1); 3]);
         assert_eq!(quantiles(&mut []), [None; 3]);
+    }
+
+    #[test]
+    fn with_a_constant_what_is_unknown_leaves_open_what_may_depend_on_it() {
+        let unknown = |bound| {
+            let arrivals = [at(300), at(150), Arrival::After(ms(bound))];
+            score(&constant(), &[message(arrivals, Some((1, 287)))])
+        };
+        assert_eq!((unknown(287).ap, unknown(500).ap), (None, Some(44.0)));
+        assert_eq!(unknown(287).quantiles[0], Some(Quantile::AtLeast(ms(287))));
+        assert_eq!(unknown(500).quantiles[0], Some(Quantile::Exactly(ms(500))));
+    }
+
+    #[test]
+    fn the_median_of_outages_is_that_of_messages_without_a_result_in_time() {
+        let refused = Arrival::Failed(Duration::ZERO);
+        let messages = [
+            message([at(300), at(150), at(170)], Some((2, 170))),
+            message([at(310), at(9_000), at(100)], Some((2, 100))),
+            message([at(320), at(150), Arrival::Never], Some((1, 290))),
+            message([at(330), at(500), refused], Some((0, 330))),
+            message([at(340), Arrival::Failed(ms(9)), refused], Some((0, 340))),
+        ];
+        let outage = |policy: Policy| score(&policy, &messages).outage;
+        assert_eq!(outage(Policy::Fusion), Some(Quantile::Exactly(ms(290))));
+        assert_eq!(outage(constant()), Some(Quantile::Exactly(ms(500))));
+        assert_eq!(score(&Policy::Fusion, &messages[..1]).outage, None);
     }
 
     #[test]

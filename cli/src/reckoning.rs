@@ -291,13 +291,16 @@ impl Reckoning {
             }
             let arrivals = (0..self.known).map(|source| {
                 let opened = story.begin().filter(|_| story.is_asked(source));
-                let Some(opened) = opened else { return Arrival::Never };
+                // What was refused is as good as failed at once: nobody waits for it.
+                let Some(opened) = opened else { return Arrival::Failed(Duration::ZERO) };
                 let call = story.calls.get(source).copied().unwrap_or_default();
                 let bound = call.sealed.map(|(_, at)| at).or(story.end.map(|end| end.at));
                 let since = |at: u64| Duration::from_nanos(at.saturating_sub(opened));
                 match (call.arrived, story.fate(source, self.is_observed)) {
                     (Some(arrived), _) => Arrival::At(since(arrived)),
-                    (None, Some(Fate::Failed)) => Arrival::Never,
+                    (None, Some(Fate::Failed)) => {
+                        Arrival::Failed(since(call.failing.or(bound).unwrap_or(opened)))
+                    }
                     (None, _) => planned(source, opened, *t)
                         .unwrap_or(Arrival::After(since(bound.unwrap_or(opened)))),
                 }

@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use common::{err, fuseline, out, run};
 use running::{adds_up, report, run_in, sum};
-use serde_json::Value;
+use serde_json::{Value, json};
 use signal::interrupt;
 use tempfile::tempdir;
 
@@ -52,21 +52,53 @@ fn a_run_adds_up_and_leaves_a_trace_that_conforms() {
     assert!(out(&checked).contains("conforms, 20 timestamps judged"), "{}", out(&checked));
 }
 
+/// Nothing answers within a second from these places on.
+const LOST: [&str; 7] = ["--seconds", "1", "--json", "--start", "west=75", "--start", "east=165"];
+
 #[test]
-fn when_both_networks_are_lost_local_answers_everything() {
+fn when_both_networks_are_lost_local_answers_everything_and_nobody_waits_for_them() {
     let dir = tempdir().unwrap();
-    let lost = ["--seconds", "1", "--json", "--start", "west=75", "--start", "east=165"];
-    for commit in ["eager", "patient"] {
-        let ran = run_in(dir.path(), &[&lost[..], &["--commit", commit]].concat());
+    for (commit, policy) in [("eager", "expected"), ("patient", "expected"), ("eager", "constant")]
+    {
+        let chosen = ["--commit", commit, "--policy", policy, "--trace", "t.jsonl"];
+        let ran = run_in(dir.path(), &[&LOST[..], &chosen].concat());
         let report = report(&ran);
         adds_up(&report);
         assert_eq!(report["sources"][0]["forwarded"], 10, "{report}");
+        let alone = report["policies"].as_array().unwrap().len() - 3;
         for cloud in [1, 2] {
             let requests = &report["sources"][cloud]["requests"];
             assert_eq!(sum([&requests["late"], &requests["superseded"]]), 10, "{report}");
-            assert_eq!(report["policies"][cloud + 1]["mean_ap"], 0.0, "{report}");
+            assert_eq!(report["policies"][alone + cloud - 1]["mean_ap"], 0.0, "{report}");
         }
+        assert_eq!((&report["outage_messages"], &report["policy"]), (&json!(10), &json!(policy)));
+        // Local's runtime is 301.7 ms, up to 5 % less.
+        let expected = if policy == "constant" { 500_000_000 } else { 286_615_000 };
+        assert_eq!(deadlines(&dir.path().join("t.jsonl")), [expected; 20]);
     }
+}
+
+/// How long each request of a trace had, in nanoseconds.
+fn deadlines(trace: &Path) -> Vec<u64> {
+    let trace = fs::read_to_string(trace).unwrap();
+    let lines = trace.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let requests = lines.filter(|line| line["ev"] == "request");
+    requests.map(|it| it["due"].as_u64().unwrap() - it["at"].as_u64().unwrap()).collect()
+}
+
+#[test]
+fn the_constant_is_told_beside_what_is_expected() {
+    let dir = tempdir().unwrap();
+    let ran = run_in(dir.path(), &[&LOST[..], &["--deadline", "2000"]].concat());
+    let report = report(&ran);
+    let [expected, constant, ..] = &report["policies"].as_array().unwrap()[..] else { panic!() };
+    assert_eq!(
+        (&expected["policy"], &constant["policy"]),
+        (&json!("fusion"), &json!("constant 2000 ms"))
+    );
+    // On the same arrivals, by the machine: timers fire when they are due.
+    assert_eq!(constant["response_ms"]["p50"], 2000.0, "{report}");
+    assert_eq!(constant["outage_response_ms"], 2000.0, "{report}");
 }
 
 #[test]
@@ -88,19 +120,20 @@ fn all_policies_have_the_same_limits() {
     assert_eq!(report["calls"], 1);
     assert_ne!(report["sources"][2]["requests"]["refused"], 0, "{report}");
     // Fusion has in hand whatever comes first, so that nothing is in time without it.
-    let [fusion, .., first] = &report["policies"].as_array().unwrap()[..] else { unreachable!() };
+    let policies = report["policies"].as_array().unwrap();
+    let [fusion, constant, .., first] = &policies[..] else { unreachable!() };
     let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
     let sent = |policy: &Value| policy["sent_bytes"].as_u64().unwrap();
     assert!(in_time(fusion) >= in_time(first), "{report}");
     let ap = |policy: &Value| policy["mean_ap"].as_f64().unwrap();
-    assert!(ap(fusion) >= ap(first), "{report}");
+    assert!(ap(constant) >= ap(first), "{report}");
     // No cloud answered what it was never asked.
     for (place, cloud) in report["sources"].as_array().unwrap()[1..].iter().enumerate() {
         let requests = cloud["requests"].as_object().unwrap();
         let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
-        assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
+        assert!(in_time(&report["policies"][place + 3]) <= admitted, "{report}");
         // A request is a picture and a few bytes around it.
-        let each = sent(&report["policies"][place + 2]) / admitted;
+        let each = sent(&report["policies"][place + 3]) / admitted;
         assert!((33_300..33_320).contains(&each), "{report}");
     }
 }
@@ -142,6 +175,8 @@ fn people_read_tables_of_at_most_100_columns() {
         "requests   forwarded   discarded   late   failed   superseded   refused",
         "10 messages: ",
         "fusion",
+        "constant 500 ms",
+        "in outages",
         "local only",
         "cloud only: west",
         "first response wins",
@@ -232,6 +267,8 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--rate", "1001"], "'--rate <HZ>': it must be from 0.1 to 1000"),
         (&["--seconds", "86400", "--rate", "1000"], "86400000 frames are too many"),
         (&["--deadline", "0"], "--deadline"),
+        (&["--policy", "guard"], "[possible values: expected, constant]"),
+        (&["--price", "-1"], "'--price <AP>': it must be from 0 to 1000"),
         (&["--window", "1025"], "--window"),
         (&["--commit", "lazy"], "--commit"),
         (&["--local", "yolo"], "no model \"yolo\""),

@@ -172,7 +172,8 @@ fn a_line_says_why_a_cloud_failed_and_only_what_was_written_counts_as_sent() {
             true,
         ),
     ] {
-        let short = ["--seconds", "0.3", "--deadline", "20000", "--cloud", &cloud];
+        let patient = ["--seconds", "0.3", "--policy", "constant", "--deadline", "20000"];
+        let short = [&patient[..], &["--cloud", &cloud]].concat();
         let ran = run_in(dir.path(), &short);
         let line = format!("east: 3 × {why}");
         assert!(out(&ran).lines().any(|told| told == line), "{line}: {}", out(&ran));
@@ -192,7 +193,8 @@ fn a_line_says_why_a_cloud_failed_and_only_what_was_written_counts_as_sent() {
 fn a_server_without_network_in_its_drive_is_late() {
     let dir = tempdir().unwrap();
     let server = Server::start(dir.path(), &["--drive", "vnperf/highway:wifi"]);
-    let short = ["--seconds", "0.5", "--json", "--cloud", &server.cloud("http", "")];
+    let cloud = server.cloud("http", "");
+    let short = ["--seconds", "0.5", "--json", "--policy", "constant", "--cloud", &cloud];
     let report = report(&run_in(dir.path(), &short));
     assert_eq!(report["sources"][1]["requests"]["late"], 5, "{report}");
     // What a server elsewhere would have answered after its deadline is not known, but too

@@ -1,7 +1,9 @@
 //! The registered clouds, in ascending priority, and what a configuration may be.
 
+use crate::answer::Outcome;
 use crate::gate::Gate;
 use crate::priority::{Priorities, Priority, priority_of};
+use crate::slot::Decision;
 use crate::source::{Source, Sources};
 
 /// One cloud as configured.
@@ -71,9 +73,31 @@ impl core::fmt::Display for ConfigError {
 
 impl core::error::Error for ConfigError {}
 
-/// The clouds in ascending priority; cloud `i` is source `i + 1`. Entries from `len` on mean nothing.
+impl ConfigError {
+    /// The window, if a machine with room for `WINDOW` (1 to 1024) open timestamps can have it.
+    ///
+    /// # Errors
+    /// [`ConfigError::Window`] if not.
+    pub const fn check_window<const WINDOW: usize>(window: usize) -> Result<usize, Self> {
+        const { assert!(WINDOW >= 1 && WINDOW <= 1024, "a window holds 1 to 1024 timestamps") }
+        if window == 0 || window > WINDOW {
+            return Err(Self::Window { window, capacity: WINDOW });
+        }
+        Ok(window)
+    }
+}
+
+/// An operator's registered clouds, up to `CLOUDS` (0 to 15) of them: which source each is, and its gate.
+///
+/// [`Fusion`](crate::Fusion) keeps one. It is public for those who keep their open timestamps otherwise.
+///
+/// - constructor: [`new`](Self::new)
+/// - names: [`source`](Self::source), [`priority`](Self::priority), [`priorities`](Self::priorities)
+/// - gates: [`gate`](Self::gate), [`gate_mut`](Self::gate_mut)
+/// - a decision by its priorities: [`outcome`](Self::outcome)
+// In ascending priority; cloud `i` is source `i + 1`. Entries from `len` on mean nothing.
 #[derive(Clone, Copy)]
-pub(crate) struct Clouds<const CLOUDS: usize> {
+pub struct Clouds<const CLOUDS: usize> {
     pub(crate) priorities: [Priority; CLOUDS],
     pub(crate) gates: [Gate; CLOUDS],
     pub(crate) len: usize,
@@ -86,7 +110,12 @@ const NO_GATE: Gate = match Gate::new(1, 0) {
 };
 
 impl<const CLOUDS: usize> Clouds<CLOUDS> {
-    pub(crate) fn new(clouds: &[Cloud]) -> Result<Self, ConfigError> {
+    /// These clouds, their gates open. Their order means nothing (P10).
+    ///
+    /// # Errors
+    /// The first [`ConfigError`] that holds.
+    pub fn new(clouds: &[Cloud]) -> Result<Self, ConfigError> {
+        const { assert!(CLOUDS < Source::COUNT as usize, "a machine has at most 15 clouds") }
         let mut registered =
             Self { priorities: [Priority::LOCAL; CLOUDS], gates: [NO_GATE; CLOUDS], len: 0 };
         if clouds.len() > CLOUDS {
@@ -103,7 +132,7 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         if cloud.priority == Priority::LOCAL {
             return Err(ConfigError::LocalPriority);
         }
-        // A10: with equal priorities neither result would be the better one.
+        // Equal priorities are refused: neither result would be the better one (A10).
         if self.source(cloud.priority).is_some() {
             return Err(ConfigError::DuplicatePriority(cloud.priority));
         }
@@ -126,8 +155,9 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         Ok(())
     }
 
-    /// The source with this priority; 0 is local.
-    pub(crate) fn source(&self, priority: Priority) -> Option<Source> {
+    /// The source with this priority; 0 is local. None if no cloud is registered with it.
+    #[must_use]
+    pub fn source(&self, priority: Priority) -> Option<Source> {
         if priority == Priority::LOCAL {
             return Some(Source::LOCAL);
         }
@@ -141,12 +171,31 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         None
     }
 
-    pub(crate) fn priority(&self, source: Source) -> Priority {
+    /// The priority of a source; local's for one that is not registered.
+    #[must_use]
+    pub fn priority(&self, source: Source) -> Priority {
         priority_of(&self.priorities, source)
     }
 
-    pub(crate) fn priorities(&self, members: Sources) -> Priorities<CLOUDS> {
+    /// The priorities of these sources.
+    #[must_use]
+    pub const fn priorities(&self, members: Sources) -> Priorities<CLOUDS> {
         Priorities::new(self.priorities, members)
+    }
+
+    /// What the step of a timestamp decided, by the priorities of its sources.
+    #[inline]
+    pub fn outcome(&self, decision: Decision) -> Outcome<CLOUDS> {
+        match decision {
+            Decision::Dropped(reason) => Outcome::Dropped(reason),
+            Decision::Held => Outcome::Held,
+            Decision::Waiting => Outcome::Waiting,
+            Decision::Missed => Outcome::Missed,
+            Decision::Forwarded { by, cancelled } => Outcome::Forwarded {
+                by: priority_of(&self.priorities, by),
+                cancelled: Priorities::new(self.priorities, cancelled),
+            },
+        }
     }
 
     /// All clouds, as the set of their sources.
@@ -157,12 +206,21 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
             .collect()
     }
 
-    pub(crate) fn gate(&self, source: Source) -> Option<&Gate> {
+    /// A cloud's gate; none for local.
+    #[must_use]
+    pub fn gate(&self, source: Source) -> Option<&Gate> {
         self.gates.get(..self.len)?.get(usize::from(source.index()).checked_sub(1)?)
     }
 
-    pub(crate) fn gate_mut(&mut self, source: Source) -> Option<&mut Gate> {
+    /// A cloud's gate, to be asked; none for local.
+    pub fn gate_mut(&mut self, source: Source) -> Option<&mut Gate> {
         self.gates.get_mut(..self.len)?.get_mut(usize::from(source.index()).checked_sub(1)?)
+    }
+}
+
+impl<const CLOUDS: usize> core::fmt::Debug for Clouds<CLOUDS> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_map().entries(self.entries()).finish()
     }
 }
 

@@ -2,12 +2,13 @@
 
 use crate::answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
 use crate::clouds::{Cloud, Clouds, ConfigError};
+use crate::entry::Entry;
 use crate::gate::Gate;
 use crate::priority::Priority;
-use crate::slot::{Cause, Commit, Decision, Slot};
+use crate::slot::{Cause, Commit, Slot};
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
-use crate::window::{Entry, Place, Window};
+use crate::window::{Place, Window};
 
 /// One operator's machine, for up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open timestamps.
 ///
@@ -56,16 +57,9 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// # Errors
     /// The first [`ConfigError`] that holds.
     pub fn new(window: usize, commit: Commit, clouds: &[Cloud]) -> Result<Self, ConfigError> {
-        const {
-            assert!(CLOUDS < Source::COUNT as usize, "a machine has at most 15 clouds");
-            assert!(WINDOW >= 1 && WINDOW <= 1024, "a window holds 1 to 1024 timestamps");
-        }
-        if window == 0 || window > WINDOW {
-            return Err(ConfigError::Window { window, capacity: WINDOW });
-        }
         Ok(Self {
             commit,
-            window,
+            window: ConfigError::check_window::<WINDOW>(window)?,
             clouds: Clouds::new(clouds)?,
             now: Instant::START,
             newest: None,
@@ -187,7 +181,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// F0: moves the clock and fires the earliest timers due by then, if any.
     fn fire_next(&mut self, now: Instant) -> Option<Firing<CLOUDS>> {
         self.now = self.now.max(now);
-        // A1: the due instant itself is past.
+        // F5 due: the due instant itself is past (A1).
         let due = self.open.next_due().filter(|due| *due <= self.now)?;
         Some(self.fire(due))
     }
@@ -198,27 +192,24 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         let timestamp = self.open.timestamp(place);
         let timers = self.open.entry(place).armed_at(due);
         let outcome = self.close(place, Cause::Timers(timers));
+        // F5: what fired is armed no more; else it would fire for ever.
+        debug_assert!(
+            self.open.next_due() != Some(due) || self.open.first_due_at(due) != place,
+            "what fired is still armed"
+        );
         Firing { timestamp, due, timers: self.clouds.priorities(timers), outcome }
     }
 
     /// Steps an open timestamp, and retires it if the step does.
     pub(crate) fn close(&mut self, place: Place, cause: Cause) -> Outcome<CLOUDS> {
         let (slot, decision) = self.open.entry(place).slot.step(self.commit, cause);
+        let outcome = self.clouds.outcome(decision);
         if slot.is_open() {
             self.open.set(place, slot);
         } else {
             self.open.remove(place);
         }
-        match decision {
-            Decision::Dropped(reason) => Outcome::Dropped(reason),
-            Decision::Held => Outcome::Held,
-            Decision::Waiting => Outcome::Waiting,
-            Decision::Missed => Outcome::Missed,
-            Decision::Forwarded { by, cancelled } => Outcome::Forwarded {
-                by: self.clouds.priority(by),
-                cancelled: self.clouds.priorities(cancelled),
-            },
-        }
+        outcome
     }
 
     /// Whether this timestamp or a later one was ever opened.
@@ -246,15 +237,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         if fusion.open.len() >= fusion.window {
             return Opening::Refused(OpenRefusal::Full);
         }
-        let mut entry = Entry::EMPTY;
-        entry.slot = Slot::open(deadline.is_some());
-        if let Some(deadline) = deadline {
-            let due = fusion.now.saturating_add(deadline);
-            if due <= fusion.now {
-                return Opening::Refused(OpenRefusal::Deadline);
-            }
-            entry.set_due(Source::LOCAL, due);
-        }
+        let entry = match Entry::open(fusion.now, deadline) {
+            Ok(entry) => entry,
+            Err(why) => return Opening::Refused(why),
+        };
         let had_room = fusion.open.push(timestamp, entry);
         debug_assert!(had_room, "the window is no greater than its capacity");
         fusion.newest = Some(timestamp);
@@ -271,27 +257,21 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         backlog: u64,
     ) -> Admission {
         let fusion = &mut *self.fusion;
-        let source = fusion.clouds.source(cloud).filter(|source| *source != Source::LOCAL);
-        let Some(source) = source.filter(|_| fusion.was_reached(timestamp)) else {
+        let source = fusion.clouds.source(cloud).filter(|_| fusion.was_reached(timestamp));
+        // F2 unknown: local has no gate (A19).
+        let gated = source.and_then(|source| Some((source, fusion.clouds.gate_mut(source)?)));
+        let Some((source, gate)) = gated else {
             return Admission::Refused(OfferRefusal::Unknown);
         };
         let Some(place) = fusion.open.find(timestamp) else {
             return Admission::Refused(OfferRefusal::Closed);
         };
-        let (admitted, refusal) = fusion.open.entry(place).slot.offer(source);
-        if let Some(reason) = refusal {
-            return Admission::Refused(reason);
+        let slot = fusion.open.entry(place).slot;
+        let (slot, admission) = slot.admit(source, gate, fusion.now, deadline, backlog);
+        if let Admission::Admitted { due } = admission {
+            fusion.open.arm(place, slot, source, due);
         }
-        let due = fusion.now.saturating_add(deadline);
-        if due <= fusion.now {
-            return Admission::Refused(OfferRefusal::Deadline);
-        }
-        // F2g: consulted last, so that a request refused anyhow does not move the gate.
-        if !fusion.clouds.gate_mut(source).is_some_and(|gate| gate.admits(backlog)) {
-            return Admission::Refused(OfferRefusal::Queue);
-        }
-        fusion.open.arm(place, admitted, source, due);
-        Admission::Admitted { due }
+        admission
     }
 
     /// F3: this source's result came. It is forwarded, held or dropped, never anything else.
@@ -322,7 +302,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         };
         match self.fusion.open.find(timestamp) {
             Some(place) => self.fusion.close(place, cause(source)),
-            // A16: also when it is late as well.
+            // F3 superseded: retired or skipped, also when it is late as well (A16).
             None => Outcome::Dropped(DropReason::Superseded),
         }
     }

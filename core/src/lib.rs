@@ -6,18 +6,19 @@ extern crate std;
 
 mod answer;
 mod clouds;
+mod entry;
 mod fusion;
 mod gate;
 mod held;
 mod priority;
-pub mod shared;
 mod slot;
 mod source;
 mod time;
 mod window;
 
 pub use answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
-pub use clouds::{Cloud, ConfigError};
+pub use clouds::{Cloud, Clouds, ConfigError};
+pub use entry::Entry;
 pub use fusion::{At, Fusion, Ready};
 pub use gate::Gate;
 pub use held::Held;

@@ -1,7 +1,9 @@
 //! The heart: what one timestamp knows, and the pure step that decides about it (F2–F7).
 
-use crate::answer::{DropReason, OfferRefusal};
+use crate::answer::{Admission, DropReason, OfferRefusal};
+use crate::gate::Gate;
 use crate::source::{Source, Sources};
+use crate::time::{Deadline, Instant};
 
 /// When the best result in hand goes although something better is still pending (F6).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
@@ -154,7 +156,7 @@ impl Slot {
 
     /// F2, as far as one timestamp decides it: the state with `source` requested, and the reason to refuse instead.
     ///
-    /// The offer's deadline and the gate come after these reasons; a caller that refuses for them drops the new state.
+    /// The offer's deadline and the gate come after these reasons, as [`admit`](Self::admit) has it.
     #[must_use]
     pub fn offer(self, source: Source) -> (Self, Option<OfferRefusal>) {
         if !self.is_open() {
@@ -174,6 +176,31 @@ impl Slot {
             ..self
         };
         (admitted, None)
+    }
+
+    /// F2 for a registered cloud: the state with `source` requested, or this one and the first reason to refuse.
+    ///
+    /// `gate` is the cloud's own. It is asked last, so that a request refused anyhow does not move it (F2g).
+    #[inline]
+    pub fn admit(
+        self,
+        source: Source,
+        gate: &mut Gate,
+        now: Instant,
+        deadline: Deadline,
+        backlog: u64,
+    ) -> (Self, Admission) {
+        let (admitted, refusal) = self.offer(source);
+        if let Some(reason) = refusal {
+            return (self, Admission::Refused(reason));
+        }
+        let Some(due) = now.due(deadline) else {
+            return (self, Admission::Refused(OfferRefusal::Deadline));
+        };
+        if !gate.admits(backlog) {
+            return (self, Admission::Refused(OfferRefusal::Queue));
+        }
+        (admitted, Admission::Admitted { due })
     }
 
     /// The pure step: closes requests and decides (F3–F7).
@@ -216,25 +243,25 @@ impl Slot {
         self.cached
     }
 
-    /// F3.
+    /// F3: a result is dropped, forwarded, or held while something pending outranks it.
     fn result(mut self, commit: Commit, source: Source) -> (Self, Decision) {
         if let Some(reason) = self.drops(source) {
             return (self, Decision::Dropped(reason));
         }
         self.pending = self.pending.without(source);
-        // P6: at once where nothing better was asked for.
+        // F3 forward: nothing pending outranks it, as where nothing else was asked for (P6).
         if !self.pending.any_above(source) {
             return self.forward(source);
         }
         self.cached = self.cached.with(source);
-        // A3: an eager cloud's timer runs on, to commit the best in hand; the deadline never commits.
+        // F3 held: an eager cloud's timer runs on, to commit the best in hand; local's never commits (A3).
         if commit == Commit::Patient || source == Source::LOCAL {
             self.armed = self.armed.without(source);
         }
         (self, Decision::Held)
     }
 
-    /// F4.
+    /// F4: a failure is dropped as a result is, or closes its request and settles as by no timer.
     fn failure(mut self, commit: Commit, source: Source) -> (Self, Decision) {
         if let Some(reason) = self.drops(source) {
             return (self, Decision::Dropped(reason));
@@ -251,7 +278,7 @@ impl Slot {
         }
         self.armed = self.armed.difference(fired);
         self.pending = self.pending.difference(fired);
-        // A9: the deadline's firing alone commits nothing.
+        // F5 cause: the firing of local's deadline alone commits nothing (A9).
         self.settle(commit, !fired.clouds().is_empty())
     }
 
@@ -264,7 +291,7 @@ impl Slot {
         } else if self.cached.contains(source) {
             Some(DropReason::Duplicate)
         } else if !self.pending.contains(source) {
-            // P2: what its timer closed is never forwarded.
+            // F3 late: its timer or a failure closed it, and what is closed is never forwarded (P2).
             Some(DropReason::Late)
         } else {
             None
@@ -274,18 +301,20 @@ impl Slot {
     /// F6: some requests were closed; forward, miss or wait.
     ///
     /// Once the last timer fired nothing outranks what is in hand: so local's result goes by then (P5), and a timestamp
-    /// opened with a deadline is retired by then (P7).
+    /// opened with a deadline is retired by then (P7). Once local arrived, requests alone are awaited (P12).
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
-        // P3: whatever the cause, the greatest or none.
+        // F6: whatever the cause, the greatest in hand or none (P3).
         match self.cached.greatest() {
             Some(best) if !self.pending.any_above(best) => self.forward(best),
+            // F6 eager: a cloud's timer commits although something better is pending (A4).
             Some(best) if timer && commit == Commit::Eager => self.forward(best),
+            // F6 miss: nothing in hand, nothing to come (A5, A8).
             None if self.pending.is_empty() => (Self::RETIRED, Decision::Missed),
             Some(_) | None => (self, Decision::Waiting),
         }
     }
 
-    /// F7. The timestamp is retired with it, so that this happens once (P1).
+    /// F7: the result goes, what is pending is cancelled. The timestamp is retired with it, so that this happens once (P1).
     fn forward(self, by: Source) -> (Self, Decision) {
         (Self::RETIRED, Decision::Forwarded { by, cancelled: self.pending.clouds() })
     }

@@ -32,6 +32,13 @@ impl Instant {
     pub const fn saturating_add(self, deadline: Deadline) -> Self {
         Self(self.0.saturating_add(deadline.0))
     }
+
+    /// The same where a deadline may start now: none if it would be over at once (A11).
+    #[must_use]
+    pub const fn due(self, deadline: Deadline) -> Option<Self> {
+        let due = self.saturating_add(deadline);
+        if due.0 > self.0 { Some(due) } else { None }
+    }
 }
 
 /// The relative time that a request, or the local computation, may take, in nanoseconds.

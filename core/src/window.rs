@@ -6,8 +6,9 @@
 //! 1962) over a fixed array. Timestamps come in ascending order (F1), so nodes join at the right end alone.
 //! Reading beside the tree yields [`Node::NIL`] and writing there does nothing: no place can panic.
 
+use crate::entry::Entry;
 use crate::slot::Slot;
-use crate::source::{Source, Sources};
+use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
 /// The height of the sparsest AVL tree with 1024 nodes: one with 15 levels has at least 1596.
@@ -59,47 +60,6 @@ impl Node {
     };
 }
 
-/// What the machine keeps for an open timestamp.
-#[derive(Clone, Copy)]
-pub(crate) struct Entry<const CLOUDS: usize> {
-    pub(crate) slot: Slot,
-    pub(crate) local_due: Instant,
-    pub(crate) dues: [Instant; CLOUDS],
-}
-
-impl<const CLOUDS: usize> Entry<CLOUDS> {
-    pub(crate) const EMPTY: Self =
-        Self { slot: Slot::RETIRED, local_due: Instant::START, dues: [Instant::START; CLOUDS] };
-
-    /// The due instant of `source`; means something while its timer is armed.
-    pub(crate) fn due(&self, source: Source) -> Instant {
-        match usize::from(source.index()).checked_sub(1) {
-            None => self.local_due,
-            Some(cloud) => self.dues.get(cloud).copied().unwrap_or(Instant::END),
-        }
-    }
-
-    pub(crate) fn set_due(&mut self, source: Source, due: Instant) {
-        match usize::from(source.index()).checked_sub(1) {
-            None => self.local_due = due,
-            Some(cloud) => {
-                if let Some(place) = self.dues.get_mut(cloud) {
-                    *place = due;
-                }
-            }
-        }
-    }
-
-    /// The armed sources that are due exactly then.
-    pub(crate) fn armed_at(&self, due: Instant) -> Sources {
-        self.slot.armed().iter().filter(|source| self.due(*source) == due).collect()
-    }
-
-    fn earliest(&self) -> Option<Instant> {
-        self.slot.armed().iter().map(|source| self.due(source)).min()
-    }
-}
-
 /// The earlier of two dues; none is later than any.
 fn earlier(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
     match (a, b) {
@@ -137,7 +97,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
     pub(crate) fn push(&mut self, timestamp: Timestamp, entry: Entry<CLOUDS>) -> bool {
         let place = self.free;
         let next_free = self.node(place).right;
-        let due = entry.earliest();
+        let due = entry.next_due();
         let (Some(node), Some(slot)) =
             (self.nodes.get_mut(usize::from(place.0)), self.entries.get_mut(usize::from(place.0)))
         else {
@@ -185,7 +145,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         if armed == slot.armed() {
             return;
         }
-        let due = entry.earliest();
+        let due = entry.next_due();
         let Some(node) = self.nodes.get_mut(usize::from(place.0)) else { return };
         if core::mem::replace(&mut node.due, due) != due {
             self.mend(place);

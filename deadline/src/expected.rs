@@ -78,6 +78,7 @@ impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         self.since = self.since.saturating_add(1);
         if self.probe_every.is_some_and(|every| self.since >= every) {
+            // T6: only a long wait can show that the cloud would answer again.
             self.since = 0;
             return Chosen { deadline: cap, reason: Reason::Probe };
         }
@@ -94,7 +95,7 @@ impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
     }
 }
 
-/// The deadline of least mean loss, from local's least response to `cap`; of several the shortest.
+/// T3: the deadline of least mean loss, from local's least response to `cap`; of several the shortest.
 ///
 /// `local_response` is the least and the greatest. What is answered before the deadline is the cloud's, all else local's:
 /// at the deadline, or at local's greatest response if that is later. It looks at local's least response and at each step

@@ -8,7 +8,7 @@ use crate::policy::{Case, Chosen, End, Policy, Reason, Situation, rounded_down};
 use crate::span::Span;
 
 /// The longest deadline with which fusion never hits what local alone would not have hit: T2 of the crate's
-/// documentation, under its conditions.
+/// documentation, under its conditions. T4 is what it does not guarantee.
 ///
 /// Any shorter deadline keeps that guarantee, so whatever policy it [`caps`](Policy::caps) has it too.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -47,6 +47,7 @@ impl Guard {
     /// # Errors
     /// The first figure that makes no sense.
     pub fn new(parameters: Parameters) -> Result<Self, Invalid> {
+        // T7 sound figures.
         parameters.check()?;
         Ok(Self { parameters })
     }
@@ -79,6 +80,7 @@ impl Guard {
             }
             // A result that is held goes at its due instant and the lateness after it, at the latest.
             None if cloud - lateness > local_response.least => (Case::CloudAlone, cloud - lateness),
+            // T1: with local's least response no output is later than local's own.
             None => (Case::Unsure, local_response.least),
         };
         let budget_local = stops.filter(|_| !is_unsure).unwrap_or(least);

@@ -38,6 +38,7 @@ impl<const WINDOW: usize> Observations<WINDOW> {
     pub fn add(&mut self, end: End) {
         let (response, is_answered) = match end {
             End::Answered(response) => (response, true),
+            // T5: seen until then and no longer.
             End::Censored(age) => (age, false),
             // It was seen to its end: no result will ever come.
             End::Failed(_) => (Duration::MAX, false),

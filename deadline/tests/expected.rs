@@ -58,6 +58,7 @@ fn the_estimate_of_a_small_sample() {
     assert_eq!(steps, expected);
 }
 
+/// T5.
 #[test]
 fn a_call_that_was_given_up_is_not_fast() {
     assert_eq!(survival(&[observation(310, false, 20)], &[]).next(), None);
@@ -74,6 +75,7 @@ fn a_call_that_was_given_up_is_not_lost_either() {
     assert!((last.survival - 0.25).abs() < 1e-12, "only four calls were seen so long: {last:?}");
 }
 
+/// T5.
 #[test]
 fn a_call_that_failed_is_never_answered() {
     let mut observations = Observations::<8>::new();
@@ -109,7 +111,7 @@ fn waiting_pays_where_the_cloud_is_worth_it_and_not_before_it_was_seen() {
     );
 }
 
-/// A slower cloud than local comes and goes. All that is known after a window of calls is from after the change.
+/// T6: A slower cloud than local comes and goes. All that is known after a window of calls is from after the change.
 #[test]
 fn a_cloud_that_is_gone_costs_no_time_and_is_found_again_within_a_window_of_calls() {
     const WINDOW: u32 = 64;
@@ -153,6 +155,7 @@ fn a_fast_cloud_that_is_gone_never_costs_time_but_for_probes() {
     }
 }
 
+/// T3.
 #[test]
 fn the_best_below_a_cap_is_not_the_cap() {
     let mut policy = policy::<4>(None);
@@ -193,6 +196,7 @@ fn a_loss_that_is_no_number_decides_nothing() {
     }
 }
 
+/// T7.
 #[test]
 fn a_policy_that_could_not_work_is_refused() {
     let made = |local: f64, probe_every| Expected::<_, 8>::new(ACCURACY, local, probe_every).err();
@@ -259,6 +263,7 @@ proptest! {
         }
     }
 
+    /// T3.
     #[test]
     fn no_deadline_costs_less_than_the_one_chosen(calls in observations(), cap in 250..450_u64) {
         let loss = |source, response| ACCURACY.loss(&Situation::at(10.0), source, response);
@@ -276,6 +281,7 @@ proptest! {
         }
     }
 
+    /// T6.
     #[test]
     fn the_last_calls_are_remembered_and_no_other(ends in prop::collection::vec((0..3, 1..50_u64), 0..40)) {
         let mut observations = Observations::<7>::new();

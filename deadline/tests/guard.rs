@@ -43,6 +43,7 @@ fn the_default_vehicle_has_the_deadlines_of_the_specification() {
     }
 }
 
+/// T1.
 #[test]
 fn between_the_cases_nothing_is_later_than_local() {
     let guard = guard(Parameters::default());
@@ -96,6 +97,7 @@ fn a_vehicle_that_may_be_at_rest_is_so_with_either_sign_of_0() {
     }
 }
 
+/// T1.
 #[test]
 fn one_class_between_the_cases_decides_for_all() {
     let classes = |hazards: &[Hazard]| {
@@ -192,6 +194,7 @@ fn t2_what_came_into_sight_a_frame_ago_is_not_given_up() {
     assert!(drive.collides(&drive.fused(|frame| if frame.captured > 0.0 { 0.35 } else { 0.3 })));
 }
 
+/// T7.
 #[test]
 fn figures_that_make_no_sense_are_refused() {
     let sound = Parameters::default();

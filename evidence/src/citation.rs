@@ -10,19 +10,40 @@ use crate::error::Error;
 use crate::tree::Tree;
 
 /// Where the code that meets the rules is.
-const CODE: [&str; 5] = [
+const CODE: [&str; 8] = [
     "core/src",
     "adapters/arbiter/src",
     "adapters/operator/src",
+    "adapters/ros2/src",
+    "adapters/threads/src",
     "adapters/tokio/src",
+    "deadline/src",
     "traces/src/reference.rs",
+];
+/// The libraries whose own tests are witnesses, with their folders.
+const CRATES: [(&str, &str); 5] = [
+    ("fuseline_core", "core"),
+    ("fuseline_deadline", "deadline"),
+    ("fuseline_operator", "adapters/operator"),
+    ("fuseline_tokio", "adapters/tokio"),
+    ("fuseline_ros2", "adapters/ros2"),
+];
+/// Where other tests are.
+const TESTS: [&str; 6] = [
+    "tests/tests",
+    "tests/loom/tests",
+    "deadline/tests",
+    "adapters/operator/tests",
+    "adapters/tokio/tests",
+    "adapters/ros2/tests",
 ];
 
 static DEFINITION: LazyLock<Regex> = LazyLock::new(|| {
-    regex(r"(?m)^(?:### (F\d+g?) (.+)|\| (P\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")
+    regex(r"(?m)^(?:### (F\d+g?) (.+)|\| ([PTD]\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")
 });
 /// One identifier, or the first and the last of several.
-static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPA])(\d+)(g?)(?:–([FPA])(\d+))?\b"));
+static WORD: LazyLock<Regex> =
+    LazyLock::new(|| regex(r"\b([FPATD])(\d+)(g?)(?:–([FPATD])(\d+))?\b"));
 /// The identifiers in the order of their definition, each with its title.
 pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, Error> {
     let spec = tree.text("SPEC.md")?;
@@ -80,6 +101,72 @@ pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, Error> 
     Ok(places)
 }
 
+/// What a test's name, its documentation and its body cite.
+pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
+    let mut parts: Vec<&str> = witness.split("::").collect();
+    let name = parts.pop().unwrap_or_default();
+    let Some(file) = file_of_test(tree, &parts) else {
+        return Err(Error::content(Path::new(witness), "no file has this test".to_owned()));
+    };
+    let text = tree.text(&file)?;
+    let Some(function) = function(&text, name) else {
+        return Err(Error::content(Path::new(&file), format!("no test {name} here")));
+    };
+    let mut cited = named(name);
+    cited.extend(words(&function));
+    Ok(cited)
+}
+
+/// The file of a test, told by its target and modules: a library's own test, or one in a folder of tests.
+fn file_of_test(tree: &Tree, path: &[&str]) -> Option<String> {
+    let (target, modules) = path.split_first()?;
+    let modules: Vec<&str> = modules.iter().copied().filter(|m| *m != "tests").collect();
+    let own = CRATES.iter().find(|(name, _)| name == target).map(|(_, folder)| {
+        let module = format!("{folder}/src/{}", modules.join("/"));
+        [format!("{module}/tests.rs"), format!("{module}.rs"), format!("{module}/mod.rs")]
+    });
+    let apart = TESTS.iter().flat_map(|folder| {
+        let inner = format!("{folder}/{target}/{}.rs", modules.join("/"));
+        [inner, format!("{folder}/{target}.rs"), format!("{folder}/{target}/main.rs")]
+    });
+    own.into_iter().flatten().chain(apart).find(|file| tree.path(file).exists())
+}
+
+/// A function with what stands directly above it.
+fn function(text: &str, name: &str) -> Option<String> {
+    let lines: Vec<&str> = text.lines().collect();
+    let head = format!("fn {name}(");
+    let at = lines
+        .iter()
+        .position(|line| line.trim_start().trim_start_matches("pub ").starts_with(&head))?;
+    let is_above = |line: &&&str| matches!(line.trim_start().as_bytes(), [b'/' | b'#', ..]);
+    let above = lines.iter().take(at).rev().take_while(is_above).count();
+    let indent = lines[at].len() - lines[at].trim_start().len();
+    let end = format!("{:indent$}}}", "");
+    let below = lines.iter().skip(at).position(|line| *line == end)?;
+    Some(lines[at - above..=at + below].join("\n"))
+}
+
+/// What a harness' name, its documentation and its body cite.
+pub(crate) fn cited_by_harness(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
+    let mut cited = named(witness);
+    for file in tree.files(&["proofs/src/harness"])? {
+        if let Some(function) = function(&tree.text(&file)?, witness) {
+            cited.extend(words(&function));
+            return Ok(cited);
+        }
+    }
+    Err(Error::content(Path::new("proofs/src/harness"), format!("no harness {witness} here")))
+}
+
+/// What a trace's name and its header cite.
+pub(crate) fn cited_by_trace(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
+    let text = tree.text(&format!("traces/corpus/{witness}.jsonl"))?;
+    let mut cited = words(text.lines().next().unwrap_or_default());
+    cited.extend(named(&witness.replace('-', "_")));
+    Ok(cited)
+}
+
 fn range(family: &str, first: &str, last: &str) -> Vec<String> {
     let number = |text: &str| text.parse::<u32>().unwrap_or_default();
     let (first, last) = (number(first), number(last));
@@ -93,7 +180,7 @@ fn range(family: &str, first: &str, last: &str) -> Vec<String> {
 /// The identifier that a part of a name is, if it is one.
 fn upper(part: &str) -> Option<String> {
     let mut letters = part.chars();
-    let family = letters.next().filter(|letter| "fpa".contains(*letter))?;
+    let family = letters.next().filter(|letter| "fpatd".contains(*letter))?;
     let number = letters.as_str();
     let number = number.strip_suffix('g').unwrap_or(number);
     let is_id = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
@@ -122,5 +209,13 @@ mod tests {
     fn a_word_that_only_begins_like_an_identifier_is_none() {
         assert_eq!(words("F3x XP2 f1 A"), set([]));
         assert_eq!(named("a_fold_p_f2gg_f2h"), set([]));
+    }
+
+    #[test]
+    fn a_test_cites_by_its_name_its_documentation_and_its_body() {
+        let text = "/// F1.\n#[test]\nfn p2_never() {\n    // A3.\n}\n\n// F8\n";
+        let found = function(text, "p2_never").expect("it is there");
+        assert_eq!(words(&found), ["A3", "F1"].map(String::from).into());
+        assert_eq!(named("p2_never"), ["P2".to_owned()].into());
     }
 }

@@ -9,8 +9,8 @@ use sha2::{Digest, Sha256};
 use crate::error::Error;
 use crate::tree::{Tree, hex};
 
-/// Where they are kept.
-pub(crate) const FILE: &str = "tests/faults.toml";
+/// Where they are kept: those of the machine, and those of what is around it.
+pub(crate) const FILES: [&str; 2] = ["tests/faults.toml", "tests/faults-around.toml"];
 
 /// One place of the source with what a fault would make of it.
 #[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
@@ -37,14 +37,18 @@ struct Faults {
 /// All faults, in their order.
 ///
 /// # Errors
-/// The file cannot be read, a name is there twice, or a fault breaks nothing.
+/// A file cannot be read, a name is there twice, or a fault breaks nothing.
 pub fn load(tree: &Tree) -> Result<Vec<SeededFault>, Error> {
-    let path = tree.path(FILE);
-    let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-    let faults: Faults =
-        toml::from_str(&text).map_err(|error| Error::content(&path, error.to_string()))?;
+    let mut all = Vec::new();
+    for file in FILES {
+        let path = tree.path(file);
+        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        let faults: Faults =
+            toml::from_str(&text).map_err(|error| Error::content(&path, error.to_string()))?;
+        all.extend(faults.fault);
+    }
     let mut names = BTreeSet::new();
-    for fault in &faults.fault {
+    for fault in &all {
         if !names.insert(&fault.name) {
             return Err(fault.error("the name is taken"));
         }
@@ -52,7 +56,7 @@ pub fn load(tree: &Tree) -> Result<Vec<SeededFault>, Error> {
             return Err(fault.error("it breaks nothing"));
         }
     }
-    Ok(faults.fault)
+    Ok(all)
 }
 
 impl SeededFault {

@@ -12,7 +12,8 @@ use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::error::Error;
 use crate::fault::SeededFault;
-use crate::kind::{Kind, Outcomes, Run};
+use crate::kind::{Kind, Run};
+use crate::printed::Outcomes;
 use crate::tree::Tree;
 
 /// How often a running command is looked at.

@@ -15,6 +15,7 @@ mod matrix;
 mod measure;
 mod mutants;
 mod older;
+mod printed;
 mod record;
 mod sources;
 mod table;

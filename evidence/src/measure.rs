@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::gap::Gap;
 use crate::sources::{
-    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_TRACES, NO_OBSERVED, NO_SHARED, SHARED, TESTS,
-    TRACES,
+    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES, NO_OBSERVED, TESTS,
+    THREADS, TRACES,
 };
 use crate::tool::Tests;
 use crate::tree::Tree;
@@ -54,7 +54,6 @@ const TESTS_OF_CORE: Tests = Tests {
 const SOURCES_OF_CORE: &[&str] = &[
     CORE,
     NO_LIST,
-    NO_SHARED,
     ARBITER,
     "traces/src/reference.rs",
     CORPUS,
@@ -65,17 +64,17 @@ const SOURCES_OF_CORE: &[&str] = &[
     "tests/tests/window.rs",
 ];
 
-const TESTS_OF_SHARED: Tests = Tests {
-    packages: &["fuseline-core", "fuseline-loom"],
+const TESTS_OF_THREADS: Tests = Tests {
+    packages: &["fuseline-threads", "fuseline-loom"],
     targets: &["--lib", "--test=history", "--test=stress"],
 };
-const SOURCES_OF_SHARED: &[&str] = &[
-    SHARED,
+const SOURCES_OF_THREADS: &[&str] = &[
+    THREADS,
+    NO_LIST_OF_THREADS,
     "core/src/clouds.rs",
+    "core/src/entry.rs",
     "core/src/gate.rs",
     "core/src/slot.rs",
-    "core/src/window.rs",
-    "adapters/threads/src",
     "tests/loom",
 ];
 
@@ -85,7 +84,7 @@ pub const MEASURES: &[Measure] = &[
         name: "mutants-core",
         title: "mutants of the core",
         sources: SOURCES_OF_CORE,
-        tool: Tool::Mutants(&["core/src/*.rs", NO_SHARED]),
+        tool: Tool::Mutants(&["core/src/*.rs"]),
         tests: TESTS_OF_CORE,
     },
     Measure {
@@ -125,22 +124,22 @@ pub const MEASURES: &[Measure] = &[
         name: "coverage-core",
         title: "coverage of the core",
         sources: SOURCES_OF_CORE,
-        tool: Tool::Coverage(&[CORE, NO_SHARED]),
+        tool: Tool::Coverage(&[CORE]),
         tests: TESTS_OF_CORE,
     },
     Measure {
-        name: "mutants-shared",
+        name: "mutants-threads",
         title: "mutants of the machine for many threads",
-        sources: SOURCES_OF_SHARED,
-        tool: Tool::Mutants(&["core/src/shared.rs", "core/src/shared/*.rs"]),
-        tests: TESTS_OF_SHARED,
+        sources: SOURCES_OF_THREADS,
+        tool: Tool::Mutants(&["adapters/threads/src/*.rs"]),
+        tests: TESTS_OF_THREADS,
     },
     Measure {
-        name: "coverage-shared",
+        name: "coverage-threads",
         title: "coverage of the machine for many threads",
-        sources: SOURCES_OF_SHARED,
-        tool: Tool::Coverage(&[SHARED]),
-        tests: TESTS_OF_SHARED,
+        sources: SOURCES_OF_THREADS,
+        tool: Tool::Coverage(&[THREADS]),
+        tests: TESTS_OF_THREADS,
     },
 ];
 

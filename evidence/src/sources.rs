@@ -4,10 +4,9 @@ pub(crate) const CORE: &str = "core/src";
 /// They list the modules and have no logic.
 pub(crate) const NO_LIST: &str = "!core/src/lib.rs";
 pub(crate) const NO_LIST_OF_TRACES: &str = "!traces/src/lib.rs";
-/// The machine for many threads.
-pub(crate) const SHARED: &str = "core/src/shared";
-/// The other machine does not know it.
-pub(crate) const NO_SHARED: &str = "!core/src/shared";
+/// The machine for many threads, and its values.
+pub(crate) const THREADS: &str = "adapters/threads/src";
+pub(crate) const NO_LIST_OF_THREADS: &str = "!adapters/threads/src/lib.rs";
 /// What turns a trace's inputs into the machine's and its answers into decisions.
 pub(crate) const ARBITER: &str = "adapters/arbiter/src";
 /// The judge of what concurrent machines record, which the strict one does not know.

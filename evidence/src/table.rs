@@ -53,8 +53,8 @@ const HEAD: &str = "\
 # Evidence
 
 What shows each rule, promise and ambiguity of `SPEC.md`, by result: a witness stands in its row only if it cites
-the identifier and went red under a seeded fault that violates it. The faults are in `tests/faults.toml`, the results
-in `evidence/results/`. This file is made by `cargo run -p fuseline-evidence -- matrix`; do not edit it.
+the identifier and went red under a seeded fault that violates it. The faults are in `tests/faults.toml` and
+`tests/faults-around.toml`, the results in `evidence/results/`. This file is made by `cargo run -p fuseline-evidence -- matrix`; do not edit it.
 ";
 
 fn markdown(matrix: &Matrix) -> String {
@@ -79,7 +79,13 @@ fn markdown(matrix: &Matrix) -> String {
     }
     text.push_str("\n## In short\n\n");
     overview(matrix, &mut text);
-    for (family, title) in [('F', "Rules"), ('P', "Promises"), ('A', "Ambiguities")] {
+    for (family, title) in [
+        ('F', "Rules"),
+        ('P', "Promises"),
+        ('A', "Ambiguities"),
+        ('T', "Promises of deadlines"),
+        ('D', "Promises of adapters"),
+    ] {
         let _ = writeln!(text, "\n## {title}");
         for row in matrix.rows.iter().filter(|row| row.id.starts_with(family)) {
             section(matrix, row, &mut text);

@@ -10,6 +10,8 @@ pub struct History {
     sources: Vec<Source>,
     /// The latest due instant that was forgotten, while it binds.
     latest: Option<u64>,
+    /// The same of requests alone, without local's.
+    latest_request: Option<u64>,
 }
 
 /// A source that was asked.
@@ -36,7 +38,9 @@ impl History {
     /// A timestamp just opened; `due` is when local's deadline ends.
     #[must_use]
     pub fn new(due: Option<u64>) -> Self {
-        let mut history = Self { is_limited: due.is_some(), sources: Vec::new(), latest: None };
+        let (latest, latest_request) = (None, None);
+        let is_limited = due.is_some();
+        let mut history = Self { is_limited, sources: Vec::new(), latest, latest_request };
         history.ask(0, due);
         history
     }
@@ -67,12 +71,20 @@ impl History {
     }
 
     /// Forgets each due instant that binds nothing: those of timers that are not live, but for the latest
-    /// of all, while it lies after `now` and after every live one.
+    /// of all and the latest of a request, while it lies after `now` and after every live one of its kind.
     pub fn forget(&mut self, now: u64) {
-        let stale = self.sources.iter_mut().filter(|source| !source.is_armed);
-        let latest = stale.filter_map(|source| source.due.take()).max().max(self.latest);
+        let (mut latest, mut of_requests) = (self.latest, self.latest_request);
+        for source in self.sources.iter_mut().filter(|source| !source.is_armed) {
+            let due = source.due.take();
+            latest = latest.max(due);
+            if source.p > 0 {
+                of_requests = of_requests.max(due);
+            }
+        }
         let armed = self.timers().map(|(_, due)| due).max();
         self.latest = latest.filter(|due| *due > now && Some(*due) > armed);
+        let armed = self.timers().filter(|(p, _)| *p > 0).map(|(_, due)| due).max();
+        self.latest_request = of_requests.filter(|due| *due > now && Some(*due) > armed);
     }
 
     /// Whether it was opened with a deadline for local.
@@ -158,6 +170,14 @@ impl History {
     #[must_use]
     pub fn is_over(&self, now: u64) -> bool {
         let dues = self.sources.iter().filter_map(|source| source.due).chain(self.latest);
+        dues.max().is_none_or(|latest| latest <= now)
+    }
+
+    /// Whether the due instant of every request that was ever admitted for it is `now` or before it.
+    #[must_use]
+    pub fn are_requests_over(&self, now: u64) -> bool {
+        let requests = self.sources.iter().filter(|source| source.p > 0);
+        let dues = requests.filter_map(|source| source.due).chain(self.latest_request);
         dues.max().is_none_or(|latest| latest <= now)
     }
 

@@ -2,7 +2,7 @@
 //!
 //! No rule of decision is known here: a ledger books what was asked, what came and what went. What no promise
 //! needs any more is forgotten, so that ledgers with one future are equal: a retired timestamp leaves nothing,
-//! and a due instant outlives its timer only while it is the latest that its timestamp had.
+//! and a due instant outlives its timer only while it is the latest that its timestamp had, or its requests had.
 
 use std::fmt;
 
@@ -37,6 +37,7 @@ pub enum Promise {
     P8,
     P9,
     P11,
+    P12,
 }
 
 /// A promise that was not kept.
@@ -276,6 +277,11 @@ impl Ledger {
                             format!("{t} is missed with a result in hand")
                         });
                     }
+                    if history.is_held(0) {
+                        violate(violations, Promise::P12, || {
+                            format!("{t} is missed, and local's result was accepted")
+                        });
+                    }
                     if history.pending().next().is_some() {
                         violate(violations, Promise::P7, || {
                             format!("{t} is missed with a result to come")
@@ -319,6 +325,11 @@ impl Ledger {
             let waits_for_local = !is_limited && history.is_pending(0);
             if history.timers().next().is_none() && !waits_for_local {
                 violate(violations, Promise::P7, || format!("{t} waits for nothing"));
+            }
+            if !history.is_pending(0) && history.are_requests_over(now) {
+                violate(violations, Promise::P12, || {
+                    format!("{t} outlives local's arrival and the due instants of its requests")
+                });
             }
             let is_over = history.is_over(now);
             if is_over && is_limited {
@@ -386,6 +397,7 @@ impl Promise {
             Self::P8 => "P8 timers",
             Self::P9 => "P9 bounded",
             Self::P11 => "P11 accounted",
+            Self::P12 => "P12 bounded wait",
         }
     }
 }

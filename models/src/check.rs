@@ -8,10 +8,10 @@ use stateright::{Checker, HasDiscoveries, Model};
 use thiserror::Error;
 
 use crate::claim::Claim;
-use crate::config::{Config, Size};
 use crate::counterexample::Counterexample;
-use crate::mark::Mark;
 use crate::operator::Operator;
+use crate::sighting::Sighting;
+use crate::world::{Size, World};
 
 /// How often progress is told.
 const TICK: Duration = Duration::from_millis(50);
@@ -29,7 +29,7 @@ pub struct Effort {
 #[derive(Debug)]
 pub struct Exploration {
     /// The configuration.
-    pub config: &'static Config,
+    pub config: &'static World,
     /// How many unique states there are; fewer than all of them after a violation.
     pub states: usize,
     /// The most steps from the first state to one of them, itself counted.
@@ -39,7 +39,7 @@ pub struct Exploration {
     /// The claims that are broken, each with a short run that breaks it.
     pub violations: Vec<Counterexample>,
     /// What no state showed, if all were searched.
-    pub unmet: Vec<Mark>,
+    pub unmet: Vec<Sighting>,
 }
 
 /// Why there is no verdict.
@@ -54,7 +54,7 @@ pub enum CheckError {
 }
 
 impl Exploration {
-    /// Whether all claims and witnesses hold, in as many states as there should be.
+    /// Whether all claims and sightings hold, in as many states as there should be.
     #[must_use]
     pub fn holds(&self) -> bool {
         self.violations.is_empty() && self.unmet.is_empty() && self.states == self.config.states
@@ -69,7 +69,7 @@ impl Exploration {
 /// # Errors
 /// If there is no verdict.
 pub fn check(
-    config: &'static Config,
+    config: &'static World,
     effort: Effort,
     progress: impl FnMut(usize),
 ) -> Result<Exploration, CheckError> {
@@ -87,7 +87,7 @@ pub fn check(
 }
 
 fn search(
-    config: &'static Config,
+    config: &'static World,
     effort: Effort,
     mut checker: impl Checker<Operator>,
     mut progress: impl FnMut(usize),
@@ -107,7 +107,7 @@ fn search(
         Some(Counterexample::of(config, *claim, inputs))
     });
     let violations: Vec<_> = broken.collect();
-    let unmet = config.marks().filter(|mark| !discoveries.contains_key(mark.name()));
+    let unmet = config.sightings().filter(|sighting| !discoveries.contains_key(sighting.name()));
     let unmet = if violations.is_empty() || effort.all { unmet.collect() } else { Vec::new() };
     Ok(Exploration {
         config,

@@ -35,6 +35,7 @@ properties! {
     P9 = "P9 bounded",
     P10 = "P10 deterministic",
     P11 = "P11 accounted",
+    P12 = "P12 bounded wait",
 }
 
 impl Claim {
@@ -75,6 +76,7 @@ impl From<Promise> for Claim {
             Promise::P8 => Self::P8,
             Promise::P9 => Self::P9,
             Promise::P11 => Self::P11,
+            Promise::P12 => Self::P12,
         }
     }
 }

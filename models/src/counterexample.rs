@@ -3,8 +3,8 @@
 use fuseline_traces::Input;
 
 use crate::claim::Claim;
-use crate::config::Config;
 use crate::state::State;
+use crate::world::World;
 
 /// A run that breaks a claim.
 #[derive(Clone, Debug)]
@@ -19,7 +19,7 @@ pub struct Counterexample {
 
 impl Counterexample {
     /// Of these inputs, which break the claim, those that are needed to.
-    pub(crate) fn of(config: &Config, claim: Claim, inputs: Vec<Input>) -> Self {
+    pub(crate) fn of(config: &World, claim: Claim, inputs: Vec<Input>) -> Self {
         let inputs = shrink(inputs, |inputs| breaks(config, claim, inputs));
         let trace = trace(config, &inputs);
         Self { claim, inputs, trace }
@@ -53,7 +53,7 @@ fn shrink(mut inputs: Vec<Input>, breaks: impl Fn(&[Input]) -> Option<usize>) ->
 }
 
 /// After how many of the inputs the claim is broken, if it is.
-fn breaks(config: &Config, claim: Claim, inputs: &[Input]) -> Option<usize> {
+fn breaks(config: &World, claim: Claim, inputs: &[Input]) -> Option<usize> {
     let mut state = State::new(config)?;
     for (place, input) in inputs.iter().enumerate() {
         if !state.goes_on() {
@@ -68,7 +68,7 @@ fn breaks(config: &Config, claim: Claim, inputs: &[Input]) -> Option<usize> {
 }
 
 /// The trace of these inputs with what the machine decides.
-fn trace(config: &Config, inputs: &[Input]) -> String {
+fn trace(config: &World, inputs: &[Input]) -> String {
     let mut lines = vec![config.header().to_string()];
     let mut state = State::new(config);
     for input in inputs {
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn the_trace_of_a_run_is_one_that_the_judge_reads() {
-        let config = Config::named("2x1-eager").expect("a configuration");
+        let config = World::named("2x1-eager").expect("a configuration");
         let inputs = [
             Input::Open { at: 0, t: 0, deadline: Some(2) },
             Input::Offer { at: 0, t: 0, p: 5, deadline: 3, backlog: 0 },
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn no_run_breaks_what_is_kept() {
-        let config = Config::named("2x1-eager").expect("a configuration");
+        let config = World::named("2x1-eager").expect("a configuration");
         let inputs = ticks(&[1, 0, 4]);
         assert!(Claim::ALL.iter().all(|claim| breaks(config, *claim, &inputs).is_none()));
     }

@@ -10,7 +10,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub(crate) enum Error {
     #[error("no configuration is named {name:?}; `list` names them")]
-    Config { name: String },
+    World { name: String },
     #[error("{config}: {source}; mend the model")]
     Check { config: &'static str, source: CheckError },
     #[error("--listen {address}: {source}; choose an address of this machine and a free port")]

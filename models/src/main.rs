@@ -10,14 +10,14 @@ use std::process::ExitCode;
 use std::thread;
 
 use clap::{Parser, Subcommand};
-use fuseline_models::{CONFIGS, Config, Effort, Exploration, Size, check, explore, hush};
+use fuseline_models::{Effort, Exploration, Size, WORLDS, World, check, explore, hush};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::error::Error;
 
 const EXITS: &str = "\
 Exit codes:
-  0  every claim is kept, every witness met, and there are as many states as there should be
+  0  every claim is kept, every sighting met, and there are as many states as there should be
   1  not so
   2  bad input, told in one line";
 
@@ -80,9 +80,9 @@ struct Explore {
     /// Where to listen.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:3000")]
     listen: SocketAddr,
-    /// Show the witnesses beside the claims; each click takes seconds then.
+    /// Show the sightings beside the claims; each click takes seconds then.
     #[arg(long)]
-    witnesses: bool,
+    sightings: bool,
 }
 
 fn main() -> ExitCode {
@@ -144,14 +144,14 @@ fn check_all(args: &Check) -> Result<bool, Error> {
 }
 
 /// The configurations asked for, in the order of the table.
-fn chosen(args: &Check) -> Result<Vec<&'static Config>, Error> {
-    let is_named = |config: &Config, name: &str| {
+fn chosen(args: &Check) -> Result<Vec<&'static World>, Error> {
+    let is_named = |config: &World, name: &str| {
         let rest = config.name.strip_prefix(name);
         rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
     };
     for name in &args.configs {
-        if !CONFIGS.iter().any(|config| is_named(config, name)) {
-            return Err(Error::Config { name: name.clone() });
+        if !WORLDS.iter().any(|config| is_named(config, name)) {
+            return Err(Error::World { name: name.clone() });
         }
     }
     let most = match (args.quick, args.large) {
@@ -159,17 +159,17 @@ fn chosen(args: &Check) -> Result<Vec<&'static Config>, Error> {
         (false, false) => Size::Standard,
         (false, true) => Size::Large,
     };
-    let is_chosen = |config: &&Config| {
+    let is_chosen = |config: &&World| {
         if args.configs.is_empty() {
             config.size <= most
         } else {
             args.configs.iter().any(|name| is_named(config, name))
         }
     };
-    Ok(CONFIGS.iter().filter(is_chosen).collect())
+    Ok(WORLDS.iter().filter(is_chosen).collect())
 }
 
-fn check_one(config: &'static Config, effort: Effort) -> Result<Exploration, Error> {
+fn check_one(config: &'static World, effort: Effort) -> Result<Exploration, Error> {
     let visible = io::stderr().is_terminal();
     let bar = if visible {
         let style =
@@ -190,9 +190,9 @@ fn check_one(config: &'static Config, effort: Effort) -> Result<Exploration, Err
 
 fn explore_one(args: &Explore) -> Result<(), Error> {
     let name = &args.config;
-    let config = Config::named(name).ok_or_else(|| Error::Config { name: name.clone() })?;
+    let config = World::named(name).ok_or_else(|| Error::World { name: name.clone() })?;
     eprintln!("{name}: open http://{}/ in a browser; Ctrl-C ends it", args.listen);
     hush();
-    explore(config, args.listen, args.witnesses)
+    explore(config, args.listen, args.sightings)
         .map_err(|source| Error::Listen { address: args.listen, source })
 }

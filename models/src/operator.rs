@@ -6,61 +6,61 @@ use fuseline_traces::Input;
 use stateright::{Model, Property};
 
 use crate::claim::Claim;
-use crate::config::{Config, Reach};
-use crate::mark::{Mark, Marks, marks};
+use crate::sighting::{Sighting, Sightings, sightings};
 use crate::state::State;
+use crate::world::{Readings, World};
 
 /// Priorities that no configuration registers; to a careless conversion the second one is a cloud's.
 const STRANGERS: [u64; 2] = [3, 65_536 + 2];
 
 /// One operator in the environment of a configuration.
 pub struct Operator {
-    config: &'static Config,
-    /// Which marks were told of: the checker keeps the last witness that it is told of, and the
+    config: &'static World,
+    /// Which sightings were told of: the checker keeps the last sighting that it is told of, and the
     /// first one has the shortest way to it.
     told: Vec<AtomicBool>,
-    /// What is to be witnessed.
-    marks: Vec<Mark>,
+    /// What is to be sighted.
+    sightings: Vec<Sighting>,
 }
 
 impl Operator {
     /// An operator so configured.
     #[must_use]
-    pub fn new(config: &'static Config) -> Self {
-        let told = Mark::ALL.iter().map(|_| AtomicBool::new(false)).collect();
-        Self { config, told, marks: config.marks().collect() }
+    pub fn new(config: &'static World) -> Self {
+        let told = Sighting::ALL.iter().map(|_| AtomicBool::new(false)).collect();
+        Self { config, told, sightings: config.sightings().collect() }
     }
 
-    /// The same without witnesses: its only properties are the claims.
+    /// The same without sightings: its only properties are the claims.
     #[must_use]
-    pub fn without_witnesses(self) -> Self {
-        Self { marks: Vec::new(), ..self }
+    pub fn without_sightings(self) -> Self {
+        Self { sightings: Vec::new(), ..self }
     }
 
     /// Its configuration.
     #[must_use]
-    pub const fn config(&self) -> &'static Config {
+    pub const fn config(&self) -> &'static World {
         self.config
     }
 
-    /// Whether a step from this state shows the mark, unless another state was told to have one.
-    pub(crate) fn shows(&self, state: &State, mark: Mark) -> bool {
-        let Some(told) = self.told.get(mark as usize) else { return false };
+    /// Whether a step from this state shows the sighting, unless another state was told to have one.
+    pub(crate) fn shows(&self, state: &State, sighting: Sighting) -> bool {
+        let Some(told) = self.told.get(sighting as usize) else { return false };
         if told.load(Ordering::Relaxed) {
             return false;
         }
-        let shows = state.ahead(|| self.ahead(state)).contains(mark);
+        let shows = state.ahead(|| self.ahead(state)).contains(sighting);
         shows && !told.swap(true, Ordering::Relaxed)
     }
 
     /// What the steps from a state show.
-    fn ahead(&self, state: &State) -> Marks {
+    fn ahead(&self, state: &State) -> Sightings {
         let mut inputs = Vec::new();
         self.actions(state, &mut inputs);
-        let mut shown = Marks::default();
+        let mut shown = Sightings::default();
         for input in inputs {
             let (next, answer) = state.step(self.config, &input);
-            shown.extend(marks(self.config, state, &input, &answer, &next).iter());
+            shown.extend(sightings(self.config, state, &input, &answer, &next).iter());
         }
         shown
     }
@@ -70,7 +70,7 @@ impl Operator {
         let config = self.config;
         let sources = || config.clouds.iter().map(|cloud| u64::from(cloud.p));
         for &t in config.timestamps {
-            out.extend(config.limits.iter().map(|deadline| Input::Open {
+            out.extend(config.local_deadlines.iter().map(|deadline| Input::Open {
                 at,
                 t,
                 deadline: *deadline,
@@ -122,10 +122,10 @@ impl Model for Operator {
         let earlier = clock.iter().copied().rev().find(|at| *at < now);
         self.inputs(now, actions);
         self.follies(now, actions);
-        match self.config.reach {
-            Reach::Now => {}
-            Reach::Next => later.clone().take(1).for_each(|at| self.inputs(at, actions)),
-            Reach::Any => earlier.into_iter().chain(later.clone()).for_each(|at| {
+        match self.config.readings {
+            Readings::Now => {}
+            Readings::Next => later.clone().take(1).for_each(|at| self.inputs(at, actions)),
+            Readings::Any => earlier.into_iter().chain(later.clone()).for_each(|at| {
                 self.inputs(at, actions);
             }),
         }
@@ -138,7 +138,7 @@ impl Model for Operator {
 
     fn properties(&self) -> Vec<Property<Self>> {
         let claims = Claim::ALL.iter().map(|claim| claim.property());
-        claims.chain(self.marks.iter().map(|mark| mark.property())).collect()
+        claims.chain(self.sightings.iter().map(|sighting| sighting.property())).collect()
     }
 
     fn format_action(&self, input: &Input) -> String {

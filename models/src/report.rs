@@ -7,7 +7,7 @@ use std::path::Path;
 
 use anstyle::{AnsiColor, Style};
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
-use fuseline_models::{CONFIGS, Claim, Exploration, Size};
+use fuseline_models::{Claim, Exploration, Size, WORLDS};
 use serde::Serialize;
 use tempfile::NamedTempFile;
 
@@ -27,10 +27,10 @@ struct Summary<'a> {
     depth: usize,
     seconds: f64,
     claims: usize,
-    witnesses: usize,
+    sightings: usize,
     /// The names of the properties that are broken, each with its counterexample, a line an entry.
     violations: BTreeMap<&'a str, Vec<&'a str>>,
-    /// The names of the witnesses that no state showed.
+    /// The names of the sightings that no state showed.
     unmet: Vec<&'a str>,
 }
 
@@ -45,7 +45,7 @@ pub(crate) fn line(verdict: &Exploration) -> String {
 pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(), Error> {
     let mut table = Table::new();
     table.load_style(STYLE);
-    table.set_header(["config", "states", "depth", "seconds", "claims", "witnesses", ""]);
+    table.set_header(["config", "states", "depth", "seconds", "claims", "sightings", ""]);
     for verdict in verdicts {
         table.add_row([
             verdict.config.name.to_owned(),
@@ -53,7 +53,7 @@ pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(),
             verdict.depth.to_string(),
             format!("{:.1}", verdict.took.as_secs_f64()),
             Claim::ALL.len().to_string(),
-            verdict.config.marks().count().to_string(),
+            verdict.config.sightings().count().to_string(),
             word(verdict).to_owned(),
         ]);
     }
@@ -77,9 +77,9 @@ pub(crate) fn json(out: &mut impl Write, verdict: &Exploration) -> Result<(), Er
         depth: verdict.depth,
         seconds: verdict.took.as_secs_f64(),
         claims: Claim::ALL.len(),
-        witnesses: verdict.config.marks().count(),
+        sightings: verdict.config.sightings().count(),
         violations: violations.map(|run| (run.claim.name(), run.trace.lines().collect())).collect(),
-        unmet: verdict.unmet.iter().map(|mark| mark.name()).collect(),
+        unmet: verdict.unmet.iter().map(|sighting| sighting.name()).collect(),
     };
     serde_json::to_writer(&mut *out, &summary).map_err(io::Error::from)?;
     Ok(writeln!(out)?)
@@ -110,7 +110,7 @@ pub(crate) fn list(out: &mut impl Write) -> Result<(), Error> {
         "instants",
         "states",
     ]);
-    for config in CONFIGS {
+    for config in WORLDS {
         let when = match config.size {
             Size::Quick => "quick",
             Size::Standard => "standard",
@@ -138,8 +138,8 @@ fn tell_faults(out: &mut impl Write, verdict: &Exploration) -> io::Result<()> {
         writeln!(out, "\n{name}: {BAD}broken: {}{BAD:#}", run.claim.name())?;
         write!(out, "{}", run.trace)?;
     }
-    for mark in &verdict.unmet {
-        writeln!(out, "{name}: {BAD}not met: {}{BAD:#}", mark.name())?;
+    for sighting in &verdict.unmet {
+        writeln!(out, "{name}: {BAD}not met: {}{BAD:#}", sighting.name())?;
     }
     if verdict.violations.is_empty() && verdict.states != verdict.config.states {
         let (found, expected) = (verdict.states, verdict.config.states);

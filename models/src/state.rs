@@ -9,9 +9,9 @@ use fuseline_kit::{History, Ledger};
 use fuseline_traces::{Decision, Demands, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
-use crate::config::Config;
 use crate::machine::{Completion, Machine, Reaction, answer, machine};
-use crate::mark::Marks;
+use crate::sighting::Sightings;
+use crate::world::World;
 
 /// The shipped machine, and beside it what shows whether it does right.
 ///
@@ -28,13 +28,13 @@ pub struct State {
     pub(crate) ledger: Ledger,
     violated: Claims,
     /// What the steps from here show, once asked for.
-    ahead: OnceLock<Marks>,
+    ahead: OnceLock<Sightings>,
 }
 
 impl State {
     /// The state of an operator just made, or none if the machine refuses the configuration.
     #[must_use]
-    pub fn new(config: &Config) -> Option<Self> {
+    pub fn new(config: &World) -> Option<Self> {
         let mut header = config.header();
         let reference = Some(Reference::new(&header));
         let first = machine(&header)?;
@@ -59,7 +59,7 @@ impl State {
 
     /// The state after an input, and what the machine said to it.
     #[must_use]
-    pub fn step(&self, config: &Config, input: &Input) -> (Self, Reaction) {
+    pub fn step(&self, config: &World, input: &Input) -> (Self, Reaction) {
         let mut next = Self { ahead: OnceLock::new(), ..self.clone() };
         let most = self.ledger.timer_count();
         let answer = answer(&mut next.machine, input, most);
@@ -74,12 +74,12 @@ impl State {
         (next, answer)
     }
 
-    pub(crate) fn ahead(&self, look: impl FnOnce() -> Marks) -> Marks {
+    pub(crate) fn ahead(&self, look: impl FnOnce() -> Sightings) -> Sightings {
         *self.ahead.get_or_init(look)
     }
 
     /// Enters the input into the ledger of promises, and compares the machine with what is booked.
-    fn enter(&mut self, config: &Config, input: &Input, answer: &Reaction) {
+    fn enter(&mut self, config: &World, input: &Input, answer: &Reaction) {
         let fired = answer.fired.iter().flat_map(|fired| &fired.decisions);
         let next_due = self.machine.next_due();
         let violations = self.ledger.enter(config.terms(), input, fired, &answer.own, next_due);
@@ -92,7 +92,7 @@ impl State {
     }
 
     /// P8: the machine's timers for an open timestamp are those that are owed.
-    fn has_timers_of(&self, config: &Config, t: u64, history: &History) -> bool {
+    fn has_timers_of(&self, config: &World, t: u64, history: &History) -> bool {
         let mut sources = config.clouds.iter().map(|cloud| cloud.p).chain([0]);
         sources.all(|p| {
             let due = self.machine.fusion().due(Timestamp::new(t), Priority::new(p));
@@ -101,7 +101,7 @@ impl State {
     }
 
     /// Gives the input to the reference machine; ends with it where the two disagree.
-    fn compare(&mut self, config: &Config, input: &Input, answer: &Reaction) {
+    fn compare(&mut self, config: &World, input: &Input, answer: &Reaction) {
         let Some(reference) = &mut self.reference else { return };
         let mut demands = Demands::new();
         reference.apply(input, &mut demands);
@@ -123,7 +123,7 @@ impl State {
     /// Gives the input to the twin, after ticks at every instant between; whether it does the same.
     fn mirror(
         &mut self,
-        config: &Config,
+        config: &World,
         input: &Input,
         answer_of_machine: &Reaction,
         from: u64,

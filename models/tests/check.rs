@@ -2,26 +2,26 @@
 
 use std::collections::BTreeSet;
 
-use fuseline_models::{CONFIGS, Config, Effort, Exploration, Mark, Size, check};
+use fuseline_models::{Effort, Exploration, Sighting, Size, WORLDS, World, check};
 
 const EFFORT: Effort = Effort { threads: 2, all: false };
 
-fn verdict(config: &'static Config) -> Exploration {
+fn verdict(config: &'static World) -> Exploration {
     check(config, EFFORT, |_| {}).expect("a verdict")
 }
 
-fn named(name: &str) -> Config {
-    *Config::named(name).expect("a configuration")
+fn named(name: &str) -> World {
+    *World::named(name).expect("a configuration")
 }
 
 /// The verdict on a configuration made here.
-fn verdict_of(config: Config) -> Exploration {
+fn verdict_of(config: World) -> Exploration {
     verdict(Box::leak(Box::new(config)))
 }
 
 #[track_caller]
 fn assert_holds(name: &str) {
-    let verdict = verdict(Config::named(name).expect("a configuration"));
+    let verdict = verdict(World::named(name).expect("a configuration"));
     assert!(verdict.violations.is_empty(), "{:#?}", verdict.violations);
     assert!(verdict.unmet.is_empty(), "{:#?}", verdict.unmet);
     assert_eq!(verdict.states, verdict.config.states, "{name}");
@@ -78,30 +78,30 @@ fn the_ends_of_every_range_hold_patiently() {
 
 #[test]
 fn an_environment_without_a_backlog_does_not_show_a_shut_gate() {
-    let verdict = verdict_of(Config { backlogs: &[0], ..named("gate") });
-    assert_eq!(verdict.unmet, [Mark::GateShuts, Mark::GateStays, Mark::GateOpens]);
+    let verdict = verdict_of(World { backlogs: &[0], ..named("gate") });
+    assert_eq!(verdict.unmet, [Sighting::GateShuts, Sighting::GateStays, Sighting::GateOpens]);
     assert!(!verdict.holds());
 }
 
 #[test]
 fn an_environment_with_one_instant_less_has_other_states() {
-    let verdict = verdict_of(Config { clock: &[0, 1, 2, 3], ..named("1x2w1-eager") });
+    let verdict = verdict_of(World { clock: &[0, 1, 2, 3], ..named("1x2w1-eager") });
     assert_eq!(verdict.unmet, []);
     assert!(!verdict.holds());
 }
 
 #[test]
-fn the_quick_configurations_show_every_mark() {
-    let quick = CONFIGS.iter().filter(|config| config.size == Size::Quick);
-    let shown: BTreeSet<Mark> = quick.flat_map(Config::marks).collect();
-    assert_eq!(shown, Mark::ALL.iter().copied().collect());
+fn the_quick_configurations_show_every_sighting() {
+    let quick = WORLDS.iter().filter(|config| config.size == Size::Quick);
+    let shown: BTreeSet<Sighting> = quick.flat_map(World::sightings).collect();
+    assert_eq!(shown, Sighting::ALL.iter().copied().collect());
 }
 
 #[test]
 fn the_table_is_sound() {
-    for (place, config) in CONFIGS.iter().enumerate() {
+    for (place, config) in WORLDS.iter().enumerate() {
         let name = config.name;
-        assert!(CONFIGS.iter().skip(place + 1).all(|other| other.name != name), "{name}");
+        assert!(WORLDS.iter().skip(place + 1).all(|other| other.name != name), "{name}");
         assert!(config.timestamps.is_sorted() && config.clock.is_sorted(), "{name}");
         assert!(config.states > 0, "{name}: state how many states there are");
     }

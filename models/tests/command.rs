@@ -19,7 +19,7 @@ fn what_holds_is_told_in_a_table_and_exits_with_0() {
     assert_eq!(output.status.code(), Some(0), "{out}");
     for name in ["1x2w1-eager", "1x2w1-patient"] {
         let row = out.lines().find(|line| line.contains(name)).expect("a row");
-        assert!(row.trim_end().ends_with(" holds") && row.contains(" 249 "), "{row}");
+        assert!(row.trim_end().ends_with(" holds") && row.contains(" 267 "), "{row}");
     }
 }
 
@@ -34,7 +34,7 @@ fn json_is_one_object_a_configuration() {
     let [first, ..] = &lines[..] else { panic!("{lines:?}") };
     assert_eq!(first["config"], "1x2w1-eager");
     assert_eq!(first["holds"], true);
-    assert_eq!(first["states"], 249);
+    assert_eq!(first["states"], 267);
     assert_eq!(first["violations"], serde_json::json!({}));
     assert_eq!(first["unmet"], serde_json::json!([]));
 }
@@ -63,7 +63,7 @@ fn an_address_that_is_taken_is_told_in_one_line_and_exits_with_2() {
 #[test]
 fn the_list_names_every_configuration_with_its_states() {
     let out = text(&models(&["list"]).stdout);
-    for config in fuseline_models::CONFIGS {
+    for config in fuseline_models::WORLDS {
         let row = out.lines().find(|line| line.trim_start().starts_with(config.name));
         assert!(row.expect("a row").trim_end().ends_with(&config.states.to_string()), "{out}");
     }

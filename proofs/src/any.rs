@@ -1,13 +1,14 @@
 //! Any value of the machine's types; any valid state, made so that nothing need be assumed.
 
 use crate::clouds::Clouds;
+use crate::entry::Entry;
 use crate::fusion::Fusion;
 use crate::gate::Gate;
 use crate::priority::Priority;
 use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
-use crate::window::{Entry, NIL, Node, Place, Window};
+use crate::window::{NIL, Node, Place, Window};
 
 /// Any number below `cases`. A checker that is asked about one case at a time is told which when this is compiled, so that
 /// all that hangs on it is a constant; a line `Cases:` tells the runner how many there are.

@@ -19,11 +19,13 @@ macro_rules! named {
 pub const ALL: &[Named] = named! {
     fusion: f5_expire_by_the_rule f5_firing_is_settled f1_open_by_the_rule f2_offer_and_its_due
         p2_never_late_by_the_clock f4_fail_has_its_outcome p7_retired_by_the_latest_due
+        p12_retired_by_local_and_the_requests
         p10_lateness_decides_nothing p10_two_firings_are_two_calls;
     gate: f2g_gate p10_order_of_clouds;
     sequence: p1_once_from_the_empty_machine p9_two_from_the_empty_machine;
     slot: every_valid_state_is_generated_and_accepted p1_once p2_never_late p3_best_in_hand
         p4_prompt p5_local_floor p6_free_without_cloud p7_no_stall p8_timers p11_accounted
+        p12_bounded_wait
         f2_offer_by_the_rule f3_result_by_the_rule f4_fail_by_the_rule f6_settle_by_the_rule;
     time: a14_due_saturates a14_deadline_saturates;
     window: every_generated_tree_is_valid p9_lookup_in_three p9_lookup_in_four

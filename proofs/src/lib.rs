@@ -14,6 +14,9 @@ mod answer;
 #[path = "../../core/src/clouds.rs"]
 mod clouds;
 #[rustfmt::skip]
+#[path = "../../core/src/entry.rs"]
+mod entry;
+#[rustfmt::skip]
 #[path = "../../core/src/fusion.rs"]
 mod fusion;
 #[rustfmt::skip]
@@ -36,7 +39,8 @@ mod time;
 mod window;
 
 pub use answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
-pub use clouds::{Cloud, ConfigError};
+pub use clouds::{Cloud, Clouds, ConfigError};
+pub use entry::Entry;
 pub use fusion::{At, Fusion, Ready};
 pub use gate::Gate;
 pub use priority::{Priorities, Priority};

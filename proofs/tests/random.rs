@@ -67,7 +67,7 @@ fn every_harness_is_listed_under_a_name_of_its_own() {
 }
 
 /// The harnesses look at the shipped sources: all of the core's modules, but for the one that keeps values, which decides
-/// nothing, and the one that is about many threads.
+/// nothing.
 #[test]
 fn the_modules_are_those_of_the_core() {
     let read = |file: &str| {
@@ -83,7 +83,7 @@ fn the_modules_are_those_of_the_core() {
     let own = lines(&text);
     let missing: Vec<&String> = core.difference(&own).collect();
     let others: Vec<&String> = own.difference(&core).collect();
-    assert_eq!(missing, ["mod held;", "pub mod shared;", "pub use held::Held;"]);
+    assert_eq!(missing, ["mod held;", "pub use held::Held;"]);
     assert_eq!(
         others,
         [

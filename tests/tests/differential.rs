@@ -57,7 +57,7 @@ fn the_core_decides_what_the_reference_machine_decides() {
 }
 
 #[test]
-fn p1_to_p9_and_p11_hold_in_every_run() {
+fn p1_to_p9_and_p11_to_p12_hold_in_every_run() {
     check(&Commit::ALL, FEWER, |run| {
         let (mut arbiter, mut ledger) = (arbiter(&run.header), Ledger::default());
         for (i, input) in run.inputs.iter().enumerate() {

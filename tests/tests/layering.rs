@@ -46,11 +46,9 @@ fn core_depends_on_nothing_but_what_is_optional() {
     let core = metadata.packages.iter().find(|package| package.name.as_str() == "fuseline-core");
     let core = core.expect("the core is a member");
     for dependency in &core.dependencies {
-        let target = dependency.target.as_ref().map(ToString::to_string);
-        let is_loom = dependency.name == "loom" && target.as_deref() == Some("cfg(loom)");
         let is_optional = dependency.optional && ["serde", "defmt"].contains(&&*dependency.name);
         let is_shipped = dependency.kind != DependencyKind::Development;
-        assert!(is_loom || is_optional || !is_shipped, "fuseline-core depends on {dependency:?}");
+        assert!(is_optional || !is_shipped, "fuseline-core depends on {dependency:?}");
     }
     let by_default = core.features.get("default");
     assert!(by_default.is_none_or(Vec::is_empty), "features by default: {by_default:?}");
@@ -78,6 +76,17 @@ fn core_is_not_reached_from_the_kit() {
 }
 
 #[test]
+fn the_machine_for_many_threads_reaches_of_ours_the_core_alone() {
+    let mut graph = graph();
+    // Under a cfg of its own alone.
+    let is_there = graph.insert("loom".into(), BTreeSet::new()).is_some();
+    assert!(is_there, "the packages behind fuseline-threads were not read");
+    let reached = reached_from("fuseline-threads", &graph);
+    let reached: Vec<_> = reached.iter().filter(|name| name.starts_with("fuseline")).collect();
+    assert_eq!(reached, ["fuseline-core"]);
+}
+
+#[test]
 fn core_behind_a_package_that_traces_uses_is_seen() {
     let mut graph = graph();
     graph.get_mut("serde_json").expect("a package").insert("fuseline-core".into());
@@ -86,10 +95,7 @@ fn core_behind_a_package_that_traces_uses_is_seen() {
 
 #[test]
 fn the_arbiter_reaches_of_ours_core_and_traces_alone() {
-    let mut graph = graph();
-    // The core's, under a cfg of its own alone.
-    graph.insert("loom".into(), BTreeSet::new());
-    let reached = reached_from("fuseline-arbiter", &graph);
+    let reached = reached_from("fuseline-arbiter", &graph());
     let ours: Vec<_> = reached.iter().filter(|name| name.starts_with("fuseline")).collect();
     assert_eq!(ours, ["fuseline-core", "fuseline-traces"]);
     for heavy in ["metrics", "tracing", "tokio"] {

@@ -443,6 +443,33 @@ fn p5_local_goes_by_the_latest_due_instant_with_every_cloud_lost() {
     }
 }
 
+/// The greatest of local's arrival and the due instants decides, whichever it is; the last instant before it does not.
+#[test]
+fn p12_the_wait_ends_with_local_and_the_last_request() {
+    for commit in BOTH {
+        // Local first: its result waits for the last due instant, a failed request's no longer.
+        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        assert_eq!(told(driver.result(0, 0)), "held");
+        assert_eq!(told(driver.fail(0, 3)), "waits");
+        driver.tick(9);
+        assert_eq!(driver.fusion().len(), 1, "{commit:?}");
+        driver.tick(20);
+        assert!(driver.fusion().is_empty(), "{commit:?}");
+        // Local last: its result, its failure or its timer ends the wait.
+        let mut driver = asked(commit, &[(1, 10)]);
+        assert_eq!(told_firings(&driver.tick(10)), ["0: [1], waits"]);
+        assert_eq!(told(driver.result(0, 0)), "0 goes, cancels []");
+        let mut driver = asked(commit, &[(1, 10)]);
+        assert_eq!(told_firings(&driver.tick(10)), ["0: [1], waits"]);
+        assert_eq!(told(driver.fail(0, 0)), "missed");
+        let mut driver = Driver::new(4, commit, &[1]);
+        driver.opened(0, Some(30));
+        driver.requested(0, 1, 10);
+        assert_eq!(told_firings(&driver.tick(29)), ["0: [1], waits"]);
+        assert_eq!(told_firings(&driver.tick(30)), ["0: [0], missed"]);
+    }
+}
+
 #[test]
 fn a10_configurations_that_could_not_decide_are_refused() {
     let cloud = |p, limit, resume| Cloud { priority: Priority::new(p), limit, resume };

@@ -219,12 +219,15 @@ impl Judge {
         demand: Option<(Decision, Rule)>,
     ) -> (Option<u64>, Rule) {
         let (t, rule) = match (found, demand) {
+            // P1 once: it was forwarded or missed before.
             (Some(found), _) if self.is_second_end(&found) => (found.t(), Rule::P1),
+            // F0 clock: the right decision at another instant.
             (Some(found), Some((expected, _))) if found.redated(expected.at()) == expected => {
                 (found.t(), Rule::F0)
             }
+            // F5 fire: a timer that is not due, or not yet its turn.
             (Some(Decision::Timer { t, .. }), _) => (t, Rule::F5),
-            // The gate was shut where it should have been open.
+            // F2g shut: the gate was shut where it should have been open.
             (
                 Some(Decision::RefuseOffer { t, why: OfferRefusal::Queue, .. }),
                 Some((Decision::Request { .. }, _)) | None,

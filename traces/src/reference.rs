@@ -88,7 +88,7 @@ impl Reference {
         }
     }
 
-    /// F1.
+    /// F1: the first reason that holds refuses the open; else the timestamp waits for local.
     fn open(&mut self, t: u64, deadline: Option<u64>, out: &mut Demands) {
         let due = deadline.map(|deadline| self.now.saturating_add(deadline));
         let why = if self.was_reached(t) {
@@ -114,7 +114,7 @@ impl Reference {
         }
     }
 
-    /// F2.
+    /// F2: an admitted request is due `deadline` after now; a refused one changes nothing but the gate.
     fn offer(&mut self, t: u64, p: u64, deadline: u64, backlog: u64, out: &mut Demands) {
         let at = self.now;
         let due = at.saturating_add(deadline);
@@ -133,18 +133,22 @@ impl Reference {
     /// F2: asks for `(t, p)`, unless the first reason that holds refuses it.
     fn admit(&mut self, t: u64, p: u64, due: u64, backlog: u64) -> Result<(), OfferRefusal> {
         let reached = self.was_reached(t);
+        // F2 unknown: no such cloud, or beyond all that was opened.
         let gate = self.gates.get_mut(&p).filter(|_| reached).ok_or(OfferRefusal::Unknown)?;
         let open = self.open.get_mut(&t).ok_or(OfferRefusal::Closed)?;
+        // F2 duplicate: asked before, whatever came of it (A26).
         if open.requested.contains(&p) {
             return Err(OfferRefusal::Duplicate);
         }
+        // F2 outranked: this result could never be forwarded (A17).
         if open.cached.iter().any(|q| *q > p) {
             return Err(OfferRefusal::Outranked);
         }
+        // F2 deadline: over at once (A11).
         if due <= self.now {
             return Err(OfferRefusal::Deadline);
         }
-        // F2g: the gate is consulted where no earlier reason refused.
+        // F2 queue: the gate is asked last, where no earlier reason refused (F2g).
         if !gate.admits(backlog) {
             return Err(OfferRefusal::Queue);
         }
@@ -153,7 +157,7 @@ impl Reference {
         Ok(())
     }
 
-    /// F3.
+    /// F3: a result is dropped, held while something pending outranks it, or forwarded.
     fn result(&mut self, t: u64, p: u64, out: &mut Demands) {
         let at = self.now;
         let open = match self.accept(t, p) {
@@ -163,6 +167,7 @@ impl Reference {
         open.pending.remove(&p);
         if open.pending.iter().any(|q| *q > p) {
             open.cached.insert(p);
+            // F3 held: under eager a cloud's timer runs on, to commit (A3).
             if self.commit == Commit::Patient || p == 0 {
                 self.disarm(t, p);
             }
@@ -172,7 +177,7 @@ impl Reference {
         }
     }
 
-    /// F4.
+    /// F4: a failure is dropped as a result is, or closes the request and settles as by no timer (A36).
     fn fail(&mut self, t: u64, p: u64, out: &mut Demands) {
         match self.accept(t, p) {
             Ok(open) => {
@@ -190,20 +195,23 @@ impl Reference {
         if !known || !self.was_reached(t) {
             return Err(DropReason::Unknown);
         }
+        // F3 superseded: retired or skipped, also when it is late as well (A16).
         let open = self.open.get_mut(&t).ok_or(DropReason::Superseded)?;
         if !open.requested.contains(&p) {
             Err(DropReason::Unsolicited)
         } else if open.cached.contains(&p) {
             Err(DropReason::Duplicate)
         } else if !open.pending.contains(&p) {
+            // F3 late: its timer or a failure closed it.
             Err(DropReason::Late)
         } else {
             Ok(open)
         }
     }
 
-    /// F5.
+    /// F5: what is due fires, by due instant and timestamp; the timers of one timestamp and instant fire together.
     fn expire(&mut self, out: &mut Demands) {
+        // F5 due: the due instant itself is past (A1).
         while let Some(&(due, t, _)) = self.timers.first().filter(|timer| timer.0 <= self.now) {
             let mut cause = Cause::NoTimer;
             while let Some(&(_, _, p)) =
@@ -213,6 +221,7 @@ impl Reference {
                 if let Some(open) = self.open.get_mut(&t) {
                     open.pending.remove(&p);
                 }
+                // F5 cause: local's timer alone commits nothing (A9).
                 if p > 0 {
                     cause = Cause::CloudTimer;
                 }
@@ -222,17 +231,19 @@ impl Reference {
         }
     }
 
-    /// F6.
+    /// F6: some requests were closed; forward the best in hand, miss, or wait.
     fn settle(&mut self, t: u64, cause: Cause, out: &mut Demands) {
         let Some(open) = self.open.get(&t) else { return };
         match open.cached.last().copied() {
             Some(best) => {
                 let outranked = open.pending.iter().any(|q| *q > best);
                 let fired = self.commit == Commit::Eager && cause == Cause::CloudTimer;
+                // F6 forward: nothing pending outranks it, or under eager a cloud's timer fired (A4).
                 if !outranked || fired {
                     self.forward(t, best, Rule::F6, out);
                 }
             }
+            // F6 miss: nothing in hand, nothing to come.
             None if open.pending.is_empty() => {
                 self.retire(t);
                 out.push((Decision::Miss { at: self.now, t }, Rule::F6));
@@ -241,12 +252,12 @@ impl Reference {
         }
     }
 
-    /// F7, demanded by `rule`.
+    /// F7, demanded by `rule`: the result goes, the timestamp is retired, its pending clouds are cancelled.
     fn forward(&mut self, t: u64, p: u64, rule: Rule, out: &mut Demands) {
         let at = self.now;
         out.push((Decision::Emit { at, t, p }, rule));
         if let Some(open) = self.retire(t) {
-            // The local computation is never cancelled.
+            // F7 cancel: local never is (A24).
             for p in open.pending.into_iter().filter(|p| *p > 0) {
                 out.push((Decision::Cancel { at, t, p }, Rule::F7));
             }
@@ -301,7 +312,7 @@ impl Reference {
 }
 
 impl Gate {
-    /// F2g: consults the gate.
+    /// F2g: an open gate shuts at the limit, a shut one opens at the resume or below.
     fn admits(&mut self, backlog: u64) -> bool {
         self.open = if self.open { backlog < self.limit } else { backlog <= self.resume };
         self.open

@@ -1,4 +1,4 @@
-//! The cells that are counted in: written by the engine, read from anywhere.
+//! The cells that are counted in: written by the engine, read from anywhere (D11 one account).
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};

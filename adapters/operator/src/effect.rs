@@ -70,7 +70,7 @@ pub struct Local {
     pub waiting: usize,
     /// Whether one that waits is skipped once its message was answered.
     pub skip_answered: bool,
-    /// Whether word of its end can be lost on the way, as over topics. One that began and sent no
+    /// D13 lost words: whether word of its end can be lost on the way, as over topics. One that began and sent no
     /// word within its message's limit then counts as lost and gives its place back, whether its
     /// message is open or not; should its result come after all, the rules decide about it as about
     /// any other. Without a limit it is waited for.

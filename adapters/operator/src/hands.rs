@@ -1,4 +1,4 @@
-//! All of an operator but its machine: what follows from the machine's answers is done here.
+//! All of an operator but its machine: what follows from the machine's answers is done here (D3).
 
 use std::collections::VecDeque;
 use std::mem;
@@ -220,6 +220,7 @@ impl<V, R> Hands<V, R> {
         self.output(t, story.opened, at, Ending::Forwarded(forwarded), story.failures);
     }
 
+    /// D1 one item: the only way out of a message that was taken in.
     fn output(
         &mut self,
         timestamp: u64,

@@ -151,7 +151,7 @@ impl<R> Lane<R> {
         ages.sort_unstable_by(|one, other| other.cmp(one));
     }
 
-    /// F2: the length of the outgoing queue, calls under way not counted.
+    /// D4, F2: the length of the outgoing queue, calls under way not counted.
     pub(crate) fn backlog(&self) -> usize {
         self.waiting.len()
     }

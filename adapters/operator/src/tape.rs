@@ -1,4 +1,4 @@
-//! The way from the operator to its recorder, which writes files and may wait for the disk.
+//! The way from the operator to its recorder, which writes files and may wait for the disk (D10 whole trace).
 
 use std::io;
 use std::mem;

@@ -83,6 +83,7 @@ fn a_better_result_aborts_what_it_outranks_and_a_late_word_of_it_changes_nothing
     assert_eq!(tally.sources[1].outputs, BTreeMap::from([(Trigger::Arrival, 1)]));
 }
 
+/// D2.
 #[test]
 fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_result() {
     let mut engine = engine();
@@ -100,6 +101,7 @@ fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_r
     );
 }
 
+/// D4.
 #[test]
 fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
     let mut engine = engine();
@@ -118,6 +120,7 @@ fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
     );
 }
 
+/// D4.
 #[test]
 fn the_gate_sees_the_true_length_of_the_queue() {
     let mut engine = engine();
@@ -159,6 +162,7 @@ fn local_beyond_its_queue_is_told_and_answered_by_a_cloud() {
     assert_eq!(effects(&mut engine), ["7: 3 refused order"]);
 }
 
+/// D11.
 #[test]
 fn meters_say_what_the_tally_says() {
     let recorder = DebuggingRecorder::new();
@@ -277,6 +281,7 @@ fn started(engine: &mut Tested) -> Vec<u64> {
     starts.collect()
 }
 
+/// D13.
 #[test]
 fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_was_answered() {
     let mut engine = over_topics();

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use fuseline_operator::{Cloud, Commit, Engine, Header, Local};
 
+/// D15.
 #[test]
 fn logs_tell_every_refusal_drop_failure_and_miss_with_its_reason() {
     let log = Log::default();

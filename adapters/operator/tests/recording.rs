@@ -67,6 +67,7 @@ fn what_happened_is_in_the_file_while_the_operator_is_idle() {
     }
 }
 
+/// D10.
 #[test]
 fn a_killed_process_leaves_the_miss_that_it_died_of() {
     const PATH: &str = "RECORDING_TEST_PATH";
@@ -91,6 +92,7 @@ fn a_killed_process_leaves_the_miss_that_it_died_of() {
     assert!(verdict.conforms && verdict.judged == 4, "{verdict}");
 }
 
+/// D10.
 #[test]
 fn a_disk_that_fills_is_told_when_it_happens_and_the_operator_goes_on() {
     const SMALL_DISK: &str = "RECORDING_TEST_SMALL_DISK";

@@ -326,6 +326,7 @@ fn policies(qos: Qos) -> QosPolicyBuilder {
 mod tests {
     use super::*;
 
+    /// D13.
     #[test]
     fn source_timestamps_follow_the_time_of_day_but_never_go_back() {
         let stamper = Stamper::default();
@@ -333,6 +334,7 @@ mod tests {
         assert_eq!(stamps.map(Timestamp::to_ticks), [5, 9, 9, 9, 9, 10]);
     }
 
+    /// D14.
     #[test]
     fn a_peer_with_another_type_is_no_peer_until_it_leaves() {
         let (end, peer) = (End::new("/input", "a_msgs/msg/A"), GUID::GUID_UNKNOWN);

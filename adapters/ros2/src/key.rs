@@ -1,4 +1,4 @@
-//! Keys: the part of a message that says which input a result is for.
+//! Keys: the part of a message that says which input a result is for (D14 its own topic).
 
 use std::fmt;
 
@@ -245,6 +245,7 @@ mod tests {
         }
     }
 
+    /// D14.
     #[test]
     fn a_header_is_read_in_either_order() {
         let body = [0, 0, 0, 2, 0, 0, 0, 7, 99];
@@ -255,6 +256,7 @@ mod tests {
         assert_eq!(least.to_string(), "-2147483648000000000");
     }
 
+    /// D14.
     #[test]
     fn a_second_of_nanoseconds_is_no_stamp() {
         let read = |nanosec| Key::Header.read(&header(1, nanosec), false);
@@ -263,6 +265,7 @@ mod tests {
         assert_eq!(Key::Header.read(&header(1, u32::MAX)[..7], false), Err(KeyError::Short));
     }
 
+    /// D14.
     #[test]
     fn integers_are_read_at_their_place() {
         let body = [9, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xfe];
@@ -288,6 +291,7 @@ mod tests {
             prop_assert_eq!(stamp == Err(KeyError::Short), body.len() < 8);
         }
 
+        /// D14.
         #[test]
         fn a_stamp_is_its_number(number: u64, big: bool) {
             let body = if big { number.to_be_bytes() } else { number.to_le_bytes() };

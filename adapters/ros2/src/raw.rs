@@ -98,6 +98,7 @@ impl Decode<'_, Payload> for Cdr {
 mod tests {
     use super::*;
 
+    /// D2.
     #[test]
     fn a_payload_comes_back_from_its_serialized_form_in_either_byte_order() {
         for big_endian in [false, true] {

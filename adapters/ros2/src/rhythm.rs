@@ -93,6 +93,7 @@ mod tests {
         }
     }
 
+    /// D15.
     #[test]
     fn a_silence_does_not_put_off_the_next() {
         let start = Instant::now();
@@ -120,6 +121,7 @@ mod tests {
         assert_eq!(rhythm.silence(start + ms(501)), Some(ms(501)));
     }
 
+    /// D15.
     #[test]
     fn a_publisher_that_comes_has_as_long_to_begin() {
         let start = Instant::now();

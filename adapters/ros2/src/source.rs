@@ -228,6 +228,7 @@ mod tests {
         call(grpc).unwrap()(message, call_of).await
     }
 
+    /// D12.
     #[tokio::test]
     async fn a_call_bears_the_token_and_the_certificate_of_their_files() {
         let secrets = Secrets::new();
@@ -253,6 +254,7 @@ mod tests {
         server.abort();
     }
 
+    /// D12.
     #[tokio::test]
     async fn a_secret_that_is_set_and_cannot_be_read_is_an_error() {
         let secrets = Secrets::new();

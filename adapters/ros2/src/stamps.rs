@@ -93,6 +93,7 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
 mod tests {
     use super::*;
 
+    /// D1.
     #[test]
     fn a_key_is_taken_while_its_message_is_open_and_anew_after() {
         let mut stamps = Stamps::new();
@@ -108,6 +109,7 @@ mod tests {
         assert_eq!(stamps.find(7), None);
     }
 
+    /// D8.
     #[test]
     fn so_many_answered_ones_are_remembered_and_all_open_ones() {
         let mut stamps = Stamps::new();
@@ -120,6 +122,7 @@ mod tests {
         assert_eq!(stamps.by_key.len(), ANSWERED + 1);
     }
 
+    /// D1.
     #[test]
     fn a_key_that_was_given_away_is_not_forgotten_with_its_first_message() {
         let mut stamps = Stamps::new();

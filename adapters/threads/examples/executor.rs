@@ -8,9 +8,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant as Clock};
 
-use fuseline_core::shared::Shared;
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Priority, Timestamp};
-use fuseline_threads::{Call, Intake, Message};
+use fuseline_threads::{Call, Intake, Message, Shared};
 
 const CLOUDS: usize = 2;
 const WINDOW: usize = 16;

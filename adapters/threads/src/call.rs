@@ -3,10 +3,11 @@
 use std::fmt;
 use std::sync::Arc;
 
-use fuseline_core::shared::{Desk, Ticket};
 use fuseline_core::{Firing, Instant, Outcome, Source, Timestamp};
 
 use crate::cells::Cells;
+use crate::desk::Desk;
+use crate::shared::Ticket;
 
 /// An open message, for its timers; any number of threads may have it.
 pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {

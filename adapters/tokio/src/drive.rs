@@ -4,14 +4,14 @@
 //! A [`Transport`] says what differs: where messages come from, where requests and outputs go, and
 //! what else is to be seen to. What is decided once, for all of them:
 //!
-//! - **Turns.** What comes from calls, what comes from the transport and the timer take turns
+//! - **Turns** (D9 served in time). What comes from calls, what comes from the transport and the timer take turns
 //!   whenever several are ready, so that a flood of one keeps no other from its turn. Which is taken
 //!   first changes no decision about time: the core expires what is due before anything else (A2).
 //!   The order of turns is fixed, so that a run on a paused clock can be repeated.
 //! - **The timer** is set to the nearest due instant and never moved further away: it may find
 //!   nothing due, which is cheaper than to move it with each message. It is set again after each
 //!   time that it went off, also where the system's clock ends before the due instant.
-//! - **Calls** run in tasks of their own, since what they do may take long; on a runtime of one
+//! - **Calls** (D6 aborted) run in tasks of their own, since what they do may take long; on a runtime of one
 //!   thread within the driver, where that makes no difference and costs half. They are aborted when
 //!   they are no longer wanted, or when they have lingered long enough after that, and all of them
 //!   when the loop ends or is dropped. Local's computations never are (F7).
@@ -132,7 +132,7 @@ pub struct Start<R> {
     pub priority: u16,
     /// For which message.
     pub timestamp: u64,
-    /// How much time is left, that to linger included; local has any.
+    /// D5: how much time is left, that to linger included; local has any.
     pub left: Duration,
     /// What was offered.
     pub request: R,

@@ -7,7 +7,7 @@ use futures_util::FutureExt;
 
 use crate::Error;
 
-/// Turns a panic into an error.
+/// Turns a panic into an error (D7 failures).
 pub(crate) async fn guarded<T>(
     computation: impl Future<Output = Result<T, Error>>,
 ) -> Result<T, Error> {

@@ -1,4 +1,4 @@
-//! Typed streams: what joins operators to one another and to the rest of a program.
+//! Typed streams: what joins operators to one another and to the rest of a program (D8 bounded).
 
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -36,6 +36,7 @@ impl Drop for Dropped {
     }
 }
 
+/// D6.
 #[tokio::test(start_paused = true)]
 async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
     let dropped = Arc::new(Mutex::new(Vec::new()));
@@ -82,6 +83,7 @@ async fn a_message_handler_that_panics_asks_nothing_and_is_asked_again() {
     );
 }
 
+/// D7.
 #[tokio::test(start_paused = true)]
 async fn a_response_handler_that_panics_or_errs_is_a_failure_when_the_response_arrives() {
     let operator = Made(|setup: &mut Setup<u64, String>| {
@@ -105,6 +107,7 @@ async fn a_response_handler_that_panics_or_errs_is_a_failure_when_the_response_a
     );
 }
 
+/// D5.
 #[tokio::test(start_paused = true)]
 async fn a_call_is_told_the_time_left_and_one_that_waited_too_long_is_never_made() {
     let told = Arc::new(Mutex::new(Vec::new()));
@@ -222,6 +225,7 @@ async fn operators_join_into_a_graph_and_readers_share_a_stream() {
     assert!(log.read().await.is_none());
 }
 
+/// D10.
 #[tokio::test(start_paused = true)]
 async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
     let folder = tempfile::tempdir().unwrap();
@@ -281,6 +285,7 @@ fn a_dropped_runtime_leaves_the_trace_whole() {
     other.block_on(running.join()).expect_err("it was not let end");
 }
 
+/// D8.
 #[tokio::test(start_paused = true)]
 async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
     let (camera, frames) = stream(1);
@@ -351,6 +356,7 @@ async fn a_camera_and_the_reader_of_its_output_in_one_task_never_wait_for_each_o
     assert_eq!(tally.messages + tally.refused.values().sum::<u64>(), read);
 }
 
+/// D8.
 #[tokio::test(start_paused = true)]
 async fn an_output_that_nobody_reads_stops_nothing() {
     let (mut camera, frames) = stream(8);

@@ -233,6 +233,7 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
     cloud.kill();
 }
 
+/// D5.
 #[tokio::test]
 async fn the_deadline_travels_with_the_call() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -264,6 +265,7 @@ async fn the_deadline_travels_with_the_call() {
     assert!((3000..=3600).contains(&seconds), "{timeout}");
 }
 
+/// D12.
 #[tokio::test]
 async fn with_mutual_tls_a_stranger_is_refused_and_a_known_client_served() {
     let (ca, other) = (Ca::new(), Ca::new());
@@ -286,6 +288,7 @@ async fn with_mutual_tls_a_stranger_is_refused_and_a_known_client_served() {
     cloud.kill();
 }
 
+/// D12.
 #[tokio::test]
 async fn a_server_that_is_not_the_one_is_not_spoken_to() {
     let (ca, other) = (Ca::new(), Ca::new());
@@ -298,6 +301,7 @@ async fn a_server_that_is_not_the_one_is_not_spoken_to() {
     cloud.kill();
 }
 
+/// D12.
 #[tokio::test]
 async fn only_the_right_token_is_let_in_and_it_can_be_replaced() {
     let ours = Token::new("right").unwrap();

@@ -31,6 +31,7 @@ async fn a_result_at_the_due_instant_is_late() {
     assert_eq!(played.tally.sources[1].timers, 1);
 }
 
+/// D9.
 #[tokio::test(start_paused = true)]
 async fn local_goes_at_the_due_instant_when_the_cloud_never_answers() {
     let played = play_default(Script::new().cloud(1, 100, |_| Never), &[0]).await;
@@ -53,6 +54,7 @@ async fn nothing_in_hand_and_nothing_to_come_is_missed() {
     assert_eq!(played.tally.missed, 1);
 }
 
+/// D7.
 #[tokio::test(start_paused = true)]
 async fn panics_of_local_and_of_a_call_are_failures() {
     let script = Script { local: |_| Panics(20), ..Script::new() };
@@ -61,8 +63,9 @@ async fn panics_of_local_and_of_a_call_are_failures() {
     assert_eq!(played.tally.sources[1].failed, 2);
 }
 
+/// D6.
 #[tokio::test(start_paused = true)]
-async fn local_past_its_limit_is_late_and_never_aborted() {
+async fn local_past_its_deadline_is_late_and_never_aborted() {
     let script = Script {
         local: |_| Answers(80),
         deadline: Some(Duration::from_millis(50)),
@@ -73,6 +76,7 @@ async fn local_past_its_limit_is_late_and_never_aborted() {
     assert_eq!(played.tally.sources[0].dropped.get(&DropReason::Late), Some(&1));
 }
 
+/// D2.
 #[tokio::test(start_paused = true)]
 async fn the_best_held_result_goes_when_the_first_timer_fires() {
     let script = || {
@@ -103,6 +107,7 @@ async fn one_message_more_than_the_window_is_refused_full_and_downstream_learns(
     assert_eq!(played.tally.refused.get(&OpenRefusal::Full), Some(&1));
 }
 
+/// D4.
 #[tokio::test(start_paused = true)]
 async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
     let mut script = Script::new();
@@ -123,6 +128,7 @@ async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
     assert_eq!(cloud.sent_bytes, 400);
 }
 
+/// D3.
 #[tokio::test(start_paused = true)]
 async fn results_go_as_they_are_decided_not_in_the_order_of_messages() {
     let act = |t| if t == 0 { Never } else { Answers(5) };
@@ -133,6 +139,7 @@ async fn results_go_as_they_are_decided_not_in_the_order_of_messages() {
     );
 }
 
+/// D1.
 #[tokio::test(start_paused = true)]
 async fn every_message_of_a_long_run_with_everything_going_wrong_is_answered_once() {
     let local = |t| match t % 11 {

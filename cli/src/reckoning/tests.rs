@@ -55,6 +55,9 @@ const fn at(ms: u64) -> Arrival {
     Arrival::At(Duration::from_millis(ms))
 }
 
+/// Of a source that was not asked.
+const UNASKED: Arrival = Arrival::Failed(Duration::ZERO);
+
 const fn after(ms: u64) -> Arrival {
     Arrival::After(Duration::from_millis(ms))
 }
@@ -67,7 +70,7 @@ fn the_best_clouds_result_supersedes_the_other_request_and_local() {
     assert_eq!(fates(&told, 0), [("superseded", 1)]);
     assert_eq!(fates(&told, 5), []);
     let messages = told.messages(|_, _, _| None);
-    assert_eq!(messages[0].arrivals, [after(170), at(170), after(170), Arrival::Never]);
+    assert_eq!(messages[0].arrivals, [after(170), at(170), after(170), UNASKED]);
     assert_eq!(messages[0].forwarded.unwrap().response, Duration::from_millis(170));
 }
 
@@ -86,10 +89,7 @@ fn a_held_result_goes_or_is_discarded_and_the_one_timed_out_is_late() {
     assert_eq!(fates(&told, 3), [("forwarded", 1)]);
     assert_eq!(fates(&told, 0), [("discarded", 1)]);
     // What came after the end was seen all the same.
-    assert_eq!(
-        told.messages(|_, _, _| None)[0].arrivals,
-        [at(300), at(900), at(100), Arrival::Never]
-    );
+    assert_eq!(told.messages(|_, _, _| None)[0].arrivals, [at(300), at(900), at(100), UNASKED]);
 }
 
 #[test]
@@ -104,7 +104,8 @@ fn a_failure_after_its_timer_in_the_same_input_is_late_and_no_failure() {
 fn an_accepted_failure_counts() {
     let told = reckoning(&[open(0, 0), offer(0, 0, 7), fail(20, 0, 7), result(30, 0, 0)]);
     assert_eq!(fates(&told, 7), [("failed", 1)]);
-    assert_eq!(told.messages(|_, _, _| None)[0].arrivals[1], Arrival::Never);
+    let failed = Arrival::Failed(Duration::from_millis(20));
+    assert_eq!(told.messages(|_, _, _| None)[0].arrivals[1], failed);
 }
 
 #[test]
@@ -116,7 +117,7 @@ fn refused_offers_and_refused_messages_count_apart() {
     // Only what ended is weighed, and what was refused nobody got.
     let messages = told.messages(|_, _, _| Some(at(1)));
     assert_eq!(messages.len(), 1);
-    assert_eq!(messages[0].arrivals, [Arrival::Never; 4]);
+    assert_eq!(messages[0].arrivals, [UNASKED; 4]);
 }
 
 #[test]
@@ -165,7 +166,7 @@ fn a_plan_stands_in_for_a_call_that_was_ended() {
         assert_eq!((opened, t), (10 * MS, 0));
         (source == 2).then(|| at(220))
     };
-    let expected = [after(170), at(170), at(220), Arrival::Never];
+    let expected = [after(170), at(170), at(220), UNASKED];
     assert_eq!(told.messages(planned)[0].arrivals, expected);
 }
 

@@ -16,11 +16,12 @@ use tokio::time::{Instant, interval, sleep, timeout};
 use crate::emulation::{REPLY_BYTES, REQUEST_BYTES};
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
+use crate::run::deadlines::Deadlines;
 use crate::run::driven::Driven;
 use crate::run::error::RunError;
 use crate::run::live::{Live, unrecorded};
 use crate::run::network::Network;
-use crate::run::plan::Plan;
+use crate::run::plan::{DeadlinePolicy, Plan};
 
 /// How often it is asked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
@@ -57,8 +58,10 @@ impl Operator for Detector<'_> {
 
     fn setup(self, setup: &mut Setup<Frame, Detections>) -> Local<Frame, Detections> {
         let deadline = self.plan.deadline();
+        let policy = self.plan.policy == DeadlinePolicy::Expected;
+        let deadlines = policy.then(|| Deadlines::new(self.plan));
         let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.begun);
-        for ((cloud, connection), begun) in clouds {
+        for (place, ((cloud, connection), begun)) in clouds.enumerate() {
             let infer = grpc::infer(connection);
             let handle = move |request, call| {
                 begun.fetch_add(1, Ordering::Relaxed);
@@ -72,6 +75,13 @@ impl Operator for Detector<'_> {
                 setup.use_cloud(handle, message_handler, response_handler, cloud.priority);
             registered.name.clone_from(&cloud.name);
             registered.calls = self.plan.calls;
+            if let Some(deadlines) = &deadlines {
+                registered.policy = Some(deadlines.of(place));
+                registered.linger = deadlines.linger();
+            }
+        }
+        if let Some(deadlines) = deadlines {
+            setup.use_situation(move |_, _| deadlines.next());
         }
         let (model, seed) = (self.plan.local.clone(), self.plan.seed);
         Local::futures(self.plan.workers, move |_, timestamp| {

@@ -3,6 +3,7 @@
 
 mod camera;
 mod cloud;
+mod deadlines;
 mod driven;
 mod error;
 mod live;

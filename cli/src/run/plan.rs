@@ -46,11 +46,18 @@ pub(crate) struct Args {
     #[arg(long, value_name = "HZ", default_value = "10", value_parser = rate,
         allow_negative_numbers = true)]
     rate: f64,
-    /// How long a cloud may take, in milliseconds: 1 to 60000.
+    /// How long a cloud may take at most, in milliseconds: 1 to 60000.
     #[arg(long, value_name = "MS", default_value = "500",
         allow_negative_numbers = true,
         value_parser = clap::value_parser!(u64).range(1..=60_000))]
     deadline: u64,
+    /// How much of that the requests get.
+    #[arg(long, value_enum, default_value = "expected")]
+    policy: DeadlinePolicy,
+    /// What a second of waiting costs, in points of AP, where --policy expected weighs it: 0 to 1000.
+    #[arg(long, value_name = "AP", default_value = "10", value_parser = price,
+        allow_negative_numbers = true)]
+    price: f64,
     /// When the best result in hand goes.
     #[arg(long, value_enum, default_value = "eager")]
     commit: CommitRule,
@@ -99,6 +106,16 @@ pub(crate) struct Args {
     pub(crate) json: bool,
 }
 
+/// How deadlines are chosen.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub(crate) enum DeadlinePolicy {
+    /// As long as is worth it, by how the last 32 calls to each cloud ended: no longer than local
+    /// takes while a cloud is gone. Calls that are late run on, unheeded, to see when they end.
+    Expected,
+    /// All of it.
+    Constant,
+}
+
 /// The commit rule (F6).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum CommitRule {
@@ -115,7 +132,11 @@ pub(crate) struct Plan {
     pub(crate) rate: f64,
     pub(crate) period: Duration,
     pub(crate) frames: u64,
+    /// The longest.
     pub(crate) deadline_ms: u64,
+    pub(crate) policy: DeadlinePolicy,
+    /// Points of AP for a second.
+    pub(crate) price: f64,
     pub(crate) commit: Commit,
     pub(crate) window: u16,
     pub(crate) seed: u64,
@@ -196,6 +217,8 @@ impl Plan {
             period,
             frames,
             deadline_ms: args.deadline,
+            policy: args.policy,
+            price: args.price,
             commit: match args.commit {
                 CommitRule::Eager => Commit::Eager,
                 CommitRule::Patient => Commit::Patient,
@@ -212,9 +235,19 @@ impl Plan {
         })
     }
 
-    /// How long a cloud may take.
+    /// How long a cloud may take at most.
     pub(crate) const fn deadline(&self) -> Duration {
         Duration::from_millis(self.deadline_ms)
+    }
+}
+
+impl DeadlinePolicy {
+    /// Its name, as it is chosen.
+    pub(crate) const fn as_str(self) -> &'static str {
+        match self {
+            Self::Expected => "expected",
+            Self::Constant => "constant",
+        }
     }
 }
 
@@ -273,6 +306,11 @@ fn span(text: &str) -> Result<Duration, &'static str> {
 fn rate(text: &str) -> Result<f64, &'static str> {
     let rate = text.parse().ok().filter(|rate| (0.1..=1000.0).contains(rate));
     rate.ok_or("it must be from 0.1 to 1000")
+}
+
+fn price(text: &str) -> Result<f64, &'static str> {
+    let price = text.parse().ok().filter(|price| (0.0..=1000.0).contains(price));
+    price.ok_or("it must be from 0 to 1000")
 }
 
 fn workers(text: &str) -> Result<NonZero<usize>, &'static str> {

@@ -11,10 +11,10 @@ use fuseline_traces::{Events, Judge, Verdict};
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
-use crate::policies::{Arrival, Policy, Quantile, Score};
+use crate::policies::{Arrival, Constant, Message, Policy, Quantile, Score};
 use crate::reckoning::{COLUMNS, Reckoning, Row, Totals};
 use crate::run::driven::Driven;
-use crate::run::plan::{Cloud, Plan, Server};
+use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::queue::Queues;
 use crate::run::served::Served;
 use crate::verdict::Found;
@@ -28,7 +28,12 @@ pub(crate) struct Report {
     pub(crate) interrupted: bool,
     /// Frames a second.
     pub(crate) rate: f64,
+    /// The longest.
     pub(crate) deadline_ms: u64,
+    /// How each message's is chosen.
+    pub(crate) policy: &'static str,
+    /// What a second of waiting was worth to it, in points of AP; none if it asks for no price.
+    pub(crate) price: Option<f64>,
     pub(crate) commit: &'static str,
     pub(crate) window: u16,
     /// Calls at once to one cloud.
@@ -46,6 +51,8 @@ pub(crate) struct Report {
     pub(crate) totals: Totals,
     /// How long after its due instant a timer was served at most; none if none fired.
     pub(crate) timer_lag_ms: Option<f64>,
+    /// Messages that some cloud would not have answered by the longest deadline.
+    pub(crate) outage_messages: usize,
     /// Fusion first.
     pub(crate) policies: Vec<PolicyReport>,
     pub(crate) trace: Found,
@@ -89,6 +96,8 @@ pub(crate) struct PolicyReport {
     /// p50, p90 and p99; null without messages.
     #[serde(serialize_with = "quantiles")]
     pub(crate) response_ms: [Option<Quantile>; 3],
+    /// The median of those in outages; null without such.
+    pub(crate) outage_response_ms: Option<Quantile>,
     pub(crate) sent_bytes: u64,
 }
 
@@ -123,6 +132,7 @@ impl Reading {
     /// Puts everything together.
     pub(crate) fn report(self, plan: &Plan, driven: &Driven) -> Report {
         let totals = self.reckoning.totals();
+        let messages = self.messages(plan);
         let source = |row: &Row, i: usize| {
             let cloud = i.checked_sub(1).and_then(|i| plan.clouds.get(i));
             let served = cloud.map_or_else(|| Served::local(&plan.local), |it| it.served.clone());
@@ -149,6 +159,8 @@ impl Reading {
             interrupted: driven.interrupted,
             rate: plan.rate,
             deadline_ms: plan.deadline_ms,
+            policy: plan.policy.as_str(),
+            price: (plan.policy == DeadlinePolicy::Expected).then_some(plan.price),
             commit: plan.commit.as_str(),
             window: plan.window,
             calls: plan.calls,
@@ -158,14 +170,15 @@ impl Reading {
             refused: totals.refused,
             open: totals.open,
             timer_lag_ms: self.reckoning.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
-            policies: self.policies(plan, &totals, driven),
+            outage_messages: messages.iter().filter(|it| it.is_in_outage(plan.deadline())).count(),
+            policies: policies(&messages, plan, &totals, driven),
             totals,
             trace: Found::Strict(self.verdict),
         }
     }
 
-    /// Each policy's score over the same messages and the same requests.
-    fn policies(&self, plan: &Plan, totals: &Totals, driven: &Driven) -> Vec<PolicyReport> {
+    /// The messages with all that is known of their results.
+    fn messages(&self, plan: &Plan) -> Vec<Message> {
         // Local's result either came or is not known; a cloud's call may have been ended.
         let planned = |source: usize, opened: u64, t: u64| {
             let place = source.checked_sub(1)?;
@@ -175,37 +188,59 @@ impl Reading {
             let reply = emulation.reply_after(Duration::from_nanos(sent), t);
             Some(reply.map_or(Arrival::Never, |reply| Arrival::At(waited + reply)))
         };
-        let messages = self.reckoning.messages(planned);
-        let aps: Vec<Option<f64>> = [plan.local.ap]
-            .into_iter()
-            .chain(plan.clouds.iter().map(|cloud| cloud.served.ap))
-            .collect();
-        let deadline = plan.deadline();
-        let tallies = &driven.tally.sources;
-        let sent: Vec<u64> = tallies.iter().map(|tally| tally.sent_bytes).collect();
-        // Had fusion cancelled none, each would have cost what those cost that were begun.
-        let needed: Vec<u64> = (totals.rows.iter().zip(&sent).enumerate())
-            .map(|(i, (row, sent))| {
-                let begun = i.checked_sub(1).and_then(|i| driven.begun.get(i)).copied();
-                (row.requests() * sent).checked_div(begun.unwrap_or(0)).unwrap_or(0)
-            })
-            .collect();
-        let report = |policy: Policy, name: String| {
-            let Score { ap, in_time, quantiles } = policy.score(&messages, &aps, deadline);
-            let sent_bytes = policy.needs(&needed).unwrap_or_else(|| sent.iter().sum());
-            PolicyReport { policy: name, mean_ap: ap, in_time, response_ms: quantiles, sent_bytes }
-        };
-        let alone = plan.clouds.iter().enumerate().map(|(i, cloud)| {
-            report(Policy::CloudOnly(i + 1), format!("cloud only: {}", cloud.name))
-        });
-        let mut policies = vec![
-            report(Policy::Fusion, "fusion".to_owned()),
-            report(Policy::LocalOnly, "local only".to_owned()),
-        ];
-        policies.extend(alone);
-        policies.push(report(Policy::FirstWins, "first response wins".to_owned()));
-        policies
+        self.reckoning.messages(planned)
     }
+}
+
+/// Each policy's score over the same messages and the same requests.
+fn policies(
+    messages: &[Message],
+    plan: &Plan,
+    totals: &Totals,
+    driven: &Driven,
+) -> Vec<PolicyReport> {
+    let aps: Vec<Option<f64>> =
+        [plan.local.ap].into_iter().chain(plan.clouds.iter().map(|it| it.served.ap)).collect();
+    let deadline = plan.deadline();
+    let tallies = &driven.tally.sources;
+    let sent: Vec<u64> = tallies.iter().map(|tally| tally.sent_bytes).collect();
+    // Had fusion cancelled none, each would have cost what those cost that were begun.
+    let needed: Vec<u64> = (totals.rows.iter().zip(&sent).enumerate())
+        .map(|(i, (row, sent))| {
+            let begun = i.checked_sub(1).and_then(|i| driven.begun.get(i)).copied();
+            (row.requests() * sent).checked_div(begun.unwrap_or(0)).unwrap_or(0)
+        })
+        .collect();
+    let report = |(policy, name): (Policy, String)| {
+        let Score { ap, in_time, quantiles, outage } = policy.score(messages, &aps, deadline);
+        PolicyReport {
+            policy: name,
+            mean_ap: ap,
+            in_time,
+            response_ms: quantiles,
+            outage_response_ms: outage,
+            sent_bytes: policy.needs(&needed).unwrap_or_else(|| sent.iter().sum()),
+        }
+    };
+    compared(plan).into_iter().map(report).collect()
+}
+
+/// The policies to compare, with their names.
+fn compared(plan: &Plan) -> Vec<(Policy, String)> {
+    let mut policies = vec![(Policy::Fusion, "fusion".to_owned())];
+    if plan.policy != DeadlinePolicy::Constant {
+        let priorities = plan.clouds.iter().map(|cloud| cloud.priority).collect();
+        let constant = Constant { deadline: plan.deadline(), priorities };
+        let name = format!("constant {} ms", plan.deadline_ms);
+        policies.push((Policy::Constant(constant), name));
+    }
+    policies.push((Policy::LocalOnly, "local only".to_owned()));
+    let clouds = plan.clouds.iter().enumerate();
+    policies.extend(
+        clouds.map(|(i, cloud)| (Policy::CloudOnly(i + 1), format!("cloud only: {}", cloud.name))),
+    );
+    policies.push((Policy::FirstWins, "first response wins".to_owned()));
+    policies
 }
 
 /// Why a source failed, and how often.
@@ -229,20 +264,9 @@ pub(crate) fn share(part: u64, whole: u64) -> f64 {
     if whole == 0 { 0.0 } else { part as f64 / whole as f64 }
 }
 
-/// Milliseconds; `{"at_least":…}` where some are not known, null where so many messages have no
-/// output.
 fn quantiles<S: Serializer>(
-    quantiles: &[Option<Quantile>; 3],
+    [p50, p90, p99]: &[Option<Quantile>; 3],
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
-    let value = |quantile: &Option<Quantile>| match quantile {
-        Some(Quantile::Exactly(at)) => serde_json::json!(at.as_secs_f64() * 1000.0),
-        Some(Quantile::AtLeast(at)) => {
-            serde_json::json!({ "at_least": at.as_secs_f64() * 1000.0 })
-        }
-        Some(Quantile::Never) | None => serde_json::Value::Null,
-    };
-    let [p50, p90, p99] = quantiles;
-    serde_json::json!({ "p50": value(p50), "p90": value(p90), "p99": value(p99) })
-        .serialize(serializer)
+    serde_json::json!({ "p50": p50, "p90": p90, "p99": p99 }).serialize(serializer)
 }

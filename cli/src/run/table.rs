@@ -8,7 +8,7 @@ use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
 use crate::policies::Quantile;
 use crate::reckoning::{COLUMNS, Row, Totals};
-use crate::run::plan::{Cloud, Plan, Server};
+use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::report::{PolicyReport, Report, SourceReport, share};
 
 /// Shorter outages are not worth a word.
@@ -28,9 +28,14 @@ pub(crate) struct Introduction<'a>(pub(crate) &'a Plan);
 impl fmt::Display for Introduction<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plan = self.0;
+        let at_most = match plan.policy {
+            DeadlinePolicy::Expected => "at most ",
+            DeadlinePolicy::Constant => "",
+        };
         writeln!(
             f,
-            "A camera takes {} frames a second for {}; each cloud gets every frame and has {} ms.",
+            "A camera takes {} frames a second for {}; each cloud gets every frame and has \
+             {at_most}{} ms.",
             plan.rate,
             secs(plan.span),
             plan.deadline_ms
@@ -110,6 +115,13 @@ impl fmt::Display for Report {
              more, counts 0.",
             self.deadline_ms
         )?;
+        if self.outage_messages > 0 {
+            writeln!(
+                f,
+                "Outages are the {} that some cloud would not have answered by then.",
+                counted(self.outage_messages as u64, "message")
+            )?;
+        }
         let refused: u64 = self.totals.rows.iter().map(Row::refused).sum();
         if self.refused + refused > 0 {
             writeln!(
@@ -170,7 +182,8 @@ impl Report {
 
     /// What fusion bought and what it cost.
     fn policies_table(&self) -> Table {
-        let mut table = table(["policy", "mean AP", "in time", "p50", "p90", "p99", "sent"]);
+        let mut table =
+            table(["policy", "mean AP", "in time", "p50", "p90", "p99", "in outages", "sent"]);
         for policy in &self.policies {
             table.add_row(self.policy_row(policy));
         }
@@ -184,7 +197,8 @@ impl Report {
             policy.mean_ap.map_or_else(|| "?".to_owned(), |ap| format!("{ap:.1}")),
             percent(policy.in_time, self.messages),
         ];
-        row.extend(policy.response_ms.iter().map(|quantile| match quantile {
+        let responses = policy.response_ms.iter().chain([&policy.outage_response_ms]);
+        row.extend(responses.map(|quantile| match quantile {
             Some(Quantile::Exactly(at)) => millis(*at),
             Some(Quantile::AtLeast(at)) => format!("≥ {}", millis(*at)),
             Some(Quantile::Never) => "never".to_owned(),

@@ -40,7 +40,7 @@ fn check<const CAPACITY: usize>(
     let right = check(window, node.right, at, seen);
     assert!(left.abs_diff(right) <= 1, "out of balance: {left} and {right}");
     assert_eq!(node.height, left.max(right) + 1);
-    assert_eq!(node.due, window.entry(at).earliest());
+    assert_eq!(node.due, window.entry(at).next_due());
     let below = [node.due, window.node(node.left).below, window.node(node.right).below];
     assert_eq!(node.below, below.into_iter().flatten().min());
     node.height

@@ -196,3 +196,33 @@ fn no_outcome_two_outcomes_and_a_false_reason_break_p11() {
         assert!(liar.lie(&open, &refuse).contains(&Promise::P11), "{why}");
     }
 }
+
+#[test]
+fn outliving_local_and_the_requests_breaks_p12() {
+    let timer = |at, p| Decision::Timer { at, t: 0, p };
+    // Local came, and the last request is due.
+    let mut liar = Liar::with_request(Commit::Eager);
+    liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
+    assert!(!liar.fire(2, &[]).contains(&Promise::P12));
+    assert!(liar.fire(3, &[timer(3, 5)]).contains(&Promise::P12));
+    // The last request was due before, and local fails.
+    let mut liar = Liar::with_request(Commit::Eager);
+    assert!(!liar.fire(3, &[timer(3, 5)]).contains(&Promise::P12));
+    assert!(liar.lie(&Input::Fail { at: 4, t: 0, p: 0 }, &[]).contains(&Promise::P12));
+    // Local's result came, and it is missed.
+    let mut liar = Liar::with_request(Commit::Eager);
+    liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
+    let missed = [timer(3, 5), Decision::Miss { at: 3, t: 0 }];
+    assert!(liar.fire(3, &missed).contains(&Promise::P12));
+}
+
+#[test]
+fn a_failed_request_binds_p12_until_its_due_instant_and_a_deadline_of_local_does_not() {
+    let mut liar = Liar::new(Commit::Eager);
+    liar.honest(&Input::Open { at: 0, t: 0, deadline: Some(9) });
+    liar.honest(&Input::Offer { at: 0, t: 0, p: 5, deadline: 3, backlog: 0 });
+    assert!(!liar.lie(&Input::Fail { at: 1, t: 0, p: 5 }, &[]).contains(&Promise::P12));
+    assert!(!liar.lie(&Input::Fail { at: 1, t: 0, p: 0 }, &[]).contains(&Promise::P12));
+    assert!(!liar.fire(2, &[]).contains(&Promise::P12));
+    assert!(liar.fire(3, &[]).contains(&Promise::P12));
+}

@@ -14,7 +14,7 @@ use crate::ledger::Line;
 use crate::record;
 use crate::source::{Harness, Sources};
 
-/// What a proof depends on. `core/src/shared` is not seen by it.
+/// What a proof depends on.
 const PROVED: [&str; 3] = ["core/src", "proofs/src", "proofs/engine"];
 
 /// The verdict about a harness that no run proved.
@@ -138,7 +138,7 @@ pub(crate) fn digest(root: &Path) -> Result<String, Error> {
     }
     files.sort();
     let mut digest = Sha256::new();
-    for path in files.iter().filter(|path| !path.starts_with(root.join("core/src/shared"))) {
+    for path in &files {
         let content = fs::read(path).map_err(Error::file(path))?;
         let name = path.strip_prefix(root).unwrap_or(path).to_string_lossy().into_owned();
         for part in [name.as_bytes(), &content] {

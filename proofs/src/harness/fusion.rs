@@ -4,6 +4,7 @@
 //! open timestamps finds, changes and retires the one that is meant.
 
 use crate::any::{any_deadline, any_empty, any_instant, any_single, any_timestamp, earliest};
+use crate::entry::Entry;
 use crate::fusion::{At, Fusion};
 use crate::priority::Priority;
 use crate::slot::{Cause, Decision, Slot};
@@ -11,7 +12,7 @@ use crate::source::Source;
 use crate::time::{Deadline, Instant};
 use crate::told;
 use crate::valid::{is_limited, is_tree, is_valid};
-use crate::window::{Entry, NIL, Node, Place, Window};
+use crate::window::{NIL, Node, Place, Window};
 use crate::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
 
 /// The clouds of most harnesses. What a set of sources does is proved for all 15 in `slot`.
@@ -362,6 +363,65 @@ pub fn p7_retired_by_the_latest_due() {
     }
     kani::cover!(retired && certain, "the last firing retires it");
     kani::cover!(ready && fusion.now >= latest, "local may take its time");
+}
+
+/// P12: by the greatest of local's arrival and the due instants of the requests admitted for it a timestamp is retired, whether
+/// time comes to the last of these after local arrived, or local arrives after it.
+///
+/// The rank is the number of armed timers of requests, as for P7. When the machine takes inputs at the latest or after it, local
+/// has not arrived, and its result or failure retires the timestamp.
+///
+/// Bounds: window of 1, 8 clouds.
+#[kani::proof]
+#[kani::unwind(11)]
+pub fn p12_retired_by_local_and_the_requests() {
+    let mut fusion = any_single::<CLOUDS>();
+    let entry = fusion.open.entries[0];
+    let timestamp = fusion.open.nodes[0].timestamp;
+    // The latest due instant of a request ever admitted: at least those armed now.
+    let latest = any_instant();
+    let bounded = |entry: &Entry<CLOUDS>| {
+        let armed = entry.slot.armed().bits();
+        let mut bounded = true;
+        for (i, due) in entry.dues.iter().enumerate() {
+            bounded &= armed >> (i + 1) & 1 == 0 || *due <= latest;
+        }
+        bounded
+    };
+    kani::assume(bounded(&entry));
+    let arrived = !entry.slot.pending().contains(Source::LOCAL);
+    let has = entry.slot.cached().contains(Source::LOCAL);
+    let armed = entry.slot.armed();
+    let fired = match told::at(&mut fusion, any_instant()) {
+        At::Fired(firing) => Some(firing.outcome),
+        At::Ready(_) => None,
+    };
+    let passed = fusion.now >= latest;
+    let mut outcome = None;
+    if let Some(outcome) = fired {
+        let left = fusion.open.entries[0].slot.armed();
+        let fewer = armed.contains_all(left) && left != armed && bounded(&fusion.open.entries[0]);
+        let goes = matches!(outcome, Outcome::Forwarded { .. });
+        kani::assert(fusion.is_empty() || fewer, "P12 bounded wait: each firing lowers the rank");
+        let kept = !fusion.is_empty() || !has || goes;
+        kani::assert(kept, "P12 bounded wait: local's result is forwarded");
+    } else {
+        kani::assert(!passed || !arrived, "P12 bounded wait: by the latest it is retired");
+        let is_result: bool = kani::any();
+        let end = if is_result {
+            told::result(&mut fusion, timestamp, Priority::LOCAL)
+        } else {
+            told::fail(&mut fusion, timestamp, Priority::LOCAL)
+        };
+        kani::assert(!passed || fusion.is_empty(), "P12 bounded wait: local's arrival retires it");
+        let goes = matches!(end, Outcome::Forwarded { .. });
+        kani::assert(!passed || !is_result || goes, "P12 bounded wait: its result is forwarded");
+        outcome = Some(end);
+    }
+    kani::cover!(fired.is_some() && arrived && fusion.is_empty(), "the last request retires it");
+    kani::cover!(fired.is_some() && arrived && !fusion.is_empty(), "a request is still awaited");
+    kani::cover!(passed && outcome == Some(Outcome::Missed), "local fails last, and it is missed");
+    kani::cover!(!passed && outcome == Some(Outcome::Held), "local comes first and is held");
 }
 
 /// Two firings, as far as two machines and their answers agree.

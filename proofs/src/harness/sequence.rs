@@ -5,6 +5,7 @@
 
 use crate::any::{any_case, any_commit, any_deadline, any_instant, any_timestamp, earliest, least};
 use crate::clouds::{Cloud, Clouds};
+use crate::entry::Entry;
 use crate::fusion::{At, Fusion};
 use crate::gate::Gate;
 use crate::priority::Priority;
@@ -12,7 +13,7 @@ use crate::slot::Commit;
 use crate::time::{Instant, Timestamp};
 use crate::told;
 use crate::valid::same_node;
-use crate::window::{Entry, NIL, Node, Place, Window};
+use crate::window::{NIL, Node, Place, Window};
 use crate::{Admission, DropReason, OpenRefusal, Opening, Outcome};
 
 /// The one cloud. What a set of sources does is proved for all 15 in `slot`.

@@ -270,6 +270,38 @@ pub fn p7_no_stall() {
     kani::cover!(!limited && end.is_open(), "one without a deadline waits for local");
 }
 
+/// P12: once local arrived, an open timestamp waits for requests alone, each with an armed timer, and the firing of all of
+/// them retires it, forwarded if local's result was accepted. Local comes once: nothing makes it pending again.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p12_bounded_wait() {
+    let commit = any_commit();
+    let before = any_slot(commit, CLOUDS);
+    let arrived = !before.pending().contains(Source::LOCAL);
+    let requests = before.armed().clouds();
+    let is_armed = requests.contains_all(before.pending().clouds());
+    kani::assert(is_armed, "P12 bounded wait: a pending request has a timer");
+    kani::assert(!arrived || !requests.is_empty(), "P12 bounded wait: it waits for a request");
+    let (after, decision) = step(before, commit, any_cause());
+    let again = arrived && after.pending().contains(Source::LOCAL);
+    kani::assert(!again, "P12 bounded wait: local comes once");
+    let comes = !arrived && !after.pending().contains(Source::LOCAL);
+    let waits = after.is_open() && after.armed().clouds().is_empty();
+    kani::assert(!comes || !waits, "P12 bounded wait: local's arrival leaves a request or none");
+    let (offered, _) = offer_to(before, commit, any_source(CLOUDS));
+    let again = arrived && offered.pending().contains(Source::LOCAL);
+    kani::assert(!again, "P12 bounded wait: no offer makes local pending");
+    let (end, last) = step(before, commit, Cause::Timers(requests));
+    kani::assert(!arrived || !end.is_open(), "P12 bounded wait: the last request retires it");
+    let goes = matches!(last, Decision::Forwarded { .. });
+    let has = before.cached().contains(Source::LOCAL);
+    kani::assert(!has || goes, "P12 bounded wait: local's result is forwarded");
+    kani::cover!(comes && after.is_open(), "local comes, and a request is awaited");
+    kani::cover!(comes && decision == Decision::Missed, "local comes last, and it is missed");
+    kani::cover!(arrived && !has && last == Decision::Missed, "the last request's timer misses it");
+}
+
 /// P8, A3, F3: a timer is live from its admission until it fires, its failure is accepted, its result is held under
 /// patient or the timestamp is retired; the deadline's until local's result or failure is accepted.
 ///

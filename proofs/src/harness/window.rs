@@ -9,6 +9,7 @@ use crate::any::{
     any_timestamp, earliest, least,
 };
 use crate::clouds::Clouds;
+use crate::entry::Entry;
 use crate::fusion::Fusion;
 use crate::priority::Priority;
 use crate::slot::Cause;
@@ -16,7 +17,7 @@ use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 use crate::told;
 use crate::valid::{in_order, is_tree, same_node};
-use crate::window::{Entry, Place, Window};
+use crate::window::{Place, Window};
 
 /// The tree knows one due instant of each timestamp, the earliest. Local's is enough for it to be any, or none; that
 /// it is the earliest of several, `fusion` shows.

@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, HashSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use fuseline_core::shared::{Desk, Intake, Ticket};
 use fuseline_core::{Deadline, Instant, Priority, Timestamp};
+use fuseline_threads::{Desk, Owner, Ticket};
 
 use crate::input::{Answer, Input, Timed};
 use crate::sequential::Sequential;
@@ -35,7 +35,7 @@ pub struct History {
 pub struct Member<'a, const CLOUDS: usize, const WINDOW: usize> {
     history: &'a History,
     desk: &'a Desk<CLOUDS, WINDOW>,
-    intake: Option<Intake<'a, CLOUDS, WINDOW>>,
+    owner: Option<Owner<'a, CLOUDS, WINDOW>>,
     tickets: BTreeMap<u64, Ticket>,
 }
 
@@ -96,16 +96,16 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Member<'a, CLOUDS, WINDOW> {
     pub const fn owner(
         history: &'a History,
         desk: &'a Desk<CLOUDS, WINDOW>,
-        intake: Intake<'a, CLOUDS, WINDOW>,
+        owner: Owner<'a, CLOUDS, WINDOW>,
     ) -> Self {
-        Self { history, desk, intake: Some(intake), tickets: BTreeMap::new() }
+        Self { history, desk, owner: Some(owner), tickets: BTreeMap::new() }
     }
 
     /// Another thread with the tickets that this one has.
     #[must_use]
     pub fn other(&self) -> Self {
         let (history, desk, tickets) = (self.history, self.desk, self.tickets.clone());
-        Self { history, desk, intake: None, tickets }
+        Self { history, desk, owner: None, tickets }
     }
 
     /// Makes these calls, one after the other, each after a `pause`. A call on what this thread has no ticket for is
@@ -127,14 +127,14 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Member<'a, CLOUDS, WINDOW> {
         Some(match input {
             Input::Open { t, deadline } => {
                 let deadline = deadline.map(Deadline::from_nanos);
-                let opened = self.intake.as_mut()?.open(now, Timestamp::new(t), deadline);
+                let opened = self.owner.as_mut()?.open(now, Timestamp::new(t), deadline);
                 self.tickets.extend(opened.map(|ticket| (t, ticket)));
                 Answer::Opened(opened.map(drop))
             }
             Input::Offer { p, deadline, backlog, .. } => {
                 let deadline = Deadline::from_nanos(deadline);
-                let intake = self.intake.as_mut()?;
-                Answer::offered(intake.offer(now, ticket?, priority(p), deadline, backlog))
+                let owner = self.owner.as_mut()?;
+                Answer::offered(owner.offer(now, ticket?, priority(p), deadline, backlog))
             }
             Input::Result { p, .. } => Answer::closed(self.desk.result(now, ticket?, priority(p))),
             Input::Fail { p, .. } => Answer::closed(self.desk.fail(now, ticket?, priority(p))),

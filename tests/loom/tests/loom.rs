@@ -6,7 +6,6 @@ use std::collections::HashSet;
 use std::sync::atomic::AtomicBool as Flag;
 use std::sync::{Arc, Mutex};
 
-use fuseline_core::shared::Shared;
 use fuseline_core::{
     Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
 };
@@ -14,6 +13,7 @@ use fuseline_loom::{
     Answer, History, Member, Sequential, Timed, Turn, fail, limited, next_due, offer, open, queued,
     result, tick,
 };
+use fuseline_threads::Shared;
 use loom::model::Builder;
 use loom::sync::atomic::{AtomicU64, Ordering};
 use loom::thread;

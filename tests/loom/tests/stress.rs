@@ -6,11 +6,10 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::thread;
 
-use fuseline_core::shared::Shared;
 use fuseline_core::{
     Cloud, Commit, Deadline, Firing, Instant, OpenRefusal, Outcome, Priority, Timestamp,
 };
-use fuseline_threads::{Answered, Call, Intake, Message};
+use fuseline_threads::{Answered, Call, Intake, Message, Shared};
 
 const MESSAGES: u64 = 20_000;
 const CLOUDS: usize = 2;

@@ -2,10 +2,9 @@
 //! gets the winner's value, and no value is lost. Run with `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
-use fuseline_core::shared::Shared;
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
 use fuseline_loom::Turn;
-use fuseline_threads::{Answered, Intake};
+use fuseline_threads::{Answered, Intake, Shared};
 use loom::model::Builder;
 use loom::thread;
 

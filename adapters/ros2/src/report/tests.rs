@@ -68,6 +68,7 @@ fn said(
     (status.level, status.message)
 }
 
+/// D15.
 #[test]
 fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
     let fusion = |happened: fn(&mut Tally, &mut Intake)| {
@@ -109,6 +110,7 @@ fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
     assert_eq!(other, (WARN, "another type on /input: other".to_owned()));
 }
 
+/// D15.
 #[test]
 fn the_node_warns_of_inputs_that_come_no_longer() {
     let [input, output] = ends();
@@ -136,6 +138,7 @@ fn the_node_warns_of_inputs_that_come_no_longer() {
     assert_eq!(said(), well, "its publisher has as long to begin");
 }
 
+/// D15.
 #[test]
 fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result() {
     let west = |happened: fn(&mut SourceTally, &mut Source)| {
@@ -184,6 +187,7 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
     }
 }
 
+/// D15.
 #[test]
 fn the_status_of_a_message_names_its_source_and_warns_without_one() {
     let ms = Duration::from_millis;

@@ -1,4 +1,4 @@
-//! Changes of parameters while the node runs.
+//! Changes of parameters while the node runs (D16 as set).
 
 use std::time::Duration;
 

@@ -239,6 +239,7 @@ fn each_topic_has_one_use_after_remapping() {
     );
 }
 
+/// D12.
 #[test]
 fn a_variable_that_is_no_text_is_wrong_and_not_missing() {
     let checked = Command::new(env!("CARGO_BIN_EXE_fuseline-ros2"))

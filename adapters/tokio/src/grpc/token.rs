@@ -1,4 +1,4 @@
-//! Bearer tokens.
+//! Bearer tokens (D12 whom to trust).
 
 use std::fmt;
 use std::sync::{Arc, PoisonError, RwLock};

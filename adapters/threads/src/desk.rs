@@ -7,16 +7,13 @@ use core::sync::atomic::AtomicU64;
 #[cfg(loom)]
 use loom::sync::atomic::AtomicU64;
 
-use crate::answer::{DropReason, Firing, Outcome};
-use crate::clouds::Clouds;
-use crate::priority::Priority;
-use crate::slot::{Cause, Commit, Decision, Slot};
-use crate::source::{Source, Sources};
-use crate::time::Instant;
-use crate::window::Entry;
+use fuseline_core::{
+    Cause, Clouds, Commit, DropReason, Entry, Firing, Instant, Outcome, Priority, Slot, Source,
+    Sources,
+};
 
-use super::machine::Ticket;
-use super::word::Word;
+use crate::shared::Ticket;
+use crate::word::Word;
 
 /// Where any thread gives results and failures, and lets time go by.
 ///
@@ -27,16 +24,16 @@ use super::word::Word;
 /// - inputs: [`result`](Self::result), [`fail`](Self::fail), [`expire`](Self::expire)
 /// - questions: [`next_due`](Self::next_due), [`source`](Self::source), [`priority`](Self::priority)
 pub struct Desk<const CLOUDS: usize, const WINDOW: usize> {
-    pub(super) window: usize,
-    pub(super) commit: Commit,
-    pub(super) clouds: Clouds<CLOUDS>,
-    pub(super) places: [Place<CLOUDS>; WINDOW],
+    pub(crate) window: usize,
+    pub(crate) commit: Commit,
+    pub(crate) clouds: Clouds<CLOUDS>,
+    pub(crate) places: [Place<CLOUDS>; WINDOW],
 }
 
 /// One place of the window. Places do not share cache lines: their messages have different callers.
 #[repr(align(64))]
-pub(super) struct Place<const CLOUDS: usize> {
-    pub(super) word: AtomicU64,
+pub(crate) struct Place<const CLOUDS: usize> {
+    pub(crate) word: AtomicU64,
     local_due: AtomicU64,
     dues: [AtomicU64; CLOUDS],
 }
@@ -46,7 +43,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
     /// and the last of these changes retires it. An exchange fails only after a change.
     const CHANGES: usize = CLOUDS.wrapping_mul(2).wrapping_add(1);
 
-    pub(super) fn new(window: usize, commit: Commit, clouds: Clouds<CLOUDS>) -> Self {
+    pub(crate) fn new(window: usize, commit: Commit, clouds: Clouds<CLOUDS>) -> Self {
         Self { window, commit, clouds, places: core::array::from_fn(|_| Place::new()) }
     }
 
@@ -75,7 +72,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
     pub fn expire(&self, now: Instant, ticket: Ticket) -> Option<Firing<CLOUDS>> {
         let fired = self.exchange(ticket, |_, mut entry| {
             let fired = self.fire(now, ticket, &mut entry);
-            (entry.slot, fired)
+            (entry.slot(), fired)
         });
         fired.flatten()
     }
@@ -83,7 +80,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
     /// The earliest due instant of this message's timers, if one is armed; another thread's call may move it at once.
     #[must_use]
     pub fn next_due(&self, ticket: Ticket) -> Option<Instant> {
-        self.exchange(ticket, |_, entry| (entry.slot, earliest(&entry))).flatten()
+        self.exchange(ticket, |_, entry| (entry.slot(), entry.next_due())).flatten()
     }
 
     /// The source that has this priority; 0 is local.
@@ -109,10 +106,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
         let answer = self.exchange(ticket, |_, mut entry| {
             let fired = self.fire(now, ticket, &mut entry);
             let Some(source) = source else {
-                return (entry.slot, (fired, Outcome::Dropped(DropReason::Unknown)));
+                return (entry.slot(), (fired, Outcome::Dropped(DropReason::Unknown)));
             };
-            let (slot, decision) = entry.slot.step(self.commit, cause(source));
-            (slot, (fired, self.outcome(decision)))
+            let (slot, decision) = entry.slot().step(self.commit, cause(source));
+            (slot, (fired, self.clouds.outcome(decision)))
         });
         answer.unwrap_or_else(|| {
             let reason = source.map_or(DropReason::Unknown, |_| DropReason::Superseded);
@@ -121,7 +118,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
     }
 
     /// F5 for one timestamp: fires what is due by `now`, one due instant after the other.
-    pub(super) fn fire(
+    pub(crate) fn fire(
         &self,
         now: Instant,
         ticket: Ticket,
@@ -130,11 +127,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
         let mut timers = Sources::EMPTY;
         let mut last = None;
         for _ in 0..Source::COUNT {
-            // A1: the due instant itself is past.
-            let Some(due) = earliest(entry).filter(|due| *due <= now) else { break };
+            // F5 due: the due instant itself is past (A1).
+            let Some(due) = entry.next_due().filter(|due| *due <= now) else { break };
             let firing = entry.armed_at(due);
-            let (slot, decision) = entry.slot.step(self.commit, Cause::Timers(firing));
-            entry.slot = slot;
+            let (slot, decision) = entry.slot().step(self.commit, Cause::Timers(firing));
+            entry.set_slot(slot);
             timers = timers.union(firing);
             last = Some((due, decision));
         }
@@ -143,7 +140,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
             timestamp: ticket.timestamp,
             due,
             timers: self.clouds.priorities(timers),
-            outcome: self.outcome(decision),
+            outcome: self.clouds.outcome(decision),
         })
     }
 
@@ -152,7 +149,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
     ///
     /// Within a generation a state never comes back, and the due instant of a requested source stays. So if the word is
     /// still what it was, what `decide` saw was still so.
-    pub(super) fn exchange<A>(
+    pub(crate) fn exchange<A>(
         &self,
         ticket: Ticket,
         mut decide: impl FnMut(&Place<CLOUDS>, Entry<CLOUDS>) -> (Slot, A),
@@ -179,21 +176,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
                 return Some(answer);
             }
         }
-        // F8: that was the last one.
+        // F8 bounded: that was the last change.
         None
-    }
-
-    fn outcome(&self, decision: Decision) -> Outcome<CLOUDS> {
-        match decision {
-            Decision::Dropped(reason) => Outcome::Dropped(reason),
-            Decision::Held => Outcome::Held,
-            Decision::Waiting => Outcome::Waiting,
-            Decision::Missed => Outcome::Missed,
-            Decision::Forwarded { by, cancelled } => Outcome::Forwarded {
-                by: self.clouds.priority(by),
-                cancelled: self.clouds.priorities(cancelled),
-            },
-        }
     }
 }
 
@@ -207,7 +191,7 @@ impl<const CLOUDS: usize> Place<CLOUDS> {
     }
 
     /// For a source that is not requested: the word that makes it so publishes this, hence relaxed.
-    pub(super) fn set_due(&self, source: Source, due: Instant) {
+    pub(crate) fn set_due(&self, source: Source, due: Instant) {
         if let Some(cell) = self.due(source) {
             cell.store(due.as_nanos(), Ordering::Relaxed);
         }
@@ -215,7 +199,7 @@ impl<const CLOUDS: usize> Place<CLOUDS> {
 
     /// The state with the due instants of its armed timers. They were published along with it, hence relaxed.
     fn entry(&self, slot: Slot) -> Entry<CLOUDS> {
-        let mut entry = Entry { slot, ..Entry::EMPTY };
+        let mut entry = Entry::new(slot);
         for source in slot.armed().iter() {
             if let Some(cell) = self.due(source) {
                 entry.set_due(source, Instant::from_nanos(cell.load(Ordering::Relaxed)));
@@ -239,8 +223,4 @@ impl<const CLOUDS: usize, const WINDOW: usize> core::fmt::Debug for Desk<CLOUDS,
             .field("window", &self.window)
             .finish_non_exhaustive()
     }
-}
-
-fn earliest<const CLOUDS: usize>(entry: &Entry<CLOUDS>) -> Option<Instant> {
-    entry.slot.armed().iter().map(|source| entry.due(source)).min()
 }

@@ -3,15 +3,15 @@
 use fuseline_kit::Terms;
 use fuseline_traces::{Cloud, Commit, Header};
 
-use crate::mark::Mark;
+use crate::sighting::Sighting;
 
 mod table;
 
-pub use table::CONFIGS;
+pub use table::WORLDS;
 
 /// An operator and its environment.
 #[derive(Clone, Copy, Debug)]
-pub struct Config {
+pub struct World {
     /// Its name on the command line.
     pub name: &'static str,
     /// When it is checked.
@@ -27,15 +27,15 @@ pub struct Config {
     /// The readings of the clock, in ascending order.
     pub clock: &'static [u64],
     /// Which of them inputs other than ticks come with.
-    pub reach: Reach,
-    /// The limits that an open may bring.
-    pub limits: &'static [Option<u64>],
+    pub readings: Readings,
+    /// The deadlines of local that an open may bring.
+    pub local_deadlines: &'static [Option<u64>],
     /// The deadlines that an offer may bring.
     pub deadlines: &'static [u64],
     /// The backlogs that an offer may bring.
     pub backlogs: &'static [u64],
     /// What such an environment cannot show.
-    pub absent: &'static [&'static [Mark]],
+    pub absent: &'static [&'static [Sighting]],
     /// How many unique states there are. Another number says that the machine or the environment
     /// changed.
     pub states: usize,
@@ -43,7 +43,7 @@ pub struct Config {
 
 /// Which readings of the clock inputs come with. Ticks come with any.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Reach {
+pub enum Readings {
     /// The present one: all else is a tick before.
     Now,
     /// The present one and the next.
@@ -63,11 +63,11 @@ pub enum Size {
     Large,
 }
 
-impl Config {
+impl World {
     /// The configuration with this name.
     #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
-        CONFIGS.iter().find(|config| config.name == name)
+        WORLDS.iter().find(|config| config.name == name)
     }
 
     /// What a ledger knows of its operator.
@@ -82,9 +82,10 @@ impl Config {
     }
 
     /// What its environment shows.
-    pub fn marks(&self) -> impl Iterator<Item = Mark> {
-        let is_absent = |mark: &Mark| self.absent.iter().any(|marks| marks.contains(mark));
-        Mark::ALL.iter().copied().filter(move |mark| !is_absent(mark))
+    pub fn sightings(&self) -> impl Iterator<Item = Sighting> {
+        let is_absent =
+            |sighting: &Sighting| self.absent.iter().any(|some| some.contains(sighting));
+        Sighting::ALL.iter().copied().filter(move |sighting| !is_absent(sighting))
     }
 
     /// The header of its traces.

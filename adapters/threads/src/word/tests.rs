@@ -1,15 +1,17 @@
+use std::vec;
+use std::vec::Vec;
+
+use fuseline_core::{Cause, OfferRefusal, Source};
+
 use super::*;
-use crate::answer::OfferRefusal;
-use crate::slot::Cause;
-use crate::source::Source;
 
 fn source(index: u8) -> Source {
     Source::new(index).unwrap()
 }
 
 /// Every state that a message with these clouds can have, limited or not.
-fn reachable(commit: Commit, clouds: u8) -> std::vec::Vec<Slot> {
-    let mut found = std::vec![Slot::open(false), Slot::open(true)];
+fn reachable(commit: Commit, clouds: u8) -> Vec<Slot> {
+    let mut found = vec![Slot::open(false), Slot::open(true)];
     for at in 0.. {
         let Some(slot) = found.get(at).copied() else { break };
         let sources = (0..=clouds).map(source);
@@ -20,7 +22,7 @@ fn reachable(commit: Commit, clouds: u8) -> std::vec::Vec<Slot> {
             let steps = causes.map(|cause| slot.step(commit, cause).0);
             steps.into_iter().chain(refusal.is_none().then_some(admitted))
         });
-        for next in stepped.collect::<std::vec::Vec<_>>() {
+        for next in stepped.collect::<Vec<_>>() {
             if next.is_open() && !found.contains(&next) {
                 found.push(next);
             }

@@ -1,28 +1,31 @@
-//! The owner's half.
+//! The owner's half, with values.
 
 use std::fmt;
 use std::sync::Arc;
+use std::vec::Vec;
 
-use fuseline_core::shared::{self, Desk, Shared};
 use fuseline_core::{
     Admission, Deadline, Firing, Instant, OfferRefusal, OpenRefusal, Priority, Source, Timestamp,
 };
 
 use crate::call::{Call, Message};
 use crate::cells::Cells;
+use crate::desk::Desk;
+use crate::owner::Owner;
+use crate::shared::Shared;
 
-/// The machine's intake, whose calls bring values of type `T`.
+/// The [`Owner`] of a machine whose calls bring values of type `T`, and those values.
 ///
 /// Threads that outlive the function that made it need the machine for ever: `Box::leak`.
 pub struct Intake<'a, T, const CLOUDS: usize, const WINDOW: usize> {
-    owner: shared::Intake<'a, CLOUDS, WINDOW>,
+    owner: Owner<'a, CLOUDS, WINDOW>,
     desk: &'a Desk<CLOUDS, WINDOW>,
     /// Those of the last message of each place.
     cells: Vec<Arc<Cells<T, CLOUDS>>>,
 }
 
 impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WINDOW> {
-    /// The intake of this machine.
+    /// The values of this machine.
     pub fn new(shared: &'a mut Shared<CLOUDS, WINDOW>) -> Self {
         let (owner, desk) = shared.split();
         let cells = std::iter::repeat_with(|| Arc::new(Cells::new())).take(WINDOW).collect();

@@ -1,7 +1,6 @@
 //! What one place knows, in one word: the four sets, and how often it was opened and retired.
 
-use crate::slot::{Commit, Slot};
-use crate::source::Sources;
+use fuseline_core::{Commit, Slot, Sources};
 
 /// From below: two bits for each source, all first ones before all second ones, then the generation, odd while open.
 ///
@@ -14,7 +13,7 @@ use crate::source::Sources;
 ///
 /// Which clouds are armed follows from the commit rule.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Word<const CLOUDS: usize>(u64);
+pub(crate) struct Word<const CLOUDS: usize>(u64);
 
 impl<const CLOUDS: usize> Word<CLOUDS> {
     /// How many sources there are.
@@ -22,35 +21,35 @@ impl<const CLOUDS: usize> Word<CLOUDS> {
     const SOURCES: u32 = (CLOUDS as u32).wrapping_add(1);
     const FIRST_BITS: u64 = 1_u64.wrapping_shl(Self::SOURCES).wrapping_sub(1);
 
-    pub(super) const fn from_bits(bits: u64) -> Self {
+    pub(crate) const fn from_bits(bits: u64) -> Self {
         Self(bits)
     }
 
-    pub(super) const fn bits(self) -> u64 {
+    pub(crate) const fn bits(self) -> u64 {
         self.0
     }
 
     /// How often the place was opened and retired; it wraps.
-    pub(super) const fn generation(self) -> u64 {
+    pub(crate) const fn generation(self) -> u64 {
         self.0.wrapping_shr(Self::SOURCES.wrapping_mul(2))
     }
 
-    pub(super) const fn is_open(self) -> bool {
+    pub(crate) const fn is_open(self) -> bool {
         self.generation() & 1 == 1
     }
 
     /// The word of a free place once it is opened with this state.
-    pub(super) fn opened(self, slot: Slot) -> Self {
+    pub(crate) fn opened(self, slot: Slot) -> Self {
         self.next_generation().with(slot)
     }
 
     /// The word of an open place once it has this state.
-    pub(super) fn stepped(self, slot: Slot) -> Self {
+    pub(crate) fn stepped(self, slot: Slot) -> Self {
         if slot.is_open() { self.with(slot) } else { self.next_generation() }
     }
 
     /// The state of an open place.
-    pub(super) fn slot(self, commit: Commit) -> Slot {
+    pub(crate) fn slot(self, commit: Commit) -> Slot {
         let (first, second) =
             (Self::sources(self.0), Self::sources(self.0.wrapping_shr(Self::SOURCES)));
         let requested = first.union(second).union(Sources::LOCAL);

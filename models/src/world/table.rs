@@ -2,46 +2,47 @@
 
 use fuseline_traces::{Cloud, Commit};
 
-use super::{Config, Reach, Size};
-use crate::mark::Mark;
+use super::{Readings, Size, World};
+use crate::sighting::Sighting;
 
 /// What the patient rule has not.
-const EAGER: &[Mark] =
-    &[Mark::EagerOverPending, Mark::EagerOwn, Mark::LimitHolds, Mark::StaysArmed];
+const EAGER: &[Sighting] =
+    &[Sighting::EagerOverPending, Sighting::EagerOwn, Sighting::LimitHolds, Sighting::StaysArmed];
 /// What the eager rule has not.
-const PATIENT: &[Mark] = &[Mark::PatientWaits, Mark::Disarmed];
+const PATIENT: &[Sighting] = &[Sighting::PatientWaits, Sighting::Disarmed];
 /// What needs backlogs about the limit of a gate.
-const GATES: &[Mark] = &[Mark::GateShuts, Mark::GateStays, Mark::GateOpens];
+const GATES: &[Sighting] = &[Sighting::GateShuts, Sighting::GateStays, Sighting::GateOpens];
 /// What needs two clouds: one held, one to outrank it.
-const TWO_CLOUDS: &[Mark] = &[
-    Mark::OfferJoins,
-    Mark::EagerOverPending,
-    Mark::EagerOwn,
-    Mark::LimitHolds,
-    Mark::PatientWaits,
-    Mark::StaysArmed,
-    Mark::Disarmed,
-    Mark::BestOfTwo,
-    Mark::Cancelled,
+const TWO_CLOUDS: &[Sighting] = &[
+    Sighting::OfferJoins,
+    Sighting::EagerOverPending,
+    Sighting::EagerOwn,
+    Sighting::LimitHolds,
+    Sighting::PatientWaits,
+    Sighting::StaysArmed,
+    Sighting::Disarmed,
+    Sighting::BestOfTwo,
+    Sighting::Cancelled,
 ];
 /// What needs three clouds: one offered, one held, one to outrank it.
-const THREE_CLOUDS: &[Mark] = &[Mark::OfferOutranked];
+const THREE_CLOUDS: &[Sighting] = &[Sighting::OfferOutranked];
 /// What needs a second timestamp.
-const TWO_TIMESTAMPS: &[Mark] = &[Mark::OpenFull, Mark::OpenRoom];
+const TWO_TIMESTAMPS: &[Sighting] = &[Sighting::OpenFull, Sighting::OpenRoom];
 /// What needs two timestamps open at once.
-const TWO_OPEN: &[Mark] = &[Mark::TimestampsTogether];
+const TWO_OPEN: &[Sighting] = &[Sighting::TimestampsTogether];
 /// What needs a deadline of local.
-const LIMITS: &[Mark] = &[
-    Mark::OpenLimited,
-    Mark::LimitAlone,
-    Mark::LimitWithCloud,
-    Mark::LimitHolds,
-    Mark::LimitRetires,
+const LIMITS: &[Sighting] = &[
+    Sighting::OpenLimited,
+    Sighting::LimitAlone,
+    Sighting::LimitWithCloud,
+    Sighting::LimitHolds,
+    Sighting::LimitRetires,
 ];
 /// What needs results that come after the instant of the state.
-const LEAPS: &[Mark] = &[Mark::TimerFirst, Mark::Once, Mark::DueInstant, Mark::OpenRoom];
+const LEAPS: &[Sighting] =
+    &[Sighting::TimerFirst, Sighting::Once, Sighting::DueInstant, Sighting::OpenRoom];
 /// What needs three readings of the clock.
-const THREE_INSTANTS: &[Mark] = &[Mark::DuesPassed, Mark::EagerOverPending];
+const THREE_INSTANTS: &[Sighting] = &[Sighting::DuesPassed, Sighting::EagerOverPending];
 
 /// A cloud whose gate shuts with one message in its queue.
 const fn cloud(p: u16) -> Cloud {
@@ -55,7 +56,7 @@ const THREE: &[Cloud] = &[cloud(5), cloud(2), cloud(7)];
 const MAX: u64 = u64::MAX;
 
 /// What most rows share.
-const BASE: Config = Config {
+const BASE: World = World {
     name: "",
     size: Size::Quick,
     commit: Commit::Eager,
@@ -63,84 +64,89 @@ const BASE: Config = Config {
     clouds: ONE,
     timestamps: &[0],
     clock: &[0, 1, 2, 3],
-    reach: Reach::Now,
-    limits: &[None, Some(2)],
+    readings: Readings::Now,
+    local_deadlines: &[None, Some(2)],
     deadlines: &[1, 2],
     backlogs: &[0],
     absent: &[],
     states: 0,
 };
 
-const NARROW: Config =
-    Config { timestamps: &[0, 1], clock: &[0, 1, 2, 3, 4], reach: Reach::Any, ..BASE };
+const NARROW: World =
+    World { timestamps: &[0, 1], clock: &[0, 1, 2, 3, 4], readings: Readings::Any, ..BASE };
 
-const TALL: Config = Config {
+const TALL: World = World {
     clouds: TWO,
     clock: &[0, 1, 2, 3, 4],
-    reach: Reach::Any,
+    readings: Readings::Any,
     deadlines: &[1, 2, 3],
     ..BASE
 };
 
-const EDGES: Config = Config {
+const EDGES: World = World {
     window: 2,
     timestamps: &[0, MAX - 1, MAX],
     clock: &[0, MAX - 2, MAX - 1, MAX],
-    reach: Reach::Any,
-    limits: &[None, Some(1), Some(MAX)],
+    readings: Readings::Any,
+    local_deadlines: &[None, Some(1), Some(MAX)],
     deadlines: &[1, MAX],
     ..BASE
 };
 
-const WIDE: Config = Config {
+const WIDE: World = World {
     size: Size::Standard,
     window: 2,
     clouds: TWO,
     timestamps: &[0, 1, 2],
     clock: &[0, 1, 2, 3, 4],
-    reach: Reach::Next,
+    readings: Readings::Next,
     ..BASE
 };
 
-const HIGH: Config =
-    Config { clouds: THREE, clock: &[0, 1, 2, 3], reach: Reach::Any, deadlines: &[1, 2], ..BASE };
+const HIGH: World = World {
+    clouds: THREE,
+    clock: &[0, 1, 2, 3],
+    readings: Readings::Any,
+    deadlines: &[1, 2],
+    ..BASE
+};
 
-const HIGHER: Config = Config {
+const HIGHER: World = World {
     size: Size::Standard,
     clock: &[0, 1, 2, 3, 4, 5, 6],
-    limits: &[None, Some(1), Some(3)],
+    local_deadlines: &[None, Some(1), Some(3)],
     deadlines: &[1, 2, 3, 4],
     ..HIGH
 };
 
-const LONG: Config = Config { size: Size::Large, deadlines: &[1, 2, 3], ..WIDE };
+const LONG: World = World { size: Size::Large, deadlines: &[1, 2, 3], ..WIDE };
 
-const BROAD: Config = Config {
+const BROAD: World = World {
     size: Size::Large,
     window: 2,
     clouds: THREE,
     timestamps: &[0, 1],
     clock: &[0, 1, 2],
-    limits: &[None],
+    local_deadlines: &[None],
     ..BASE
 };
 
 /// All configurations: quick ones first, large ones last.
-pub const CONFIGS: &[Config] = &[
-    Config {
+pub const WORLDS: &[World] = &[
+    World {
         name: "1x2w1-eager",
         absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, TWO_OPEN],
-        states: 249,
+        states: 267,
         ..NARROW
     },
-    Config {
+    World {
         name: "1x2w1-patient",
         commit: Commit::Patient,
         absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, TWO_OPEN],
-        states: 249,
+        states: 267,
         ..NARROW
     },
-    Config {
+    World {
         name: "gate",
         window: 2,
         clouds: &[
@@ -149,108 +155,103 @@ pub const CONFIGS: &[Config] = &[
         ],
         timestamps: &[0, 1],
         clock: &[0, 1],
-        limits: &[None],
+        local_deadlines: &[None],
         deadlines: &[1],
         backlogs: &[0, 1, 2, 3],
         absent: &[PATIENT, THREE_CLOUDS, LIMITS, LEAPS, THREE_INSTANTS, TWO_TIMESTAMPS],
         states: 2666,
         ..BASE
     },
-    Config {
+    World {
         name: "2x1-eager",
         absent: &[PATIENT, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 1389,
+        states: 1446,
         ..TALL
     },
-    Config {
+    World {
         name: "2x1-patient",
         commit: Commit::Patient,
         absent: &[EAGER, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 1272,
+        states: 1344,
         ..TALL
     },
-    Config {
+    World {
         name: "3x1-short-eager",
         absent: &[PATIENT, GATES, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 3367,
+        states: 3596,
         ..HIGH
     },
-    Config {
+    World {
         name: "3x1-short-patient",
         commit: Commit::Patient,
         absent: &[EAGER, GATES, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 2755,
+        states: 3056,
         ..HIGH
     },
-    Config {
+    World {
         name: "edges-eager",
         absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS],
-        states: 4345,
+        states: 4876,
         ..EDGES
     },
-    Config {
+    World {
         name: "edges-patient",
         commit: Commit::Patient,
         absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS],
-        states: 4345,
+        states: 4876,
         ..EDGES
     },
-    Config {
+    World {
         name: "1x4w3",
         size: Size::Standard,
         window: 3,
         timestamps: &[0, 1, 2, 3],
-        limits: &[None],
-        absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, LIMITS, LEAPS, &[Mark::TimersTogether]],
+        local_deadlines: &[None],
+        absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, LIMITS, LEAPS, &[Sighting::TimersTogether]],
         states: 19_136,
         ..BASE
     },
-    Config {
-        name: "2x3w2-eager",
-        absent: &[PATIENT, GATES, THREE_CLOUDS],
-        states: 310_145,
-        ..WIDE
-    },
-    Config {
+    World { name: "2x3w2-eager", absent: &[PATIENT, GATES, THREE_CLOUDS], states: 356_972, ..WIDE },
+    World {
         name: "2x3w2-patient",
         commit: Commit::Patient,
         absent: &[EAGER, GATES, THREE_CLOUDS],
-        states: 270_680,
+        states: 326_300,
         ..WIDE
     },
-    Config {
+    World {
         name: "3x1-eager",
         absent: &[PATIENT, GATES, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 36_104,
+        states: 37_788,
         ..HIGHER
     },
-    Config {
+    World {
         name: "3x1-patient",
         commit: Commit::Patient,
         absent: &[EAGER, GATES, TWO_TIMESTAMPS, TWO_OPEN],
-        states: 24_380,
+        states: 26_508,
         ..HIGHER
     },
-    Config {
+    World {
         name: "2x3w2-long-eager",
         absent: &[PATIENT, GATES, THREE_CLOUDS],
         states: 1_122_341,
         ..LONG
     },
-    Config {
+    World {
         name: "2x3w2-long-patient",
         commit: Commit::Patient,
         absent: &[EAGER, GATES, THREE_CLOUDS],
         states: 941_324,
         ..LONG
     },
-    Config {
+    World {
         name: "3x2w2-eager",
         absent: &[PATIENT, GATES, LIMITS, LEAPS, TWO_TIMESTAMPS],
         states: 429_065,
         ..BROAD
     },
-    Config {
+    World {
         name: "3x2w2-patient",
         commit: Commit::Patient,
         absent: &[EAGER, GATES, LIMITS, LEAPS, TWO_TIMESTAMPS],

@@ -2,44 +2,43 @@
 
 use core::sync::atomic::Ordering;
 
-use super::desk::{Desk, Place};
-use super::machine::Ticket;
-use super::word::Word;
-use crate::answer::{Admission, Firing, OfferRefusal, OpenRefusal};
-use crate::clouds::Clouds;
-use crate::gate::Gate;
-use crate::priority::Priority;
-use crate::slot::Slot;
-use crate::source::Source;
-use crate::time::{Deadline, Instant, Timestamp};
+use fuseline_core::{
+    Admission, Clouds, Deadline, Entry, Firing, Instant, OfferRefusal, OpenRefusal, Priority,
+    Source, Timestamp,
+};
+
+use crate::desk::{Desk, Place};
+use crate::shared::Ticket;
+use crate::word::Word;
 
 /// Where the one owner opens timestamps and offers requests, while other threads use the [`Desk`].
 ///
 /// There is one at a time and it cannot be cloned: with two, both might write one request's due instant.
 #[derive(Debug)]
-pub struct Intake<'a, const CLOUDS: usize, const WINDOW: usize> {
+pub struct Owner<'a, const CLOUDS: usize, const WINDOW: usize> {
     desk: &'a Desk<CLOUDS, WINDOW>,
-    owner: &'a mut Owner<CLOUDS>,
+    kept: &'a mut Kept<CLOUDS>,
 }
 
 /// What nobody else needs.
 #[derive(Debug)]
-pub(super) struct Owner<const CLOUDS: usize> {
-    gates: [Gate; CLOUDS],
+pub(crate) struct Kept<const CLOUDS: usize> {
+    /// For their gates, which the desk's do not follow.
+    clouds: Clouds<CLOUDS>,
     newest: Option<Timestamp>,
     /// The place that was opened last.
     last: usize,
 }
 
-impl<const CLOUDS: usize> Owner<CLOUDS> {
-    pub(super) const fn new(clouds: &Clouds<CLOUDS>) -> Self {
-        Self { gates: clouds.gates, newest: None, last: 0 }
+impl<const CLOUDS: usize> Kept<CLOUDS> {
+    pub(crate) const fn new(clouds: Clouds<CLOUDS>) -> Self {
+        Self { clouds, newest: None, last: 0 }
     }
 }
 
-impl<'a, const CLOUDS: usize, const WINDOW: usize> Intake<'a, CLOUDS, WINDOW> {
-    pub(super) const fn new(desk: &'a Desk<CLOUDS, WINDOW>, owner: &'a mut Owner<CLOUDS>) -> Self {
-        Self { desk, owner }
+impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
+    pub(crate) const fn new(desk: &'a Desk<CLOUDS, WINDOW>, kept: &'a mut Kept<CLOUDS>) -> Self {
+        Self { desk, kept }
     }
 
     /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
@@ -54,24 +53,21 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Intake<'a, CLOUDS, WINDOW> {
         timestamp: Timestamp,
         deadline: Option<Deadline>,
     ) -> Result<Ticket, OpenRefusal> {
-        if self.owner.newest.is_some_and(|newest| timestamp <= newest) {
+        if self.kept.newest.is_some_and(|newest| timestamp <= newest) {
             return Err(OpenRefusal::Order);
         }
         let Some((index, place, word)) = self.free_place() else {
             return Err(OpenRefusal::Full);
         };
-        if let Some(deadline) = deadline {
-            let due = now.saturating_add(deadline);
-            if due <= now {
-                return Err(OpenRefusal::Deadline);
-            }
-            place.set_due(Source::LOCAL, due);
+        let entry = Entry::<CLOUDS>::open(now, deadline)?;
+        if deadline.is_some() {
+            place.set_due(Source::LOCAL, entry.due(Source::LOCAL));
         }
-        let word = word.opened(Slot::open(deadline.is_some()));
+        let word = word.opened(entry.slot());
         // No exchange: nobody else writes a free place. Relaxed: who has the ticket got it after this.
         place.word.store(word.bits(), Ordering::Relaxed);
-        self.owner.newest = Some(timestamp);
-        self.owner.last = index;
+        self.kept.newest = Some(timestamp);
+        self.kept.last = index;
         Ok(Ticket { timestamp, generation: word.generation(), place: index })
     }
 
@@ -87,25 +83,21 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Intake<'a, CLOUDS, WINDOW> {
     ) -> (Option<Firing<CLOUDS>>, Admission) {
         let desk = self.desk;
         let source = desk.clouds.source(cloud);
-        let Some((source, gate)) = source.and_then(|source| Some((source, self.gate(source)?)))
-        else {
+        // F2 unknown: local has no gate (A19).
+        let gated = source.and_then(|source| Some((source, self.kept.clouds.gate_mut(source)?)));
+        let Some((source, gate)) = gated else {
             return (desk.expire(now, ticket), Admission::Refused(OfferRefusal::Unknown));
         };
-        let due = now.saturating_add(deadline);
         let answer = desk.exchange(ticket, |place, mut entry| {
             let fired = desk.fire(now, ticket, &mut entry);
-            let (admitted, refusal) = entry.slot.offer(source);
             // F2g: each look asks the gate as it was, so that an offer moves it once at most.
             let mut asked = *gate;
-            let refusal = refusal
-                .or((due <= now).then_some(OfferRefusal::Deadline))
-                .or_else(|| (!asked.admits(backlog)).then_some(OfferRefusal::Queue));
-            if let Some(reason) = refusal {
-                return (entry.slot, (fired, Admission::Refused(reason), asked));
+            let (slot, admission) = entry.slot().admit(source, &mut asked, now, deadline, backlog);
+            if let Admission::Admitted { due } = admission {
+                // Before the exchange that makes it count. Nobody reads it yet, and only the owner makes requests.
+                place.set_due(source, due);
             }
-            // Before the exchange that makes it count. Nobody reads it yet, and only the owner makes requests.
-            place.set_due(source, due);
-            (admitted, (fired, Admission::Admitted { due }, asked))
+            (slot, (fired, admission, asked))
         });
         let Some((fired, admission, asked)) = answer else {
             return (None, Admission::Refused(OfferRefusal::Closed));
@@ -117,7 +109,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Intake<'a, CLOUDS, WINDOW> {
     /// A place where nothing is open, from the one after the last that was opened, with its word.
     fn free_place(&self) -> Option<(usize, &'a Place<CLOUDS>, Word<CLOUDS>)> {
         let places = self.desk.places.iter().take(self.desk.window).enumerate();
-        let from = self.owner.last.wrapping_add(1);
+        let from = self.kept.last.wrapping_add(1);
         let free = |(index, place): (usize, &'a Place<CLOUDS>)| {
             // An exchange that changes nothing: a load might not hear of a retirement that is long past.
             // Acquire: what was done before it, the reads of the due instants that are now written anew among it.
@@ -125,10 +117,5 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Intake<'a, CLOUDS, WINDOW> {
             (!word.is_open()).then_some((index, place, word))
         };
         places.clone().skip(from).chain(places.take(from)).find_map(free)
-    }
-
-    /// The gate of a cloud; none for local.
-    fn gate(&mut self, source: Source) -> Option<&mut Gate> {
-        self.owner.gates.get_mut(usize::from(source.index()).checked_sub(1)?)
     }
 }

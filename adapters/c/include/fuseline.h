@@ -1,0 +1,692 @@
+#ifndef FUSELINE_H
+#define FUSELINE_H
+/*
+ * Fuseline for C: which result of a message leaves, and when. SPEC.md has the rules (F), promises (P) and
+ * ambiguities (A) that are named here.
+ *
+ * Made by cbindgen from adapters/c/src; do not edit.
+ *
+ * How to drive a machine:
+ *
+ *   1. Give it storage and a configuration: fuseline_init.
+ *   2. At each thing that happens, and at fuseline_next_due, read your monotonic clock (nanoseconds) and tell what
+ *      happened: fuseline_open, _offer, _result, _fail, or fuseline_tick if nothing did. While the status is
+ *      FUSELINE_STATUS_AGAIN timers fired first (F5): act on the answer and make the same call again, with the same instant.
+ *
+ *          do {
+ *            status = fuseline_result(machine, now, t, p, &answer);
+ *            ... answer.outcome of message answer.t: forward, report a miss, hold, drop ...
+ *          } while (status == FUSELINE_STATUS_AGAIN);
+ *
+ *      There are at most as many firings as armed timers.
+ *   3. Keep the values: that of a held result until its message is forwarded or missed.
+ *
+ * What holds for all calls: nothing is allocated, nothing blocks, nothing panics or throws, and the answer is the
+ * whole effect. A null or misaligned pointer, a storage that is too small, not a machine, or copied from elsewhere, an
+ * answer within the machine, and a call from within another (an interrupt, a signal) are told by the status and change
+ * nothing. What cannot be told: a pointer that is neither null nor to memory of the right size, storage that somebody
+ * else writes, and two threads that call one machine at the same time. One machine is for one thread at a time; two
+ * machines know nothing of each other.
+ */
+
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(__cplusplus)
+#define FUSELINE_CHECKED [[nodiscard]]
+#elif defined(__GNUC__)
+#define FUSELINE_CHECKED __attribute__((warn_unused_result))
+#else
+#define FUSELINE_CHECKED
+#endif
+
+#if defined(__cplusplus)
+#define FUSELINE_CAST(type, value) static_cast<type>(value)
+#else
+#define FUSELINE_CAST(type, value) ((type)(value))
+#endif
+
+/**
+ * The version of this interface. A library refuses a header of another one.
+ */
+#define FUSELINE_ABI 1
+
+/**
+ * The most sources of a machine: local and 15 clouds.
+ */
+#define FUSELINE_SOURCES 16
+
+/**
+ * Of the bytes that a machine's storage takes: those that each machine takes.
+ */
+#define FUSELINE_BYTES 256
+
+/**
+ * Those for each cloud.
+ */
+#define FUSELINE_BYTES_A_CLOUD 64
+
+/**
+ * Those for each timestamp of the window.
+ */
+#define FUSELINE_BYTES_A_TIMESTAMP 96
+
+/**
+ * Those for each timestamp and cloud.
+ */
+#define FUSELINE_BYTES_A_TIMER 8
+
+/**
+ * What a call says of itself. From FUSELINE_STATUS_NULL on it was wrong and changed nothing.
+ */
+enum fuseline_status
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * The input was applied: the answer is its own.
+   */
+  FUSELINE_STATUS_DONE = 0,
+  /**
+   * Timers fired first (F5): the answer is theirs and the input was not applied. Act on the answer, then make the
+   * same call again.
+   */
+  FUSELINE_STATUS_AGAIN = 1,
+  /**
+   * There is nothing to tell: no timer is armed, the timestamp is not open, or the priority is no cloud's.
+   */
+  FUSELINE_STATUS_NONE = 2,
+  /**
+   * A pointer is null.
+   */
+  FUSELINE_STATUS_NULL = 16,
+  /**
+   * A pointer is not aligned for what it points to.
+   */
+  FUSELINE_STATUS_ALIGNMENT = 17,
+  /**
+   * The storage is too small for the capacity.
+   */
+  FUSELINE_STATUS_SIZE = 18,
+  /**
+   * An answer would lie in the machine's storage.
+   */
+  FUSELINE_STATUS_OVERLAP = 19,
+  /**
+   * No machine is there: never initialised, ended, copied from elsewhere, or overwritten.
+   */
+  FUSELINE_STATUS_FOREIGN = 20,
+  /**
+   * Another call to this machine is under way, which this one interrupted.
+   */
+  FUSELINE_STATUS_BUSY = 21,
+  /**
+   * The header is of another version than the library.
+   */
+  FUSELINE_STATUS_ABI = 22,
+  /**
+   * The library does not hold this capacity.
+   */
+  FUSELINE_STATUS_CAPACITY = 23,
+  /**
+   * No such commit rule.
+   */
+  FUSELINE_STATUS_COMMIT = 24,
+  /**
+   * The window is 0 or above the capacity.
+   */
+  FUSELINE_STATUS_WINDOW = 25,
+  /**
+   * There are more clouds than the capacity allows.
+   */
+  FUSELINE_STATUS_CLOUDS = 26,
+  /**
+   * A cloud's priority is not from 1 to 65535.
+   */
+  FUSELINE_STATUS_PRIORITY = 27,
+  /**
+   * Two clouds have one priority (A10).
+   */
+  FUSELINE_STATUS_TWICE = 28,
+  /**
+   * A cloud's gate does not resume below its limit (F2g).
+   */
+  FUSELINE_STATUS_GATE = 29,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum fuseline_status fuseline_status;
+#else
+typedef uint32_t fuseline_status;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * What became of an input, or of timers that fired.
+ */
+enum fuseline_outcome
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * A tick: time went by.
+   */
+  FUSELINE_OUTCOME_NOTHING = 0,
+  /**
+   * Open: the timestamp is open and waits for local.
+   */
+  FUSELINE_OUTCOME_ACCEPTED = 1,
+  /**
+   * Open, offer: for the reason `why`; nothing changed but a gate. A refused request must not be sent.
+   */
+  FUSELINE_OUTCOME_REFUSED = 2,
+  /**
+   * Offer: send the request; its result is in time before `due`.
+   */
+  FUSELINE_OUTCOME_ADMITTED = 3,
+  /**
+   * Result: keep its value, for something pending outranks it.
+   */
+  FUSELINE_OUTCOME_HELD = 4,
+  /**
+   * Send the value of `by` downstream. The timestamp is retired: discard what else is held for it, and abort the
+   * calls of `cancelled` if you like.
+   */
+  FUSELINE_OUTCOME_FORWARDED = 5,
+  /**
+   * Result, failure: for the reason `why`; nothing changed. Discard its value.
+   */
+  FUSELINE_OUTCOME_DROPPED = 6,
+  /**
+   * Nothing came and nothing will: the timestamp is retired.
+   */
+  FUSELINE_OUTCOME_MISSED = 7,
+  /**
+   * Failure, timers: the timestamp stays open.
+   */
+  FUSELINE_OUTCOME_WAITING = 8,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum fuseline_outcome fuseline_outcome;
+#else
+typedef uint32_t fuseline_outcome;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * Why an input was refused or dropped: the first reason that holds, in the order of SPEC.md.
+ */
+enum fuseline_reason
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * It was neither.
+   */
+  FUSELINE_REASON_NONE = 0,
+  /**
+   * Open: this timestamp or a later one was opened before.
+   */
+  FUSELINE_REASON_ORDER = 1,
+  /**
+   * Open: as many timestamps are open as the window allows.
+   */
+  FUSELINE_REASON_FULL = 2,
+  /**
+   * Open, offer: the due instant is not after now.
+   */
+  FUSELINE_REASON_DEADLINE = 3,
+  /**
+   * No such source, or neither this timestamp nor a later one was ever opened.
+   */
+  FUSELINE_REASON_UNKNOWN = 4,
+  /**
+   * Offer: the timestamp is not open.
+   */
+  FUSELINE_REASON_CLOSED = 5,
+  /**
+   * The cloud was asked for it before; the source's result is already held.
+   */
+  FUSELINE_REASON_DUPLICATE = 6,
+  /**
+   * Offer: a held result outranks whatever this cloud would return.
+   */
+  FUSELINE_REASON_OUTRANKED = 7,
+  /**
+   * Offer: the cloud's gate is shut.
+   */
+  FUSELINE_REASON_QUEUE = 8,
+  /**
+   * Result, failure: the timestamp is not open.
+   */
+  FUSELINE_REASON_SUPERSEDED = 9,
+  /**
+   * Result, failure: the source was not asked.
+   */
+  FUSELINE_REASON_UNSOLICITED = 10,
+  /**
+   * Result, failure: the request was closed by its timer or by a failure.
+   */
+  FUSELINE_REASON_LATE = 11,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum fuseline_reason fuseline_reason;
+#else
+typedef uint32_t fuseline_reason;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * How much a machine has room for: clouds, then open timestamps.
+ */
+enum fuseline_capacity
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * 1 cloud, a window of 4.
+   */
+  FUSELINE_CAPACITY_C1W4 = 1,
+  /**
+   * 3 clouds, a window of 16.
+   */
+  FUSELINE_CAPACITY_C3W16 = 2,
+  /**
+   * 7 clouds, a window of 64.
+   */
+  FUSELINE_CAPACITY_C7W64 = 3,
+  /**
+   * 15 clouds, a window of 1024: whatever SPEC.md allows.
+   */
+  FUSELINE_CAPACITY_C15W1024 = 4,
+  /**
+   * What the library was built for by FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW.
+   */
+  FUSELINE_CAPACITY_OWN = 5,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum fuseline_capacity fuseline_capacity;
+#else
+typedef uint32_t fuseline_capacity;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * When the best result in hand goes although a better one is pending (F6).
+ */
+enum fuseline_commit
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  /**
+   * The first cloud's timer that fires commits it.
+   */
+  FUSELINE_COMMIT_EAGER = 0,
+  /**
+   * It goes once nothing pending outranks it.
+   */
+  FUSELINE_COMMIT_PATIENT = 1,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum fuseline_commit fuseline_commit;
+#else
+typedef uint32_t fuseline_commit;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
+ * What a machine's storage begins with. Opaque to the caller.
+ */
+typedef struct fuseline_machine fuseline_machine;
+
+/**
+ * One cloud as configured.
+ */
+typedef struct fuseline_cloud {
+  /**
+   * 1 to 65535, unlike every other cloud's; the greater wins.
+   */
+  uint64_t priority;
+  /**
+   * The gate shuts at this many queued requests; at least 1.
+   */
+  uint64_t limit;
+  /**
+   * The shut gate opens at this many queued requests or fewer; less than `limit`.
+   */
+  uint64_t resume;
+} fuseline_cloud;
+
+/**
+ * What a machine is made for. FUSELINE_CONFIG gives the first two members.
+ */
+typedef struct fuseline_config {
+  /**
+   * FUSELINE_ABI.
+   */
+  uint32_t abi;
+  /**
+   * FUSELINE_LAYOUT.
+   */
+  uint32_t layout;
+  /**
+   * A fuseline_capacity.
+   */
+  uint32_t capacity;
+  /**
+   * A fuseline_commit.
+   */
+  uint32_t commit;
+  /**
+   * How many timestamps may be open at once: 1 to the capacity's.
+   */
+  uint32_t window;
+  /**
+   * How many clouds there are: 0 to the capacity's.
+   */
+  uint32_t clouds_len;
+  /**
+   * The clouds in any order; may be null if there is none. Not used after the call.
+   */
+  const struct fuseline_cloud *clouds;
+} fuseline_config;
+
+/**
+ * What a call decided, whole: nothing else happened.
+ */
+typedef struct fuseline_answer {
+  /**
+   * The machine's clock at which it was decided, in nanoseconds (F0).
+   */
+  uint64_t at;
+  /**
+   * The timestamp that it is about; of a tick 0.
+   */
+  uint64_t t;
+  /**
+   * When the timers that fired were due, or by when an admitted request's result must be there; else 0.
+   */
+  uint64_t due;
+  /**
+   * What became of the input or of the timers.
+   */
+  fuseline_outcome outcome;
+  /**
+   * Why it was refused or dropped.
+   */
+  fuseline_reason why;
+  /**
+   * Forwarded: whose result; 0 is local's. Else 0.
+   */
+  uint32_t by;
+  /**
+   * 1 if timers fired (FUSELINE_STATUS_AGAIN), else 0.
+   */
+  uint32_t fired;
+  /**
+   * How many of `timers` mean something; the others are 0.
+   */
+  uint32_t timers_len;
+  /**
+   * How many of `cancelled` mean something; the others are 0.
+   */
+  uint32_t cancelled_len;
+  /**
+   * The priorities whose timers fired, ascending; 0 is local's.
+   */
+  uint16_t timers[FUSELINE_SOURCES];
+  /**
+   * Forwarded: the clouds whose results are no longer wanted, ascending.
+   */
+  uint16_t cancelled[FUSELINE_SOURCES];
+} fuseline_answer;
+
+/**
+ * What a machine knows of itself.
+ */
+typedef struct fuseline_state {
+  /**
+   * The greatest instant seen, in nanoseconds.
+   */
+  uint64_t now;
+  /**
+   * The greatest timestamp ever opened; means something if `has_newest` is 1.
+   */
+  uint64_t newest;
+  /**
+   * The next due instant; means something if `has_due` is 1.
+   */
+  uint64_t due;
+  /**
+   * 1 if a timestamp was ever opened, else 0.
+   */
+  uint32_t has_newest;
+  /**
+   * 1 if a timer is armed, else 0.
+   */
+  uint32_t has_due;
+  /**
+   * How many timestamps are open.
+   */
+  uint32_t open_len;
+  /**
+   * How many may be.
+   */
+  uint32_t window;
+} fuseline_state;
+
+/**
+ * What a machine knows of an open timestamp: sets of sources, a bit each. Bit `i` is the source `priorities[i]`.
+ */
+typedef struct fuseline_message {
+  /**
+   * When each source's timer is due, if it is in `armed`.
+   */
+  uint64_t dues[FUSELINE_SOURCES];
+  /**
+   * The sources' priorities, ascending; the first is local's, 0.
+   */
+  uint16_t priorities[FUSELINE_SOURCES];
+  /**
+   * How many sources there are: local and the clouds.
+   */
+  uint32_t sources_len;
+  /**
+   * Asked for.
+   */
+  uint32_t requested;
+  /**
+   * Asked for, and neither result nor failure nor timer has come.
+   */
+  uint32_t pending;
+  /**
+   * Those whose timer is live.
+   */
+  uint32_t armed;
+  /**
+   * Those whose result is held.
+   */
+  uint32_t cached;
+  /**
+   * 0.
+   */
+  uint32_t reserved;
+} fuseline_message;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+/**
+ * The version of the library: FUSELINE_ABI where its header fits.
+ */
+uint32_t fuseline_abi(void);
+
+/**
+ * How many bytes of storage a capacity takes in this library; 0 if it does not hold it.
+ */
+size_t fuseline_bytes(uint32_t capacity);
+
+/**
+ * Makes a machine in `storage`, of which `bytes` bytes are given to it until fuseline_end, aligned as a uint64_t.
+ *
+ * The storage is not read: a machine that is there already is lost. Nothing is written unless it is done; then
+ * `*machine` is what the other functions take. It must stay where it is.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_init(void *storage,
+                              size_t bytes,
+                              const struct fuseline_config *config,
+                              struct fuseline_machine **machine);
+
+/**
+ * Ends a machine: its storage is the caller's again, and further calls to it are answered FUSELINE_STATUS_FOREIGN.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_end(struct fuseline_machine *machine);
+
+/**
+ * F1: a message with timestamp `t` came.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_open(struct fuseline_machine *machine,
+                              uint64_t now,
+                              uint64_t t,
+                              struct fuseline_answer *answer);
+
+/**
+ * F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_open_within(struct fuseline_machine *machine,
+                                     uint64_t now,
+                                     uint64_t t,
+                                     uint64_t deadline,
+                                     struct fuseline_answer *answer);
+
+/**
+ * F2: may message `t` be sent to cloud `p`, which may take `deadline` nanoseconds and in whose outgoing queue
+ * `backlog` others wait?
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_offer(struct fuseline_machine *machine,
+                               uint64_t now,
+                               uint64_t t,
+                               uint64_t p,
+                               uint64_t deadline,
+                               uint64_t backlog,
+                               struct fuseline_answer *answer);
+
+/**
+ * F3: the result of source `p` came; 0 is local.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_result(struct fuseline_machine *machine,
+                                uint64_t now,
+                                uint64_t t,
+                                uint64_t p,
+                                struct fuseline_answer *answer);
+
+/**
+ * F4: no result will come from source `p`; 0 is local.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_fail(struct fuseline_machine *machine,
+                              uint64_t now,
+                              uint64_t t,
+                              uint64_t p,
+                              struct fuseline_answer *answer);
+
+/**
+ * F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_tick(struct fuseline_machine *machine,
+                              uint64_t now,
+                              struct fuseline_answer *answer);
+
+/**
+ * Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.
+ */
+FUSELINE_CHECKED fuseline_status fuseline_next_due(struct fuseline_machine *machine, uint64_t *due);
+
+/**
+ * Question: what the machine knows of itself.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_look(struct fuseline_machine *machine,
+                              struct fuseline_state *state);
+
+/**
+ * Question: what the machine knows of timestamp `t`, or FUSELINE_STATUS_NONE if it is not open.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_look_at(struct fuseline_machine *machine,
+                                 uint64_t t,
+                                 struct fuseline_message *message);
+
+/**
+ * Question: 1 if the gate of cloud `p` was left shut, else 0; FUSELINE_STATUS_NONE if there is no such cloud.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_gate_is_shut(struct fuseline_machine *machine,
+                                      uint64_t p,
+                                      uint32_t *is_shut);
+
+/**
+ * The word for a fuseline_status; "?" for another number.
+ */
+FUSELINE_CHECKED const char *fuseline_status_name(uint32_t status);
+
+/**
+ * The word for a fuseline_outcome; "?" for another number.
+ */
+FUSELINE_CHECKED const char *fuseline_outcome_name(uint32_t outcome);
+
+/**
+ * The word of SPEC.md for a fuseline_reason; "?" for another number.
+ */
+FUSELINE_CHECKED const char *fuseline_reason_name(uint32_t reason);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+/*
+ * The bytes of storage for so many clouds and timestamps: more than a machine takes, so that it may change within a
+ * version of the interface. fuseline_bytes says how many it takes.
+ */
+#define FUSELINE_STORAGE_BYTES(clouds, window) \
+  (FUSELINE_BYTES + (FUSELINE_BYTES_A_CLOUD * (clouds)) + \
+   ((window) * (FUSELINE_BYTES_A_TIMESTAMP + (FUSELINE_BYTES_A_TIMER * (clouds)))))
+
+/* The storage of a machine, for static memory or a stack; give its address and its sizeof to fuseline_init. */
+#define FUSELINE_STORAGE(clouds, window) \
+  struct { uint64_t opaque[FUSELINE_STORAGE_BYTES((clouds), (window)) / 8]; }
+
+typedef FUSELINE_STORAGE(1, 4) fuseline_storage_c1w4;
+typedef FUSELINE_STORAGE(3, 16) fuseline_storage_c3w16;
+typedef FUSELINE_STORAGE(7, 64) fuseline_storage_c7w64;
+typedef FUSELINE_STORAGE(15, 1024) fuseline_storage_c15w1024;
+
+/* The sizes of what crosses the border, as this compiler lays them out. */
+#define FUSELINE_LAYOUT \
+  (FUSELINE_CAST(uint32_t, sizeof(fuseline_config)) | \
+   (FUSELINE_CAST(uint32_t, sizeof(fuseline_cloud)) << 8) | \
+   (FUSELINE_CAST(uint32_t, sizeof(fuseline_answer)) << 16) | \
+   (FUSELINE_CAST(uint32_t, sizeof(fuseline_state) ^ sizeof(fuseline_message)) << 24))
+
+/* The head of an initialiser: fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, ...}; */
+#define FUSELINE_CONFIG FUSELINE_ABI, FUSELINE_LAYOUT
+
+#endif /* FUSELINE_H */

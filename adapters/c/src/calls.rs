@@ -1,0 +1,257 @@
+//! The functions of the header.
+//!
+//! Each answers a wrong pointer, a wrong machine and a call from within another with a status, and changes nothing
+//! then.
+#![expect(unsafe_code, reason = "a C interface reads and writes through its caller's pointers")]
+#![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
+#![expect(clippy::missing_safety_doc, reason = "the header's preamble says it once for all calls")]
+
+use core::ffi::{c_char, c_void};
+
+use crate::inputs::{Asked, Inputs};
+use crate::names;
+use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
+use crate::storage::{self, CMachine, check};
+
+/// The version of the library: FUSELINE_ABI where its header fits.
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_abi() -> u32 {
+    FUSELINE_ABI
+}
+
+/// How many bytes of storage a capacity takes in this library; 0 if it does not hold it.
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_bytes(capacity: u32) -> usize {
+    storage::bytes(capacity)
+}
+
+/// Makes a machine in `storage`, of which `bytes` bytes are given to it until fuseline_end, aligned as a uint64_t.
+///
+/// The storage is not read: a machine that is there already is lost. Nothing is written unless it is done; then
+/// `*machine` is what the other functions take. It must stay where it is.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_init(
+    storage: *mut c_void,
+    bytes: usize,
+    config: *const CConfig,
+    machine: *mut *mut CMachine,
+) -> CStatus {
+    if let Err(status) = check(machine) {
+        return status;
+    }
+    let distance = machine.addr().wrapping_sub(storage.addr());
+    if distance < bytes || distance.wrapping_neg() < size_of::<*mut CMachine>() {
+        return CStatus::Overlap;
+    }
+    // SAFETY: the header asks for a readable configuration and a storage of that many bytes.
+    match unsafe { storage::make(storage, bytes, config) } {
+        Ok(made) => {
+            // SAFETY: not null, aligned, and the header asks that it may be written.
+            unsafe { machine.write(made) };
+            CStatus::Done
+        }
+        Err(status) => status,
+    }
+}
+
+/// Ends a machine: its storage is the caller's again, and further calls to it are answered FUSELINE_STATUS_FOREIGN.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_end(machine: *mut CMachine) -> CStatus {
+    // SAFETY: the header asks for a machine, or bytes that may be read as one.
+    match unsafe { storage::end(machine) } {
+        Ok(()) => CStatus::Done,
+        Err(status) => status,
+    }
+}
+
+/// F1: a message with timestamp `t` came.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_open(
+    machine: *mut CMachine,
+    now: u64,
+    t: u64,
+    answer: *mut CAnswer,
+) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { input(machine, now, Asked::Open(t, None), answer) }
+}
+
+/// F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_open_within(
+    machine: *mut CMachine,
+    now: u64,
+    t: u64,
+    deadline: u64,
+    answer: *mut CAnswer,
+) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { input(machine, now, Asked::Open(t, Some(deadline)), answer) }
+}
+
+/// F2: may message `t` be sent to cloud `p`, which may take `deadline` nanoseconds and in whose outgoing queue
+/// `backlog` others wait?
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_offer(
+    machine: *mut CMachine,
+    now: u64,
+    t: u64,
+    p: u64,
+    deadline: u64,
+    backlog: u64,
+    answer: *mut CAnswer,
+) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { input(machine, now, Asked::Offer(t, p, deadline, backlog), answer) }
+}
+
+/// F3: the result of source `p` came; 0 is local.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_result(
+    machine: *mut CMachine,
+    now: u64,
+    t: u64,
+    p: u64,
+    answer: *mut CAnswer,
+) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { input(machine, now, Asked::Result(t, p), answer) }
+}
+
+/// F4: no result will come from source `p`; 0 is local.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_fail(
+    machine: *mut CMachine,
+    now: u64,
+    t: u64,
+    p: u64,
+    answer: *mut CAnswer,
+) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { input(machine, now, Asked::Fail(t, p), answer) }
+}
+
+/// F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_tick(
+    machine: *mut CMachine,
+    now: u64,
+    answer: *mut CAnswer,
+) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { input(machine, now, Asked::Tick, answer) }
+}
+
+/// Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_next_due(machine: *mut CMachine, due: *mut u64) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { question(machine, due, |inputs| inputs.next_due()) }
+}
+
+/// Question: what the machine knows of itself.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_look(machine: *mut CMachine, state: *mut CState) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { question(machine, state, |inputs| Some(inputs.state())) }
+}
+
+/// Question: what the machine knows of timestamp `t`, or FUSELINE_STATUS_NONE if it is not open.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_look_at(
+    machine: *mut CMachine,
+    t: u64,
+    message: *mut CMessage,
+) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { question(machine, message, |inputs| inputs.message(t)) }
+}
+
+/// Question: 1 if the gate of cloud `p` was left shut, else 0; FUSELINE_STATUS_NONE if there is no such cloud.
+#[must_use]
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fuseline_gate_is_shut(
+    machine: *mut CMachine,
+    p: u64,
+    is_shut: *mut u32,
+) -> CStatus {
+    // SAFETY: as the header asks.
+    unsafe { question(machine, is_shut, |inputs| inputs.is_shut(p).map(u32::from)) }
+}
+
+/// The word for a fuseline_status; "?" for another number.
+#[must_use]
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_status_name(status: u32) -> *const c_char {
+    names::status(status)
+}
+
+/// The word for a fuseline_outcome; "?" for another number.
+#[must_use]
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_outcome_name(outcome: u32) -> *const c_char {
+    names::outcome(outcome)
+}
+
+/// The word of SPEC.md for a fuseline_reason; "?" for another number.
+#[must_use]
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_reason_name(reason: u32) -> *const c_char {
+    names::reason(reason)
+}
+
+/// One firing, or the input's own answer.
+///
+/// # Safety
+/// As the header asks of a machine and of where an answer is written.
+#[expect(clippy::inline_always, reason = "a tenth of what the border costs")]
+#[inline(always)]
+unsafe fn input(machine: *mut CMachine, now: u64, asked: Asked, answer: *mut CAnswer) -> CStatus {
+    if let Err(status) = check(answer) {
+        return status;
+    }
+    let call = |inputs: &mut dyn Inputs| {
+        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+        unsafe { answer.write(CAnswer::EMPTY) };
+        // SAFETY: written just now, and the caller's alone while it waits for this call.
+        let answer = unsafe { &mut *answer };
+        inputs.ask(now, asked, answer)
+    };
+    // SAFETY: as the header asks.
+    let entered = unsafe { storage::enter(machine, (answer.cast(), size_of::<CAnswer>()), call) };
+    entered.unwrap_or_else(|status| status)
+}
+
+/// What is asked for, or FUSELINE_STATUS_NONE, which writes nothing.
+///
+/// # Safety
+/// As the header asks of a machine and of where an answer is written.
+unsafe fn question<T>(
+    machine: *mut CMachine,
+    answer: *mut T,
+    ask: impl FnOnce(&mut dyn Inputs) -> Option<T>,
+) -> CStatus {
+    if let Err(status) = check(answer) {
+        return status;
+    }
+    let call = |inputs: &mut dyn Inputs| {
+        let Some(found) = ask(inputs) else { return CStatus::None };
+        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+        unsafe { answer.write(found) };
+        CStatus::Done
+    };
+    // SAFETY: as the header asks.
+    let entered = unsafe { storage::enter(machine, (answer.cast(), size_of::<T>()), call) };
+    entered.unwrap_or_else(|status| status)
+}

@@ -1,0 +1,71 @@
+//! The words of SPEC.md for what crosses the border.
+
+use core::ffi::{CStr, c_char};
+
+use crate::plain::{COutcome, CReason, CStatus};
+
+/// What a number that has no word is called.
+const NO_WORD: &CStr = c"?";
+
+const STATUSES: [(CStatus, &CStr); 17] = [
+    (CStatus::Done, c"done"),
+    (CStatus::Again, c"again"),
+    (CStatus::None, c"none"),
+    (CStatus::Null, c"null"),
+    (CStatus::Alignment, c"alignment"),
+    (CStatus::Size, c"size"),
+    (CStatus::Overlap, c"overlap"),
+    (CStatus::Foreign, c"foreign"),
+    (CStatus::Busy, c"busy"),
+    (CStatus::Abi, c"abi"),
+    (CStatus::Capacity, c"capacity"),
+    (CStatus::Commit, c"commit"),
+    (CStatus::Window, c"window"),
+    (CStatus::Clouds, c"clouds"),
+    (CStatus::Priority, c"priority"),
+    (CStatus::Twice, c"twice"),
+    (CStatus::Gate, c"gate"),
+];
+
+const OUTCOMES: [(COutcome, &CStr); 9] = [
+    (COutcome::Nothing, c"nothing"),
+    (COutcome::Accepted, c"accepted"),
+    (COutcome::Refused, c"refused"),
+    (COutcome::Admitted, c"admitted"),
+    (COutcome::Held, c"held"),
+    (COutcome::Forwarded, c"forwarded"),
+    (COutcome::Dropped, c"dropped"),
+    (COutcome::Missed, c"missed"),
+    (COutcome::Waiting, c"waiting"),
+];
+
+const REASONS: [(CReason, &CStr); 12] = [
+    (CReason::None, c"none"),
+    (CReason::Order, c"order"),
+    (CReason::Full, c"full"),
+    (CReason::Deadline, c"deadline"),
+    (CReason::Unknown, c"unknown"),
+    (CReason::Closed, c"closed"),
+    (CReason::Duplicate, c"duplicate"),
+    (CReason::Outranked, c"outranked"),
+    (CReason::Queue, c"queue"),
+    (CReason::Superseded, c"superseded"),
+    (CReason::Unsolicited, c"unsolicited"),
+    (CReason::Late, c"late"),
+];
+
+pub(crate) fn status(number: u32) -> *const c_char {
+    word(STATUSES.iter().find(|(status, _)| *status as u32 == number).map(|(_, word)| *word))
+}
+
+pub(crate) fn outcome(number: u32) -> *const c_char {
+    word(OUTCOMES.iter().find(|(outcome, _)| *outcome as u32 == number).map(|(_, word)| *word))
+}
+
+pub(crate) fn reason(number: u32) -> *const c_char {
+    word(REASONS.iter().find(|(reason, _)| *reason as u32 == number).map(|(_, word)| *word))
+}
+
+fn word(word: Option<&'static CStr>) -> *const c_char {
+    word.unwrap_or(NO_WORD).as_ptr()
+}

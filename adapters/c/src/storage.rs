@@ -1,0 +1,293 @@
+//! A machine in its caller's storage, and the one way into it.
+
+use core::ffi::c_void;
+use core::ptr::{addr_of_mut, null_mut};
+use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
+
+use fuseline_core::{Cloud, Commit, ConfigError, Fusion, Gate, Priority};
+
+use crate::inputs::Inputs;
+use crate::plain::{
+    CCapacity, CCloud, CCommit, CConfig, CStatus, FUSELINE_ABI, FUSELINE_BYTES,
+    FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER, FUSELINE_BYTES_A_TIMESTAMP, LAYOUT,
+};
+
+/// What a machine's storage begins with. Opaque to the caller.
+#[repr(C, align(8))]
+#[derive(Debug)]
+pub struct CMachine {
+    /// The seal of the address at which it was initialised: a copy of the bytes elsewhere is no machine.
+    seal: u64,
+    /// The bytes that belong to it.
+    bytes: usize,
+    capacity: u32,
+    /// 1 while a call is under way.
+    busy: AtomicU32,
+}
+
+/// The whole storage.
+#[repr(C)]
+struct Room<const CLOUDS: usize, const WINDOW: usize> {
+    head: CMachine,
+    fusion: Fusion<CLOUDS, WINDOW>,
+}
+
+const SEAL: u64 = 0x4675_7365_6c69_6e65; // "Fuseline"
+const MOST_CLOUDS: usize = 15;
+
+/// The capacity that the library was built for.
+#[cfg(feature = "capacity-own")]
+const OWN_CLOUDS: usize = number(option_env!("FUSELINE_OWN_CLOUDS"), 1);
+#[cfg(feature = "capacity-own")]
+const OWN_WINDOW: usize = number(option_env!("FUSELINE_OWN_WINDOW"), 1);
+
+/// The bytes that the header reserves for a capacity: more than is needed, so that the machine may change.
+const fn reserved(clouds: usize, window: usize) -> usize {
+    let a_timestamp =
+        FUSELINE_BYTES_A_TIMER.wrapping_mul(clouds).wrapping_add(FUSELINE_BYTES_A_TIMESTAMP);
+    FUSELINE_BYTES
+        .wrapping_add(FUSELINE_BYTES_A_CLOUD.wrapping_mul(clouds))
+        .wrapping_add(window.wrapping_mul(a_timestamp))
+}
+
+/// Runs `$do` with the room of the capacity `$number`, a type, or answers `$otherwise` if the library has it not.
+macro_rules! with_room {
+    ($number:expr, $Room:ident => $do:expr, else $otherwise:expr) => {
+        match $number {
+            #[cfg(feature = "capacity-1-4")]
+            n if n == CCapacity::C1W4 as u32 => {
+                type $Room = Room<1, 4>;
+                $do
+            }
+            #[cfg(feature = "capacity-3-16")]
+            n if n == CCapacity::C3W16 as u32 => {
+                type $Room = Room<3, 16>;
+                $do
+            }
+            #[cfg(feature = "capacity-7-64")]
+            n if n == CCapacity::C7W64 as u32 => {
+                type $Room = Room<7, 64>;
+                $do
+            }
+            #[cfg(feature = "capacity-15-1024")]
+            n if n == CCapacity::C15W1024 as u32 => {
+                type $Room = Room<15, 1024>;
+                $do
+            }
+            #[cfg(feature = "capacity-own")]
+            n if n == CCapacity::Own as u32 => {
+                type $Room = Room<OWN_CLOUDS, OWN_WINDOW>;
+                $do
+            }
+            _ => $otherwise,
+        }
+    };
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
+    const FITS: () = {
+        assert!(size_of::<Self>() <= reserved(CLOUDS, WINDOW), "the header reserves too little");
+        assert!(align_of::<Self>() == align_of::<CMachine>(), "the header aligns as uint64_t");
+    };
+
+    /// Writes a machine into the storage.
+    ///
+    /// # Safety
+    /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else.
+    #[expect(unsafe_code, reason = "writes to the caller's storage")]
+    unsafe fn fill(
+        storage: *mut Self,
+        capacity: u32,
+        config: &CConfig,
+        clouds: &[Cloud],
+    ) -> Result<(), CStatus> {
+        const { Self::FITS };
+        let commit =
+            if config.commit == CCommit::Patient as u32 { Commit::Patient } else { Commit::Eager };
+        let window = usize::try_from(config.window).unwrap_or(usize::MAX);
+        let fusion = Fusion::new(window, commit, clouds).map_err(|error| status_of(&error))?;
+        let head = CMachine {
+            seal: seal(storage.cast()),
+            bytes: size_of::<Self>(),
+            capacity,
+            busy: AtomicU32::new(0),
+        };
+        // SAFETY: that many bytes may be written, by the caller's promise; nothing was there that would have to be
+        // dropped.
+        unsafe { storage.write(Self { head, fusion }) };
+        Ok(())
+    }
+
+    /// The machine of a storage whose head was found whole.
+    ///
+    /// # Safety
+    /// A `Self` was written there and is, until `'a` ends, used by nobody else.
+    #[expect(unsafe_code, reason = "reads the caller's storage")]
+    unsafe fn fusion<'a>(machine: *mut CMachine) -> &'a mut Fusion<CLOUDS, WINDOW> {
+        let room = machine.cast::<Self>();
+        // SAFETY: it lies within the room that was written.
+        let fusion = unsafe { addr_of_mut!((*room).fusion) };
+        // SAFETY: it was written, and nobody else uses it.
+        unsafe { &mut *fusion }
+    }
+}
+
+/// How many bytes a machine of this capacity takes; 0 if the library does not hold it.
+pub(crate) const fn bytes(capacity: u32) -> usize {
+    with_room!(capacity, R => size_of::<R>(), else 0)
+}
+
+/// Makes a machine. Nothing is written unless all is well.
+///
+/// # Safety
+/// `config` may be read, with the clouds that it names; `bytes` bytes from `storage` may be written and belong to
+/// nobody else.
+#[expect(unsafe_code, reason = "reads the caller's configuration and writes to its storage")]
+pub(crate) unsafe fn make(
+    storage: *mut c_void,
+    bytes: usize,
+    config: *const CConfig,
+) -> Result<*mut CMachine, CStatus> {
+    check(storage.cast::<CMachine>())?;
+    check(config.cast_mut())?;
+    // SAFETY: not null, aligned, and may be read by the caller's promise.
+    let config = unsafe { config.read() };
+    if config.abi != FUSELINE_ABI || config.layout != LAYOUT {
+        return Err(CStatus::Abi);
+    }
+    if config.commit > CCommit::Patient as u32 {
+        return Err(CStatus::Commit);
+    }
+    let mut clouds = [Cloud::new(Priority::LOCAL, 1); MOST_CLOUDS];
+    // SAFETY: the clouds may be read, by the caller's promise.
+    let clouds = unsafe { registered(&config, &mut clouds) }?;
+    let needed = self::bytes(config.capacity);
+    if needed > 0 && bytes < needed {
+        return Err(CStatus::Size);
+    }
+    with_room!(config.capacity, R => {
+        // SAFETY: aligned as checked, large enough as checked, and the caller's to give.
+        unsafe { R::fill(storage.cast(), config.capacity, &config, clouds) }?;
+    }, else return Err(CStatus::Capacity));
+    Ok(storage.cast())
+}
+
+/// Runs `call` with the machine, if there is one and no other call is under way. `answers` says where the answer will
+/// be written, with its length.
+///
+/// # Safety
+/// `machine` came from [`make`] or may be read as a [`CMachine`] at least; no other thread calls at the same time.
+#[expect(unsafe_code, reason = "reads the caller's storage")]
+#[expect(clippy::inline_always, reason = "a tenth of what the border costs")]
+#[inline(always)]
+pub(crate) unsafe fn enter(
+    machine: *mut CMachine,
+    answers: (*const u8, usize),
+    call: impl FnOnce(&mut dyn Inputs) -> CStatus,
+) -> Result<CStatus, CStatus> {
+    check(machine)?;
+    // SAFETY: not null, aligned, and may be read by the caller's promise. The machine lies beside it, not in it.
+    let head = unsafe { &*machine };
+    if head.seal != seal(machine) {
+        return Err(CStatus::Foreign);
+    }
+    let distance = answers.0.addr().wrapping_sub(machine.addr());
+    if distance < head.bytes || distance.wrapping_neg() < answers.1 {
+        return Err(CStatus::Overlap);
+    }
+    // A load and a store are enough for whoever interrupts: between the two its whole call fits. Acquire and Release:
+    // what the last call wrote, should the caller go from thread to thread.
+    if head.busy.load(Ordering::Acquire) != 0 {
+        return Err(CStatus::Busy);
+    }
+    head.busy.store(1, Ordering::Relaxed);
+    compiler_fence(Ordering::SeqCst);
+    let status = with_room!(head.capacity, R => {
+        // SAFETY: the seal says that a room of this capacity was written here. The caller's thread is the only
+        // one, as it promised, and `busy` says that no call of it was interrupted.
+        call(unsafe { R::fusion(machine) })
+    }, else CStatus::Foreign);
+    head.busy.store(0, Ordering::Release);
+    Ok(status)
+}
+
+/// Ends a machine: from now on it is foreign.
+///
+/// # Safety
+/// As for [`enter`], and no other call follows at the same time.
+#[expect(unsafe_code, reason = "writes to the caller's storage")]
+pub(crate) unsafe fn end(machine: *mut CMachine) -> Result<(), CStatus> {
+    // SAFETY: as the caller promised.
+    unsafe { enter(machine, (null_mut(), 0), |_| CStatus::Done) }?;
+    // SAFETY: the machine is one, so that its head may be written.
+    let seal = unsafe { addr_of_mut!((*machine).seal) };
+    // SAFETY: as above.
+    unsafe { seal.write(0) };
+    Ok(())
+}
+
+/// That a pointer can be one to a `T`.
+pub(crate) fn check<T>(pointer: *mut T) -> Result<(), CStatus> {
+    if pointer.is_null() {
+        return Err(CStatus::Null);
+    }
+    if !pointer.is_aligned() {
+        return Err(CStatus::Alignment);
+    }
+    Ok(())
+}
+
+fn seal(machine: *const CMachine) -> u64 {
+    // An address has at most 64 bits.
+    SEAL ^ machine.addr() as u64
+}
+
+/// The clouds of a configuration, each within its ranges.
+///
+/// # Safety
+/// They may be read.
+#[expect(unsafe_code, reason = "reads the caller's configuration")]
+unsafe fn registered<'a>(
+    config: &CConfig,
+    places: &'a mut [Cloud; MOST_CLOUDS],
+) -> Result<&'a [Cloud], CStatus> {
+    let len = usize::try_from(config.clouds_len).unwrap_or(usize::MAX);
+    let places = places.get_mut(..len).ok_or(CStatus::Clouds)?;
+    if !places.is_empty() {
+        check(config.clouds.cast_mut())?;
+    }
+    for (i, place) in places.iter_mut().enumerate() {
+        // SAFETY: within the clouds, by the caller's promise.
+        let cloud = unsafe { config.clouds.add(i) };
+        // SAFETY: not null, aligned, and may be read by the caller's promise.
+        let cloud: CCloud = unsafe { cloud.read() };
+        let priority = u16::try_from(cloud.priority).map_err(|_| CStatus::Priority)?;
+        let priority = Priority::new(priority);
+        // Told here what `Fusion::new` would tell, which looks at the capacity first.
+        if Gate::new(cloud.limit, cloud.resume).is_none() {
+            return Err(CStatus::Gate);
+        }
+        *place = Cloud { priority, limit: cloud.limit, resume: cloud.resume };
+    }
+    Ok(places)
+}
+
+const fn status_of(error: &ConfigError) -> CStatus {
+    match error {
+        ConfigError::Window { .. } => CStatus::Window,
+        ConfigError::TooManyClouds { .. } => CStatus::Clouds,
+        ConfigError::LocalPriority => CStatus::Priority,
+        ConfigError::DuplicatePriority(_) => CStatus::Twice,
+        ConfigError::Gate(_) => CStatus::Gate,
+    }
+}
+
+/// A number from the environment of the build.
+#[cfg(feature = "capacity-own")]
+const fn number(text: Option<&str>, without: usize) -> usize {
+    let Some(text) = text else { return without };
+    match usize::from_str_radix(text, 10) {
+        Ok(number) => number,
+        Err(_) => 0, // No window: does not compile.
+    }
+}

@@ -1,0 +1,157 @@
+/*
+ * A driver over the C interface: it answers what `fuseline drive` asks, on a host and, over semihosting, on bare metal.
+ *
+ *     fuseline drive -- ./drive
+ */
+#include <unistd.h>
+
+#include "fuseline.h"
+#include "line.h"
+
+static fuseline_storage_c15w1024 storage;
+static fuseline_machine *machine;
+static struct said said;
+
+/* What a firing or an input led to. */
+static void conclude(const fuseline_answer *a, uint64_t p) {
+  uint32_t i;
+  switch (a->outcome) {
+    case FUSELINE_OUTCOME_DROPPED:
+      say_head(&said, "drop", a->at, a->t);
+      say_member(&said, "p", p);
+      say_why(&said, fuseline_reason_name(a->why));
+      say_end(&said);
+      break;
+    case FUSELINE_OUTCOME_HELD:
+      say_head(&said, "hold", a->at, a->t);
+      say_member(&said, "p", p);
+      say_end(&said);
+      break;
+    case FUSELINE_OUTCOME_MISSED:
+      say_head(&said, "miss", a->at, a->t);
+      say_end(&said);
+      break;
+    case FUSELINE_OUTCOME_FORWARDED:
+      say_head(&said, "emit", a->at, a->t);
+      say_member(&said, "p", a->by);
+      say_end(&said);
+      for (i = 0; i < a->cancelled_len; ++i) {
+        say_head(&said, "cancel", a->at, a->t);
+        say_member(&said, "p", a->cancelled[i]);
+        say_end(&said);
+      }
+      break;
+    case FUSELINE_OUTCOME_ADMITTED:
+      say_head(&said, "request", a->at, a->t);
+      say_member(&said, "p", p);
+      say_member(&said, "due", a->due);
+      say_end(&said);
+      break;
+    default: /* waiting, accepted, nothing: no line; refused: by the caller, who knows of what */
+      break;
+  }
+}
+
+static void fired(const fuseline_answer *a) {
+  uint32_t i;
+  for (i = 0; i < a->timers_len; ++i) {
+    say_head(&said, "timer", a->at, a->t);
+    say_member(&said, "p", a->timers[i]);
+    say_end(&said);
+  }
+  conclude(a, 0);
+}
+
+static void answered(const fuseline_answer *a, const struct line *line) {
+  if (a->outcome == FUSELINE_OUTCOME_REFUSED) {
+    say_head(&said, "refuse", a->at, a->t);
+    if (line->kind == LINE_OFFER) say_member(&said, "p", line->p);
+    say_why(&said, fuseline_reason_name(a->why));
+    say_end(&said);
+  } else {
+    conclude(a, line->p);
+  }
+}
+
+static fuseline_status start(const struct line *line) {
+  fuseline_cloud clouds[LINE_CLOUDS];
+  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C15W1024, 0, 0, 0, NULL};
+  uint32_t i;
+  for (i = 0; i < line->clouds_len; ++i) {
+    clouds[i].priority = line->clouds[i].p;
+    clouds[i].limit = line->clouds[i].limit;
+    clouds[i].resume = line->clouds[i].resume;
+  }
+  config.commit = line->is_patient ? FUSELINE_COMMIT_PATIENT : FUSELINE_COMMIT_EAGER;
+  config.window = line->window > 1024U ? 0U : (uint32_t)line->window;
+  config.clouds_len = line->clouds_len;
+  config.clouds = clouds;
+  return fuseline_init(&storage, sizeof storage, &config, &machine);
+}
+
+static fuseline_status ask(const struct line *line, fuseline_answer *a) {
+  switch (line->kind) {
+    case LINE_OPEN:
+      return line->has_deadline ? fuseline_open_within(machine, line->at, line->t, line->deadline, a)
+                                : fuseline_open(machine, line->at, line->t, a);
+    case LINE_OFFER:
+      return fuseline_offer(machine, line->at, line->t, line->p, line->deadline, line->backlog, a);
+    case LINE_RESULT:
+      return fuseline_result(machine, line->at, line->t, line->p, a);
+    case LINE_FAIL:
+      return fuseline_fail(machine, line->at, line->t, line->p, a);
+    default:
+      return fuseline_tick(machine, line->at, a);
+  }
+}
+
+static void flush(void) {
+  size_t done = 0;
+  while (done < said.len) {
+    ssize_t written = write(1, said.text + done, said.len - done);
+    if (written <= 0) _exit(2);
+    done += (size_t)written;
+  }
+  said.len = 0;
+}
+
+/* 0 if the line was answered. */
+static int reply(const char *text) {
+  static struct line line;
+  fuseline_answer a;
+  fuseline_status status = FUSELINE_STATUS_DONE;
+  if (!line_parse(text, &line)) return 1;
+  if (line.kind == LINE_HEADER) {
+    status = start(&line);
+  } else {
+    while ((status = ask(&line, &a)) == FUSELINE_STATUS_AGAIN) {
+      fired(&a);
+      if (said.len > sizeof said.text / 2U) flush();
+    }
+    if (status == FUSELINE_STATUS_DONE) answered(&a, &line);
+  }
+  if (status != FUSELINE_STATUS_DONE) return 1;
+  say_text(&said, "{\"ev\":\"done\"}\n");
+  flush();
+  return 0;
+}
+
+int main(void) {
+  static char input[LINE_LONGEST + 1];
+  size_t len = 0;
+  if (fuseline_abi() != FUSELINE_ABI) return 2;
+  for (;;) {
+    ssize_t got = read(0, input + len, sizeof input - 1U - len);
+    char *end;
+    if (got <= 0) return got == 0 && len == 0 ? 0 : 2;
+    len += (size_t)got;
+    while ((end = (char *)memchr(input, '\n', len)) != NULL) {
+      size_t used = (size_t)(end - input) + 1U;
+      *end = '\0';
+      if (reply(input) != 0) return 1;
+      len -= used;
+      memmove(input, input + used, len);
+    }
+    if (len == sizeof input - 1U) return 2;
+  }
+}

@@ -1,0 +1,170 @@
+// A driver over the C++ wrapper: the ready operator with a virtual clock and values that can only be moved. It answers
+// what `fuseline drive` asks, and breaks off if a value is lost, swapped or kept too long.
+//
+//     fuseline drive -- ./drive-cpp
+
+#include <unistd.h>
+
+#include <cstring>
+#include <memory>
+
+#include "fuseline.hpp"
+#include "line.h"
+
+namespace {
+
+using fuseline::Answer;
+using fuseline::Priority;
+using fuseline::Timestamp;
+
+struct Virtual {
+  using duration = fuseline::Duration;
+  using rep = duration::rep;
+  using period = duration::period;
+  using time_point = std::chrono::time_point<Virtual>;
+  static time_point now() noexcept { return time_point(at); }
+  static duration at;
+};
+fuseline::Duration Virtual::at{};
+
+// Whose result it is, so that a value that is forwarded for another is seen.
+struct Value {
+  Timestamp t;
+  Priority source;
+};
+using Owned = std::unique_ptr<Value>;
+
+said said_lines;
+
+void line_of(const char* ev, const Answer& answer, const std::uint64_t* p) {
+  say_head(&said_lines, ev, answer.at().time_since_epoch().count(), answer.timestamp().count);
+  if (p != nullptr) say_member(&said_lines, "p", *p);
+}
+
+bool flush() {
+  for (std::size_t done = 0; done < said_lines.len;) {
+    const ssize_t written = write(1, said_lines.text + done, said_lines.len - done);
+    if (written <= 0) return false;
+    done += static_cast<std::size_t>(written);
+  }
+  said_lines.len = 0;
+  return true;
+}
+
+struct Lines : fuseline::Sink<Owned> {
+  // The instant of the decisions: the machine's, which does not go back.
+  std::uint64_t at = 0;
+
+  void forward(Timestamp t, Priority by, Owned value) {
+    if (!value || value->t != t || value->source != by) _exit(3);
+    say("emit", t, by);
+  }
+  void miss(Timestamp t) {
+    say_head(&said_lines, "miss", at, t.count);
+    say_end(&said_lines);
+  }
+  void cancel(Timestamp t, Priority cloud) { say("cancel", t, cloud); }
+  void fired(const fuseline::Firing& firing) {
+    if (said_lines.len > sizeof said_lines.text / 2 && !flush()) _exit(2);
+    for (const Priority p : firing.timers()) say("timer", firing.timestamp(), p);
+  }
+
+ private:
+  void say(const char* ev, Timestamp t, Priority p) const {
+    say_head(&said_lines, ev, at, t.count);
+    say_member(&said_lines, "p", p.number);
+    say_end(&said_lines);
+  }
+};
+
+class Driver {
+ public:
+  bool reply(const char* text) {
+    if (line_parse(text, &line_) == 0) return false;
+    if (line_.kind == LINE_HEADER ? !start() : !ask()) return false;
+    say_text(&said_lines, "{\"ev\":\"done\"}\n");
+    return flush();
+  }
+
+ private:
+  using Operator = fuseline::Operator<Owned, Lines, fuseline::C15W1024, Virtual>;
+
+  bool start() {
+    std::array<fuseline::Cloud, LINE_CLOUDS> clouds;
+    for (unsigned i = 0; i < line_.clouds_len; ++i) {
+      clouds[i] = {Priority{line_.clouds[i].p}, line_.clouds[i].limit, line_.clouds[i].resume};
+    }
+    const auto commit = line_.is_patient != 0 ? fuseline::Commit::patient : fuseline::Commit::eager;
+    Virtual::at = {};
+    sink_.at = 0;
+    operator_ = std::make_unique<Operator>(sink_, static_cast<std::uint32_t>(line_.window), commit, clouds.data(),
+                                           line_.clouds_len);
+    return static_cast<bool>(*operator_);
+  }
+
+  bool ask() {
+    if (!operator_) return false;
+    const Timestamp t{line_.t};
+    const Priority p{line_.p};
+    Virtual::at = fuseline::Duration(line_.at);
+    sink_.at = line_.at > sink_.at ? line_.at : sink_.at;
+    std::optional<fuseline::Duration> limit;
+    if (line_.has_deadline != 0) limit = fuseline::Duration(line_.deadline);
+    std::optional<Answer> answer;
+    switch (line_.kind) {
+      case LINE_OPEN: answer = operator_->open(t, limit); break;
+      case LINE_OFFER: answer = operator_->offer(t, p, *limit, line_.backlog); break;
+      case LINE_RESULT: answer = operator_->result(t, p, Owned(new Value{t, p})); break;
+      case LINE_FAIL: answer = operator_->fail(t, p); break;
+      case LINE_TICK: return operator_->tick();
+      default: return false;
+    }
+    if (!answer) return false;
+    say(*answer);
+    const auto due = operator_->next_due();
+    return !due || *due > Virtual::now() || sink_.at > line_.at;
+  }
+
+  // What the sink was not told.
+  void say(const Answer& answer) const {
+    const char* ev = nullptr;
+    switch (answer.outcome()) {
+      case FUSELINE_OUTCOME_REFUSED: ev = "refuse"; break;
+      case FUSELINE_OUTCOME_ADMITTED: ev = "request"; break;
+      case FUSELINE_OUTCOME_HELD: ev = "hold"; break;
+      case FUSELINE_OUTCOME_DROPPED: ev = "drop"; break;
+      default: return;
+    }
+    line_of(ev, answer, line_.kind == LINE_OPEN ? nullptr : &line_.p);
+    if (answer.is(FUSELINE_OUTCOME_ADMITTED)) {
+      say_member(&said_lines, "due", answer.due().time_since_epoch().count());
+    }
+    if (answer.why() != FUSELINE_REASON_NONE) say_why(&said_lines, fuseline_reason_name(answer.why()));
+    say_end(&said_lines);
+  }
+
+  line line_{};
+  Lines sink_;
+  std::unique_ptr<Operator> operator_;
+};
+
+}  // namespace
+
+int main() {
+  static std::array<char, LINE_LONGEST + 1> input;
+  static Driver driver;
+  std::size_t len = 0;
+  for (;;) {
+    const ssize_t got = read(0, input.data() + len, input.size() - 1 - len);
+    if (got <= 0) return got == 0 && len == 0 ? 0 : 2;
+    len += static_cast<std::size_t>(got);
+    while (char* end = static_cast<char*>(std::memchr(input.data(), '\n', len))) {
+      const auto used = static_cast<std::size_t>(end - input.data()) + 1;
+      *end = '\0';
+      if (!driver.reply(input.data())) return 1;
+      len -= used;
+      std::memmove(input.data(), input.data() + used, len);
+    }
+    if (len == input.size() - 1) return 2;
+  }
+}

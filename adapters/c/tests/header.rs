@@ -1,0 +1,31 @@
+//! The vendored header is what cbindgen makes of the sources.
+
+use std::fs;
+use std::path::Path;
+
+const CRATE: &str = env!("CARGO_MANIFEST_DIR");
+
+#[test]
+fn the_header_is_what_the_sources_say() {
+    let root = Path::new(CRATE);
+    let config = cbindgen::Config::from_file(root.join("cbindgen.toml")).expect("its settings");
+    let bindings = cbindgen::Builder::new()
+        .with_config(config)
+        .with_src(root.join("src/plain.rs"))
+        .with_src(root.join("src/storage.rs"))
+        .with_src(root.join("src/calls.rs"))
+        .generate();
+    let mut made = Vec::new();
+    bindings.expect("sources that cbindgen reads").write(&mut made);
+    let made = String::from_utf8(made).expect("a text");
+    let path = root.join("include/fuseline.h");
+    if std::env::var_os("FUSELINE_WRITE_HEADER").is_some() {
+        fs::write(&path, &made).expect("a writable header");
+    }
+    let kept = fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        kept == made,
+        "include/fuseline.h is not what the sources say; make it anew:\n  \
+         FUSELINE_WRITE_HEADER=1 cargo test -p fuseline-c --test header"
+    );
+}

@@ -1,0 +1,234 @@
+//! Wrong use is told by a status and changes nothing.
+#![expect(unsafe_code, reason = "calls a C interface")]
+#![expect(clippy::multiple_unsafe_ops_per_block, reason = "a row of calls with one reason")]
+#![expect(clippy::cast_possible_truncation, reason = "sizes and counts of a few hundred")]
+
+use core::ffi::{CStr, c_void};
+use core::mem::MaybeUninit;
+use core::ptr::null_mut;
+
+use fuseline_c::calls::*;
+use fuseline_c::*;
+
+/// As the header's `FUSELINE_STORAGE` for 3 clouds and 16 timestamps.
+#[repr(C, align(8))]
+struct Storage(
+    [u8; FUSELINE_BYTES
+        + 3 * FUSELINE_BYTES_A_CLOUD
+        + 16 * (FUSELINE_BYTES_A_TIMESTAMP + 3 * FUSELINE_BYTES_A_TIMER)],
+);
+
+const LAYOUT: u32 = size_of::<CConfig>() as u32
+    | (size_of::<CCloud>() as u32) << 8
+    | (size_of::<CAnswer>() as u32) << 16
+    | ((size_of::<CState>() ^ size_of::<CMessage>()) as u32) << 24;
+
+const CLOUDS: [CCloud; 3] = [
+    CCloud { priority: 3, limit: 31, resume: 30 },
+    CCloud { priority: 1, limit: 31, resume: 30 },
+    CCloud { priority: 2, limit: 31, resume: 30 },
+];
+
+fn config() -> CConfig {
+    CConfig {
+        abi: FUSELINE_ABI,
+        layout: LAYOUT,
+        capacity: CCapacity::C3W16 as u32,
+        commit: CCommit::Eager as u32,
+        window: 16,
+        clouds_len: 3,
+        clouds: CLOUDS.as_ptr(),
+    }
+}
+
+fn init(storage: &mut Storage, config: &CConfig) -> (CStatus, *mut CMachine) {
+    let mut machine = null_mut();
+    let bytes = size_of::<Storage>();
+    let place = (&raw mut *storage).cast::<c_void>();
+    // SAFETY: the storage and the configuration are this test's own.
+    let status = unsafe { fuseline_init(place, bytes, config, &raw mut machine) };
+    (status, machine)
+}
+
+fn storage() -> Box<Storage> {
+    Box::new(Storage([0xa5; _]))
+}
+
+/// Opens timestamp `t` and says the status.
+fn open(machine: *mut CMachine, t: u64) -> (CStatus, CAnswer) {
+    let mut answer = MaybeUninit::<CAnswer>::zeroed();
+    // SAFETY: `machine` may be read as one; the answer is this function's own.
+    let status = unsafe { fuseline_open(machine, 0, t, answer.as_mut_ptr()) };
+    // SAFETY: written, or zero, which is an answer too.
+    (status, unsafe { answer.assume_init() })
+}
+
+#[test]
+fn a_machine_answers_and_ends() {
+    let mut storage = storage();
+    let (status, machine) = init(&mut storage, &config());
+    assert_eq!(status, CStatus::Done);
+    let (status, answer) = open(machine, 7);
+    assert_eq!((status, answer.outcome, answer.t), (CStatus::Done, COutcome::Accepted, 7));
+    let (_, answer) = open(machine, 7);
+    assert_eq!((answer.outcome, answer.why), (COutcome::Refused, CReason::Order));
+    // SAFETY: a machine.
+    assert_eq!(unsafe { fuseline_end(machine) }, CStatus::Done);
+    assert_eq!(open(machine, 8).0, CStatus::Foreign);
+}
+
+#[test]
+fn each_wrong_configuration_has_its_status_and_writes_nothing() {
+    let twice = [CLOUDS[0], CLOUDS[0]];
+    let gate = [CCloud { priority: 1, limit: 5, resume: 5 }];
+    let local = [CCloud { priority: 0, limit: 5, resume: 4 }];
+    let beyond = [CCloud { priority: 65_536, limit: 5, resume: 4 }];
+    let four = [CLOUDS[0], CLOUDS[1], CLOUDS[2], CCloud { priority: 4, limit: 31, resume: 30 }];
+    let with = |clouds: &[CCloud]| CConfig {
+        clouds: clouds.as_ptr(),
+        clouds_len: clouds.len() as u32,
+        ..config()
+    };
+    let cases = [
+        (CConfig { abi: FUSELINE_ABI + 1, ..config() }, CStatus::Abi),
+        (CConfig { layout: LAYOUT ^ 1, ..config() }, CStatus::Abi),
+        (CConfig { capacity: 0, ..config() }, CStatus::Capacity),
+        (CConfig { capacity: CCapacity::Own as u32, ..config() }, CStatus::Capacity),
+        (CConfig { capacity: CCapacity::C15W1024 as u32, ..config() }, CStatus::Size),
+        (CConfig { commit: 2, ..config() }, CStatus::Commit),
+        (CConfig { window: 0, ..config() }, CStatus::Window),
+        (CConfig { window: 17, ..config() }, CStatus::Window),
+        (CConfig { clouds_len: 16, ..config() }, CStatus::Clouds),
+        (CConfig { clouds_len: u32::MAX, ..config() }, CStatus::Clouds),
+        (CConfig { clouds: core::ptr::null(), ..config() }, CStatus::Null),
+        (CConfig { clouds: core::ptr::without_provenance(9), ..config() }, CStatus::Alignment),
+        (with(&four), CStatus::Clouds),
+        (with(&twice), CStatus::Twice),
+        (with(&gate), CStatus::Gate),
+        (with(&local), CStatus::Priority),
+        (with(&beyond), CStatus::Priority),
+    ];
+    for (config, expected) in cases {
+        let mut storage = storage();
+        let (status, machine) = init(&mut storage, &config);
+        assert_eq!(status, expected, "{config:?}");
+        assert!(machine.is_null(), "{config:?}");
+        assert!(storage.0.iter().all(|byte| *byte == 0xa5), "{config:?}");
+    }
+}
+
+#[test]
+fn wrong_pointers_are_told() {
+    let mut storage = storage();
+    let mut machine = null_mut();
+    let place = (&raw mut *storage).cast::<c_void>();
+    let (bytes, config) = (size_of::<Storage>(), config());
+    let inside = place.cast::<*mut CMachine>();
+    // SAFETY: whatever is not wrong on purpose is this test's own; a wrong pointer is not followed.
+    unsafe {
+        assert_eq!(
+            fuseline_init(null_mut(), bytes, &raw const config, &raw mut machine),
+            CStatus::Null
+        );
+        assert_eq!(fuseline_init(place, bytes, core::ptr::null(), &raw mut machine), CStatus::Null);
+        assert_eq!(fuseline_init(place, bytes, &raw const config, null_mut()), CStatus::Null);
+        assert_eq!(fuseline_init(place, bytes, &raw const config, inside), CStatus::Overlap);
+        let odd = place.byte_add(4);
+        assert_eq!(
+            fuseline_init(odd, bytes - 4, &raw const config, &raw mut machine),
+            CStatus::Alignment
+        );
+        let too_small = fuseline_bytes(CCapacity::C3W16 as u32) - 1;
+        assert_eq!(
+            fuseline_init(place, too_small, &raw const config, &raw mut machine),
+            CStatus::Size
+        );
+    }
+    let (_, machine) = init(&mut storage, &config);
+    let mut due = 0;
+    // SAFETY: as above.
+    unsafe {
+        assert_eq!(fuseline_tick(machine, 0, null_mut()), CStatus::Null);
+        assert_eq!(fuseline_tick(machine, 0, machine.cast()), CStatus::Overlap);
+        let last = machine.byte_add(fuseline_bytes(CCapacity::C3W16 as u32) - 8).cast();
+        assert_eq!(fuseline_tick(machine, 0, last), CStatus::Overlap);
+        assert_eq!(fuseline_next_due(null_mut(), &raw mut due), CStatus::Null);
+        assert_eq!(fuseline_next_due(machine.byte_add(1), &raw mut due), CStatus::Alignment);
+        assert_eq!(fuseline_next_due(machine.byte_add(8), &raw mut due), CStatus::Foreign);
+        assert_eq!(fuseline_next_due(machine, &raw mut due), CStatus::None);
+    }
+}
+
+#[test]
+fn a_copy_is_no_machine() {
+    let (mut first, mut second) = (storage(), storage());
+    let (_, machine) = init(&mut first, &config());
+    second.0.copy_from_slice(&first.0);
+    assert_eq!(open((&raw mut *second).cast(), 1).0, CStatus::Foreign);
+    assert_eq!(open(machine, 1).0, CStatus::Done);
+}
+
+#[test]
+fn every_enumerator_has_its_word() {
+    let word = |word: *const core::ffi::c_char| {
+        // SAFETY: a text of the library's, which ends.
+        unsafe { CStr::from_ptr(word) }.to_str().expect("ASCII")
+    };
+    let header = include_str!("../include/fuseline.h");
+    let mut found = 0;
+    for line in header.lines() {
+        let Some((name, number)) = line.trim().trim_end_matches(',').split_once(" = ") else {
+            continue;
+        };
+        let Ok(number) = number.parse() else { continue };
+        let (rest, told) = if let Some(rest) = name.strip_prefix("FUSELINE_STATUS_") {
+            (rest, word(fuseline_status_name(number)))
+        } else if let Some(rest) = name.strip_prefix("FUSELINE_OUTCOME_") {
+            (rest, word(fuseline_outcome_name(number)))
+        } else if let Some(rest) = name.strip_prefix("FUSELINE_REASON_") {
+            (rest, word(fuseline_reason_name(number)))
+        } else {
+            continue;
+        };
+        assert_eq!(rest.to_lowercase(), told);
+        found += 1;
+    }
+    assert_eq!(found, 17 + 9 + 12);
+    assert_eq!(word(fuseline_reason_name(99)), "?");
+}
+
+#[test]
+fn what_a_machine_knows_is_told() {
+    let mut storage = storage();
+    let (_, machine) = init(&mut storage, &config());
+    let mut answer = MaybeUninit::<CAnswer>::zeroed();
+    let mut message = MaybeUninit::<CMessage>::zeroed();
+    let (mut due, mut is_shut) = (0, 9);
+    // SAFETY: a machine, and places of this test's own.
+    unsafe {
+        assert_eq!(fuseline_open_within(machine, 5, 1, 50, answer.as_mut_ptr()), CStatus::Done);
+        assert_eq!(fuseline_offer(machine, 5, 1, 2, 20, 0, answer.as_mut_ptr()), CStatus::Done);
+        assert_eq!(fuseline_result(machine, 6, 1, 0, answer.as_mut_ptr()), CStatus::Done);
+        assert_eq!((*answer.as_ptr()).outcome, COutcome::Held);
+        assert_eq!(fuseline_next_due(machine, &raw mut due), CStatus::Done);
+        assert_eq!(due, 25);
+        assert_eq!(fuseline_look_at(machine, 2, message.as_mut_ptr()), CStatus::None);
+        assert_eq!(fuseline_look_at(machine, 1, message.as_mut_ptr()), CStatus::Done);
+        let known = &*message.as_ptr();
+        assert_eq!((known.sources_len, &known.priorities[..4]), (4, &[0, 1, 2, 3][..]));
+        let sets = (known.requested, known.pending, known.armed, known.cached);
+        assert_eq!(sets, (0b101, 0b100, 0b100, 0b001));
+        assert_eq!(known.dues[2], 25);
+        assert_eq!(fuseline_gate_is_shut(machine, 2, &raw mut is_shut), CStatus::Done);
+        assert_eq!(is_shut, 0);
+        assert_eq!(fuseline_gate_is_shut(machine, 9, &raw mut is_shut), CStatus::None);
+        // A number beyond 65535 is a source that is not registered (A18).
+        assert_eq!(fuseline_fail(machine, 7, 1, 65_536, answer.as_mut_ptr()), CStatus::Done);
+        assert_eq!((*answer.as_ptr()).why, CReason::Unknown);
+        assert_eq!(fuseline_tick(machine, 25, answer.as_mut_ptr()), CStatus::Again);
+        let fired = &*answer.as_ptr();
+        assert_eq!((fired.outcome, fired.by, fired.fired), (COutcome::Forwarded, 0, 1));
+        assert_eq!((fired.timers_len, fired.timers[0], fired.due), (1, 2, 25));
+        assert_eq!(fuseline_tick(machine, 25, answer.as_mut_ptr()), CStatus::Done);
+    }
+}

@@ -1,0 +1,77 @@
+//! What is shared, and its two halves.
+
+use fuseline_core::{Cloud, Clouds, Commit, ConfigError, Timestamp};
+
+use crate::desk::Desk;
+use crate::owner::{Kept, Owner};
+
+/// One operator's machine for many threads, for up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open
+/// timestamps. The [crate](crate) says what it guarantees.
+///
+/// Threads that outlive the function that made it need it for ever: `Box::leak`, or a static cell.
+///
+/// ```
+/// use fuseline_core::{Admission, Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
+/// use fuseline_threads::Shared;
+///
+/// let cloud = Priority::new(1);
+/// let mut shared = Shared::<3, 16>::new(16, Commit::Eager, &[Cloud::new(cloud, 31)])?;
+/// let (mut owner, desk) = shared.split();
+/// let now = Instant::START;
+/// let ticket = owner.open(now, Timestamp::new(0), None).expect("there is room");
+/// let (_, admission) = owner.offer(now, ticket, cloud, Deadline::from_millis(400), 0);
+/// let Admission::Admitted { due } = admission else { panic!("the queue is empty") };
+///
+/// // Any thread may give what came, at the instant that its own clock reads.
+/// let (fired, outcome) = desk.result(now, ticket, Priority::LOCAL);
+/// assert_eq!((fired, outcome), (None, Outcome::Held));
+/// // Exactly one call is told to forward.
+/// let fired = desk.expire(due, ticket).expect("its timer is due");
+/// assert!(matches!(fired.outcome, Outcome::Forwarded { by: Priority::LOCAL, .. }));
+/// # Ok::<(), fuseline_core::ConfigError>(())
+/// ```
+#[derive(Debug)]
+pub struct Shared<const CLOUDS: usize, const WINDOW: usize> {
+    desk: Desk<CLOUDS, WINDOW>,
+    kept: Kept<CLOUDS>,
+}
+
+/// Names one open message to the machine that opened it. Using it with another machine is not detected.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Ticket {
+    pub(crate) timestamp: Timestamp,
+    pub(crate) generation: u64,
+    pub(crate) place: usize,
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
+    /// A machine with nothing open and its gates open; its arguments are those of [`Fusion::new`](fuseline_core::Fusion::new).
+    ///
+    /// # Errors
+    /// The first [`ConfigError`] that holds.
+    pub fn new(window: usize, commit: Commit, clouds: &[Cloud]) -> Result<Self, ConfigError> {
+        let window = ConfigError::check_window::<WINDOW>(window)?;
+        let clouds = Clouds::new(clouds)?;
+        Ok(Self { desk: Desk::new(window, commit, clouds), kept: Kept::new(clouds) })
+    }
+
+    /// The one owner's half, and the desk for all threads. What is open stays so when it is split again.
+    pub fn split(&mut self) -> (Owner<'_, CLOUDS, WINDOW>, &Desk<CLOUDS, WINDOW>) {
+        let Self { desk, kept } = self;
+        (Owner::new(desk, kept), desk)
+    }
+}
+
+impl Ticket {
+    /// The message's timestamp.
+    #[must_use]
+    pub const fn timestamp(self) -> Timestamp {
+        self.timestamp
+    }
+
+    /// The message's place, less than the window: no other open message has it.
+    #[must_use]
+    pub const fn place(self) -> usize {
+        self.place
+    }
+}

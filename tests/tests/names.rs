@@ -1,0 +1,150 @@
+//! One public name, one concept: a name that stands in two places says the same in both.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use ignore::WalkBuilder;
+use regex::Regex;
+use serde::Deserialize;
+
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
+/// The libraries whose names others meet: what is published, and the models.
+const LIBRARIES: [&str; 10] = [
+    "core",
+    "traces",
+    "kit",
+    "deadline",
+    "models",
+    "adapters/arbiter",
+    "adapters/operator",
+    "adapters/threads",
+    "adapters/tokio",
+    "adapters/ros2",
+];
+
+/// A type, with its name. What is `pub` is reached from outside: the lint `unreachable_pub` sees to it.
+static TYPE: LazyLock<Regex> = LazyLock::new(|| {
+    regex(r"(?m)^ *pub (?:const |unsafe |auto )*(?:struct|enum|union|trait|type) (\w+)")
+});
+/// The enum and the set that the models' table of properties makes.
+static TABLE: LazyLock<Regex> =
+    LazyLock::new(|| regex(r"(?s)\bproperties! \{.*?\n    (\w+),\n.*?\n    (\w+),\n"));
+
+fn regex(pattern: &str) -> Regex {
+    Regex::new(pattern).expect("a sound pattern")
+}
+
+/// A public name that stands in several places.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Shared {
+    /// The one concept that it serves.
+    concept: String,
+    /// The files that define it, from the root.
+    places: BTreeSet<String>,
+}
+
+/// Where each name is defined, by file.
+type Names = BTreeMap<String, Vec<String>>;
+
+/// The names that a file defines. What its own tests define is not public.
+fn defined(text: &str) -> impl Iterator<Item = &str> {
+    let shipped = text.split("\nmod tests {").next().unwrap_or_default();
+    let of_table = TABLE.captures_iter(shipped).flat_map(|found| {
+        let (_, [one, set]) = found.extract();
+        [one, set]
+    });
+    let types = TYPE.captures_iter(shipped).map(|found| found.extract::<1>().1[0]);
+    types.chain(of_table)
+}
+
+fn sources(library: &str) -> impl Iterator<Item = PathBuf> {
+    let folder = Path::new(ROOT).join(library).join("src");
+    assert!(folder.join("lib.rs").is_file(), "{library} is no library");
+    let files = WalkBuilder::new(folder).require_git(false).build();
+    let files = files.map(|entry| entry.expect("a readable folder").into_path());
+    files.filter(|path| {
+        let is_other = ["main.rs", "tests.rs"].iter().any(|name| path.ends_with(name));
+        path.extension().is_some_and(|extension| extension == "rs") && !is_other
+    })
+}
+
+fn names() -> Names {
+    let mut names = Names::new();
+    for path in LIBRARIES.iter().flat_map(|library| sources(library)) {
+        let text = fs::read_to_string(&path).expect("UTF-8");
+        let place = path.strip_prefix(ROOT).expect("below the root").display().to_string();
+        for name in defined(&text) {
+            names.entry(name.to_owned()).or_default().push(place.clone());
+        }
+    }
+    names
+}
+
+fn shared() -> BTreeMap<String, Shared> {
+    toml::from_str(include_str!("../names.toml")).expect("a table a name")
+}
+
+/// What is wrong with names and table, in words.
+fn wrong(names: &Names, shared: &BTreeMap<String, Shared>) -> Vec<String> {
+    let mut wrong = Vec::new();
+    for (name, places) in names.iter().filter(|(_, places)| places.len() > 1) {
+        if !shared.contains_key(name) {
+            wrong.push(format!(
+                "{name} stands in {places:?}: rename one, or name the one concept in tests/names.toml"
+            ));
+        }
+    }
+    for (name, entry) in shared {
+        let places = names.get(name).map(Vec::as_slice).unwrap_or_default();
+        if places.len() < 2 || !places.iter().eq(&entry.places) {
+            wrong.push(format!(
+                "tests/names.toml says {name} stands in {:?}, it stands in {places:?}",
+                entry.places
+            ));
+        }
+        if entry.concept.is_empty() {
+            wrong.push(format!("tests/names.toml says no concept of {name}"));
+        }
+    }
+    wrong
+}
+
+#[test]
+fn a_public_name_serves_one_concept() {
+    let mut names = names();
+    for name in ["Fusion", "Ledger", "Claim", "Sightings", "Shared", "Observations"] {
+        assert!(names.contains_key(name), "the libraries were not read: {name} is not there");
+    }
+    for places in names.values_mut() {
+        places.sort();
+    }
+    let wrong = wrong(&names, &shared());
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn a_name_in_two_places_and_a_stale_entry_are_found() {
+    let names = |places: &[&str]| -> Names {
+        [("Slot".to_owned(), places.iter().map(|place| (*place).to_owned()).collect())].into()
+    };
+    let entry = |places: &[&str]| -> BTreeMap<String, Shared> {
+        let places = places.iter().map(|place| (*place).to_owned()).collect();
+        [("Slot".to_owned(), Shared { concept: "a slot".into(), places })].into()
+    };
+    assert!(wrong(&names(&["a.rs"]), &BTreeMap::new()).is_empty());
+    assert_eq!(wrong(&names(&["a.rs", "b.rs"]), &BTreeMap::new()).len(), 1);
+    assert!(wrong(&names(&["a.rs", "b.rs"]), &entry(&["a.rs", "b.rs"])).is_empty());
+    assert_eq!(wrong(&names(&["a.rs", "b.rs"]), &entry(&["a.rs", "c.rs"])).len(), 1);
+    assert_eq!(wrong(&names(&["a.rs"]), &entry(&["a.rs"])).len(), 1);
+}
+
+#[test]
+fn what_is_public_is_told_from_what_is_not() {
+    let text = "pub struct A;\n    pub enum B {}\npub(crate) struct C;\npub type D = A;\n// pub trait E\n\
+        properties! {\n    /// One.\n    F,\n    /// All.\n    G,\n    always: h;\n}\nmod tests {\npub struct I;\n}";
+    assert_eq!(defined(text).collect::<Vec<_>>(), ["A", "B", "D", "F", "G"]);
+}
