@@ -62,20 +62,20 @@ impl Machine {
         let mut ticket = CTicket { opaque: [0; 3] };
         let (status, [answer, _]) =
             // SAFETY: a machine, and places of this test's own.
-            self.call(|answer, _| unsafe { fuseline_shared_open(self.0, now, t, &raw mut ticket, answer) });
+            Self::call(|answer, _| unsafe { fuseline_shared_open(self.0, now, t, &raw mut ticket, answer) });
         (status, answer, ticket)
     }
 
     fn offer(self, now: u64, ticket: CTicket, p: u64) -> (CStatus, [CAnswer; 2]) {
         // SAFETY: as above.
-        self.call(|fired, answer| unsafe {
+        Self::call(|fired, answer| unsafe {
             fuseline_shared_offer(self.0, now, ticket, p, 100, 0, fired, answer)
         })
     }
 
     fn result(self, now: u64, ticket: CTicket, p: u64) -> (CStatus, [CAnswer; 2]) {
         // SAFETY: as above.
-        self.call(|fired, answer| unsafe {
+        Self::call(|fired, answer| unsafe {
             fuseline_shared_result(self.0, now, ticket, p, fired, answer)
         })
     }
@@ -119,7 +119,7 @@ fn wrong_use_of_it_is_told() {
     assert_eq!(Machine(machine.0.wrapping_byte_add(64)).result(0, ticket, 0).0, CStatus::Foreign);
     assert_eq!(Machine(null_mut()).result(0, ticket, 0).0, CStatus::Null);
     let inside = machine.0.cast::<CAnswer>();
-    let (status, _) = machine.call(|fired, _| {
+    let (status, _) = Machine::call(|fired, _| {
         // SAFETY: an answer in the machine is not written.
         unsafe { fuseline_shared_result(machine.0, 0, ticket, 0, fired, inside) }
     });
@@ -158,7 +158,7 @@ fn of_threads_that_race_exactly_one_is_told_to_forward() {
                 });
             }
         });
-        let (_, [fired, _]) = machine.call(|fired, answer| {
+        let (_, [fired, _]) = Machine::call(|fired, answer| {
             // SAFETY: a machine, and places of this test's own.
             unsafe { fuseline_shared_expire(machine.0, t + 100, ticket, fired, answer) }
         });
