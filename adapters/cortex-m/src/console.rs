@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use cortex_m_semihosting::{nr, syscall};
+use cortex_m_semihosting::syscall;
 
 /// The longest line of a trace (A38).
 pub const LONGEST: usize = 65_536;

@@ -34,9 +34,13 @@ fn input(at: u64, arrival: Option<Arrival>) -> Input {
 
 /// The lines that what is told makes, at its end.
 fn record(trace: &mut Vec<u8>, at: u64, told: &Told<1>) {
-    let mut decide = |decision: Decision| decision.write(trace);
+    let mut lines = Vec::new();
+    let mut decide = |decision: Decision| lines.push(decision);
     match *told {
-        Told::Took(arrival) => input(at, arrival).write(trace),
+        Told::Took(arrival) => {
+            input(at, arrival).write(trace);
+            trace.push(b'\n');
+        }
         Told::Fired(firing) => decisions_of(at, &firing, decide),
         Told::Opened(t, opening) => {
             Answer::<1>::Open { t: t.as_u64(), opening }.decisions(at, &mut decide);
@@ -49,6 +53,10 @@ fn record(trace: &mut Vec<u8>, at: u64, told: &Told<1>) {
             let (t, p) = (t.as_u64(), p.as_u16().into());
             Answer::Result { t, p, outcome }.decisions(at, &mut decide);
         }
+    }
+    for line in lines {
+        line.write(trace);
+        trace.push(b'\n');
     }
 }
 
