@@ -20,6 +20,7 @@ mod judging;
 mod models;
 mod output;
 mod policies;
+mod probe;
 mod reckoning;
 mod replay;
 mod report;
@@ -65,6 +66,8 @@ struct Cli {
 enum Command {
     /// Drive a camera operator with emulated models over recorded networks, and judge its trace.
     Run(run::Args),
+    /// Measure the network to a server as the paper's drive did, and record it as a drive.
+    Probe(probe::Args),
     /// Serve one emulated model over one recorded network, for `fuseline run` on another machine.
     Serve(serve::Args),
     /// Read a header and inputs, and write the trace with the decisions that the core makes.
@@ -122,6 +125,7 @@ fn main() -> ExitCode {
 fn dispatch(command: Command) -> Result<Exit, Fault> {
     match command {
         Command::Run(args) => run::run(&args),
+        Command::Probe(args) => probe::probe(&args),
         Command::Serve(args) => serve::serve(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Check(args) => check::check(&args),
