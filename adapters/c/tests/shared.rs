@@ -47,10 +47,7 @@ fn make(storage: &mut Storage) -> (CStatus, Machine) {
 }
 
 impl Machine {
-    fn call(
-        self,
-        call: impl FnOnce(*mut CAnswer, *mut CAnswer) -> CStatus,
-    ) -> (CStatus, [CAnswer; 2]) {
+    fn call(call: impl FnOnce(*mut CAnswer, *mut CAnswer) -> CStatus) -> (CStatus, [CAnswer; 2]) {
         let mut answers = [MaybeUninit::<CAnswer>::zeroed(); 2];
         let [fired, answer] = &mut answers;
         let status = call(fired.as_mut_ptr(), answer.as_mut_ptr());
@@ -62,20 +59,20 @@ impl Machine {
         let mut ticket = CTicket { opaque: [0; 3] };
         let (status, [answer, _]) =
             // SAFETY: a machine, and places of this test's own.
-            Self::call(|answer, _| unsafe { fuseline_shared_open(self.0, now, t, &raw mut ticket, answer) });
+            Machine::call(|answer, _| unsafe { fuseline_shared_open(self.0, now, t, &raw mut ticket, answer) });
         (status, answer, ticket)
     }
 
     fn offer(self, now: u64, ticket: CTicket, p: u64) -> (CStatus, [CAnswer; 2]) {
         // SAFETY: as above.
-        Self::call(|fired, answer| unsafe {
+        Machine::call(|fired, answer| unsafe {
             fuseline_shared_offer(self.0, now, ticket, p, 100, 0, fired, answer)
         })
     }
 
     fn result(self, now: u64, ticket: CTicket, p: u64) -> (CStatus, [CAnswer; 2]) {
         // SAFETY: as above.
-        Self::call(|fired, answer| unsafe {
+        Machine::call(|fired, answer| unsafe {
             fuseline_shared_result(self.0, now, ticket, p, fired, answer)
         })
     }
@@ -99,8 +96,9 @@ fn a_held_result_goes_when_the_timer_fires() {
     unsafe {
         assert_eq!(fuseline_shared_next_due(machine.0, ticket, &raw mut due), CStatus::Done);
         assert_eq!(due, 100);
-        let (status, [fired, _]) = machine
-            .call(|fired, answer| fuseline_shared_expire(machine.0, 100, ticket, fired, answer));
+        let (status, [fired, _]) = Machine::call(|fired, answer| {
+            fuseline_shared_expire(machine.0, 100, ticket, fired, answer)
+        });
         assert_eq!((status, fired.fired, fired.outcome), (CStatus::Done, 1, COutcome::Forwarded));
         assert_eq!((fired.by, fired.timers_len, fired.timers[0]), (0, 1, 2));
         assert_eq!(fuseline_shared_next_due(machine.0, ticket, &raw mut due), CStatus::None);
