@@ -19,12 +19,14 @@ mod interrupt;
 mod judging;
 mod models;
 mod output;
+mod plot;
 mod policies;
 mod probe;
 mod reckoning;
 mod replay;
 mod report;
 mod run;
+mod scenario;
 mod seconds;
 mod serve;
 mod sink;
@@ -85,6 +87,8 @@ enum Command {
     Impl(implementation::Args),
     /// Tell which deadlines are safe for a vehicle at some speeds, and which is worth it.
     Deadline(deadline::Args),
+    /// Play the paper's evaluation in virtual time, from stated physics.
+    Scenario(scenario::Args),
     /// Make a page of traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
 }
@@ -135,6 +139,7 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         Command::Drive(args) => drive::drive(&args),
         Command::Impl(args) => implementation::answer(&args),
         Command::Deadline(args) => deadline::tell(&args),
+        Command::Scenario(args) => scenario::play(&args),
         Command::Report(args) => report::report(&args),
     }
 }
