@@ -248,7 +248,7 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
     assert!(out(&told).contains("route.svg"), "{}", out(&told));
     let plots = dir.path().join("plots");
     let svg = plotted(&plots, &["round-trips", "distribution", "route"]);
-    assert!(svg[0].contains("40 answers, 0 failed or unanswered, 0 pauses; p50 400 ms"));
+    assert!(svg[0].contains("40 answers, 0 failed or unanswered, 0 pauses; p50 390 ms"));
     assert_eq!(bands(&svg[0]).len(), 1);
     // The key's one and 40 places.
     assert_eq!(svg[2].matches("<circle ").count(), 41);

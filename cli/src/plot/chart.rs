@@ -89,12 +89,12 @@ pub(crate) trait Scale: AsRangedCoord<Value = f64> {}
 impl<T: AsRangedCoord<Value = f64>> Scale for T {}
 
 /// A logarithmic scale with a line at each power of ten, between powers of ten.
-pub(crate) fn logarithmic(range: &Range<f64>) -> impl Scale<CoordDescType = LogPoints> + use<> {
+pub(crate) fn logarithmic(range: &Range<f64>) -> LogPoints {
     let mut powers = vec![range.start];
     while let Some(last) = powers.last().filter(|last| **last * 5.0 < range.end) {
         powers.push(last * 10.0);
     }
-    (range.start..range.end).log_scale().with_key_points(powers)
+    LogCoord::from((range.start..range.end).log_scale()).with_key_points(powers)
 }
 
 /// What a logarithmic axis is.
