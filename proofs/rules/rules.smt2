@@ -1,5 +1,5 @@
 ; The rules of SPEC.md (its sections 1 to 3) as formulas: for any number of clouds, of timestamps and of places in the
-; window, at any instants. `promises.smt2` goes on from here; `README.md` says how both are run.
+; window, at any instants. `promises.smt2` goes on from here; `../README.md` says how both are run.
 (set-logic ALL)
 
 ; ---- 1 Words

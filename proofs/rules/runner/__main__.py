@@ -9,13 +9,15 @@ import sys
 from . import agree, code, question, solver, text, told
 
 DESCRIPTION = """\
-Shows the promises of SPEC.md of its rules, for any number of clouds, timestamps and places of the window.
+Shows the promises of SPEC.md of its rules, for any number of clouds, timestamps and places of the
+window.
 
-Two solvers are asked about each obligation of promises.smt2: whether it can fail, whether it speaks of anything, and whether
-each fault of faults.toml makes it fail. Then the rules are evaluated and compared with what the shipped core does."""
+Two solvers are asked about each obligation of promises.smt2: whether it can fail, whether it speaks
+of anything, and whether each fault of faults.toml makes it fail. Then the rules are evaluated and
+compared with what the shipped core does."""
 EPILOGUE = """\
-exit codes: 0 all of it is as it must be; 1 something is not; 2 bad use, or a file that cannot be read; 77 the solvers cannot
-be installed here"""
+exit codes: 0 all of it is as it must be; 1 something is not; 2 bad use, or a file that cannot be
+read; 77 the solvers cannot be installed here"""
 
 
 def main() -> int:
@@ -35,7 +37,9 @@ def main() -> int:
     if options.only:
         stated = [one for one in stated if options.only in one.name]
         if not stated:
-            print(f"error: no obligation has {options.only} in its name; see --list", file=sys.stderr)
+            print(
+                f"error: no obligation has {options.only} in its name; see --list", file=sys.stderr
+            )
             return 2
         names = {one.name for one in stated}
         seeded = [fault for fault in seeded if names & set(fault.breaks)]
@@ -49,15 +53,23 @@ def main() -> int:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="proofs/rules/prove", description=DESCRIPTION, epilog=EPILOGUE,
+        prog="proofs/rules/prove",
+        description=DESCRIPTION,
+        epilog=EPILOGUE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--list", action="store_true", help="say what is shown, and show nothing")
-    parser.add_argument("--only", metavar="PART", help="obligations with this in their name, without the core")
+    parser.add_argument(
+        "--only", metavar="PART", help="obligations with this in their name, without the core"
+    )
     parser.add_argument("--json", action="store_true", help="tell what was found as JSON")
     parser.add_argument("--record", action="store_true", help="also write record.json")
-    parser.add_argument("--seed", type=int, default=secrets.randbits(32), help="of what is drawn; else a new one")
-    parser.add_argument("--seconds", type=int, default=120, help="for one question; 120 unless given")
+    parser.add_argument(
+        "--seed", type=int, default=secrets.randbits(32), help="of what is drawn; else a new one"
+    )
+    parser.add_argument(
+        "--seconds", type=int, default=120, help="for one question; 120 unless given"
+    )
     options = parser.parse_args()
     if options.record and options.only:
         parser.error("--record is about all obligations")

@@ -17,6 +17,7 @@ MANY_STATES = 400
 RUNS = 24
 INPUTS_OF_A_RUN = 40
 END = 2**64 - 1
+LIKELY = ["open"] * 2 + ["offer"] * 3 + ["result"] * 2 + ["fail", "tick"]
 
 # Answers of the core to lines.
 Ask = Callable[[list[str]], list[str]]
@@ -38,35 +39,39 @@ class Agreement:
 
 def agreements(script: str, seed: int, ask: Ask = code.ask) -> Iterator[Agreement]:
     """The comparisons, one after the other."""
-    few, many = Rules(script, FEW), Rules(script, MANY)
-    every = [Step(eager, sets) for eager in (True, False) for sets in product(range(1 << FEW), repeat=4)]
+    few = Rules(script, FEW)
+    every = _all_sets()
+    said = ("valid" if few.is_state(step) else "invalid" for step in every)
+    what = f"sets of {FEW} sources that are a state"
+    yield _compared(what, every, said, ask([step.line() for step in every]))
+    yield from _steps_and_runs(script, seed, ask)
+
+
+def disagrees(script: str, seed: int, ask: Ask = code.ask) -> bool:
+    """Whether rules with a fault differ from the core in a step or an input."""
+    return any(one.difference is not None for one in _steps_and_runs(script, seed, ask))
+
+
+def _steps_and_runs(script: str, seed: int, ask: Ask) -> Iterator[Agreement]:
+    few, many, drawn = Rules(script, FEW), Rules(script, MANY), random.Random(seed)
+    every = _all_sets()
     answers = ask([step.line() for step in every])
-    said = ["valid" if few.is_state(step) else "invalid" for step in every]
-    yield _compared(f"sets of {FEW} sources that are a state", every, said, answers)
     states = [step for step, answer in zip(every, answers) if answer == "valid"]
     steps = [next_step for state in states for next_step in _steps(state)]
-    yield _compared(
-        f"steps, all from every state of {FEW} sources",
-        steps, (few.answer(step) for step in steps), ask([step.line() for step in steps]),
-    )
-    drawn = random.Random(seed)
+    what = f"steps, all from every state of {FEW} sources"
+    yield _compared(what, steps, map(few.answer, steps), ask([step.line() for step in steps]))
     steps = [_some_step(drawn, _some_state(drawn)) for _ in range(MANY_STATES)]
-    for step in steps:
-        if not many.is_state(step):
-            raise AssertionError(f"{step.line()} is drawn and no state")
-    yield _compared(
-        f"steps from random states of {MANY} sources",
-        steps, (many.answer(step) for step in steps), ask([step.line() for step in steps]),
-    )
+    what = f"steps from random states of {MANY} sources"
+    yield _compared(what, steps, map(many.answer, steps), ask([step.line() for step in steps]))
     yield _runs(script, drawn, ask)
 
 
-def disagrees(script: str, seed: int) -> bool:
-    """Whether rules with a fault differ from the core in a step or an input."""
-    comparisons = agreements(script, seed)
-    # Which sets are a state is a matter of the promises, not of the rules.
-    next(comparisons)
-    return any(agreement.difference is not None for agreement in comparisons)
+def _all_sets() -> list[Step]:
+    return [
+        Step(eager, (requested, pending, armed, cached))
+        for eager in (True, False)
+        for requested, pending, armed, cached in product(range(1 << FEW), repeat=4)
+    ]
 
 
 def _compared(
@@ -80,21 +85,22 @@ def _compared(
 
 
 def _steps(state: Step) -> Iterator[Step]:
-    """Everything that can come there; a firing has at least one armed timer, an offer is a cloud's."""
+    """All that can come there; a firing has at least one armed timer, an offer is a cloud's."""
     for source in range(FEW):
         yield Step(state.eager, state.sets, "result", source)
         yield Step(state.eager, state.sets, "failure", source)
         if source:
             yield Step(state.eager, state.sets, "offer", source)
     for fired in range(1 << FEW):
-        if fired & state.sets[2]:
+        if fired & state.armed:
             yield Step(state.eager, state.sets, "timers", fired)
 
 
 def _some_state(drawn: random.Random) -> Step:
     eager = drawn.random() < 0.5
     likely = drawn.choice([(1, 1, 3, 2), (6, 1, 2, 1), (1, 3, 2, 4)])
-    places = [drawn.choices(("not", "closed", "pending", "cached"), likely)[0] for _ in range(MANY)]
+    kinds = ("not", "closed", "pending", "cached")
+    places = drawn.choices(kinds, likely, k=MANY)
     if places[0] == "not":
         places[0] = "closed"
     best = max(source for source in range(MANY) if places[source] != "not")
@@ -110,14 +116,15 @@ def _some_state(drawn: random.Random) -> Step:
 
     armed = among("pending", "cached") if eager else among("pending")
     armed = armed & ~1 | (among("pending") & drawn.getrandbits(1))
-    return Step(eager, (among("closed", "pending", "cached"), among("pending"), armed, among("cached")))
+    requested = among("closed", "pending", "cached")
+    return Step(eager, (requested, among("pending"), armed, among("cached")))
 
 
 def _some_step(drawn: random.Random, state: Step) -> Step:
     kind = drawn.choice(("result", "failure", "offer", "timers"))
-    if kind == "timers" and state.sets[2]:
-        some = state.sets[2] & (drawn.getrandbits(MANY) & drawn.getrandbits(MANY))
-        least = state.sets[2] & -state.sets[2]
+    if kind == "timers" and state.armed:
+        some = state.armed & (drawn.getrandbits(MANY) & drawn.getrandbits(MANY))
+        least = state.armed & -state.armed
         return Step(state.eager, state.sets, kind, some or least)
     kind = "result" if kind == "timers" else kind
     return Step(state.eager, state.sets, kind, drawn.randrange(1 if kind == "offer" else 0, MANY))
@@ -142,19 +149,20 @@ def _runs(script: str, drawn: random.Random, ask: Ask) -> Agreement:
             by_rules = machine.answer(line)
             if by_rules != by_core:
                 run = " / ".join([made, *lines[:number]])
-                return Agreement(what, compared, f"{run}: the rules say {by_rules}, the core {by_core}")
+                differ = f"{run}: the rules say {by_rules}, the core {by_core}"
+                return Agreement(what, compared, differ)
     return Agreement(what, compared, None)
 
 
 def _run(drawn: random.Random, clouds: list[int]) -> Iterator[str]:
-    """Inputs that lie close together, so that much of it meets; now and then at the ends of the ranges."""
+    """Inputs that lie close together, so that much of it meets; now and then at the end of time."""
     now, newest = drawn.choice([0, 0, 0, END - 20]), 0
     sources = [0, *clouds, 9]
     for _ in range(INPUTS_OF_A_RUN):
-        now = max(0, min(END, now + drawn.choice([0, 0, 1, 1, 2, -1])))
+        now = max(0, min(END, now + drawn.choice([0, 0, 1, 1, 2, 6, -1])))
         near = max(0, newest - drawn.choice([0, 0, 0, 1, 1, 2, -1]))
         source = drawn.choice(sources)
-        match drawn.choice(("open", "open", "offer", "offer", "offer", "result", "result", "fail", "tick")):
+        match drawn.choice(LIKELY):
             case "open":
                 newest = max(0, newest + drawn.choice([1, 1, 1, 2, 0, -1]))
                 yield f"{now} open {newest} {drawn.choice(['', '', 0, 2, 4, END])}".rstrip()

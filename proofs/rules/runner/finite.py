@@ -1,6 +1,7 @@
 """The formulas, evaluated: the text that the solvers are given, in a finite world of plain values.
 
-Each `define-fun` becomes a function of Python. What is declared is looked up: in a state if it is about one, else in the world.
+Each `define-fun` becomes a function of Python. What is declared is looked up: in a state if it is
+about one, else in the world.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import Any
 
 from .text import Form, Malformed, read
 
-# A function that is declared, by its arguments; what is not there is false, 0 or whatever `unset` says.
+# A function that is declared, by its arguments; what is not there is false or 0.
 Facts = dict[tuple[Any, ...], Any]
 State = dict[str, Facts]
 
@@ -19,7 +20,7 @@ COMPARED = {"<": " < ", "<=": " <= ", ">": " > ", ">=": " >= ", "=": " == "}
 
 
 class World:
-    """Members of each sort, and what is declared outside of states. The definitions are methods by `call`."""
+    """Members of each sort, and what is declared outside of states; definitions can be called."""
 
     def __init__(self, script: str, domains: dict[str, Sequence[Any]]) -> None:
         self.facts: dict[str, Facts] = {}
@@ -132,7 +133,7 @@ class World:
         self, kind: str, variables: Sequence[Form], body: Form, bound: frozenset[str]
     ) -> str:
         names = [str(name) for name, _ in variables]
-        loops = " ".join(f"for {_identifier(name)} in all_{sort}" for name, sort in zip(names, (sort for _, sort in variables)))
+        loops = " ".join(f"for {_identifier(name)} in all_{sort}" for name, sort in variables)
         inner = self._expression(body, bound | set(names))
         return f"{'all' if kind == 'forall' else 'any'}({inner} {loops})"
 

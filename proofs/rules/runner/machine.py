@@ -1,4 +1,4 @@
-"""The whole machine by the rules, input by input, in the words in which the program tells the core's."""
+"""The whole machine by the rules, input by input, in the words of the program for the core's."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ OF_MACHINE = {"clock": "clock-then", "began": "began-then", "newest": "newest-th
 OF_SOURCE = {"shut": "gate-then"}
 OF_TIMESTAMP = {"seat": "seat-then"}
 OF_REQUEST = {
-    "requested": "requested-then", "pending": "pending-then", "armed": "armed-then",
-    "cached": "cached-then", "due": "due-of-then",
+    "requested": "requested-then",
+    "pending": "pending-then",
+    "armed": "armed-then",
+    "cached": "cached-then",
+    "due": "due-of-then",
 }
 KINDS = {"open": "an-open", "offer": "an-offer", "result": "a-result", "fail": "a-failure"}
 
@@ -26,7 +29,10 @@ class Cloud:
 
 
 class Machine:
-    """A machine just made. Sources are their priorities, timestamps their numbers, seats those from 0 on."""
+    """A machine just made.
+
+    Sources are their priorities, timestamps their numbers, seats those from 0 on.
+    """
 
     def __init__(
         self,
@@ -41,11 +47,14 @@ class Machine:
         self._sources = [0, *sorted({*self._clouds, *strangers})]
         self._timestamps = sorted(timestamps)
         domains = {
-            "Source": self._sources, "Timestamp": self._timestamps, "Seat": range(window),
+            "Source": self._sources,
+            "Timestamp": self._timestamps,
+            "Seat": range(window),
         }
         self._world = World(script, domains)
         self._world.facts |= {
-            "eager": {(): eager}, "local": {(): 0},
+            "eager": {(): eager},
+            "local": {(): 0},
             "priority": {(source,): source for source in self._sources},
             "number": {(timestamp,): timestamp for timestamp in self._timestamps},
             "registered": {(cloud.priority,): True for cloud in clouds},
@@ -65,6 +74,8 @@ class Machine:
         while self._find_firing():
             told.append(self._fired())
             self._step()
+        if not self._world.call("at-rest", self._state):
+            told.append("not at rest")
         if come:
             told.append(self._input(come))
             self._step()
@@ -92,7 +103,9 @@ class Machine:
     def _find_firing(self) -> bool:
         """Makes the next firing the input, if there is one; no two are next."""
         armed = [key for key, is_armed in self._state["armed"].items() if is_armed]
-        candidates = sorted({(timestamp, self._state["due"][timestamp, c]) for timestamp, c in armed})
+        candidates = sorted(
+            {(timestamp, self._state["due"][timestamp, c]) for timestamp, c in armed}
+        )
         found = []
         for timestamp, due in candidates:
             self._come(input={(): "a-firing"}, t={(): timestamp}, firing={(): due})
@@ -108,7 +121,10 @@ class Machine:
         facts, call = self._world.facts, self._world.call
         timers = [source for source in self._sources if call("fires", self._state, source)]
         listed = " ".join(map(str, timers))
-        return f"fired {facts['t'][()]} at {facts['firing'][()]} [{listed}] {self._outcome()}"
+        early = ", at rest" if call("at-rest", self._state) else ""
+        return (
+            f"fired {facts['t'][()]} at {facts['firing'][()]} [{listed}] {self._outcome()}{early}"
+        )
 
     def _input(self, words: list[str]) -> str:
         kind, timestamp, *rest = words

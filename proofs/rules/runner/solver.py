@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from .text import Malformed
+
 Reply = Literal["unsat", "sat", "unknown"]
 SOLVERS = ("z3", "cvc5")
 
@@ -26,7 +28,10 @@ def _z3(script: str, seconds: int) -> Reply:
 
     asked = z3.Solver()
     asked.set("timeout", seconds * 1000)
-    asked.from_string(script)
+    try:
+        asked.from_string(script)
+    except z3.Z3Exception as why:
+        raise Malformed(f"z3 does not understand the formulas: {why}") from None
     return str(asked.check())  # type: ignore[return-value]
 
 
@@ -39,8 +44,10 @@ def _cvc5(script: str, seconds: int) -> Reply:
     symbols = cvc5.SymbolManager(terms)
     parser = cvc5.InputParser(asked, symbols)
     parser.setStringInput(cvc5.InputLanguage.SMT_LIB_2_6, script, "rules")
-    while not (command := parser.nextCommand()).isNull():
-        if said := command.invoke(asked, symbols):
-            raise ValueError(f"cvc5: {said}")
+    try:
+        while not (command := parser.nextCommand()).isNull():
+            command.invoke(asked, symbols)
+    except RuntimeError as why:
+        raise Malformed(f"cvc5 does not understand the formulas: {why}") from None
     reply = asked.checkSat()
     return "unsat" if reply.isUnsat() else "sat" if reply.isSat() else "unknown"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from .finite import State, World
 
@@ -21,6 +22,11 @@ class Step:
     sets: tuple[int, int, int, int]
     kind: str = ""
     operand: int = 0
+
+    @property
+    def armed(self) -> int:
+        """The timers that can fire."""
+        return self.sets[2]
 
     def line(self) -> str:
         """As the program reads it."""
@@ -47,7 +53,7 @@ class Rules:
         if not any(step.sets):
             return True
         state = self._begin(step)
-        local_armed = bool(step.sets[2] & 1)
+        local_armed = bool(step.armed & 1)
         # Whether it was opened with a deadline is told by local's timer while local is pending.
         state["timed"] = {(T,): local_armed}
         parts = ("asked", "waiting", "has-best", "prompt", "timers")
@@ -59,10 +65,7 @@ class Rules:
     def answer(self, step: Step) -> str:
         """The four sets after the step, and the decision, as the program tells them."""
         state = self._begin(step)
-        after = [
-            sum(1 << source for source in self._all if self._world.call(f"{name}-then", state, T, source))
-            for name in SETS
-        ]
+        after = [self._set(f"{name}-then", state, T) for name in SETS]
         return f"{' '.join(map(str, after))} {self._decision(step, state)}"
 
     def _begin(self, step: Step) -> State:
@@ -74,12 +77,20 @@ class Rules:
         }
         fired = step.operand if step.kind == "timers" else 0
         state |= {
-            "clock": {(): NOW}, "began": {(): True}, "newest": {(): T}, "shut": {},
+            "clock": {(): NOW},
+            "began": {(): True},
+            "newest": {(): T},
+            "shut": {},
             "due": {(T, source): NOW if fired >> source & 1 else NOW + 1 for source in self._all},
         }
         world.facts |= {
-            "eager": {(): step.eager}, "input": {(): KINDS.get(step.kind)}, "t": {(): T},
-            "p": {(): step.operand}, "d": {(): 1}, "backlog": {}, "firing": {(): NOW},
+            "eager": {(): step.eager},
+            "input": {(): KINDS.get(step.kind)},
+            "t": {(): T},
+            "p": {(): step.operand},
+            "d": {(): 1},
+            "backlog": {},
+            "firing": {(): NOW},
         }
         return state
 
@@ -91,10 +102,12 @@ class Rules:
         if step.kind != "timers" and (why := call("dropped", state)) != "none":
             return f"dropped {why}"
         by = [source for source in self._all if call("forwards", state, source)]
-        said = [f"forwarded {source} {self._cancelled(state)}" for source in by]
+        said = [f"forwarded {source} {self._set('cancels', state)}" for source in by]
         said += ["held"] * call("holds", state) + ["missed"] * call("misses", state)
         said += ["waiting"] * call("waits", state)
         return " and ".join(said)
 
-    def _cancelled(self, state: State) -> int:
-        return sum(1 << source for source in self._all if self._world.call("cancels", state, source))
+    def _set(self, definition: str, *about: Any) -> int:
+        """The sources of which this holds, as bits."""
+        call = self._world.call
+        return sum(1 << source for source in self._all if call(definition, *about, source))

@@ -6,9 +6,10 @@ import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
-Form: TypeAlias = "str | list[Form]"
+# A word, or a list of forms.
+Form: TypeAlias = Any
 
 FOLDER = Path(__file__).resolve().parent.parent
 RULES = FOLDER / "rules.smt2"
@@ -101,9 +102,7 @@ def obligations(promises: str, spec: str) -> list[Obligation]:
         if not identifiers or not name.startswith(tuple(f"{id.lower()}-" for id in identifiers)):
             raise Malformed(f"{PROMISES}: {name} does not begin with an identifier of its sentence")
         then = tuple(body[2][1:]) if body[2][0] == "and" else (body[2],)
-        stated.append(
-            Obligation(name, identifiers, sentence, found["instance"], body[1], then)
-        )
+        stated.append(Obligation(name, identifiers, sentence, found["instance"], body[1], then))
     cases = [name for name in bodies if name.endswith(".case")]
     if [f"{one.name}.case" for one in stated] != cases:
         lost = set(cases) - {f"{one.name}.case" for one in stated}

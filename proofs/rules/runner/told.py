@@ -76,14 +76,13 @@ class Run:
 
     def table(self) -> str:
         """For people."""
-        rows = [("obligation", *SOLVERS, "broken by")]
+        rows: list[tuple[str, ...]] = [("obligation", *SOLVERS, "broken by")]
         for one in self.stated:
             told = [self.found[one.name, solver].told() for solver in SOLVERS]
             rows.append((one.name, *told, ", ".join(self.broken_by(one.name))))
         widths = [max(map(len, column)) for column in zip(*rows)]
-        return "\n".join(
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows
-        )
+        padded = ([cell.ljust(width) for cell, width in zip(row, widths)] for row in rows)
+        return "\n".join("  ".join(cells).rstrip() for cells in padded)
 
     def summary(self) -> str:
         """One line for people."""
@@ -113,8 +112,11 @@ class Run:
             for one in self.agreements
         ]
         told = {
-            "holds": self.holds, "solvers": self.versions, "seed": self.seed,
-            "obligations": obligations, "agreements": agreements,
+            "holds": self.holds,
+            "solvers": self.versions,
+            "seed": self.seed,
+            "obligations": obligations,
+            "agreements": agreements,
         }
         return json.dumps(told, indent=1)
 
@@ -122,8 +124,11 @@ class Run:
 def stating(one: Obligation, faults: list[str]) -> dict[str, Any]:
     """What is stated, without what a run found."""
     return {
-        "name": one.name, "shows": list(one.identifiers), "sentence": one.sentence,
-        "instance": one.instance, "faults": faults,
+        "name": one.name,
+        "shows": list(one.identifiers),
+        "sentence": one.sentence,
+        "instance": one.instance,
+        "faults": faults,
     }
 
 
@@ -136,7 +141,7 @@ def digest() -> str:
 
 
 def record(run: Run, disagreeing: list[str]) -> str:
-    """What `EVIDENCE.md` can be made from: what each obligation shows, and which faults break it."""
+    """What `EVIDENCE.md` can be made from: what each obligation shows, and what breaks it."""
     kept = {
         "sources": digest(),
         "solvers": run.versions,

@@ -1,7 +1,7 @@
 """The formulas in a small world: a few timestamps, sources and seats, told one by one.
 
-A case that is found there is a case: nothing says how many there are. So models are looked for here, where solvers are sure and
-quick, and contradictions never.
+A case that is found there is a case: nothing says how many there are. So models are looked for
+here, where solvers are sure and quick, and contradictions never.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from itertools import product
 
 from .text import Form, read, write
 
-# One timestamp beside the input's own and the newest; local, two clouds and a source that is none; a window of two.
+# The input's timestamp, the newest and one more; local and three others; a window of two.
 SIZES = {"Timestamp": 3, "Source": 4, "Seat": 2}
 
 

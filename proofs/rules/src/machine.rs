@@ -100,21 +100,20 @@ fn listed(priorities: &Priorities<CLOUDS>) -> String {
 
 /// The clock, the greatest timestamp, the shut gates, and of each open timestamp its sets and due instants.
 fn left(machine: &Machine) -> String {
+    let clouds: Vec<Priority> =
+        machine.clouds().iter().map(|source| machine.priority(source)).collect();
     let newest = machine.newest().map_or("none".to_owned(), |newest| newest.as_u64().to_string());
-    let mut told = format!("clock {} newest {newest} shut", machine.now().as_nanos());
-    let clouds = || machine.clouds().iter().map(|source| machine.priority(source));
-    for cloud in clouds() {
-        if machine.gate(cloud).is_some_and(|gate| gate.is_shut()) {
-            told += &format!(" {}", cloud.as_u16());
-        }
-    }
+    let is_shut = |cloud: &&Priority| machine.gate(**cloud).is_some_and(|gate| gate.is_shut());
+    let shut = clouds.iter().filter(is_shut).map(|cloud| format!(" {}", cloud.as_u16()));
+    let shut: String = shut.collect();
+    let mut told = vec![format!("clock {} newest {newest} shut{shut}", machine.now().as_nanos())];
     for (timestamp, slot) in machine.open() {
-        told += &format!(" | {} {}", timestamp.as_u64(), sets(slot));
-        for source in std::iter::once(Priority::LOCAL).chain(clouds()) {
-            if let Some(due) = machine.due(timestamp, source) {
-                told += &format!(" {}@{}", source.as_u16(), due.as_nanos());
-            }
-        }
+        let due = |source: &Priority| {
+            let due = machine.due(timestamp, *source)?;
+            Some(format!(" {}@{}", source.as_u16(), due.as_nanos()))
+        };
+        let dues: String = [Priority::LOCAL].iter().chain(&clouds).filter_map(due).collect();
+        told.push(format!("{} {}{dues}", timestamp.as_u64(), sets(slot)));
     }
-    told
+    told.join(" | ")
 }
