@@ -19,11 +19,14 @@ mod interrupt;
 mod judging;
 mod models;
 mod output;
+mod plot;
 mod policies;
+mod probe;
 mod reckoning;
 mod replay;
 mod report;
 mod run;
+mod scenario;
 mod seconds;
 mod serve;
 mod sink;
@@ -65,6 +68,8 @@ struct Cli {
 enum Command {
     /// Drive a camera operator with emulated models over recorded networks, and judge its trace.
     Run(run::Args),
+    /// Measure the network to a server as the paper's drive did, and record it as a drive.
+    Probe(probe::Args),
     /// Serve one emulated model over one recorded network, for `fuseline run` on another machine.
     Serve(serve::Args),
     /// Read a header and inputs, and write the trace with the decisions that the core makes.
@@ -82,6 +87,8 @@ enum Command {
     Impl(implementation::Args),
     /// Tell which deadlines are safe for a vehicle at some speeds, and which is worth it.
     Deadline(deadline::Args),
+    /// Play the paper's evaluation in virtual time, from stated physics.
+    Scenario(scenario::Args),
     /// Make a page of traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
 }
@@ -122,6 +129,7 @@ fn main() -> ExitCode {
 fn dispatch(command: Command) -> Result<Exit, Fault> {
     match command {
         Command::Run(args) => run::run(&args),
+        Command::Probe(args) => probe::probe(&args),
         Command::Serve(args) => serve::serve(&args),
         Command::Replay(args) => replay::replay(&args),
         Command::Check(args) => check::check(&args),
@@ -131,6 +139,7 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         Command::Drive(args) => drive::drive(&args),
         Command::Impl(args) => implementation::answer(&args),
         Command::Deadline(args) => deadline::tell(&args),
+        Command::Scenario(args) => scenario::play(&args),
         Command::Report(args) => report::report(&args),
     }
 }

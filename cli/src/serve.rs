@@ -1,4 +1,7 @@
-//! `fuseline serve`: one emulated cloud for operators elsewhere.
+//! `fuseline serve`: one emulated cloud for operators elsewhere, or the service that shares locations.
+
+mod location;
+mod locations;
 
 use std::io::{self, Write};
 use std::net::SocketAddr;
@@ -6,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_tokio::grpc::{self, ServeError, Token};
+use fuseline_tokio::grpc::{self, Infer, ServeError, Token};
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
@@ -18,21 +21,38 @@ use crate::files::{self, FileError};
 use crate::interrupt::Interrupt;
 use crate::models::Model;
 use crate::seconds::seconds;
+use crate::serve::locations::Sharing;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
 A reply takes the round trip that the drive had at that moment plus the runtime that the paper
 measured, up to 5 % more or less as the seed says. The drive begins with the first request.
 
+With --locations it keeps each vehicle's last report and answers with the others', at once: payloads are
+the protobuf messages fuseline.v1.Location and fuseline.v1.Locations of cli/proto/locations.proto.
+
 Examples:
   fuseline serve --listen 0.0.0.0:50051 --model DINO-SWIN-Tiny
   fuseline serve --drive vnperf/highway:sprint --start 150
+  fuseline serve --locations --age 2
   fuseline serve --cert server.pem --key server.key --client-ca ca.pem --token-file secret
   fuseline run --cloud name=east,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051")]
 pub(crate) struct Args {
     /// The address and port to listen on; port 0 chooses one.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50051")]
     listen: SocketAddr,
+    /// Share vehicles' locations instead of emulating a model.
+    #[arg(long, conflicts_with_all = ["model", "drive", "seed"])]
+    locations: bool,
+    /// How many vehicles may share their locations at once, 1 to 65536.
+    #[arg(long, value_name = "N", default_value = "1024", requires = "locations",
+        allow_negative_numbers = true,
+        value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    vehicles: u32,
+    /// How old a location may be, in seconds: more than 0, up to 3600.
+    #[arg(long, value_name = "S", default_value = "5", requires = "locations",
+        value_parser = age, allow_negative_numbers = true)]
+    age: Duration,
     /// The model, as NAME@orin or NAME@a100.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-101@a100")]
     model: Model,
@@ -66,6 +86,11 @@ fn start(text: &str) -> Result<Duration, &'static str> {
     seconds(text, 0.0..=31_536_000.0).ok_or("it must be seconds, 0 or more")
 }
 
+fn age(text: &str) -> Result<Duration, &'static str> {
+    let age = seconds(text, 0.0..=3600.0).filter(|age| !age.is_zero());
+    age.ok_or("it must be seconds, more than 0 and up to 3600")
+}
+
 /// Why nothing can be served.
 #[derive(Debug, Error)]
 enum CannotServe {
@@ -83,6 +108,10 @@ impl From<CannotServe> for Fault {
 
 /// Serves until Ctrl-C.
 pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
+    if args.locations {
+        let most = usize::try_from(args.vehicles).unwrap_or(usize::MAX);
+        return answering(args, Sharing::new(most, args.age), "locations of vehicles");
+    }
     let emulation = match &args.drive {
         Some(drive) => {
             let start = args.start.unwrap_or_default();
@@ -90,6 +119,12 @@ pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
         }
         None => Emulation::direct(args.model.clone(), args.seed),
     };
+    let what = format!("{} (emulated) behind {}", emulation.model, emulation.drive.name());
+    answering(args, answer(emulation, Arc::default()), &what)
+}
+
+/// Answers by `infer`, which serves `what`.
+fn answering(args: &Args, infer: impl Infer, what: &str) -> Result<Exit, Fault> {
     let server = grpc::Server {
         identity: files::identity(args.cert.as_deref(), args.key.as_deref())?,
         client_ca: args.client_ca.as_deref().map(files::certificates).transpose()?,
@@ -97,30 +132,37 @@ pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
     };
     let interrupt = Interrupt::watch();
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
-    let ended = runtime.block_on(async {
-        let listen = |source| CannotServe::Listen { address: args.listen, source };
-        let listener = TcpListener::bind(args.listen).await.map_err(listen)?;
-        let address = listener.local_addr().map_err(listen)?;
-        announce(&emulation, &server, address).map_err(Fault::Output)?;
-        let serving =
-            grpc::serve(answer(emulation, Arc::default()), server, listener, interrupt.wait());
-        tokio::select! {
-            ended = serving => ended.map_err(|error| CannotServe::Serve(error).into()),
-            // Calls under way may take as long as their network is away.
-            () = interrupt.wait() => Ok(()),
-        }
-    });
+    let ended = runtime.block_on(listen(infer, server, args.listen, what, &interrupt));
     runtime.shutdown_background();
     ended.map(|()| Exit::Conforms)
 }
 
-/// Says where the server listens and what it does.
-fn announce(emulation: &Emulation, server: &grpc::Server, address: SocketAddr) -> io::Result<()> {
+/// Listens at `address`, says so, and answers by `infer` until Ctrl-C.
+///
+/// # Errors
+/// If it cannot listen, or certificates are of no use.
+pub(crate) async fn listen(
+    infer: impl Infer,
+    server: grpc::Server,
+    address: SocketAddr,
+    what: &str,
+    interrupt: &Interrupt,
+) -> Result<(), Fault> {
+    let cannot = |source| CannotServe::Listen { address, source };
+    let listener = TcpListener::bind(address).await.map_err(cannot)?;
+    let address = listener.local_addr().map_err(cannot)?;
     let scheme = if server.identity.is_some() { "https" } else { "http" };
-    let Emulation { model, drive, .. } = emulation;
-    let mut out = io::stdout().lock();
-    writeln!(out, "{model} (emulated) behind {} at {scheme}://{address}", drive.name())?;
-    out.flush()
+    let mut out = io::stdout();
+    writeln!(out, "{what} at {scheme}://{address}")
+        .and_then(|()| out.flush())
+        .map_err(Fault::Output)?;
+    tokio::select! {
+        ended = grpc::serve(infer, server, listener, interrupt.wait()) => {
+            ended.map_err(|error| CannotServe::Serve(error).into())
+        }
+        // Calls under way may take as long as their network is away.
+        () = interrupt.wait() => Ok(()),
+    }
 }
 
 fn token(args: &Args) -> Result<Option<Token>, FileError> {

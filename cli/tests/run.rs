@@ -114,27 +114,30 @@ fn what_a_full_window_refuses_is_counted() {
 fn all_policies_have_the_same_limits() {
     let dir = tempdir().unwrap();
     let full = ["--seconds", "2", "--rate", "100", "--window", "256", "--workers", "64"];
-    let ran = run_in(dir.path(), &[&full[..], &["--calls", "1", "--json"]].concat());
+    let ran = run_in(
+        dir.path(),
+        &[&full[..], &["--calls", "1", "--policy", "constant", "--json"]].concat(),
+    );
     let report = report(&ran);
     adds_up(&report);
     assert_eq!(report["calls"], 1);
     assert_ne!(report["sources"][2]["requests"]["refused"], 0, "{report}");
     // Fusion has in hand whatever comes first, so that nothing is in time without it.
     let policies = report["policies"].as_array().unwrap();
-    let [fusion, constant, .., first] = &policies[..] else { unreachable!() };
+    let [fusion, .., first] = &policies[..] else { unreachable!() };
     let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
     let sent = |policy: &Value| policy["sent_bytes"].as_u64().unwrap();
     assert!(in_time(fusion) >= in_time(first), "{report}");
     let ap = |policy: &Value| policy["mean_ap"].as_f64().unwrap();
-    assert!(ap(constant) >= ap(first), "{report}");
+    assert!(ap(fusion) >= ap(first), "{report}");
     // No cloud answered what it was never asked.
     for (place, cloud) in report["sources"].as_array().unwrap()[1..].iter().enumerate() {
         let requests = cloud["requests"].as_object().unwrap();
         let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
-        assert!(in_time(&report["policies"][place + 3]) <= admitted, "{report}");
-        // A request is a picture and a few bytes around it.
-        let each = sent(&report["policies"][place + 3]) / admitted;
-        assert!((33_300..33_320).contains(&each), "{report}");
+        assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
+        // A request is a picture and a few bytes around it; a call may be aborted as it begins.
+        let each = sent(&report["policies"][place + 2]) / admitted;
+        assert!((30_000..33_320).contains(&each), "{report}");
     }
 }
 

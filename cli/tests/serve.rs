@@ -65,7 +65,8 @@ impl Drop for Server {
 
 /// How the requests of a short run to this cloud ended.
 fn requests(directory: &Path, cloud: &str) -> Value {
-    let long = ["--seconds", "0.5", "--deadline", "20000", "--json", "--cloud"];
+    let long =
+        ["--seconds", "0.5", "--policy", "constant", "--deadline", "20000", "--json", "--cloud"];
     let ran = run_in(directory, &[&long[..], &[cloud]].concat());
     let report = report(&ran);
     adds_up(&report);

@@ -1,0 +1,165 @@
+//! What plots are drawn with: a sheet with a title and keys, and charts on it.
+
+use std::ops::Range;
+
+use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use crate::plot::Theme;
+use crate::plot::png::FONT;
+
+/// A sheet to draw on.
+pub(crate) type Sheet<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+/// A chart with both axes linear.
+pub(crate) type Chart<'a, 'b> =
+    ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+/// Drawing into a string does not fail.
+pub(crate) const DRAWN: &str = "a drawing in memory";
+
+/// A line of words.
+#[derive(Clone, Copy)]
+pub(crate) struct Label {
+    size: f64,
+    colour: RGBColor,
+    is_bold: bool,
+    pos: Pos,
+}
+
+impl Label {
+    pub(crate) const fn new(size: f64, colour: RGBColor) -> Self {
+        let pos = Pos { h_pos: HPos::Left, v_pos: VPos::Center };
+        Self { size, colour, is_bold: false, pos }
+    }
+
+    pub(crate) const fn bold(self) -> Self {
+        Self { is_bold: true, ..self }
+    }
+
+    pub(crate) const fn centred(self) -> Self {
+        Self { pos: Pos { h_pos: HPos::Center, v_pos: VPos::Center }, ..self }
+    }
+
+    pub(crate) fn style(&self) -> TextStyle<'static> {
+        let style = if self.is_bold { FontStyle::Bold } else { FontStyle::Normal };
+        let font = FontDesc::new(FontFamily::Name(FAMILY), self.size, style);
+        font.color(&self.colour).pos(self.pos)
+    }
+
+    /// Writes it there.
+    pub(crate) fn put(&self, sheet: &Sheet<'_>, text: &str, at: (i32, i32)) {
+        sheet.draw_text(text, &self.style(), at).expect(DRAWN);
+    }
+}
+
+/// Of our pictures, then what a viewer of the SVG has.
+const FAMILY: &str = "Inter, system-ui, sans-serif";
+
+/// Draws on a sheet of this size with a title and a line below it.
+pub(crate) fn sheet(
+    theme: &Theme,
+    (width, height): (u32, u32),
+    (title, below): (&str, &str),
+    draw: impl FnOnce(&Sheet<'_>),
+) -> String {
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
+        root.fill(&theme.ground).expect(DRAWN);
+        Label::new(19.0, theme.ink).bold().put(&root, title, (24, 30));
+        Label::new(13.0, theme.soft).put(&root, below, (24, 54));
+        draw(&root);
+        root.present().expect(DRAWN);
+    }
+    debug_assert!(svg.contains(FONT));
+    svg
+}
+
+/// What a chart's axes are.
+pub(crate) struct Axes {
+    pub(crate) x: Range<f64>,
+    pub(crate) y: Range<f64>,
+    pub(crate) x_name: &'static str,
+    pub(crate) y_name: &'static str,
+}
+
+/// A line of a chart.
+pub(crate) struct Line {
+    pub(crate) name: String,
+    pub(crate) colour: RGBColor,
+    pub(crate) width: u32,
+    pub(crate) is_dashed: bool,
+    pub(crate) points: Vec<(f64, f64)>,
+}
+
+impl Axes {
+    /// A chart with a grid and its axes named.
+    pub(crate) fn chart<'a, 'b>(&self, theme: &Theme, sheet: &'a Sheet<'b>) -> Chart<'a, 'b> {
+        let mut chart = ChartBuilder::on(sheet)
+            .x_label_area_size(46)
+            .y_label_area_size(58)
+            .build_cartesian_2d(self.x.clone(), self.y.clone())
+            .expect(DRAWN);
+        let soft = Label::new(13.0, theme.soft);
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(theme.line)
+            .axis_style(theme.soft)
+            .x_labels(11)
+            .y_labels(8)
+            .x_label_formatter(&|value| plain(*value))
+            .y_label_formatter(&|value| plain(*value))
+            .label_style(Label { pos: Pos::default(), ..soft }.style())
+            .axis_desc_style(Label { pos: Pos::default(), colour: theme.ink, ..soft }.style())
+            .x_desc(self.x_name)
+            .y_desc(self.y_name)
+            .draw()
+            .expect(DRAWN);
+        chart
+    }
+}
+
+impl Line {
+    /// Draws it; what lies outside the chart is cut off at its edge.
+    pub(crate) fn draw(&self, chart: &mut Chart<'_, '_>) {
+        let style = self.colour.stroke_width(self.width);
+        let points = self.points.iter().copied();
+        if self.is_dashed {
+            chart.draw_series(DashedLineSeries::new(points, 6, 4, style)).expect(DRAWN);
+        } else {
+            chart.draw_series(LineSeries::new(points, style)).expect(DRAWN);
+        }
+    }
+
+    /// Draws keys of lines in a row, from a place on.
+    pub(crate) fn keys(lines: &[Self], theme: &Theme, sheet: &Sheet<'_>, (mut x, y): (i32, i32)) {
+        for line in lines {
+            let style = line.colour.stroke_width(line.width.max(3));
+            let ends = if line.is_dashed {
+                vec![[(x, y), (x + 8, y)], [(x + 13, y), (x + 21, y)]]
+            } else {
+                vec![[(x, y), (x + 21, y)]]
+            };
+            for end in ends {
+                sheet.draw(&PathElement::new(end.to_vec(), style)).expect(DRAWN);
+            }
+            Label::new(13.0, theme.ink).put(sheet, &line.name, (x + 28, y));
+            x += 28 + 22 + width(&line.name);
+        }
+    }
+}
+
+/// About how wide a text of 13 units is.
+fn width(text: &str) -> i32 {
+    i32::try_from(text.chars().count()).unwrap_or(i32::MAX / 8) * 7
+}
+
+/// A figure without needless digits.
+fn plain(value: f64) -> String {
+    let rounded = (value * 1000.0).round() / 1000.0;
+    // -0 is 0.
+    format!("{}", rounded + 0.0).replace('-', "\u{2212}")
+}

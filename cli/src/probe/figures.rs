@@ -1,0 +1,133 @@
+//! What was measured, in bounded memory however long the probe runs.
+
+use std::time::Duration;
+
+use hdrhistogram::Histogram;
+use serde::Serialize;
+
+use crate::policies::Quantile;
+
+/// The longest time that is told apart, in microseconds: an hour.
+const LONGEST_US: u64 = 3_600_000_000;
+/// Times are kept to so many digits.
+const DIGITS: u8 = 4;
+
+/// Times of which some never ended.
+#[derive(Clone)]
+pub(crate) struct Spread {
+    times: Histogram<u32>,
+    never: u64,
+}
+
+/// How many of what.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+pub(crate) struct Counts {
+    /// Slots that came: sent, skipped or missed.
+    pub(crate) slots: u64,
+    pub(crate) sent: u64,
+    pub(crate) answered: u64,
+    /// Calls that failed, or were given up.
+    pub(crate) failed: u64,
+    /// Calls under way as the probe ended.
+    pub(crate) unanswered: u64,
+    /// Answers that came early enough for the given runtime and deadline.
+    pub(crate) in_time: u64,
+    pub(crate) pauses: u64,
+    /// Slots at which nothing was sent for a pause.
+    pub(crate) skipped: u64,
+    /// Slots that this machine overslept; they count nowhere else.
+    pub(crate) missed: u64,
+}
+
+/// Everything that was measured.
+#[derive(Clone)]
+pub(crate) struct Figures {
+    pub(crate) counts: Counts,
+    pub(crate) paused: Duration,
+    /// Round trips of answers.
+    pub(crate) answers: Spread,
+    /// The same over slots: one that was skipped took until the pause's end, and what failed never
+    /// ended.
+    pub(crate) slots: Spread,
+}
+
+/// Quantiles as they are told.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Told {
+    pub(crate) p50: Option<Quantile>,
+    pub(crate) p90: Option<Quantile>,
+    pub(crate) p99: Option<Quantile>,
+    pub(crate) max: Option<Quantile>,
+}
+
+impl Figures {
+    pub(crate) fn new() -> Self {
+        let (answers, slots) = (Spread::new(), Spread::new());
+        Self { counts: Counts::default(), paused: Duration::ZERO, answers, slots }
+    }
+}
+
+impl Spread {
+    fn new() -> Self {
+        let times = Histogram::new_with_max(LONGEST_US, DIGITS).expect("the bounds are in order");
+        Self { times, never: 0 }
+    }
+
+    /// Adds a time; more than an hour counts as one.
+    pub(crate) fn add(&mut self, time: Duration) {
+        self.times.saturating_record(u64::try_from(time.as_micros()).unwrap_or(u64::MAX));
+    }
+
+    /// Adds one that never ended.
+    pub(crate) const fn add_never(&mut self) {
+        self.never += 1;
+    }
+
+    /// The nearest rank; none if nothing was added.
+    pub(crate) fn quantile(&self, percent: u64) -> Option<Quantile> {
+        let rank = ((self.times.len() + self.never) * percent).div_ceil(100);
+        if rank == 0 {
+            return None;
+        }
+        if rank > self.times.len() {
+            return Some(Quantile::Never);
+        }
+        // Half a rank less, so that rounding does not lead to the next.
+        #[expect(clippy::cast_precision_loss, reason = "a day at 1000 Hz has 2^27 slots")]
+        let share = (rank as f64 - 0.5) / self.times.len() as f64;
+        Some(Quantile::Exactly(Duration::from_micros(self.times.value_at_quantile(share))))
+    }
+
+    pub(crate) fn told(&self) -> Told {
+        let [p50, p90, p99, max] = [50, 90, 99, 100].map(|percent| self.quantile(percent));
+        Told { p50, p90, p99, max }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_nearest_ranks_to_a_ten_thousandth() {
+        let mut spread = Spread::new();
+        assert_eq!(spread.quantile(50), None);
+        (1..=200).for_each(|ms| spread.add(Duration::from_millis(ms)));
+        for (percent, expected) in [(50, 100.0), (90, 180.0), (99, 198.0), (100, 200.0)] {
+            let Some(Quantile::Exactly(found)) = spread.quantile(percent) else { panic!() };
+            assert!((found.as_secs_f64() * 1e3 / expected - 1.0).abs() < 1e-4, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn what_never_ended_comes_last() {
+        let mut spread = Spread::new();
+        spread.add(Duration::from_millis(1));
+        spread.add_never();
+        let found = [50, 51].map(|percent| spread.quantile(percent));
+        assert_eq!(
+            found,
+            [Some(Quantile::Exactly(Duration::from_millis(1))), Some(Quantile::Never)]
+        );
+    }
+}

@@ -1,0 +1,77 @@
+//! The live view: a line on a terminal, else a plain line now and then.
+
+use std::io::{self, IsTerminal, Write};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::complain::complain;
+use crate::probe::log::Log;
+use crate::probe::options::Args;
+use crate::probe::summary::{counted, quantile};
+
+/// What standard error shows while the probe runs.
+pub(crate) struct Live {
+    bar: Option<ProgressBar>,
+    span: Option<Duration>,
+}
+
+impl Live {
+    /// A view that begins now.
+    pub(crate) fn new(args: &Args) -> Self {
+        let bar = io::stderr().is_terminal().then(|| {
+            let total =
+                args.seconds.map(|span| u64::try_from(span.as_millis()).unwrap_or(u64::MAX));
+            let template = if total.is_some() { "{bar:24.cyan/dim} {msg}" } else { "{msg}" };
+            let style = ProgressStyle::with_template(template);
+            let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+            total.map_or_else(ProgressBar::no_length, ProgressBar::new).with_style(style)
+        });
+        Self { bar, span: args.seconds }
+    }
+
+    /// How often it wants to show something.
+    pub(crate) const fn period(&self) -> Duration {
+        match self.bar {
+            Some(_) => Duration::from_millis(200),
+            None => Duration::from_secs(5),
+        }
+    }
+
+    /// Shows how things are, `now` since the beginning.
+    pub(crate) fn show<W: Write>(&self, log: &Log<W>, now: Duration) {
+        let line = self.line(log, now);
+        match &self.bar {
+            Some(bar) => {
+                bar.set_position(u64::try_from(now.as_millis()).unwrap_or(u64::MAX));
+                bar.set_message(line);
+            }
+            None => complain(line),
+        }
+    }
+
+    /// Clears the view.
+    pub(crate) fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+
+    fn line<W: Write>(&self, log: &Log<W>, now: Duration) -> String {
+        let counts = log.figures.counts;
+        let seconds = now.as_secs();
+        let of = self.span.map_or_else(String::new, |span| format!(" of {}", span.as_secs()));
+        let queued = log.pace.queued();
+        let state = if log.pace.is_paused() { "paused, " } else { "" };
+        let latest = log.latest.map_or_else(String::new, |latest| {
+            format!(", latest {:.0} ms", latest.as_secs_f64() * 1e3)
+        });
+        let median = quantile(log.figures.answers.quantile(50));
+        let pauses = counted(counts.pauses, "pause");
+        let (sent, failed) = (counts.sent, counts.failed);
+        format!(
+            "{seconds}{of} s: {state}{sent} sent, {queued} unanswered, {failed} failed, {pauses}; \
+             p50 {median}{latest}"
+        )
+    }
+}

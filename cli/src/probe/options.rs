@@ -1,0 +1,170 @@
+//! The options of `fuseline probe`.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use fuseline_tokio::grpc;
+
+use crate::fault::Fault;
+use crate::files::{self, FileError};
+use crate::seconds::seconds;
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+A request of 33.3 KB is due 30 times a second, whether or not replies of 1 KB came: calls overlap. A
+request that is due with more than 30 unanswered starts a pause until none is; what is skipped is
+recorded and not made up. So did the paper's drive through San Francisco, and its figures stand beside.
+
+The recording is CSV with the columns sent_ms, rtt_ms (-1: it failed, or a pause began), lat, lon,
+speed_mps, queued and utc_ms (milliseconds since 1970), for fuseline run as it stands. Positions are
+those of gpsd, or of the RMC sentences that an NMEA file has or gets, nearest by the time of day.
+Without a position the cells are empty. Ctrl-C ends the probe with its recording and its summary.
+
+Examples:
+  fuseline probe --serve --listen 0.0.0.0:50051
+  fuseline probe http://10.0.0.2:50051 --gpsd 127.0.0.1:2947
+  fuseline probe https://cloud:50051 --ca ca.pem --token-file secret --seconds 600
+  fuseline run --drive west=fuseline-probe.csv")]
+pub(crate) struct Args {
+    /// Where `fuseline probe --serve` listens: <http://HOST:PORT>, or https with --ca.
+    #[arg(value_name = "URL", required_unless_present = "serve", conflicts_with = "serve")]
+    pub(crate) url: Option<String>,
+    /// Answer probes instead of sending one.
+    #[arg(long)]
+    pub(crate) serve: bool,
+    /// The address and port to listen on; port 0 chooses one.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50051", requires = "serve")]
+    pub(crate) listen: SocketAddr,
+    /// How long, in seconds, up to 604800, a week [default: until Ctrl-C].
+    #[arg(long, value_name = "S", value_parser = span, allow_negative_numbers = true)]
+    pub(crate) seconds: Option<Duration>,
+    /// Requests a second, 0.1 to 1000.
+    #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate,
+        allow_negative_numbers = true)]
+    pub(crate) rate: f64,
+    /// How long a call may take before it counts as failed, in seconds: 1 to 600.
+    #[arg(long, value_name = "S", default_value = "60", value_parser = give_up,
+        allow_negative_numbers = true)]
+    pub(crate) give_up: Duration,
+    /// Where the recording is written, from the start on.
+    #[arg(long, value_name = "FILE", default_value = "fuseline-probe.csv")]
+    pub(crate) csv: PathBuf,
+    /// A gpsd that tells positions.
+    #[arg(long, value_name = "HOST:PORT", conflicts_with = "serve")]
+    pub(crate) gpsd: Option<String>,
+    /// An NMEA 0183 file or device that tells positions.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["gpsd", "serve"])]
+    pub(crate) nmea: Option<PathBuf>,
+    /// What the cloud would compute besides, in milliseconds: 0 to 60000.
+    #[arg(long, value_name = "MS", default_value = "118.2", value_parser = milliseconds,
+        allow_negative_numbers = true)]
+    pub(crate) runtime: f64,
+    /// When a result would have to be there, in milliseconds: 0 to 60000.
+    #[arg(long, value_name = "MS", default_value = "500", value_parser = milliseconds,
+        allow_negative_numbers = true)]
+    pub(crate) deadline: f64,
+    /// The certificates, PEM, that the server's must be signed by.
+    #[arg(long, value_name = "FILE", conflicts_with = "serve")]
+    pub(crate) ca: Option<PathBuf>,
+    /// This side's certificate, PEM.
+    #[arg(long, value_name = "FILE", requires = "key")]
+    pub(crate) cert: Option<PathBuf>,
+    /// The certificate's private key, PEM.
+    #[arg(long, value_name = "FILE", requires = "cert")]
+    pub(crate) key: Option<PathBuf>,
+    /// With --serve, the certificates, PEM, that clients' must be signed by (mutual TLS).
+    #[arg(long, value_name = "FILE", requires_all = ["serve", "cert"])]
+    pub(crate) client_ca: Option<PathBuf>,
+    /// A file with the bearer token that each call bears or must bear; else the environment's
+    /// `FUSELINE_TOKEN`.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) token_file: Option<PathBuf>,
+    /// Print the summary as one JSON object.
+    #[arg(long, conflicts_with = "serve")]
+    pub(crate) json: bool,
+}
+
+impl Args {
+    /// The server to measure the way to.
+    ///
+    /// # Errors
+    /// If a file that it is described with is of no use.
+    pub(crate) fn remote(&self, url: &str) -> Result<grpc::Remote, Fault> {
+        Ok(grpc::Remote {
+            ca: self.ca.as_deref().map(files::certificates).transpose()?,
+            identity: files::identity(self.cert.as_deref(), self.key.as_deref())?,
+            token: self.token()?,
+            // A network that is away for a while is what is measured.
+            ping_deadline: self.give_up,
+            ..grpc::Remote::new(url)
+        })
+    }
+
+    /// Whom `--serve` lets in.
+    ///
+    /// # Errors
+    /// If a file that it is described with is of no use.
+    pub(crate) fn server(&self) -> Result<grpc::Server, Fault> {
+        Ok(grpc::Server {
+            identity: files::identity(self.cert.as_deref(), self.key.as_deref())?,
+            client_ca: self.client_ca.as_deref().map(files::certificates).transpose()?,
+            token: self.token()?,
+        })
+    }
+
+    fn token(&self) -> Result<Option<grpc::Token>, FileError> {
+        match &self.token_file {
+            Some(file) => files::token(file).map(Some),
+            None => files::token_of_environment(),
+        }
+    }
+
+    /// The files that are read.
+    pub(crate) fn files(&self) -> Vec<&Path> {
+        let all = [&self.nmea, &self.ca, &self.cert, &self.key, &self.token_file];
+        all.into_iter().flatten().map(PathBuf::as_path).collect()
+    }
+
+    /// How many requests are due in all.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "positive and far below 2^53"
+    )]
+    pub(crate) fn slots(&self) -> Option<u64> {
+        // What is a whole number but for rounding is one.
+        self.seconds.map(|span| (span.as_secs_f64() * self.rate - 1e-6).ceil() as u64)
+    }
+
+    pub(crate) fn period(&self) -> Duration {
+        Duration::from_secs_f64(self.rate.recip())
+    }
+
+    pub(crate) fn runtime(&self) -> Duration {
+        Duration::from_secs_f64(self.runtime / 1000.0)
+    }
+
+    pub(crate) fn deadline(&self) -> Duration {
+        Duration::from_secs_f64(self.deadline / 1000.0)
+    }
+}
+
+fn span(text: &str) -> Result<Duration, &'static str> {
+    let span = seconds(text, 0.0..=604_800.0).filter(|span| !span.is_zero());
+    span.ok_or("it must be seconds, more than 0 and up to 604800, a week")
+}
+
+fn give_up(text: &str) -> Result<Duration, &'static str> {
+    seconds(text, 1.0..=600.0).ok_or("it must be seconds, from 1 to 600")
+}
+
+fn rate(text: &str) -> Result<f64, &'static str> {
+    let rate = text.parse().ok().filter(|rate| (0.1..=1000.0).contains(rate));
+    rate.ok_or("it must be from 0.1 to 1000")
+}
+
+fn milliseconds(text: &str) -> Result<f64, &'static str> {
+    let ms = text.parse().ok().filter(|ms| (0.0..=60_000.0).contains(ms));
+    ms.ok_or("it must be from 0 to 60000")
+}

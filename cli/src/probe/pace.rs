@@ -1,0 +1,83 @@
+//! When the probe sends: at every slot, unless too much is unanswered.
+
+/// A slot with more unanswered than this starts a pause, as in the paper's drive.
+pub(crate) const QUEUED: usize = 30;
+
+/// What happens at a slot.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Turn {
+    /// A request is sent.
+    Send,
+    /// A pause begins: nothing is sent until nothing is unanswered.
+    Pause,
+    /// The pause goes on.
+    Skip,
+}
+
+/// What is unanswered, and whether that has stopped the sending.
+#[derive(Debug, Default)]
+pub(crate) struct Pace {
+    queued: usize,
+    is_paused: bool,
+}
+
+impl Pace {
+    /// A slot is due.
+    pub(crate) const fn slot(&mut self) -> Turn {
+        if self.is_paused {
+            return Turn::Skip;
+        }
+        if self.queued > QUEUED {
+            self.is_paused = true;
+            return Turn::Pause;
+        }
+        self.queued += 1;
+        Turn::Send
+    }
+
+    /// A request was answered or failed; says whether that ends a pause.
+    pub(crate) const fn ended(&mut self) -> bool {
+        self.queued = self.queued.saturating_sub(1);
+        let is_over = self.is_paused && self.queued == 0;
+        if is_over {
+            self.is_paused = false;
+        }
+        is_over
+    }
+
+    /// How many requests are unanswered.
+    pub(crate) const fn queued(&self) -> usize {
+        self.queued
+    }
+
+    /// Whether nothing is sent.
+    pub(crate) const fn is_paused(&self) -> bool {
+        self.is_paused
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thirty_one_may_be_unanswered_and_then_all_must_be_answered() {
+        let mut pace = Pace::default();
+        assert!((0..31).all(|_| pace.slot() == Turn::Send));
+        assert_eq!((pace.slot(), pace.slot(), pace.queued()), (Turn::Pause, Turn::Skip, 31));
+        for _ in 0..30 {
+            assert!(!pace.ended());
+            assert_eq!(pace.slot(), Turn::Skip);
+        }
+        assert!(pace.ended());
+        assert_eq!((pace.slot(), pace.queued(), pace.is_paused()), (Turn::Send, 1, false));
+    }
+
+    #[test]
+    fn with_thirty_unanswered_the_next_is_sent() {
+        let mut pace = Pace::default();
+        (0..31).for_each(|_| assert_eq!(pace.slot(), Turn::Send));
+        assert!(!pace.ended());
+        assert_eq!((pace.slot(), pace.slot()), (Turn::Send, Turn::Pause));
+    }
+}

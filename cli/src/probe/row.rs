@@ -1,0 +1,189 @@
+//! The recording: a row for each request and each pause, in the order of sending.
+
+use std::collections::VecDeque;
+use std::io::Write;
+use std::time::Duration;
+
+use crate::probe::position::Fixes;
+
+/// A row is held back so long, so that the position after it is known too.
+const HELD: Duration = Duration::from_millis(1500);
+
+/// The columns; `sent_ms` and `rtt_ms` are those of a drive.
+const COLUMNS: [&str; 7] = ["sent_ms", "rtt_ms", "lat", "lon", "speed_mps", "queued", "utc_ms"];
+
+/// What was done at a slot.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Row {
+    /// Since the probe began.
+    pub(crate) sent: Duration,
+    /// Requests that were unanswered then.
+    pub(crate) queued: usize,
+    /// The time of day, in milliseconds since 1970.
+    pub(crate) utc_ms: i64,
+    pub(crate) fate: Fate,
+}
+
+/// What became of it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Fate {
+    /// It is under way.
+    Unanswered,
+    /// It was answered after so long.
+    Answered(Duration),
+    /// It failed, or nothing was sent because a pause began.
+    Lost,
+}
+
+/// Writes rows once all before them are known; how many wait is bounded by how long a call may take.
+pub(crate) struct Rows<W: Write> {
+    csv: csv::Writer<W>,
+    waiting: VecDeque<Row>,
+    /// The number of the first that waits.
+    first: u64,
+    /// In microseconds; none before the first.
+    last_sent: Option<u128>,
+    fixes: Fixes,
+}
+
+impl<W: Write> Rows<W> {
+    /// Writes the names of the columns.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub(crate) fn new(out: W, fixes: Fixes) -> Result<Self, csv::Error> {
+        let mut csv = csv::Writer::from_writer(out);
+        csv.write_record(COLUMNS)?;
+        csv.flush()?;
+        Ok(Self { csv, waiting: VecDeque::new(), first: 0, last_sent: None, fixes })
+    }
+
+    /// Adds a row; gives its number.
+    pub(crate) fn add(&mut self, row: Row) -> u64 {
+        self.waiting.push_back(row);
+        self.first + self.waiting.len() as u64 - 1
+    }
+
+    /// Says what became of the request in that row.
+    pub(crate) fn settle(&mut self, number: u64, fate: Fate) {
+        let place = number.checked_sub(self.first).and_then(|place| usize::try_from(place).ok());
+        if let Some(row) = place.and_then(|place| self.waiting.get_mut(place)) {
+            row.fate = fate;
+        }
+    }
+
+    /// Writes what is known, `now` since the beginning.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(crate) fn write(&mut self, now: Duration) -> Result<(), csv::Error> {
+        while let Some(row) = self.waiting.front().copied() {
+            if row.fate == Fate::Unanswered || row.sent + HELD > now {
+                break;
+            }
+            self.waiting.pop_front();
+            self.put(&row)?;
+        }
+        Ok(self.csv.flush()?)
+    }
+
+    /// Writes all that is left; what is unanswered counts as lost.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(crate) fn finish(&mut self) -> Result<(), csv::Error> {
+        while let Some(row) = self.waiting.pop_front() {
+            self.put(&row)?;
+        }
+        Ok(self.csv.flush()?)
+    }
+
+    fn put(&mut self, row: &Row) -> Result<(), csv::Error> {
+        self.first += 1;
+        // A drive's times rise strictly.
+        let sent =
+            self.last_sent.map_or(row.sent.as_micros(), |last| row.sent.as_micros().max(last + 1));
+        self.last_sent = Some(sent);
+        let rtt = match row.fate {
+            Fate::Answered(rtt) => milliseconds(rtt.as_micros()),
+            Fate::Unanswered | Fate::Lost => "-1".to_owned(),
+        };
+        let fix = self.fixes.nearest(row.utc_ms);
+        let cell = |value: Option<f64>, decimals: usize| {
+            value.map_or_else(String::new, |value| format!("{value:.decimals$}"))
+        };
+        self.csv.write_record([
+            milliseconds(sent),
+            rtt,
+            cell(fix.map(|fix| fix.lat), 7),
+            cell(fix.map(|fix| fix.lon), 7),
+            cell(fix.and_then(|fix| fix.speed_mps), 2),
+            row.queued.to_string(),
+            row.utc_ms.to_string(),
+        ])
+    }
+}
+
+fn milliseconds(micros: u128) -> String {
+    format!("{}.{:03}", micros / 1000, micros % 1000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::probe::position::Fix;
+
+    fn row(sent_us: u64, fate: Fate) -> Row {
+        let utc_ms = 1_000_000 + i64::try_from(sent_us / 1000).unwrap();
+        Row { sent: Duration::from_micros(sent_us), queued: 3, utc_ms, fate }
+    }
+
+    fn text(rows: &Rows<Vec<u8>>) -> String {
+        String::from_utf8(rows.csv.get_ref().clone()).unwrap()
+    }
+
+    #[test]
+    fn rows_are_written_in_the_order_of_sending_once_they_are_known() {
+        let mut rows = Rows::new(Vec::new(), Fixes::default()).unwrap();
+        let late = Duration::from_secs(9);
+        let first = rows.add(row(5, Fate::Unanswered));
+        let second = rows.add(row(33_333, Fate::Unanswered));
+        rows.add(row(66_666, Fate::Lost));
+        rows.settle(second, Fate::Answered(Duration::from_micros(68_001)));
+        rows.write(late).unwrap();
+        assert_eq!(text(&rows).lines().count(), 1);
+        rows.settle(first, Fate::Answered(Duration::from_millis(2)));
+        rows.write(late).unwrap();
+        let expected = "sent_ms,rtt_ms,lat,lon,speed_mps,queued,utc_ms\n\
+                        0.005,2.000,,,,3,1000000\n\
+                        33.333,68.001,,,,3,1000033\n\
+                        66.666,-1,,,,3,1000066\n";
+        assert_eq!(text(&rows), expected);
+    }
+
+    #[test]
+    fn times_rise_strictly_and_what_is_left_is_lost() {
+        let mut rows = Rows::new(Vec::new(), Fixes::default()).unwrap();
+        rows.add(row(7, Fate::Lost));
+        rows.add(row(7, Fate::Unanswered));
+        rows.finish().unwrap();
+        let told = text(&rows);
+        let sent: Vec<&str> = told.lines().skip(1).map(|it| &it[..9]).collect();
+        assert_eq!(sent, ["0.007,-1,", "0.008,-1,"]);
+    }
+
+    #[test]
+    fn a_row_waits_for_the_position_after_it() {
+        let fixes = Fixes::default();
+        let mut rows = Rows::new(Vec::new(), fixes.clone()).unwrap();
+        rows.add(row(900_000, Fate::Lost));
+        rows.write(Duration::from_millis(2399)).unwrap();
+        assert_eq!(text(&rows).lines().count(), 1);
+        for (second, lat) in [(0, 1.0), (1, 2.0)] {
+            let utc_ms = 1_000_000 + second * 1000;
+            fixes.add(Fix { utc_ms, lat, lon: -0.5, speed_mps: Some(13.5) });
+        }
+        rows.write(Duration::from_millis(2400)).unwrap();
+        assert!(text(&rows).ends_with("900.000,-1,2.0000000,-0.5000000,13.50,3,1000900\n"));
+    }
+}

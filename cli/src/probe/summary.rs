@@ -1,0 +1,161 @@
+//! The summary, for people and for `--json`.
+
+use std::fmt;
+use std::sync::LazyLock;
+
+use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
+use serde::{Deserialize, Serialize};
+
+use crate::policies::Quantile;
+use crate::probe::figures::{Counts, Figures, Told};
+use crate::probe::options::Args;
+
+/// A line below the header and no other.
+const STYLE: TableStyle =
+    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
+
+/// The round trips of the paper's drive, in milliseconds.
+static PAPER: LazyLock<Paper> = LazyLock::new(|| {
+    let figures: File = serde_json::from_str(include_str!("../../data/paper.json"))
+        .expect("a test reads the same bytes");
+    figures.drive_5g_san_francisco.rtt_ms
+});
+
+#[derive(Deserialize)]
+struct File {
+    drive_5g_san_francisco: Drive,
+}
+
+#[derive(Deserialize)]
+struct Drive {
+    rtt_ms: Paper,
+}
+
+/// Quantiles in milliseconds.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+struct Paper {
+    p50: f64,
+    p90: f64,
+    p99: f64,
+}
+
+/// What a probe came to.
+#[derive(Debug, Serialize)]
+pub(crate) struct Summary {
+    url: String,
+    /// Whether the user ended it.
+    interrupted: bool,
+    rate: f64,
+    runtime_ms: f64,
+    deadline_ms: f64,
+    #[serde(flatten)]
+    counts: Counts,
+    paused_ms: f64,
+    /// Round trips of answers.
+    answers_ms: Told,
+    /// The same over all slots.
+    slots_ms: Told,
+    /// The paper's.
+    paper_ms: Paper,
+    csv: String,
+}
+
+impl Summary {
+    pub(crate) fn new(args: &Args, url: &str, figures: &Figures, interrupted: bool) -> Self {
+        Self {
+            url: url.to_owned(),
+            interrupted,
+            rate: args.rate,
+            runtime_ms: args.runtime,
+            deadline_ms: args.deadline,
+            counts: figures.counts,
+            paused_ms: figures.paused.as_secs_f64() * 1000.0,
+            answers_ms: figures.answers.told(),
+            slots_ms: figures.slots.told(),
+            paper_ms: *PAPER,
+            csv: args.csv.display().to_string(),
+        }
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Counts { slots, sent, answered, failed, unanswered, in_time, pauses, skipped, missed } =
+            self.counts;
+        if self.interrupted {
+            writeln!(f, "Ended early; this is what there was.")?;
+        }
+        writeln!(
+            f,
+            "{} at {} a second: {sent} sent, {answered} answered, {failed} failed, {unanswered} \
+             unanswered at the end.\n{}, {:.1} s in all, skipped {skipped} slots.",
+            counted(slots, "slot"),
+            self.rate,
+            counted(pauses, "pause"),
+            self.paused_ms / 1000.0,
+        )?;
+        if missed > 0 {
+            writeln!(f, "This machine was busy elsewhere and missed {missed} slots.")?;
+        }
+        let mut table = Table::new();
+        table.load_style(STYLE).set_header(["round trip", "p50", "p90", "p99", "max", "in time"]);
+        for (name, Told { p50, p90, p99, max }, of) in
+            [("answers", self.answers_ms, answered), ("slots", self.slots_ms, slots - missed)]
+        {
+            let cells = [p50, p90, p99, max].map(quantile);
+            table.add_row([name.to_owned()].into_iter().chain(cells).chain([percent(in_time, of)]));
+        }
+        let Paper { p50, p90, p99 } = self.paper_ms;
+        let cells = [p50, p90, p99].map(|ms| format!("{ms} ms"));
+        let paper = ["paper's 5G drive".to_owned()].into_iter().chain(cells);
+        table.add_row(paper.chain(["–".to_owned(), "–".to_owned()]));
+        for column in table.column_iter_mut().skip(1) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        writeln!(f, "\n{}\n", table.trim_fmt())?;
+        writeln!(
+            f,
+            "Of slots, one that was skipped took until its pause's end, and what failed never ended.\n\
+             In time is what leaves {} ms to compute within {} ms. Lost: {} of what was sent.\n\
+             {}: the recording, for fuseline run --drive west={}",
+            self.runtime_ms,
+            self.deadline_ms,
+            percent(failed + unanswered, sent),
+            self.csv,
+            self.csv,
+        )
+    }
+}
+
+/// A quantile in whole milliseconds.
+pub(crate) fn quantile(quantile: Option<Quantile>) -> String {
+    match quantile {
+        Some(Quantile::Exactly(at)) => format!("{:.0} ms", at.as_secs_f64() * 1000.0),
+        Some(Quantile::AtLeast(at)) => format!("≥ {:.0} ms", at.as_secs_f64() * 1000.0),
+        Some(Quantile::Never) => "never".to_owned(),
+        None => "–".to_owned(),
+    }
+}
+
+pub(crate) fn counted(count: u64, what: &str) -> String {
+    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
+}
+
+#[expect(clippy::cast_precision_loss, reason = "told to a tenth of a percent")]
+fn percent(part: u64, whole: u64) -> String {
+    if whole == 0 {
+        return "–".to_owned();
+    }
+    format!("{:.1} %", 100.0 * part as f64 / whole as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_drive_stands_beside() {
+        let Paper { p50, p90, p99 } = *PAPER;
+        assert_eq!([p50, p90, p99].map(|ms| format!("{ms}")), ["68", "336", "3027"]);
+    }
+}

@@ -1,0 +1,235 @@
+//! A vehicle that approaches an obstacle at rest: its figures, what it computes where, and how one drive ends.
+
+use std::time::Duration;
+
+use fuseline_deadline::{Guard, Hazard, Invalid, Parameters};
+use serde::Serialize;
+
+use crate::scenario::braking::{Aftermath, Brakes};
+use crate::scenario::operator::{CLOUD, Message, Operator, Request, UNLIMITED};
+use crate::scenario::planner::{Planner, Sight};
+
+/// The vehicle, its camera and what it computes with, in metres and seconds.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+pub(crate) struct Vehicle {
+    pub(crate) deceleration: f64,
+    pub(crate) brake_delay: f64,
+    /// Frames in a second.
+    pub(crate) rate: f64,
+    /// Frames that must report before it brakes.
+    pub(crate) frames: u32,
+    pub(crate) range_local: f64,
+    pub(crate) range_cloud: f64,
+    pub(crate) local_response: f64,
+    /// Whether local computes one frame at a time.
+    pub(crate) local_serial: bool,
+    /// The obstacle is hidden while it is further away.
+    pub(crate) reveal: Option<f64>,
+}
+
+/// Who answers.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Approach {
+    /// Local alone.
+    Local,
+    /// The cloud alone, however long it takes.
+    Cloud,
+    /// Whichever is first.
+    First,
+    /// Both: the cloud by a deadline, else local.
+    Ours,
+}
+
+/// One drive towards the obstacle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Drive<'a> {
+    pub(crate) vehicle: &'a Vehicle,
+    pub(crate) speed: f64,
+    /// Where the obstacle comes into the greater range, in frames after a capture.
+    pub(crate) phase: f64,
+    pub(crate) approach: Approach,
+    /// The deadline of each request of *ours*.
+    pub(crate) deadline: Duration,
+}
+
+/// A frame's number as a figure; no drive has more frames than are exact.
+fn figure(number: u64) -> f64 {
+    u32::try_from(number).map_or(f64::INFINITY, f64::from)
+}
+
+/// Seconds in nanoseconds, to the nearest; 0 of what is less.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded, saturating")]
+pub(crate) fn nanos(seconds: f64) -> u64 {
+    (seconds * 1e9).round() as u64
+}
+
+/// Nanoseconds in seconds.
+#[expect(clippy::cast_precision_loss, reason = "a drive lasts minutes, and 2^53 ns are 104 days")]
+pub(crate) fn seconds(nanos: u64) -> f64 {
+    nanos as f64 / 1e9
+}
+
+/// A duration in nanoseconds.
+pub(crate) fn whole(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+impl Vehicle {
+    /// Seconds between two frames.
+    pub(crate) fn period(&self) -> f64 {
+        self.rate.recip()
+    }
+
+    /// Seconds between two frames that local takes.
+    pub(crate) fn period_local(&self) -> f64 {
+        self.period() * self.frames_of_local()
+    }
+
+    /// How many frames local is busy with one.
+    pub(crate) fn frames_of_local(&self) -> f64 {
+        if self.local_serial { (self.local_response * self.rate).ceil().max(1.0) } else { 1.0 }
+    }
+
+    pub(crate) const fn brakes(&self) -> Brakes {
+        Brakes { deceleration: self.deceleration, delay: self.brake_delay }
+    }
+
+    /// The guard of this vehicle, as it is shipped.
+    ///
+    /// # Errors
+    /// The first figure that makes no sense.
+    pub(crate) fn guard(&self) -> Result<Guard, Invalid> {
+        let hazard = Hazard {
+            weight: 1.0,
+            range_local: self.range_local.into(),
+            range_cloud: self.range_cloud.into(),
+        };
+        Guard::new(Parameters {
+            deceleration: self.deceleration.into(),
+            brake_delay: self.brake_delay.into(),
+            frames: self.frames,
+            period_local: self.period_local().into(),
+            period_cloud: self.period().into(),
+            local_response: self.local_response.into(),
+            classes: hazard.into(),
+            ..Parameters::default()
+        })
+    }
+
+    /// The same with the cloud's model on board and nothing else.
+    pub(crate) const fn with_model_on_board(self, response: f64) -> Self {
+        Self { range_local: self.range_cloud, local_response: response, ..self }
+    }
+
+    /// Whether a source of this range reports an obstacle so far away.
+    fn reports(&self, range: f64, gap: f64) -> bool {
+        gap > 0.0 && gap <= range.min(self.reveal.unwrap_or(f64::INFINITY))
+    }
+}
+
+impl Drive<'_> {
+    /// The gap at the first frame's capture, in metres.
+    pub(crate) fn start(&self) -> f64 {
+        let Vehicle { range_local, range_cloud, .. } = *self.vehicle;
+        range_local.max(range_cloud) + self.phase * self.speed * self.vehicle.period()
+    }
+
+    /// About how many frames are captured until the obstacle is reached.
+    pub(crate) fn frames(&self) -> f64 {
+        self.start() / self.speed * self.vehicle.rate
+    }
+
+    /// Drives towards the obstacle, and tells how that ends and when it was decided to brake, in nanoseconds.
+    ///
+    /// `response` tells how long the cloud takes for a frame captured then, in nanoseconds; none is for ever. `operator`
+    /// has not been used before.
+    pub(crate) fn run(
+        &self,
+        operator: &mut Operator,
+        response: impl Fn(u64) -> Option<u64>,
+    ) -> (Aftermath, Option<u64>) {
+        let (start, period) = (self.start(), self.vehicle.period());
+        let mut planner = Planner::new(self.vehicle.frames as usize);
+        let mut local = Local { vehicle: self.vehicle, frees: 0 };
+        let reached = start / self.speed;
+        let mut decided = None;
+        for frame in 0_u64.. {
+            let captured = figure(frame) * period;
+            if captured >= reached {
+                break;
+            }
+            let at = nanos(captured);
+            operator.message(&self.message(at, &mut local, &response));
+            decided = self.plan(operator, &mut planner, start);
+            if decided.is_some() {
+                break;
+            }
+        }
+        // No frame is to come; what is under way may still tell.
+        while decided.is_none() {
+            let Some(next) = operator.next().filter(|next| seconds(*next) < reached) else { break };
+            operator.pass(next);
+            decided = self.plan(operator, &mut planner, start);
+        }
+        let end = self.vehicle.brakes().end(self.speed, start, decided.map(seconds));
+        (end, decided)
+    }
+
+    /// What the operator gets for the frame captured at this instant.
+    fn message(
+        &self,
+        at: u64,
+        local: &mut Local<'_>,
+        response: impl Fn(u64) -> Option<u64>,
+    ) -> Message {
+        let cloud = |deadline| Some(Request { deadline, response: response(at) });
+        let asked = |local: Option<u64>, request| Message { at, local, request };
+        match self.approach {
+            Approach::Local => asked(local.take(at), None),
+            Approach::Cloud => asked(None, cloud(UNLIMITED)),
+            Approach::First => {
+                let local = local.take(at);
+                asked(local, cloud(local.unwrap_or(UNLIMITED)))
+            }
+            Approach::Ours => asked(local.take(at), cloud(whole(self.deadline))),
+        }
+    }
+
+    /// Gives the planner what left the operator; when it decided to brake.
+    fn plan(&self, operator: &mut Operator, planner: &mut Planner, start: f64) -> Option<u64> {
+        let Vehicle { range_local, range_cloud, .. } = *self.vehicle;
+        let period = self.vehicle.period();
+        operator.take_outputs().into_iter().find_map(|output| {
+            let gap = start - self.speed * figure(output.t) * period;
+            let sight = match output.source {
+                None => Sight::Missed,
+                Some(source) => {
+                    let range = if source == CLOUD { range_cloud } else { range_local };
+                    if self.vehicle.reports(range, gap) { Sight::Obstacle } else { Sight::Clear }
+                }
+            };
+            let frame = usize::try_from(output.t).unwrap_or(usize::MAX);
+            planner.take(frame, sight).then_some(output.at)
+        })
+    }
+}
+
+/// The computation on board, frame by frame.
+struct Local<'a> {
+    vehicle: &'a Vehicle,
+    /// When it is free again, if it computes one frame at a time.
+    frees: u64,
+}
+
+impl Local<'_> {
+    /// How long it takes for a frame captured now; none if it is busy.
+    fn take(&mut self, at: u64) -> Option<u64> {
+        let response = nanos(self.vehicle.local_response);
+        if self.vehicle.local_serial && at < self.frees {
+            return None;
+        }
+        self.frees = at.saturating_add(response);
+        Some(response)
+    }
+}

@@ -1,0 +1,55 @@
+//! To stop in front of what stands: constant speed, a delay, constant deceleration.
+
+/// Brakes, in metres and seconds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Brakes {
+    /// Full braking.
+    pub(crate) deceleration: f64,
+    /// From the decision until they bite.
+    pub(crate) delay: f64,
+}
+
+/// How a drive towards an obstacle at rest ends.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) enum Aftermath {
+    /// The vehicle stands, with so many metres left.
+    Stops {
+        /// In metres, above 0.
+        gap: f64,
+    },
+    /// It reaches the obstacle.
+    Hits {
+        /// At this speed, in m/s.
+        impact: f64,
+    },
+}
+
+impl Brakes {
+    /// How it ends if the decision falls `decided` after the gap was `start`, or never. What reaches a gap of 0, hits.
+    pub(crate) fn end(&self, speed: f64, start: f64, decided: Option<f64>) -> Aftermath {
+        let gap = decided.map_or(0.0, |decided| start - speed * (decided + self.delay));
+        if gap <= 0.0 {
+            return Aftermath::Hits { impact: speed };
+        }
+        let left = gap - speed * speed / (2.0 * self.deceleration);
+        if left > 0.0 {
+            return Aftermath::Stops { gap: left };
+        }
+        Aftermath::Hits { impact: (-2.0 * self.deceleration * left).max(0.0).sqrt() }
+    }
+}
+
+impl Aftermath {
+    /// Whether it is a collision.
+    pub(crate) const fn hits(self) -> bool {
+        matches!(self, Self::Hits { .. })
+    }
+
+    /// The square of the speed at impact, in m²/s².
+    pub(crate) fn energy(self) -> f64 {
+        match self {
+            Self::Stops { .. } => 0.0,
+            Self::Hits { impact } => impact * impact,
+        }
+    }
+}

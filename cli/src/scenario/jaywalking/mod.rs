@@ -1,0 +1,155 @@
+//! `fuseline scenario jaywalking`: a person steps onto the road, and a plan for that may be at hand.
+
+mod aside;
+mod planning;
+mod plots;
+mod scene;
+mod told;
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::fault::Fault;
+use crate::scenario::jaywalking::planning::{Answered, Planning};
+pub(crate) use crate::scenario::jaywalking::scene::{Manoeuvre, Scene};
+use crate::scenario::leave::{Folder, Shown, show};
+use crate::scenario::options::{Leave, above_0, not_below_0, speed};
+
+/// What the page says first.
+const WORDS: &str = "A person walks onto the road just before a car. A planner on board takes 0.5 s; a plan that the \
+    cloud made for this case, and that lies in a cache, takes 0.4 s. The plan came by a call aside: gated, bounded by a \
+    deadline, unknown to the machine, and no output of any message.";
+/// What is modelled.
+const MODEL: &str = "The person's speed, how hard the car swerves and brakes, and when the call aside is made are model \
+    choices; the paper drove in CARLA and does not state them.";
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+A person walks onto the road just before a car. The planner on board takes the first response. A
+plan for this case may lie in a cache, and takes the last: the cloud made it, by a call aside that is
+gated, bounded by a deadline and unknown to the machine; its answer is cached with what it is for
+and how long it holds, is used on a match only, and is no output. Where it came too late, has
+expired, is for something else or never comes, the plan on board leaves when it would have without.
+
+Figures marked † are model choices: the paper does not state them. The person is a disc of 0.3 m,
+1.75 m right of the middle of the car's lane at 0 s, and walks to the left.
+
+Exit code 0 when told, 2 if something makes no sense.
+
+Examples:
+  fuseline scenario jaywalking
+  fuseline scenario jaywalking --speed 9,10,11 --distance 12
+  fuseline scenario jaywalking -o pictures")]
+pub(crate) struct Args {
+    /// From the car's front to the person's line as the person enters the road, in m.
+    #[arg(long, value_name = "M", default_value = "10", value_parser = above_0)]
+    distance: f64,
+    /// How fast the person walks to the left, in m/s †.
+    #[arg(long, value_name = "V", default_value = "1.5", value_parser = not_below_0)]
+    person_speed: f64,
+    /// How hard the car swerves to the left, in m/s² †.
+    #[arg(long, value_name = "A", default_value = "7", value_parser = above_0)]
+    lateral: f64,
+    /// Full braking, in m/s² †.
+    #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
+    deceleration: f64,
+    /// Responses, in s: the first is that of the planner on board, the last that of a cached plan.
+    #[arg(long, value_name = "S,S,…", value_delimiter = ',', default_value = "0.5,0.4", value_parser = not_below_0)]
+    response: Vec<f64>,
+    /// Speeds of the car, in m/s.
+    #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "10", value_parser = speed)]
+    speed: Vec<f64>,
+    #[command(flatten)]
+    leave: Leave,
+}
+
+/// The greatest speeds without contact, in m/s.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+pub(crate) struct Greatest {
+    response: f64,
+    swerve: Option<f64>,
+    brake: Option<f64>,
+}
+
+/// A run.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+pub(crate) struct Run {
+    speed: f64,
+    /// What became of the call for a contingency plan.
+    cloud: Answered,
+    /// Whether the cached plan was used.
+    cached: bool,
+    /// From the person's step onto the road until the plan for it left the planner, in s.
+    response: f64,
+    manoeuvre: Manoeuvre,
+    collides: bool,
+}
+
+impl Args {
+    const fn scene(&self) -> Scene {
+        Scene {
+            distance: self.distance,
+            person_speed: self.person_speed,
+            lateral: self.lateral,
+            deceleration: self.deceleration,
+        }
+    }
+}
+
+/// All that is told.
+#[derive(Clone, Serialize)]
+pub(crate) struct Found {
+    scenario: &'static str,
+    parameters: Value,
+    greatest: Vec<Greatest>,
+    runs: Vec<Run>,
+}
+
+/// Plays it.
+pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+    let [traces, plots] = args.leave.folders()?;
+    let scene = args.scene();
+    let greatest = args.response.iter().map(|at| greatest(&scene, *at)).collect();
+    let runs = runs(args, &scene, traces.as_ref())?;
+    let parameters = json!({"speed": args.speed, "response": args.response, "scene": scene});
+    let found = Found { scenario: "jaywalking", parameters, greatest, runs };
+    let told = told::told(&found);
+    if let Some(folder) = plots {
+        let words = [WORDS, MODEL];
+        let plots = plots::plots(&found, scene);
+        show(&folder, &Shown { title: "Person jaywalking", words: &words, plots, told: &told })?;
+    }
+    args.leave.tell(&found, &told)
+}
+
+fn greatest(scene: &Scene, response: f64) -> Greatest {
+    Greatest {
+        response,
+        swerve: scene.greatest(Manoeuvre::Swerve, response),
+        brake: scene.greatest(Manoeuvre::Brake, response),
+    }
+}
+
+/// Each way in which the call aside may end, at each speed.
+fn runs(args: &Args, scene: &Scene, traces: Option<&Folder>) -> Result<Vec<Run>, Fault> {
+    let (Some(planner), Some(cached)) = (args.response.first(), args.response.last()) else {
+        return Ok(Vec::new());
+    };
+    let mut runs = Vec::new();
+    for cloud in Answered::ALL {
+        let planning = Planning { cloud, planner: *planner, cached: *cached };
+        let came = planning.run(traces.is_some());
+        if let (Some(folder), Some(trace)) = (traces, &came.trace) {
+            folder.put(&format!("{}.jsonl", cloud.word()), trace)?;
+        }
+        for speed in &args.speed {
+            for manoeuvre in [Manoeuvre::Swerve, Manoeuvre::Brake] {
+                let response = came.response;
+                let collides = scene.contact(*speed, manoeuvre, response).is_some();
+                let cached = came.is_cached;
+                runs.push(Run { speed: *speed, cloud, cached, response, manoeuvre, collides });
+            }
+        }
+    }
+    Ok(runs)
+}

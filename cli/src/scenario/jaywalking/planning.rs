@@ -1,0 +1,159 @@
+//! The car's planner: an operator without clouds, and a plan that may be cached beside it.
+
+use serde::Serialize;
+
+use crate::scenario::approach::{nanos, seconds};
+use crate::scenario::jaywalking::aside::{Answer, Asides, Hypothesis, Plan};
+use crate::scenario::operator::{Message, Operator};
+
+/// The planner gets a message so often, in ns.
+const EVERY: u64 = 100_000_000;
+/// When the person enters the road: messages before are without.
+const ENTERS: u64 = 20 * EVERY;
+/// The last message.
+const LAST: u64 = 30 * EVERY;
+/// When the person might enter, by the message that comes then.
+const FORESEEN: u64 = 5 * EVERY;
+/// How long the call aside may take.
+const DEADLINE: u64 = 1_000_000_000;
+/// How long it takes, unless it is late.
+const TAKES: u64 = 400_000_000;
+/// How long its plan holds, unless it has expired.
+const VALIDITY: u64 = 5_000_000_000;
+/// Calls aside at once.
+const LIMIT: usize = 1;
+
+/// What becomes of the call for a contingency plan.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Answered {
+    /// No cloud is asked.
+    Unasked,
+    /// In time, and the plan holds.
+    InTime,
+    /// After the deadline, though before the person enters.
+    Late,
+    /// In time, but the plan holds no longer.
+    Expired,
+    /// In time, for something else.
+    OtherHypothesis,
+    /// Never.
+    Silent,
+}
+
+/// A run of the planner, in s.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Planning {
+    pub(crate) cloud: Answered,
+    /// How long the planner computes.
+    pub(crate) planner: f64,
+    /// How long it takes with a cached plan.
+    pub(crate) cached: f64,
+}
+
+/// What left the planner.
+pub(crate) struct Planned {
+    /// From the person's step onto the road until the plan for it left, in s.
+    pub(crate) response: f64,
+    /// Whether that was the cached plan.
+    pub(crate) is_cached: bool,
+    pub(crate) trace: Option<Vec<u8>>,
+}
+
+impl Answered {
+    pub(crate) const ALL: [Self; 6] = [
+        Self::Unasked,
+        Self::InTime,
+        Self::Late,
+        Self::Expired,
+        Self::OtherHypothesis,
+        Self::Silent,
+    ];
+
+    /// The word for it.
+    pub(crate) const fn word(self) -> &'static str {
+        match self {
+            Self::Unasked => "unasked",
+            Self::InTime => "in-time",
+            Self::Late => "late",
+            Self::Expired => "expired",
+            Self::OtherHypothesis => "other-hypothesis",
+            Self::Silent => "silent",
+        }
+    }
+
+    /// What the call brings.
+    const fn answer(self) -> Option<Answer> {
+        let person = Plan { hypothesis: Hypothesis::PersonEnters, validity: VALIDITY };
+        let other = Plan { hypothesis: Hypothesis::CarPullsOut, validity: VALIDITY };
+        match self {
+            Self::Unasked | Self::Silent => None,
+            Self::InTime => Some(Answer { takes: TAKES, plan: person }),
+            Self::Late => Some(Answer { takes: DEADLINE, plan: person }),
+            Self::Expired => {
+                let until = ENTERS - FORESEEN - TAKES;
+                Some(Answer { takes: TAKES, plan: Plan { validity: until, ..person } })
+            }
+            Self::OtherHypothesis => Some(Answer { takes: TAKES, plan: other }),
+        }
+    }
+}
+
+impl Planning {
+    /// Runs it.
+    pub(crate) fn run(&self, is_traced: bool) -> Planned {
+        let mut operator = Operator::new("planner", 31.0, is_traced);
+        let mut asides = Asides::new(LIMIT);
+        let mut is_cached = false;
+        for at in (0..=LAST).step_by(usize::try_from(EVERY).unwrap_or(usize::MAX)) {
+            if at == FORESEEN && self.cloud != Answered::Unasked {
+                asides.call(at, DEADLINE, self.cloud.answer());
+            }
+            let has_plan = at >= ENTERS && asides.holds(at, Hypothesis::PersonEnters);
+            is_cached |= has_plan;
+            let local = Some(nanos(if has_plan { self.cached } else { self.planner }));
+            operator.message(&Message { at, local, request: None });
+        }
+        operator.pass(u64::MAX);
+        let outputs = operator.take_outputs();
+        let first = outputs.iter().find(|output| output.t * EVERY >= ENTERS);
+        let response = first.map_or(f64::INFINITY, |output| seconds(output.at - ENTERS));
+        Planned { response, is_cached, trace: operator.into_trace() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fuseline_traces::judge;
+
+    use super::*;
+
+    fn run(cloud: Answered) -> (f64, bool, Vec<u8>) {
+        let Planned { response, is_cached, trace } =
+            Planning { cloud, planner: 0.5, cached: 0.4 }.run(true);
+        (response, is_cached, trace.unwrap())
+    }
+
+    #[test]
+    fn a_plan_that_does_not_serve_leaves_outputs_at_the_instants_of_a_run_without_a_cloud() {
+        let (response, is_cached, without) = run(Answered::Unasked);
+        assert_eq!((response, is_cached), (0.5, false));
+        for cloud in
+            [Answered::Late, Answered::Expired, Answered::OtherHypothesis, Answered::Silent]
+        {
+            let (response, is_cached, trace) = run(cloud);
+            assert_eq!((response, is_cached), (0.5, false), "{cloud:?}");
+            assert!(trace == without, "{cloud:?} changed what the machine saw");
+        }
+    }
+
+    #[test]
+    fn a_plan_in_time_that_holds_and_matches_is_used_and_no_output_of_its_own() {
+        let (response, is_cached, trace) = run(Answered::InTime);
+        assert_eq!((response, is_cached), (0.4, true));
+        let text = String::from_utf8(trace.clone()).unwrap();
+        assert_eq!(text.matches("\"emit\"").count(), 31);
+        assert_eq!(text.matches("\"offer\"").count(), 0, "the machine knows of no call aside");
+        assert!(judge("planner", &trace[..]).unwrap().conforms);
+    }
+}

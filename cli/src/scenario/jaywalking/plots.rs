@@ -1,0 +1,63 @@
+//! The greatest speed over the response.
+
+use crate::plot::{Axes, DRAWN, Label, Line, Plot, sheet};
+use crate::scenario::jaywalking::Found;
+use crate::scenario::jaywalking::scene::{Manoeuvre, Scene};
+use plotters::prelude::*;
+
+/// Responses that are shown, in twentieths of a second.
+const SHOWN: std::ops::RangeInclusive<u32> = 0..=20;
+
+/// The plot.
+pub(crate) fn plots(found: &Found, scene: Scene) -> Vec<Plot> {
+    let line = |manoeuvre: Manoeuvre| -> Vec<(f64, f64)> {
+        let responses = SHOWN.map(|twentieths| f64::from(twentieths) / 20.0);
+        let points = responses.map(|at| (at, scene.greatest(manoeuvre, at)));
+        points.filter_map(|(at, speed)| Some((at, speed?))).collect()
+    };
+    let (swerve, brake) = (line(Manoeuvre::Swerve), line(Manoeuvre::Brake));
+    let marks: Vec<(f64, f64)> =
+        found.greatest.iter().filter_map(|row| Some((row.response, row.swerve?))).collect();
+    let lower: Vec<(f64, f64)> =
+        found.greatest.iter().filter_map(|row| Some((row.response, row.brake?))).collect();
+    let top = swerve.iter().chain(&brake).map(|(_, speed)| *speed).fold(1.0, f64::max).min(60.0);
+    let caption = "The greatest speed up to which nobody is touched, by how long it takes until the car acts. The dots are \
+                   the responses given: of the planner on board, and of a cached plan.";
+    vec![Plot::new("greatest-speed", caption, move |theme| {
+        let words = ("Person jaywalking", "Greatest speed without contact, by response");
+        sheet(theme, (760, 470), words, |sheet| {
+            let of = |name: &str, series: usize, points: &Vec<(f64, f64)>| Line {
+                name: name.to_owned(),
+                colour: theme.series[series],
+                width: 3,
+                is_dashed: false,
+                points: points.iter().copied().filter(|(_, speed)| *speed <= top).collect(),
+            };
+            let lines = [of("swerve", 1, &swerve), of("brake", 2, &brake)];
+            Line::keys(&lines, theme, sheet, (82, 84));
+            let area = sheet.margin(104, 12, 20, 24);
+            let axes = Axes {
+                x: 0.0..1.0,
+                y: 0.0..(top * 1.05).ceil(),
+                x_name: "response, s",
+                y_name: "speed, m/s",
+            };
+            let mut chart = axes.chart(theme, &area);
+            for line in &lines {
+                line.draw(&mut chart);
+            }
+            for (marks, colour, above) in
+                [(&marks, theme.series[1], -14), (&lower, theme.series[2], 16)]
+            {
+                let dots = marks.iter().map(|at| Circle::new(*at, 5, colour.filled()));
+                chart.draw_series(dots).expect(DRAWN);
+                let style = Label::new(12.0, theme.ink).centred().style();
+                let words = marks.iter().map(|(at, speed)| {
+                    EmptyElement::at((*at, *speed))
+                        + Text::new(format!("{speed:.2}"), (0, above), style.clone())
+                });
+                chart.draw_series(words).expect(DRAWN);
+            }
+        })
+    })]
+}

@@ -1,0 +1,98 @@
+//! Runs and greatest speeds, for people.
+
+use std::fmt::Write;
+
+use crate::scenario::jaywalking::Found;
+use crate::scenario::jaywalking::planning::Answered;
+use crate::scenario::jaywalking::scene::Manoeuvre;
+use crate::scenario::paint::{BAD, GOOD, paint};
+use crate::scenario::paper::PAPER;
+
+/// The words for it all.
+pub(crate) fn told(found: &Found) -> String {
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    let _ = runs(&mut text, found);
+    let _ = greatest(&mut text, found);
+    text
+}
+
+fn runs(text: &mut String, found: &Found) -> std::fmt::Result {
+    writeln!(
+        text,
+        "{:>5}  {:<26}{:<14}{:>8}   {:<10}{:<10}the paper, swerving",
+        "m/s", "the contingency plan", "plan", "response", "swerve", "brake"
+    )?;
+    writeln!(text, "{}", "─".repeat(94))?;
+    for pair in found.runs.chunks(2) {
+        let [swerve, brake] = pair else { continue };
+        let plan = if swerve.cached { "cached" } else { "on board" };
+        let said = if swerve.cached {
+            &PAPER.jaywalking.collides.cached_contingency
+        } else {
+            &PAPER.jaywalking.collides.local_planner
+        };
+        let paper = match swerve.cloud {
+            Answered::Unasked | Answered::InTime => word(*said),
+            Answered::Late | Answered::Expired | Answered::OtherHypothesis | Answered::Silent => {
+                String::new()
+            }
+        };
+        writeln!(
+            text,
+            "{:>5}  {:<26}{:<14}{:>8}   {}{}{paper}",
+            swerve.speed,
+            became(swerve.cloud),
+            plan,
+            format!("{:.3} s", swerve.response),
+            padded(swerve.collides),
+            padded(brake.collides)
+        )?;
+    }
+    writeln!(text)
+}
+
+const fn became(cloud: Answered) -> &'static str {
+    match cloud {
+        Answered::Unasked => "not asked for",
+        Answered::InTime => "in time, holds, matches",
+        Answered::Late => "after its deadline",
+        Answered::Expired => "in time, expired",
+        Answered::OtherHypothesis => "in time, for another case",
+        Answered::Silent => "never comes",
+    }
+}
+
+fn word(collides: bool) -> String {
+    if collides { paint(BAD, "x collides") } else { paint(GOOD, "avoids") }
+}
+
+/// Padded without counting what colours it.
+fn padded(collides: bool) -> String {
+    if collides { paint(BAD, "x hits    ") } else { paint(GOOD, "avoids    ") }
+}
+
+fn greatest(text: &mut String, found: &Found) -> std::fmt::Result {
+    writeln!(text, "Greatest speeds up to which nobody is touched, m/s:")?;
+    writeln!(text, "  {:>10}{:>10}{:>10}", "response", "swerve", "brake")?;
+    let shown = |speed: Option<f64>| speed.map_or("any".to_owned(), |speed| format!("{speed:.2}"));
+    for row in &found.greatest {
+        let (swerve, brake) = (shown(row.swerve), shown(row.brake));
+        writeln!(text, "  {:>10}{swerve:>10}{brake:>10}", format!("{} s", row.response))?;
+    }
+    let (swerve, brake) = (Manoeuvre::Swerve, Manoeuvre::Brake);
+    let only = |manoeuvre: Manoeuvre| {
+        let of = |place: usize| {
+            let row = found.greatest.get(place)?;
+            if manoeuvre == Manoeuvre::Swerve { row.swerve } else { row.brake }
+        };
+        let (board, cached) = (of(0)?, of(found.greatest.len().checked_sub(1)?)?);
+        (board < cached).then(|| format!("above {board:.2} up to {cached:.2} m/s"))
+    };
+    for (manoeuvre, way) in [(swerve, "swerving"), (brake, "braking")] {
+        if let Some(range) = only(manoeuvre) {
+            writeln!(text, "By {way}, the cached plan alone avoids {range}.")?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,75 @@
+//! Folders that a scenario fills: each file appears whole or not at all.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::Builder;
+
+use crate::fault::Fault;
+use crate::plot::{DARK, LIGHT, Page, Plot, png};
+use crate::scenario::paint::bare;
+
+/// A folder to write to; it is made if it is not there, and what else is in it stays.
+pub(crate) struct Folder(PathBuf);
+
+impl Folder {
+    /// The folder at `path`, if one is wanted.
+    ///
+    /// # Errors
+    /// If it is not there and cannot be made.
+    pub(crate) fn open(path: Option<&Path>) -> Result<Option<Self>, Fault> {
+        let Some(path) = path else { return Ok(None) };
+        fs::create_dir_all(path).map_err(|source| fault(path, source))?;
+        Ok(Some(Self(path.to_owned())))
+    }
+
+    /// Writes a file.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(crate) fn put(&self, name: &str, bytes: &[u8]) -> Result<(), Fault> {
+        let path = self.0.join(name);
+        self.persist(&path, bytes).map_err(|source| fault(&path, source))
+    }
+
+    fn persist(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        let mut builder = Builder::new();
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut file = builder.prefix(".").suffix(".tmp").tempfile_in(&self.0)?;
+        file.write_all(bytes)?;
+        file.persist(path)?;
+        Ok(())
+    }
+}
+
+fn fault(path: &Path, source: io::Error) -> Fault {
+    Fault::Create { name: path.display().to_string(), source }
+}
+
+/// What a page of a scenario holds.
+pub(crate) struct Shown<'a> {
+    pub(crate) title: &'a str,
+    pub(crate) words: &'a [&'a str],
+    pub(crate) plots: Vec<Plot>,
+    /// What the terminal was told.
+    pub(crate) told: &'a str,
+}
+
+/// Writes the plots, as SVG and PNG on both grounds, and `index.html`.
+///
+/// # Errors
+/// If one cannot be written.
+pub(crate) fn show(folder: &Folder, shown: &Shown<'_>) -> Result<(), Fault> {
+    let Shown { title, words, plots, told } = shown;
+    for plot in plots {
+        for theme in [LIGHT, DARK] {
+            let (svg, name) = (plot.svg(&theme), format!("{}{}", plot.name, theme.suffix));
+            folder.put(&format!("{name}.svg"), svg.as_bytes())?;
+            folder.put(&format!("{name}.png"), &png(&svg))?;
+        }
+    }
+    let page = Page { title, words, plots, table: &bare(told) };
+    folder.put("index.html", page.html().as_bytes())
+}

@@ -1,0 +1,94 @@
+//! `fuseline scenario`: the paper's evaluation in virtual time, from stated physics.
+
+mod approach;
+mod braking;
+mod jaywalking;
+mod leave;
+mod networks;
+mod operator;
+mod options;
+mod paint;
+mod paper;
+mod planner;
+mod red_light;
+mod shape;
+#[cfg(test)]
+mod tests;
+mod traffic_jam;
+
+use fuseline_deadline::{Figure, Invalid};
+use thiserror::Error;
+
+use crate::exit::Exit;
+use crate::fault::Fault;
+
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    scenario: Scenario,
+}
+
+#[derive(clap::Subcommand)]
+enum Scenario {
+    /// Stop behind a standing motorcycle: the paper's table of 90 cells.
+    TrafficJam(traffic_jam::Args),
+    /// A car runs a red light, hidden until it is late; vehicles may share where they are.
+    RedLight(red_light::Args),
+    /// A person steps onto the road; a plan for that may be at hand.
+    Jaywalking(jaywalking::Args),
+    /// The vehicle of the traffic jam over recorded networks, policies side by side.
+    Networks(networks::Args),
+}
+
+/// Why a scenario cannot be told.
+#[derive(Debug, Error)]
+pub(crate) enum ScenarioError {
+    #[error("{invalid}; change {}", options_of(*.invalid))]
+    Invalid { invalid: Invalid },
+    #[error(
+        "at {speed} m/s more than 1024 frames are open at once; lower --rate or the deadline, or raise --speed"
+    )]
+    Full { speed: f64 },
+    #[error(
+        "{runs} runs would leave as many traces, and {most} are the most; name fewer with --drive, --speed, --policy or \
+         --starts"
+    )]
+    Traces { runs: usize, most: usize },
+}
+
+impl From<ScenarioError> for Fault {
+    fn from(error: ScenarioError) -> Self {
+        Self::own(error)
+    }
+}
+
+/// Plays a scenario.
+pub(crate) fn play(args: &Args) -> Result<Exit, Fault> {
+    match &args.scenario {
+        Scenario::TrafficJam(args) => traffic_jam::play(args)?,
+        Scenario::RedLight(args) => red_light::play(args)?,
+        Scenario::Jaywalking(args) => jaywalking::play(args)?,
+        Scenario::Networks(args) => networks::play(args)?,
+    }
+    Ok(Exit::Conforms)
+}
+
+/// The options that could be at fault.
+const fn options_of(invalid: Invalid) -> &'static str {
+    match invalid {
+        Invalid::Span(figure) | Invalid::NotAbove0(figure) | Invalid::Below0(figure) => {
+            match figure {
+                Figure::Deceleration => "--deceleration",
+                Figure::BrakeDelay => "--brake-delay",
+                Figure::PeriodLocal | Figure::PeriodCloud => "--rate",
+                Figure::LocalResponse => "--local-response",
+                Figure::RangeLocal => "--range-local",
+                Figure::RangeCloud => "--range-cloud",
+                Figure::Weight | Figure::Lateness | Figure::Margin => "the options",
+            }
+        }
+        Invalid::CloudSeesLess => "--range-local or --range-cloud, or give --deadline in seconds",
+        Invalid::NoFrames => "--frames",
+        Invalid::Classes(_) | Invalid::Probes { .. } => "the options",
+    }
+}

@@ -1,0 +1,244 @@
+//! `fuseline scenario networks`: the same vehicle over recorded drives.
+
+mod plots;
+mod policy;
+mod told;
+
+use std::time::Duration;
+
+use fuseline_deadline::{Guard, Observation, Situation};
+use rayon::prelude::*;
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::drives::Drive;
+use crate::fault::Fault;
+use crate::scenario::ScenarioError;
+use crate::scenario::approach::{self, Vehicle, whole};
+use crate::scenario::braking::Aftermath;
+use crate::scenario::leave::{Folder, Shown, show};
+use crate::scenario::networks::policy::{Manner, deadline, observe};
+use crate::scenario::operator::Operator;
+use crate::scenario::options::{Leave, VehicleArgs, not_below_0, speed};
+
+/// All that is recorded but the wifi, which was hardly ever there.
+const DRIVES: &str = "cicv5g/arterial_n78_v80,cicv5g/rural_n8_v0,cicv5g/rural_n8_v10,\
+    cicv5g/strong_to_weak_n8_v30,cicv5g/urban_n78_v40,cicv5g/weak_to_strong_n8_v50,\
+    vnperf/downtown:verizon,vnperf/downtown:sprint,vnperf/highway:verizon,vnperf/highway:sprint";
+/// Places the obstacle between two captures, evenly however many starts there are.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+/// More traces than this are not meant.
+const TRACES: usize = 10_000;
+
+/// What the page says first.
+const WORDS: &str = "The vehicle of the traffic jam meets its obstacle at moments all over recorded drives. The cloud \
+    answers after its runtime and the round trip that the drive had at each frame's capture; policies differ in whose \
+    result they wait for, and how long.";
+/// What is modelled.
+const MODEL: &str = "Round trips were measured with small messages, not with frames of 33.3 KB. Ranges, deceleration and \
+    the delay of the brakes are model choices. expected looks at the calls of the 30 s before.";
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+The vehicle of the traffic jam meets its obstacle at moments all over recorded drives, those inside
+the command: ten networks, all that are recorded but a wifi that was hardly ever there. Whoever
+answers: local alone, the cloud alone, whichever is first, or both with a deadline: a constant, that
+of the guard, or the one expected to cost least by the calls of the 30 s before.
+
+Figures marked † are model choices. energy is the mean square of the speed at impact, in m²/s², 0
+for a start that does not collide.
+
+Exit code 0 when told, 2 if something makes no sense.
+
+Examples:
+  fuseline scenario networks
+  fuseline scenario networks --drive cicv5g/rural_n8_v10 --speed 20,22 --policy local,0.5,guard
+  fuseline scenario networks --drive my-drive.csv --json")]
+pub(crate) struct Args {
+    /// Recorded drives, or CSV files like them, as fuseline run takes them.
+    #[arg(long, value_name = "DRIVE,…", value_delimiter = ',', default_value = DRIVES, hide_default_value = true)]
+    drive: Vec<String>,
+    /// Speeds, in m/s.
+    #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "11,12,13,14,15,16,17,18,19,20,21,22,23,24,25,26,27,28,29,30", hide_default_value = true, value_parser = speed)]
+    speed: Vec<f64>,
+    /// Who answers: local, cloud, first, a constant deadline in s, guard, expected.
+    #[arg(long, value_name = "WHO,WHO,…", value_delimiter = ',', default_value = "local,cloud,first,0.5,0.76,guard,expected", value_parser = Manner::parse)]
+    policy: Vec<Manner>,
+    /// Moments, evenly over the drive, at which the obstacle comes into sight.
+    #[arg(long, value_name = "N", default_value = "400", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    starts: u32,
+    /// How long the cloud computes, in s; its response is that and the drive's round trip.
+    #[arg(long, value_name = "S", default_value = "0.1182", value_parser = not_below_0)]
+    cloud_runtime: f64,
+    #[command(flatten)]
+    vehicle: VehicleArgs,
+    #[command(flatten)]
+    leave: Leave,
+}
+
+/// What a drive, a speed and a policy come to.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub(crate) struct Row {
+    drive: String,
+    speed: f64,
+    policy: Manner,
+    starts: u32,
+    /// How many starts end in a collision.
+    collisions: u32,
+    /// The mean square of the speed at impact, in m²/s².
+    energy: f64,
+}
+
+/// A vehicle on its way, before it is known how fast.
+struct Start<'a> {
+    drive: &'a Drive,
+    place: u32,
+    at: Duration,
+    phase: f64,
+    observed: Vec<Observation>,
+}
+
+/// What all runs share.
+struct Setting<'a> {
+    args: &'a Args,
+    vehicle: Vehicle,
+    guard: Option<Guard>,
+    runtime: Duration,
+    traces: Option<Folder>,
+}
+
+/// All that is told.
+#[derive(Clone, Serialize)]
+pub(crate) struct Found {
+    scenario: &'static str,
+    parameters: Value,
+    #[serde(skip)]
+    drives: Vec<String>,
+    #[serde(skip)]
+    speeds: Vec<f64>,
+    #[serde(skip)]
+    policies: Vec<Manner>,
+    #[serde(skip)]
+    starts: u32,
+    rows: Vec<Row>,
+}
+
+/// Plays it.
+pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+    let runs = args.drive.len() * args.speed.len() * args.policy.len() * args.starts as usize;
+    if args.leave.trace.is_some() && runs > TRACES {
+        return Err(ScenarioError::Traces { runs, most: TRACES }.into());
+    }
+    let drives: Result<Vec<Drive>, _> = args.drive.iter().map(|name| Drive::load(name)).collect();
+    let drives = drives.map_err(Fault::own)?;
+    let vehicle = args.vehicle.vehicle();
+    let needs_guard = args.policy.iter().any(|manner| manner.is_guarded());
+    let guard = needs_guard.then(|| vehicle.guard()).transpose();
+    let guard = guard.map_err(|invalid| ScenarioError::Invalid { invalid })?;
+    let [traces, plots] = args.leave.folders()?;
+    let runtime = Duration::from_secs_f64(args.cloud_runtime);
+    let setting = Setting { args, vehicle, guard, runtime, traces };
+    let found = Found {
+        scenario: "networks",
+        parameters: args.parameters(),
+        drives: drives.iter().map(|drive| drive.name().to_owned()).collect(),
+        speeds: args.speed.clone(),
+        policies: args.policy.clone(),
+        starts: args.starts,
+        rows: setting.rows(&drives)?,
+    };
+    let told = told::told(&found);
+    if let Some(folder) = plots {
+        let words = [WORDS, MODEL];
+        let plots = plots::plots(&found);
+        show(&folder, &Shown { title: "Recorded networks", words: &words, plots, told: &told })?;
+    }
+    args.leave.tell(&found, &told)
+}
+
+impl Args {
+    /// What is in force.
+    fn parameters(&self) -> Value {
+        let vehicle = self.vehicle.vehicle();
+        json!({
+            "drive": self.drive, "speed": self.speed, "policy": self.policy, "starts": self.starts,
+            "cloud_runtime": self.cloud_runtime, "vehicle": vehicle,
+        })
+    }
+}
+
+impl Setting<'_> {
+    /// Each drive's rows, speed by speed and policy by policy.
+    fn rows(&self, drives: &[Drive]) -> Result<Vec<Row>, Fault> {
+        let mut rows = Vec::new();
+        for drive in drives {
+            let starts = 0..self.args.starts;
+            let ends: Result<Vec<Vec<Aftermath>>, Fault> =
+                starts.into_par_iter().map(|place| self.start(drive, place).ends(self)).collect();
+            let ends = ends?;
+            for (column, (speed, policy)) in self.pairs().enumerate() {
+                let ends = ends.iter().map(|ends| ends[column]);
+                let starts = self.args.starts;
+                let collisions = ends.clone().map(|end| u32::from(end.hits())).sum();
+                let energy = ends.map(Aftermath::energy).sum::<f64>() / f64::from(starts);
+                let drive = drive.name().to_owned();
+                rows.push(Row { drive, speed, policy, starts, collisions, energy });
+            }
+        }
+        Ok(rows)
+    }
+
+    /// Each speed with each policy.
+    fn pairs(&self) -> impl Iterator<Item = (f64, Manner)> {
+        let policies = |speed| self.args.policy.iter().map(move |policy| (speed, *policy));
+        self.args.speed.iter().copied().flat_map(policies)
+    }
+
+    fn start<'a>(&self, drive: &'a Drive, place: u32) -> Start<'a> {
+        let at = drive.length() * place / self.args.starts;
+        let phase = (GOLDEN * f64::from(place)).fract();
+        let needs = self.args.policy.contains(&Manner::Expected);
+        let observed =
+            if needs { observe(drive, &self.vehicle, self.runtime, at) } else { Vec::new() };
+        Start { drive, place, at, phase, observed }
+    }
+}
+
+impl Start<'_> {
+    /// How the runs from here end, speed by speed and policy by policy.
+    fn ends(&self, setting: &Setting<'_>) -> Result<Vec<Aftermath>, Fault> {
+        setting.pairs().map(|(speed, manner)| self.end(setting, speed, manner)).collect()
+    }
+
+    fn end(&self, setting: &Setting<'_>, speed: f64, manner: Manner) -> Result<Aftermath, Fault> {
+        let situation = Situation { reveal: setting.vehicle.reveal, ..Situation::at(speed) };
+        let deadline = deadline(manner, setting.guard.as_ref(), &situation, &self.observed);
+        let run = approach::Drive {
+            vehicle: &setting.vehicle,
+            speed,
+            phase: self.phase,
+            approach: manner.approach(),
+            deadline,
+        };
+        let traced = setting.traces.as_ref();
+        let name = match traced {
+            Some(_) => {
+                format!("{manner}, {speed} m/s, {} from start {}", self.drive.name(), self.place)
+            }
+            None => String::new(),
+        };
+        let mut operator = Operator::new(&name, run.frames(), traced.is_some());
+        let (end, _) = run.run(&mut operator, |at| {
+            let trip = self.drive.round_trip(self.at + Duration::from_nanos(at))?;
+            Some(whole(setting.runtime + trip))
+        });
+        if operator.is_full() {
+            return Err(ScenarioError::Full { speed }.into());
+        }
+        if let (Some(folder), Some(trace)) = (traced, operator.into_trace()) {
+            let drive: String = self.drive.name().replace(['/', '\\', ':'], "-");
+            folder.put(&format!("{drive}-v{speed}-{manner}-{:05}.jsonl", self.place), &trace)?;
+        }
+        Ok(end)
+    }
+}

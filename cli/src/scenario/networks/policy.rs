@@ -1,0 +1,134 @@
+//! The policies that are compared, and the deadlines that they give.
+
+use std::fmt;
+use std::time::Duration;
+
+use fuseline_deadline::{
+    Choice, Guard, Impact, Loss, Observation, Situation, Survival, least_loss,
+};
+use serde::{Serialize, Serializer};
+
+use crate::drives::Drive;
+use crate::scenario::approach::{Approach, Vehicle, nanos};
+use crate::scenario::options::above_0;
+
+/// How long before the first frame calls are observed.
+const OBSERVED: Duration = Duration::from_secs(30);
+
+/// Who answers, and by which deadline.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) enum Manner {
+    Local,
+    Cloud,
+    First,
+    Constant(Duration),
+    Guard,
+    Expected,
+}
+
+impl Manner {
+    /// Reads one.
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        Ok(match text {
+            "local" => Self::Local,
+            "cloud" => Self::Cloud,
+            "first" => Self::First,
+            "guard" => Self::Guard,
+            "expected" => Self::Expected,
+            text => Self::Constant(Duration::from_secs_f64(above_0(text).map_err(
+                |_| "write local, cloud, first, guard, expected or a number of seconds above 0",
+            )?)),
+        })
+    }
+
+    /// Who answers.
+    pub(crate) const fn approach(self) -> Approach {
+        match self {
+            Self::Local => Approach::Local,
+            Self::Cloud => Approach::Cloud,
+            Self::First => Approach::First,
+            Self::Constant(_) | Self::Guard | Self::Expected => Approach::Ours,
+        }
+    }
+
+    /// Whether it asks the guard.
+    pub(crate) const fn is_guarded(self) -> bool {
+        matches!(self, Self::Guard | Self::Expected)
+    }
+}
+
+impl fmt::Display for Manner {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Local => f.pad("local"),
+            Self::Cloud => f.pad("cloud"),
+            Self::First => f.pad("first"),
+            Self::Constant(deadline) => f.pad(&deadline.as_secs_f64().to_string()),
+            Self::Guard => f.pad("guard"),
+            Self::Expected => f.pad("expected"),
+        }
+    }
+}
+
+impl Serialize for Manner {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Constant(deadline) => serializer.serialize_f64(deadline.as_secs_f64()),
+            named => serializer.collect_str(named),
+        }
+    }
+}
+
+/// How calls ended that began in the 30 s before `start`: those answered until then, and the ages of the others.
+pub(crate) fn observe(
+    drive: &Drive,
+    vehicle: &Vehicle,
+    runtime: Duration,
+    start: Duration,
+) -> Vec<Observation> {
+    let mut observed = Vec::new();
+    let calls =
+        (1_u32..).map(|call| Duration::from_nanos(nanos(f64::from(call) * vehicle.period())));
+    for age in calls.take_while(|age| *age <= OBSERVED) {
+        // A drive that is over starts again, so that its end lies before its beginning.
+        let laps = age.as_nanos().div_ceil(drive.length().as_nanos());
+        let laps = u32::try_from(laps).unwrap_or(u32::MAX);
+        let sent = (start + drive.length() * laps).saturating_sub(age);
+        let response = drive.round_trip(sent).map(|trip| runtime + trip);
+        let (response, is_answered) = match response.filter(|response| *response <= age) {
+            Some(response) => (response, true),
+            None => (age, false),
+        };
+        observed.push(Observation { response, is_answered, count: 1 });
+    }
+    observed.sort_by_key(Observation::key);
+    observed.dedup_by(|later, first| {
+        let is_same = later.key() == first.key();
+        first.count += if is_same { later.count } else { 0 };
+        is_same
+    });
+    observed
+}
+
+/// The deadline of each request of a run.
+pub(crate) fn deadline(
+    manner: Manner,
+    guard: Option<&Guard>,
+    situation: &Situation<'_>,
+    observed: &[Observation],
+) -> Duration {
+    let cap = guard.map_or(Duration::MAX, |guard| guard.judge(situation).deadline);
+    match (manner, guard) {
+        (Manner::Constant(deadline), _) => deadline,
+        (Manner::Expected, Some(guard)) => {
+            let impact = Impact::from(guard);
+            let steps = Survival::new(observed.iter().copied(), &[]);
+            let Choice { deadline, .. } =
+                least_loss(steps, guard.local_response(), cap, |source, response| {
+                    impact.loss(situation, source, response)
+                });
+            deadline
+        }
+        _ => cap,
+    }
+}

@@ -1,0 +1,110 @@
+//! Policies side by side, for people.
+
+use std::fmt::Write;
+
+use crate::scenario::networks::policy::Manner;
+use crate::scenario::networks::{Found, Row};
+use crate::scenario::paint::{BAD, GOOD, paint};
+
+const CELL: usize = 10;
+
+/// The mean over drives of what rows tell: of a speed, or of all.
+pub(crate) fn mean(
+    rows: &[Row],
+    speed: Option<f64>,
+    policy: Manner,
+    of: impl Fn(&Row) -> f64,
+) -> f64 {
+    let is_meant = |row: &&Row| {
+        row.policy == policy && speed.is_none_or(|speed| row.speed.total_cmp(&speed).is_eq())
+    };
+    let (mut sum, mut count) = (0.0, 0.0);
+    for row in rows.iter().filter(is_meant) {
+        sum += of(row);
+        count += 1.0;
+    }
+    if count > 0.0 { sum / count } else { 0.0 }
+}
+
+/// How many starts in a hundred collide.
+pub(crate) fn percent(row: &Row) -> f64 {
+    100.0 * f64::from(row.collisions) / f64::from(row.starts)
+}
+
+/// The words for it all.
+pub(crate) fn told(found: &Found) -> String {
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    let _ = table(&mut text, found, "collisions, %", percent);
+    let _ = table(&mut text, found, "energy, m²/s²", |row| row.energy);
+    let _ = beside(&mut text, found);
+    text
+}
+
+fn name(policy: Manner) -> String {
+    match policy {
+        Manner::Constant(_) => format!("{policy} s"),
+        _ => policy.to_string(),
+    }
+}
+
+fn table(text: &mut String, found: &Found, what: &str, of: fn(&Row) -> f64) -> std::fmt::Result {
+    write!(text, "{what:<15}")?;
+    for policy in &found.policies {
+        write!(text, "{:>CELL$}", name(*policy))?;
+    }
+    writeln!(text, "\n{}", "─".repeat(15 + CELL * found.policies.len()))?;
+    for speed in &found.speeds {
+        write!(text, "{:<15}", format!("{speed} m/s"))?;
+        for policy in &found.policies {
+            let value = mean(&found.rows, Some(*speed), *policy, of);
+            let cell = format!("{value:>CELL$.1}");
+            text.push_str(&if value == 0.0 { paint(GOOD, &cell) } else { cell });
+        }
+        writeln!(text)?;
+    }
+    write!(text, "{:<15}", "mean")?;
+    for policy in &found.policies {
+        write!(text, "{:>CELL$.1}", mean(&found.rows, None, *policy, of))?;
+    }
+    writeln!(text, "\n")
+}
+
+fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
+    let drives = found.drives.len();
+    writeln!(
+        text,
+        "Means over {drives} recorded drives, {} starts each: how many starts in a hundred end in a collision, and the\n\
+         mean square of the speed at impact. The cloud's response is its runtime and the drive's round trip.",
+        found.starts
+    )?;
+    if !found.policies.contains(&Manner::Local) {
+        return Ok(());
+    }
+    let others = found.policies.iter().filter(|policy| **policy != Manner::Local);
+    let worse: Vec<String> = others
+        .map(|policy| {
+            let count = worse(&found.rows, *policy);
+            let word = format!("{} {count}", name(*policy));
+            if count == 0 { paint(GOOD, &word) } else { paint(BAD, &word) }
+        })
+        .collect();
+    writeln!(
+        text,
+        "Of {} pairs of a drive and a speed so many collide more often than with local alone:\n{}.\n\
+         The paper has no such table: it sweeps constant responses up to its drive's 99th percentile.",
+        drives * found.speeds.len(),
+        worse.join(", ")
+    )
+}
+
+/// In how many pairs of a drive and a speed a policy collides more often than local alone.
+pub(crate) fn worse(rows: &[Row], policy: Manner) -> usize {
+    let local = |row: &Row| {
+        let is = |other: &&Row| {
+            (other.policy, other.speed, &other.drive) == (Manner::Local, row.speed, &row.drive)
+        };
+        rows.iter().find(is).map_or(u32::MAX, |local| local.collisions)
+    };
+    rows.iter().filter(|row| row.policy == policy && row.collisions > local(row)).count()
+}

@@ -1,0 +1,202 @@
+//! An operator in virtual time: the shipped machine decides, and nothing waits.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use fuseline_arbiter::Arbiter;
+use fuseline_operator::ConfigError;
+use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
+
+/// The one cloud's priority.
+pub(crate) const CLOUD: u64 = 1;
+
+/// No queue is so long: requests are sent at once.
+const NO_LIMIT: u64 = 1 << 20;
+
+/// A deadline that never ends.
+pub(crate) const UNLIMITED: u64 = u64::MAX;
+
+/// One message, and what would come of it, in nanoseconds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Message {
+    /// When it comes.
+    pub(crate) at: u64,
+    /// How long local takes; none: it computes nothing for this message, which is known at once (F4).
+    pub(crate) local: Option<u64>,
+    /// What the cloud is asked.
+    pub(crate) request: Option<Request>,
+}
+
+/// A request to the cloud.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Request {
+    /// How long it may take.
+    pub(crate) deadline: u64,
+    /// How long it takes; none: no result ever comes.
+    pub(crate) response: Option<u64>,
+}
+
+/// What left the operator for a timestamp.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Output {
+    pub(crate) at: u64,
+    pub(crate) t: u64,
+    /// Whose result; none: the timestamp was missed.
+    pub(crate) source: Option<u64>,
+}
+
+/// An operator with local and at most one cloud. Timers are served at the instants at which they are due.
+pub(crate) struct Operator {
+    machine: Machine,
+    messages: u64,
+    /// When which source's result comes; those of one instant in the order of their messages.
+    arrivals: BinaryHeap<Reverse<(u64, u64, u64)>>,
+    outputs: Vec<Output>,
+    is_full: bool,
+    trace: Option<Vec<u8>>,
+}
+
+/// The shipped machine. Most runs are short, and a small window is made far sooner than a large one.
+enum Machine {
+    Small(Arbiter<1, SMALL>),
+    Large(Arbiter<1, LARGE>),
+}
+
+/// For messages so few that all may be open at once.
+const SMALL: usize = 192;
+/// For all others.
+const LARGE: usize = 1024;
+
+impl Machine {
+    fn new(header: &Header) -> Result<Self, ConfigError> {
+        if usize::from(header.window) <= SMALL {
+            Ok(Self::Small(Arbiter::new(header)?))
+        } else {
+            Ok(Self::Large(Arbiter::new(header)?))
+        }
+    }
+
+    fn decide(&mut self, input: &Input, decide: impl FnMut(Decision)) {
+        match self {
+            Self::Small(arbiter) => arbiter.decide(input, decide),
+            Self::Large(arbiter) => arbiter.decide(input, decide),
+        }
+    }
+
+    fn next_due(&self) -> Option<u64> {
+        match self {
+            Self::Small(arbiter) => arbiter.next_due(),
+            Self::Large(arbiter) => arbiter.next_due(),
+        }
+    }
+}
+
+impl Operator {
+    /// An operator of this name, for about so many messages. Its trace is kept if `is_traced`.
+    pub(crate) fn new(name: &str, messages: f64, is_traced: bool) -> Self {
+        // A window that is too small refuses messages, which is told.
+        let window = if messages < 180.0 { SMALL } else { LARGE };
+        let cloud = Cloud { p: 1, name: None, limit: NO_LIMIT, resume: NO_LIMIT - 1 };
+        let header = Header {
+            operator: is_traced.then(|| name.to_owned()),
+            window: u16::try_from(window).unwrap_or(u16::MAX),
+            commit: Commit::Eager,
+            clouds: vec![cloud],
+        };
+        let trace = is_traced.then(|| {
+            let mut trace = Vec::new();
+            header.write(&mut trace);
+            trace.push(b'\n');
+            trace
+        });
+        let machine = Machine::new(&header).expect("a window of 1 to 1024 and one cloud");
+        let (arrivals, outputs) = (BinaryHeap::new(), Vec::new());
+        Self { machine, messages: 0, arrivals, outputs, is_full: false, trace }
+    }
+
+    /// A message comes: local gets it, and the cloud if it is asked. Everything before has happened then.
+    pub(crate) fn message(&mut self, message: &Message) {
+        let Message { at, local, request } = *message;
+        self.pass(at);
+        let t = self.messages;
+        self.messages += 1;
+        self.input(Input::Open { at, t, deadline: None });
+        if let Some(Request { deadline, response }) = request {
+            self.input(Input::Offer { at, t, p: CLOUD, deadline, backlog: 0 });
+            if let Some(response) = response {
+                self.arrivals.push(Reverse((at.saturating_add(response), t, CLOUD)));
+            }
+        }
+        match local {
+            Some(response) => self.arrivals.push(Reverse((at.saturating_add(response), t, 0))),
+            None => self.input(Input::Fail { at, t, p: 0 }),
+        }
+    }
+
+    /// Lets time pass: whatever comes or is due until `to` happens.
+    pub(crate) fn pass(&mut self, to: u64) {
+        while let Some(Reverse((at, t, p))) = self.arrivals.peek().copied() {
+            if at > to {
+                break;
+            }
+            self.arrivals.pop();
+            self.serve(at);
+            self.input(Input::Result { at, t, p });
+        }
+        self.serve(to);
+    }
+
+    /// When something happens next, if nothing else comes.
+    pub(crate) fn next(&self) -> Option<u64> {
+        let arrival = self.arrivals.peek().map(|Reverse((at, _, _))| *at);
+        [arrival, self.machine.next_due()].into_iter().flatten().min()
+    }
+
+    /// What left so far and was not taken yet, in the order in which it left.
+    pub(crate) fn take_outputs(&mut self) -> Vec<Output> {
+        std::mem::take(&mut self.outputs)
+    }
+
+    /// Whether a message was refused, since so many were open as the window allows.
+    pub(crate) const fn is_full(&self) -> bool {
+        self.is_full
+    }
+
+    /// The trace, if it was kept.
+    pub(crate) fn into_trace(self) -> Option<Vec<u8>> {
+        self.trace
+    }
+
+    /// Serves each timer until `to` at its due instant.
+    fn serve(&mut self, to: u64) {
+        while let Some(at) = self.machine.next_due().filter(|due| *due <= to) {
+            self.input(Input::Tick { at });
+        }
+    }
+
+    fn input(&mut self, input: Input) {
+        let Self { machine, outputs, is_full, trace, .. } = self;
+        if let Some(trace) = trace {
+            input.write(trace);
+            trace.push(b'\n');
+        }
+        machine.decide(&input, |decision| {
+            if let Some(trace) = trace {
+                decision.write(trace);
+                trace.push(b'\n');
+            }
+            match decision {
+                Decision::Emit { at, t, p } => outputs.push(Output { at, t, source: Some(p) }),
+                Decision::Miss { at, t } => outputs.push(Output { at, t, source: None }),
+                // Timestamps rise, so that nothing else refuses one.
+                Decision::RefuseOpen { .. } => *is_full = true,
+                Decision::Timer { .. }
+                | Decision::RefuseOffer { .. }
+                | Decision::Request { .. }
+                | Decision::Hold { .. }
+                | Decision::Drop { .. }
+                | Decision::Cancel { .. } => {}
+            }
+        });
+    }
+}

@@ -1,0 +1,134 @@
+//! The options that scenarios share.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::fault::Fault;
+use crate::scenario::approach::Vehicle;
+use crate::scenario::leave::Folder;
+use crate::sink::Sink;
+
+/// What a scenario leaves.
+#[derive(clap::Args)]
+pub(crate) struct Leave {
+    /// Print one JSON object with every figure and the parameters in force.
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Leave the trace of each run in this folder, for fuseline check.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) trace: Option<PathBuf>,
+    /// Write plots, as SVG and PNG on light and on dark ground, and a page that holds them to this folder.
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+}
+
+impl Leave {
+    /// The folders for traces and for plots, as far as they are wanted.
+    ///
+    /// # Errors
+    /// If one cannot be made.
+    pub(crate) fn folders(&self) -> Result<[Option<Folder>; 2], Fault> {
+        Ok([Folder::open(self.trace.as_deref())?, Folder::open(self.output.as_deref())?])
+    }
+
+    /// Prints one object, or words, coloured where that is a terminal.
+    ///
+    /// # Errors
+    /// If standard output cannot be written.
+    pub(crate) fn tell(&self, object: &impl Serialize, words: &str) -> Result<(), Fault> {
+        let mut out = Sink::new(anstream::stdout());
+        let wrote = if self.json {
+            let wrote = serde_json::to_writer(&mut out, object).map_err(io::Error::from);
+            wrote.and_then(|()| writeln!(out))
+        } else {
+            out.write_all(words.as_bytes())
+        };
+        wrote.map_err(Fault::Output)
+    }
+}
+
+/// The vehicle; figures marked † are model choices, not the paper's.
+#[derive(clap::Args)]
+pub(crate) struct VehicleArgs {
+    /// Full braking, in m/s² †.
+    #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
+    deceleration: f64,
+    /// From the decision to brake until the brakes bite, in s †.
+    #[arg(long, value_name = "S", default_value = "0.1", value_parser = not_below_0)]
+    brake_delay: f64,
+    /// Frames of the camera, in Hz.
+    #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate)]
+    rate: f64,
+    /// How many consecutive frames must report the obstacle before the vehicle brakes.
+    #[arg(long, value_name = "N", default_value = "3", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    frames: u32,
+    /// How far away local begins to report the obstacle, in m † [default: 39, with --local-serial 55.2].
+    #[arg(
+        long,
+        value_name = "M",
+        default_value = "39",
+        default_value_if("local_serial", "true", "55.2"),
+        hide_default_value = true,
+        value_parser = not_below_0
+    )]
+    range_local: f64,
+    /// How far away the cloud begins to report the obstacle, in m †.
+    #[arg(long, value_name = "M", default_value = "57", value_parser = not_below_0)]
+    range_cloud: f64,
+    /// From a frame's capture until local's result, in s.
+    #[arg(long, value_name = "S", default_value = "0.3017", value_parser = above_0)]
+    local_response: f64,
+    /// Local computes one frame at a time and passes over those that come meanwhile.
+    #[arg(long)]
+    local_serial: bool,
+    /// The obstacle comes into sight so far away and no sooner, in m, which the guard knows [default: none].
+    #[arg(long, value_name = "M", value_parser = not_below_0)]
+    reveal: Option<f64>,
+}
+
+impl VehicleArgs {
+    pub(crate) const fn vehicle(&self) -> Vehicle {
+        Vehicle {
+            deceleration: self.deceleration,
+            brake_delay: self.brake_delay,
+            rate: self.rate,
+            frames: self.frames,
+            range_local: self.range_local,
+            range_cloud: self.range_cloud,
+            local_response: self.local_response,
+            local_serial: self.local_serial,
+            reveal: self.reveal,
+        }
+    }
+}
+
+/// Greater figures are mistaken units.
+const GREATEST: f64 = 1e5;
+
+fn number(text: &str, is_wanted: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {
+    let number: Option<f64> = text.trim().parse().ok();
+    number.filter(|number| is_wanted(*number)).ok_or_else(|| format!("write a number {wanted}"))
+}
+
+pub(crate) fn above_0(text: &str) -> Result<f64, String> {
+    number(text, |number| number > 0.0 && number <= GREATEST, "above 0 and up to 100000")
+}
+
+pub(crate) fn not_below_0(text: &str) -> Result<f64, String> {
+    number(text, |number| (0.0..=GREATEST).contains(&number), "from 0 to 100000")
+}
+
+/// A figure that may be negative.
+pub(crate) fn any(text: &str) -> Result<f64, String> {
+    number(text, |number| number.abs() <= GREATEST, "from -100000 to 100000")
+}
+
+pub(crate) fn speed(text: &str) -> Result<f64, String> {
+    number(text, |number| (0.1..=150.0).contains(&number), "of m/s from 0.1 to 150")
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    number(text, |number| (0.1..=1000.0).contains(&number), "of Hz from 0.1 to 1000")
+}

@@ -1,0 +1,74 @@
+//! What the paper says, from `data/paper.json`, to stand beside our own figures.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use serde::Deserialize;
+
+use crate::scenario::approach::Approach;
+
+/// The paper's figures that scenarios have beside theirs.
+#[derive(Deserialize)]
+pub(crate) struct Paper {
+    pub(crate) traffic_jam: TrafficJam,
+    pub(crate) jaywalking: Jaywalking,
+    pub(crate) red_light: RedLight,
+}
+
+/// The table of the traffic jam.
+#[derive(Deserialize)]
+pub(crate) struct TrafficJam {
+    pub(crate) cloud_response_s: Vec<f64>,
+    /// By speed in m/s and approach: 1 for each response that collides.
+    collides: BTreeMap<String, BTreeMap<String, Vec<u8>>>,
+}
+
+#[derive(Deserialize)]
+pub(crate) struct Jaywalking {
+    pub(crate) collides: PlanCollides,
+}
+
+#[derive(Deserialize)]
+pub(crate) struct PlanCollides {
+    pub(crate) local_planner: bool,
+    pub(crate) cached_contingency: bool,
+}
+
+#[derive(Deserialize)]
+pub(crate) struct RedLight {
+    pub(crate) collides: SeenCollides,
+}
+
+#[derive(Deserialize)]
+pub(crate) struct SeenCollides {
+    pub(crate) local_detector: bool,
+    pub(crate) cloud_detector: bool,
+    pub(crate) shared_locations: bool,
+}
+
+/// The paper.
+pub(crate) static PAPER: LazyLock<Paper> = LazyLock::new(|| {
+    serde_json::from_str(include_str!("../../data/paper.json")).expect("the file is as above")
+});
+
+impl TrafficJam {
+    /// The speeds of the table, ascending, in m/s.
+    pub(crate) fn speeds(&self) -> Vec<f64> {
+        let mut speeds: Vec<f64> =
+            self.collides.keys().filter_map(|speed| speed.parse().ok()).collect();
+        speeds.sort_by(f64::total_cmp);
+        speeds
+    }
+
+    /// Whether a cell of the table collides; none if the table has no such cell.
+    pub(crate) fn collides(&self, speed: f64, approach: Approach, response: f64) -> Option<bool> {
+        let name = match approach {
+            Approach::Local => "local",
+            Approach::Cloud => "cloud",
+            Approach::Ours => "ours",
+            Approach::First => return None,
+        };
+        let place = self.cloud_response_s.iter().position(|at| (at - response).abs() < 1e-9)?;
+        Some(*self.collides.get(&speed.to_string())?.get(name)?.get(place)? == 1)
+    }
+}

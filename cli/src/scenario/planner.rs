@@ -1,0 +1,84 @@
+//! The planner of the paper's vehicle: it brakes once some consecutive frames report an obstacle.
+
+/// What is known of a timestamp.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Sight {
+    /// Its output has not come.
+    Unknown,
+    /// It has no output.
+    Missed,
+    /// Its output reports no obstacle.
+    Clear,
+    /// Its output reports the obstacle.
+    Obstacle,
+}
+
+/// Counts timestamps, not arrivals (A12): it decides once the outputs of so many consecutive timestamps have come and
+/// all report. Timestamps without output are passed over.
+#[derive(Clone, Debug)]
+pub(crate) struct Planner {
+    wanted: usize,
+    seen: Vec<Sight>,
+}
+
+impl Planner {
+    /// A planner that wants so many timestamps.
+    pub(crate) const fn new(wanted: usize) -> Self {
+        Self { wanted, seen: Vec::new() }
+    }
+
+    /// Takes what came of timestamp `t`; whether it decides to brake by that.
+    pub(crate) fn take(&mut self, t: usize, sight: Sight) -> bool {
+        if self.seen.len() <= t {
+            self.seen.resize(t + 1, Sight::Unknown);
+        }
+        self.seen[t] = sight;
+        let (before, from) = self.seen.split_at(t);
+        match sight {
+            Sight::Unknown | Sight::Clear => false,
+            Sight::Missed | Sight::Obstacle => {
+                reports(before.iter().rev()) + reports(from.iter()) >= self.wanted
+            }
+        }
+    }
+}
+
+/// How many report before one does not.
+fn reports<'a>(sights: impl Iterator<Item = &'a Sight>) -> usize {
+    let row = sights.take_while(|sight| matches!(sight, Sight::Missed | Sight::Obstacle));
+    row.filter(|sight| **sight == Sight::Obstacle).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SOME: Sight = Sight::Obstacle;
+
+    fn decides(outputs: &[(usize, Sight)]) -> Vec<bool> {
+        let mut planner = Planner::new(3);
+        outputs.iter().map(|(t, sight)| planner.take(*t, *sight)).collect()
+    }
+
+    #[test]
+    fn it_decides_once_three_consecutive_timestamps_report_in_whatever_order_they_come() {
+        assert_eq!(decides(&[(0, SOME), (2, SOME), (1, SOME)]), [false, false, true]);
+        assert_eq!(decides(&[(0, SOME), (1, SOME), (3, SOME)]), [false; 3]);
+    }
+
+    #[test]
+    fn a_late_output_of_an_older_timestamp_that_sees_nothing_takes_nothing_back() {
+        let outputs = [(1, SOME), (2, SOME), (0, Sight::Clear), (3, SOME)];
+        assert_eq!(decides(&outputs), [false, false, false, true]);
+        let between = [(0, SOME), (1, Sight::Clear), (2, SOME), (3, SOME), (4, SOME)];
+        assert_eq!(decides(&between), [false, false, false, false, true]);
+    }
+
+    #[test]
+    fn timestamps_without_output_are_passed_over_once_that_is_known() {
+        let outputs = [(0, SOME), (2, SOME), (3, SOME), (1, Sight::Missed)];
+        assert_eq!(decides(&outputs), [false, false, false, true]);
+        let early = [(0, Sight::Missed), (1, SOME), (2, Sight::Missed), (3, SOME), (4, SOME)];
+        assert_eq!(decides(&early), [false, false, false, false, true]);
+    }
+}

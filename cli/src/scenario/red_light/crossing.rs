@@ -1,0 +1,221 @@
+//! One run: who sees the runner when, what the planner hears of it, and whether the cars touch.
+
+use serde::Serialize;
+
+use crate::fault::Fault;
+use crate::scenario::approach::{nanos, seconds};
+use crate::scenario::braking::Brakes;
+use crate::scenario::leave::Folder;
+use crate::scenario::operator::{CLOUD, Message, Operator, Output, Request, UNLIMITED};
+use crate::scenario::planner::{Planner, Sight};
+use crate::scenario::red_light::scene::{MEETING, Scene};
+use crate::scenario::red_light::sharing::{EVERY, Exchange, Position, must_brake};
+
+/// Frames of the camera in a second.
+const RATE: u32 = 30;
+/// Frames that must show the runner.
+const FRAMES: usize = 3;
+/// The deadline of the request for locations.
+const DEADLINE: u64 = 500_000_000;
+
+/// Who tells ego of the runner.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Approach {
+    /// The detector on board.
+    Local,
+    /// The detector in the cloud.
+    Cloud,
+    /// The detector on board, and locations that the cloud collects.
+    Sharing,
+}
+
+/// The detectors, in m and s, and the brakes.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Ego {
+    pub(crate) range_local: f64,
+    pub(crate) range_cloud: f64,
+    pub(crate) local_response: f64,
+    pub(crate) cloud_runtime: f64,
+    pub(crate) deceleration: f64,
+    pub(crate) brake_delay: f64,
+}
+
+/// What a run is about.
+#[derive(Clone, Copy)]
+pub(crate) struct Crossing<'a> {
+    pub(crate) scene: Scene,
+    pub(crate) ego: &'a Ego,
+    pub(crate) approach: Approach,
+    /// Of the requests to the cloud, in s.
+    pub(crate) round_trip: f64,
+}
+
+/// How a run ended, in s.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Crossed {
+    /// When it was decided to brake.
+    pub(crate) decided: Option<f64>,
+    /// When the cars touched.
+    pub(crate) contact: Option<f64>,
+    /// How long before the meeting the brakes bit.
+    pub(crate) brakes_before: Option<f64>,
+}
+
+impl Approach {
+    /// The word for it.
+    pub(crate) const fn word(self) -> &'static str {
+        match self {
+            Self::Local => "local",
+            Self::Cloud => "cloud",
+            Self::Sharing => "sharing",
+        }
+    }
+}
+
+impl Ego {
+    pub(crate) const fn brakes(&self) -> Brakes {
+        Brakes { deceleration: self.deceleration, delay: self.brake_delay }
+    }
+}
+
+/// One of ego's operators, in a run.
+struct Stream {
+    operator: Operator,
+    name: &'static str,
+    /// How many messages came.
+    messages: u32,
+}
+
+impl Stream {
+    fn new(name: &'static str, run: &str, is_traced: bool) -> Self {
+        let operator = Operator::new(&format!("{name}, {run}"), f64::INFINITY, is_traced);
+        Self { operator, name, messages: 0 }
+    }
+
+    fn send(&mut self, message: &Message) {
+        self.messages += 1;
+        self.operator.message(message);
+    }
+}
+
+impl Crossing<'_> {
+    /// Runs it; the traces go to the folder under this name.
+    pub(crate) fn run(&self, name: &str, traces: Option<&Folder>) -> Result<Crossed, Fault> {
+        let is_traced = traces.is_some();
+        let mut detections = Stream::new("detections", name, is_traced);
+        let mut neighbours = Stream::new("neighbours", name, is_traced);
+        let decided = self.decide(&mut detections, &mut neighbours).map(seconds);
+        for stream in [detections, neighbours] {
+            if let (Some(folder), Some(trace)) = (traces, stream.operator.into_trace())
+                && stream.messages > 0
+            {
+                folder.put(&format!("{name}-{}.jsonl", stream.name), &trace)?;
+            }
+        }
+        let brakes = self.ego.brakes();
+        let contact = self.scene.contact(decided, &brakes);
+        let bite = decided.map(|decided| decided + brakes.delay);
+        let in_time = bite.filter(|bite| contact.is_none_or(|contact| *bite < contact));
+        Ok(Crossed { decided, contact, brakes_before: in_time.map(before) })
+    }
+
+    /// When ego decides to brake, by whichever of its two streams tells it first.
+    fn decide(&self, detections: &mut Stream, neighbours: &mut Stream) -> Option<u64> {
+        let mut planner = Planner::new(FRAMES);
+        let mut exchange = Exchange::new(&self.scene);
+        let mut answers = Vec::new();
+        let end = nanos(self.scene.end());
+        while detections.operator.next().is_some() || self.coming(detections, neighbours) < end {
+            let to = self.coming(detections, neighbours);
+            let next = [detections.operator.next(), neighbours.operator.next()];
+            let now = next.into_iter().flatten().fold(to, u64::min);
+            if now >= end {
+                break;
+            }
+            if now == to {
+                self.send(now, detections, neighbours, &mut exchange, &mut answers);
+            } else {
+                detections.operator.pass(now);
+                neighbours.operator.pass(now);
+            }
+            let seen = detections.operator.take_outputs();
+            let told = neighbours.operator.take_outputs();
+            let by_sight = seen.iter().any(|output| self.sees(&mut planner, output));
+            let by_word = told.iter().any(|output| self.is_told(&answers, output));
+            if by_sight || by_word {
+                return Some(now);
+            }
+        }
+        None
+    }
+
+    /// When the next message comes.
+    fn coming(&self, detections: &Stream, neighbours: &Stream) -> u64 {
+        let frame = captured(detections.messages);
+        match self.approach {
+            Approach::Local | Approach::Cloud => frame,
+            Approach::Sharing => frame.min(u64::from(neighbours.messages) * EVERY),
+        }
+    }
+
+    fn send(
+        &self,
+        now: u64,
+        detections: &mut Stream,
+        neighbours: &mut Stream,
+        exchange: &mut Exchange<'_>,
+        answers: &mut Vec<Vec<Position>>,
+    ) {
+        detections.operator.pass(now);
+        neighbours.operator.pass(now);
+        if now == captured(detections.messages) {
+            let response = Some(nanos(self.ego.cloud_runtime + self.round_trip));
+            let cloud = Request { deadline: UNLIMITED, response };
+            let local = Some(nanos(self.ego.local_response));
+            detections.send(&match self.approach {
+                Approach::Cloud => Message { at: now, local: None, request: Some(cloud) },
+                Approach::Local | Approach::Sharing => Message { at: now, local, request: None },
+            });
+        }
+        if self.approach == Approach::Sharing && now == u64::from(neighbours.messages) * EVERY {
+            answers.push(exchange.ego(now));
+            let response = Some(nanos(self.round_trip));
+            let request = Some(Request { deadline: DEADLINE, response });
+            // Local knows of no neighbours, and says so at once.
+            neighbours.send(&Message { at: now, local: Some(0), request });
+        }
+    }
+
+    /// Whether a detector's output makes the planner brake.
+    fn sees(&self, planner: &mut Planner, output: &Output) -> bool {
+        let captured = seconds(captured(u32::try_from(output.t).unwrap_or(u32::MAX)));
+        let sight = match output.source {
+            None => Sight::Missed,
+            Some(source) => {
+                let Ego { range_local, range_cloud, .. } = *self.ego;
+                let range = if source == CLOUD { range_cloud } else { range_local };
+                let is_seen = self.scene.sees(captured, range);
+                if is_seen { Sight::Obstacle } else { Sight::Clear }
+            }
+        };
+        planner.take(usize::try_from(output.t).unwrap_or(usize::MAX), sight)
+    }
+
+    /// Whether what the cloud answered makes the planner brake.
+    fn is_told(&self, answers: &[Vec<Position>], output: &Output) -> bool {
+        let place = usize::try_from(output.t).unwrap_or(usize::MAX);
+        let told = answers.get(place).filter(|_| output.source == Some(CLOUD));
+        told.into_iter().flatten().any(|other| must_brake(&self.scene, other, output.at))
+    }
+}
+
+/// How long before the meeting, to a nanosecond.
+fn before(bite: f64) -> f64 {
+    ((MEETING - bite) * 1e9).round() / 1e9
+}
+
+/// When a frame is captured.
+fn captured(frame: u32) -> u64 {
+    nanos(f64::from(frame) / f64::from(RATE))
+}

@@ -1,0 +1,217 @@
+//! `fuseline scenario red-light`: a car that runs a red light, hidden until it is late.
+
+mod crossing;
+mod plots;
+mod scene;
+mod sharing;
+mod told;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::fault::Fault;
+use crate::scenario::leave::{Folder, Shown, show};
+use crate::scenario::options::{Leave, above_0, any, not_below_0, speed};
+use crate::scenario::red_light::crossing::{Approach, Crossing, Ego};
+pub(crate) use crate::scenario::red_light::scene::{Scene, Variant};
+
+/// What the page says first.
+const WORDS: &str = "A car runs a red light, and something hides it until it is late: no detector sees it in time, on \
+    board or in the cloud. If both cars tell a service in the cloud where they are, ego knows of the other one before it \
+    can be seen, and brakes.";
+/// What is modelled.
+const MODEL: &str = "Intersections, speeds and occluders are model choices, and so is the rule by which ego brakes for a \
+    neighbour; the paper drove three intersections in CARLA and does not state them.";
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+A car runs a red light and keeps its speed. Ego brakes once the detector on board, or the one in
+the cloud, has shown it on three consecutive frames; or, with shared locations, once the service's
+answer tells that the car will not stop at its line and that both would meet. Something hides the
+car until it is late. The service keeps each vehicle's last report; both report ten times a second.
+
+Figures marked † are model choices, as are the intersections: the paper does not state its own.
+brakes_before is how long before 6 s the brakes bite, in s.
+
+Exit code 0 when told, 2 if something makes no sense.
+
+Examples:
+  fuseline scenario red-light
+  fuseline scenario red-light --variant skewed --no-occluder
+  fuseline scenario red-light --delta 0 --round-trip 0.068,0.5 --json")]
+pub(crate) struct Args {
+    /// Which intersections †.
+    #[arg(
+        long,
+        value_name = "WHICH,…",
+        value_delimiter = ',',
+        default_value = "corner-building,queue-in-turning-lane,skewed"
+    )]
+    variant: Vec<Variant>,
+    /// Ego's speed, in m/s † [default: the intersection's, 12 or 13].
+    #[arg(long, value_name = "V", value_parser = speed)]
+    ego_speed: Option<f64>,
+    /// The speed of the car that runs the light, in m/s † [default: 14].
+    #[arg(long, value_name = "V", value_parser = speed)]
+    runner_speed: Option<f64>,
+    /// How much later than at 6 s that car is at its place, in s.
+    #[arg(long, value_name = "S,S,…", value_delimiter = ',', allow_hyphen_values = true, default_value = "-0.2,-0.1,0,0.1,0.2", value_parser = any)]
+    delta: Vec<f64>,
+    /// Round trips between ego and the cloud, in s.
+    #[arg(long, value_name = "S,S,…", value_delimiter = ',', default_value = "0.068,0.336,3.027", value_parser = not_below_0)]
+    round_trip: Vec<f64>,
+    /// Nothing hides the car.
+    #[arg(long)]
+    no_occluder: bool,
+    /// How far the detector on board sees, in m †.
+    #[arg(long, value_name = "M", default_value = "39", value_parser = not_below_0)]
+    range_local: f64,
+    /// How far the detector in the cloud sees, in m †.
+    #[arg(long, value_name = "M", default_value = "57", value_parser = not_below_0)]
+    range_cloud: f64,
+    /// From a frame's capture until the result on board, in s.
+    #[arg(long, value_name = "S", default_value = "0.3017", value_parser = not_below_0)]
+    local_response: f64,
+    /// How long the detector in the cloud computes, in s.
+    #[arg(long, value_name = "S", default_value = "0.1182", value_parser = not_below_0)]
+    cloud_runtime: f64,
+    /// Full braking, in m/s² †.
+    #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
+    deceleration: f64,
+    /// From the decision to brake until the brakes bite, in s †.
+    #[arg(long, value_name = "S", default_value = "0.1", value_parser = not_below_0)]
+    brake_delay: f64,
+    #[command(flatten)]
+    leave: Leave,
+}
+
+/// A run, as it is told.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub(crate) struct Run {
+    variant: Variant,
+    delta: f64,
+    approach: Approach,
+    /// None: the cloud is not asked.
+    round_trip: Option<f64>,
+    collides: bool,
+    brakes_before: Option<f64>,
+    /// When the cars touch, in s.
+    contact: Option<f64>,
+}
+
+impl Args {
+    const fn ego(&self) -> Ego {
+        Ego {
+            range_local: self.range_local,
+            range_cloud: self.range_cloud,
+            local_response: self.local_response,
+            cloud_runtime: self.cloud_runtime,
+            deceleration: self.deceleration,
+            brake_delay: self.brake_delay,
+        }
+    }
+
+    fn scene(&self, variant: Variant, delta: f64, has_occluder: bool) -> Scene {
+        let place = variant.place();
+        Scene {
+            place,
+            ego_speed: self.ego_speed.unwrap_or(place.ego_speed),
+            runner_speed: self.runner_speed.unwrap_or(place.runner_speed),
+            delta,
+            has_occluder,
+        }
+    }
+}
+
+/// All that is told.
+#[derive(Clone, Serialize)]
+pub(crate) struct Found {
+    scenario: &'static str,
+    parameters: Value,
+    runs: Vec<Run>,
+    /// The detector in the cloud, if it answered after no time at all.
+    at_once: Vec<Run>,
+    /// Both detectors, if nothing hid the runner; the cloud's at the shortest round trip.
+    without_occluder: Vec<Run>,
+}
+
+/// Plays it.
+pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+    let [traces, plots] = args.leave.folders()?;
+    let (ego, has_occluder) = (args.ego(), !args.no_occluder);
+    let at_once = Ego { cloud_runtime: 0.0, local_response: 0.0, ..ego };
+    let detectors = [Approach::Local, Approach::Cloud];
+    let all = [Approach::Local, Approach::Cloud, Approach::Sharing];
+    let trips = &args.round_trip[..];
+    let shortest: Vec<f64> = trips.iter().copied().min_by(f64::total_cmp).into_iter().collect();
+    let found = Found {
+        scenario: "red-light",
+        parameters: args.parameters(),
+        runs: args.runs(&ego, &all, trips, has_occluder, traces.as_ref())?,
+        at_once: args.runs(&at_once, &[Approach::Cloud], &[0.0], has_occluder, None)?,
+        without_occluder: args.runs(&ego, &detectors, &shortest, false, None)?,
+    };
+    let told = told::told(&found);
+    if let Some(folder) = plots {
+        let words = [WORDS, MODEL];
+        let plots = plots::plots(args, &found);
+        show(&folder, &Shown { title: "Running a red light", words: &words, plots, told: &told })?;
+    }
+    args.leave.tell(&found, &told)
+}
+
+impl Args {
+    /// What is in force.
+    fn parameters(&self) -> Value {
+        json!({
+            "variant": self.variant,
+            "ego_speed": self.variant.iter().map(|which| self.scene(*which, 0.0, true).ego_speed).collect::<Vec<_>>(),
+            "runner_speed": self.variant.iter().map(|which| self.scene(*which, 0.0, true).runner_speed).collect::<Vec<_>>(),
+            "delta": self.delta,
+            "round_trip": self.round_trip,
+            "no_occluder": self.no_occluder,
+            "ego": self.ego(),
+        })
+    }
+
+    /// Runs of each variant and delta, approach by approach; those that ask the cloud with each round trip.
+    fn runs(
+        &self,
+        ego: &Ego,
+        approaches: &[Approach],
+        trips: &[f64],
+        has_occluder: bool,
+        traces: Option<&Folder>,
+    ) -> Result<Vec<Run>, Fault> {
+        let mut asked = Vec::new();
+        for variant in &self.variant {
+            for delta in &self.delta {
+                for approach in approaches {
+                    let trips = if *approach == Approach::Local { None } else { Some(trips) };
+                    let trips =
+                        trips.map_or(vec![None], |trips| trips.iter().copied().map(Some).collect());
+                    asked.extend(trips.into_iter().map(|trip| (*variant, *delta, *approach, trip)));
+                }
+            }
+        }
+        let run =
+            |(variant, delta, approach, round_trip): (Variant, f64, Approach, Option<f64>)| {
+                let scene = self.scene(variant, delta, has_occluder);
+                let trip = round_trip.unwrap_or_default();
+                let crossing = Crossing { scene, ego, approach, round_trip: trip };
+                let crossed = crossing.run(&name(&crossing, round_trip), traces)?;
+                let (contact, brakes_before) = (crossed.contact, crossed.brakes_before);
+                let collides = contact.is_some();
+                Ok(Run { variant, delta, approach, round_trip, collides, brakes_before, contact })
+            };
+        asked.into_par_iter().map(run).collect()
+    }
+}
+
+/// The name of a run's files.
+fn name(crossing: &Crossing<'_>, round_trip: Option<f64>) -> String {
+    let place = crossing.scene.place.name.replace(' ', "-");
+    let trip = round_trip.map(|trip| format!("-r{trip}")).unwrap_or_default();
+    format!("{place}-d{}-{}{trip}", crossing.scene.delta, crossing.approach.word())
+}

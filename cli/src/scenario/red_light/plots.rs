@@ -1,0 +1,170 @@
+//! The intersections from above.
+
+use plotters::prelude::*;
+
+use crate::plot::{DRAWN, Label, Plot, Sheet, Theme, sheet};
+use crate::scenario::red_light::crossing::Approach;
+use crate::scenario::red_light::scene::{MEETING, Scene};
+use crate::scenario::red_light::{Args, Found, Run};
+use crate::scenario::shape::{Point, Rectangle as Car};
+
+/// How many units a metre has.
+const METRE: f64 = 11.0;
+/// What is shown, in m: from left to right, and from below to above.
+const SHOWN: [[f64; 2]; 2] = [[-34.0, 22.0], [-24.0, 20.0]];
+/// Where the picture begins below the words.
+const TOP: f64 = 104.0;
+
+/// A picture of each variant, at the delta nearest to 0.
+pub(crate) fn plots(args: &Args, found: &Found) -> Vec<Plot> {
+    let nearest = args.delta.iter().copied().min_by(|one, other| one.abs().total_cmp(&other.abs()));
+    let delta = nearest.unwrap_or_default();
+    let names = ["corner-building", "queue-in-turning-lane", "skewed"];
+    let mut plots = Vec::new();
+    for variant in &args.variant {
+        let scene = args.scene(*variant, delta, !args.no_occluder);
+        let of = |approach: Approach| {
+            let is =
+                |run: &&Run| (run.variant, run.delta, run.approach) == (*variant, delta, approach);
+            found.runs.iter().find(is).cloned()
+        };
+        let (local, sharing) = (of(Approach::Local), of(Approach::Sharing));
+        let deceleration = args.deceleration;
+        let caption = format!(
+            "{}: the cars' ways in steps of half a second. Ego comes from the left. Filled: where both are {}.",
+            capital(scene.place.name),
+            if sharing.as_ref().is_some_and(|run| !run.collides) {
+                "at 6 s, ego having braked by shared locations; outlined where the detector on board leaves it"
+            } else {
+                "at 6 s"
+            }
+        );
+        let name = names[*variant as usize];
+        plots.push(Plot::new(name, caption, move |theme| {
+            let title = format!("Running a red light: {}", scene.place.name);
+            let below = below(local.as_ref(), sharing.as_ref());
+            let [[left, right], [low, high]] = SHOWN;
+            let size = (unit((right - left) * METRE), unit((high - low) * METRE + TOP));
+            sheet(theme, size, (&title, &below), |sheet| {
+                keys(theme, sheet);
+                let area = sheet.margin(i32::try_from(unit(TOP)).unwrap_or(0), 0, 0, 0);
+                let ego = |run: &Run, now: f64| {
+                    let bite = run.brakes_before.map(|before| MEETING - before);
+                    scene.ego_braking(now, bite, deceleration)
+                };
+                roads(theme, &area, &scene);
+                let told = |now: f64| sharing.as_ref().map(|run| ego(run, now));
+                ways(theme, &area, &scene, told);
+                let car =
+                    |car: &Car, colour: RGBColor| shape(&area, &car.corners(), colour.filled());
+                car(&scene.runner(MEETING), theme.series[2]);
+                if let Some(ego) = told(MEETING) {
+                    car(&ego, theme.series[1]);
+                }
+                if let Some(run) = &local {
+                    let corners = ego(run, MEETING).corners();
+                    outline(&area, &corners, theme.bad.stroke_width(3));
+                }
+            })
+        }));
+    }
+    plots
+}
+
+fn capital(name: &str) -> String {
+    let (first, rest) = name.split_at(1);
+    first.to_uppercase() + rest
+}
+
+fn below(local: Option<&Run>, sharing: Option<&Run>) -> String {
+    let word = |run: &Run| match (run.collides, run.brakes_before) {
+        (true, _) => "collides".to_owned(),
+        (false, Some(before)) => format!("brakes {before:.2} s before 6 s and avoids"),
+        (false, None) => "avoids".to_owned(),
+    };
+    let local = local.map(|run| format!("Detector on board: {}.", word(run)));
+    let sharing = sharing.map(|run| {
+        format!(
+            "Shared locations, round trip {} s: {}.",
+            run.round_trip.unwrap_or_default(),
+            word(run)
+        )
+    });
+    [local, sharing].into_iter().flatten().collect::<Vec<_>>().join(" ")
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some hundreds")]
+fn unit(length: f64) -> u32 {
+    length.round() as u32
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "some hundreds")]
+fn place([x, y]: Point) -> (i32, i32) {
+    let [[left, _], [_, high]] = SHOWN;
+    (((x - left) * METRE).round() as i32, ((high - y) * METRE).round() as i32)
+}
+
+fn shape(sheet: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
+    let corners: Vec<(i32, i32)> = corners.iter().map(|corner| place(*corner)).collect();
+    sheet.draw(&Polygon::new(corners, style)).expect(DRAWN);
+}
+
+fn outline(sheet: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
+    let closed = corners.iter().chain(corners.first()).map(|corner| place(*corner));
+    sheet.draw(&PathElement::new(closed.collect::<Vec<_>>(), style)).expect(DRAWN);
+}
+
+/// Both roads, 7 m wide, and what hides the other car.
+fn roads(theme: &Theme, sheet: &Sheet<'_>, scene: &Scene) {
+    let road = theme.line.filled();
+    shape(sheet, &[[-80.0, -3.5], [80.0, -3.5], [80.0, 3.5], [-80.0, 3.5]], road);
+    let [along, across] = scene.place.heading();
+    let left = [-across, along];
+    let corner = |ahead: f64, aside: f64| {
+        [ahead * along + aside * left[0], ahead * across + aside * left[1]]
+    };
+    let corners = [corner(-80.0, -3.5), corner(80.0, -3.5), corner(80.0, 3.5), corner(-80.0, 3.5)];
+    shape(sheet, &corners, road);
+    let dash = theme.ground.stroke_width(2);
+    for step in 0..20 {
+        let from = -80.0 + 8.0 * f64::from(step);
+        for (one, other) in
+            [([from, 0.0], [from + 3.0, 0.0]), (corner(from, 0.0), corner(from + 3.0, 0.0))]
+        {
+            let is_apart = |point: Point| point[0].hypot(point[1]) > 8.0;
+            if is_apart(one) && is_apart(other) {
+                sheet.draw(&PathElement::new(vec![place(one), place(other)], dash)).expect(DRAWN);
+            }
+        }
+    }
+    if scene.has_occluder {
+        shape(sheet, scene.place.occluder, theme.wall.filled());
+    }
+}
+
+/// Where both cars are, half second by half second; ego by shared locations.
+fn ways(theme: &Theme, sheet: &Sheet<'_>, scene: &Scene, ego: impl Fn(f64) -> Option<Car>) {
+    for step in 1..=12_i32 {
+        let now = MEETING - f64::from(step) / 2.0;
+        let faint = 0.6 - f64::from(step) * 0.04;
+        if let Some(ego) = ego(now) {
+            outline(sheet, &ego.corners(), theme.series[1].mix(faint));
+        }
+        outline(sheet, &scene.runner(now).corners(), theme.series[2].mix(faint));
+    }
+}
+
+fn keys(theme: &Theme, sheet: &Sheet<'_>) {
+    let keys = [
+        ("ego, by shared locations", theme.series[1], true),
+        ("ego, by the detector on board", theme.bad, false),
+        ("runs the light", theme.series[2], true),
+    ];
+    let mut x = 24;
+    for (word, colour, is_filled) in keys {
+        let style = if is_filled { colour.filled() } else { colour.stroke_width(2) };
+        sheet.draw(&Rectangle::new([(x, 76), (x + 22, 86)], style)).expect(DRAWN);
+        Label::new(13.0, theme.ink).put(sheet, word, (x + 30, 82));
+        x += 52 + i32::try_from(word.len()).unwrap_or(0) * 7;
+    }
+}

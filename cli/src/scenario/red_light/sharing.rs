@@ -1,0 +1,92 @@
+//! Locations that vehicles share: a service with state, and what ego makes of its answers.
+
+use std::collections::BTreeMap;
+
+use crate::scenario::approach::seconds;
+use crate::scenario::red_light::scene::{MEETING, Scene};
+use crate::scenario::shape::Point;
+
+/// Vehicles tell where they are so often, in ns.
+pub(crate) const EVERY: u64 = 100_000_000;
+/// When the runner begins.
+const RUNNER_FROM: u64 = 50_000_000;
+/// Who needs more than this to stop at its line will not, in m/s².
+const HARD: f64 = 4.0;
+/// Who arrives within so many seconds of each other may meet.
+const TOGETHER: f64 = 1.0;
+/// Ego does not brake for what is so far off, in s.
+const AHEAD: f64 = 4.0;
+
+/// Who reports.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) enum Vehicle {
+    Ego,
+    Runner,
+}
+
+/// Where a vehicle's front was, and how it moved.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Position {
+    /// In the vehicles' common time, ns.
+    pub(crate) at: u64,
+    pub(crate) front: Point,
+    pub(crate) velocity: Point,
+}
+
+/// The service: it keeps each vehicle's last report, and answers with the others'.
+#[derive(Default)]
+pub(crate) struct Locations {
+    last: BTreeMap<Vehicle, Position>,
+}
+
+impl Locations {
+    /// Takes a report, and answers it.
+    pub(crate) fn report(&mut self, who: Vehicle, position: Position) -> Vec<Position> {
+        self.last.insert(who, position);
+        let others = self.last.iter().filter(|(other, _)| **other != who);
+        others.map(|(_, position)| *position).collect()
+    }
+}
+
+/// Both vehicles' reports to the service, in the order in which they are sent.
+pub(crate) struct Exchange<'a> {
+    scene: &'a Scene,
+    service: Locations,
+    runner_next: u64,
+}
+
+impl<'a> Exchange<'a> {
+    pub(crate) fn new(scene: &'a Scene) -> Self {
+        Self { scene, service: Locations::default(), runner_next: RUNNER_FROM }
+    }
+
+    /// What the service answers to ego's report at this instant; what the runner sent until then has reached it.
+    pub(crate) fn ego(&mut self, at: u64) -> Vec<Position> {
+        while self.runner_next <= at {
+            self.service.report(Vehicle::Runner, self.position(Vehicle::Runner, self.runner_next));
+            self.runner_next += EVERY;
+        }
+        self.service.report(Vehicle::Ego, self.position(Vehicle::Ego, at))
+    }
+
+    fn position(&self, who: Vehicle, at: u64) -> Position {
+        let (car, speed) = match who {
+            Vehicle::Ego => (self.scene.ego(seconds(at)), self.scene.ego_speed),
+            Vehicle::Runner => (self.scene.runner(seconds(at)), self.scene.runner_speed),
+        };
+        Position { at, front: car.front, velocity: car.heading.map(|part| part * speed) }
+    }
+}
+
+/// Whether ego brakes for a neighbour at this instant, by where the neighbour is if it went on as it told.
+pub(crate) fn must_brake(scene: &Scene, neighbour: &Position, now: u64) -> bool {
+    let heading = scene.place.heading();
+    let along = |point: Point| point[0] * heading[0] + point[1] * heading[1];
+    let speed = along(neighbour.velocity);
+    let age = seconds(now.saturating_sub(neighbour.at));
+    let way = along(scene.place.runner_at) - along(neighbour.front) - speed * age;
+    let to_line = way - scene.place.line;
+    let will_not_stop = to_line <= 0.0 || speed * speed / (2.0 * to_line) > HARD;
+    let ego = MEETING - seconds(now);
+    will_not_stop && (way / speed - ego).abs() < TOGETHER && ego < AHEAD
+}

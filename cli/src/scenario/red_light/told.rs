@@ -1,0 +1,98 @@
+//! Who collides, for people.
+
+use std::fmt::Write;
+
+use crate::scenario::paint::{BAD, GOOD, paint};
+use crate::scenario::paper::PAPER;
+use crate::scenario::red_light::crossing::Approach;
+use crate::scenario::red_light::{Found, Run};
+
+/// How wide a cell is.
+const CELL: usize = 10;
+
+/// The words for it all.
+pub(crate) fn told(found: &Found) -> String {
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    let _ = table(&mut text, found);
+    let _ = beside(&mut text, found);
+    text
+}
+
+fn table(text: &mut String, found: &Found) -> std::fmt::Result {
+    let mut deltas: Vec<f64> = Vec::new();
+    for run in &found.runs {
+        if !deltas.contains(&run.delta) {
+            deltas.push(run.delta);
+        }
+    }
+    write!(text, "{:<22}{:<9}{:>10}  ", "intersection", "approach", "round trip")?;
+    for delta in &deltas {
+        write!(text, "{:>CELL$}", format!("{delta:+} s"))?;
+    }
+    writeln!(text, "   the paper")?;
+    writeln!(text, "{}", "─".repeat(43 + CELL * deltas.len() + 12))?;
+    let mut rows: Vec<Vec<&Run>> = Vec::new();
+    for run in &found.runs {
+        let is_row = |row: &&mut Vec<&Run>| {
+            (row[0].variant, row[0].approach, row[0].round_trip)
+                == (run.variant, run.approach, run.round_trip)
+        };
+        match rows.iter_mut().find(is_row) {
+            Some(row) => row.push(run),
+            None => rows.push(vec![run]),
+        }
+    }
+    let mut before = None;
+    for row in rows {
+        let first = row[0];
+        let is_new = before.replace(first.variant) != Some(first.variant);
+        let name = if is_new { first.variant.place().name } else { "" };
+        let trip = first.round_trip.map_or("–".to_owned(), |trip| format!("{trip} s"));
+        write!(text, "{name:<22}{:<9}{trip:>10}  ", first.approach.word())?;
+        for run in &row {
+            text.push_str(&cell(run));
+        }
+        writeln!(text, "   {}", paper(first))?;
+    }
+    writeln!(
+        text,
+        "\nHow long before 6 s the brakes bite, where the cars do not touch; x where they do, with how long before 6 s\n\
+         the brakes bit, if they did. Above: how much later than ego the other car is at its place.\n\
+         The paper does not say at which round trip sharing avoids."
+    )
+}
+
+fn cell(run: &Run) -> String {
+    let (colour, text) = match (run.collides, run.brakes_before) {
+        (true, None) => (BAD, "x".to_owned()),
+        (true, Some(before)) => (BAD, format!("x {before:.2} s")),
+        (false, None) => (GOOD, "–".to_owned()),
+        (false, Some(before)) => (GOOD, format!("{before:.2} s")),
+    };
+    paint(colour, &format!("{text:>CELL$}"))
+}
+
+fn paper(run: &Run) -> String {
+    let said = &PAPER.red_light.collides;
+    let collides = match run.approach {
+        Approach::Local => said.local_detector,
+        Approach::Cloud => said.cloud_detector,
+        Approach::Sharing => said.shared_locations,
+    };
+    if collides { paint(BAD, "x collides") } else { paint(GOOD, "avoids") }
+}
+
+fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
+    let sum = |runs: &[Run]| {
+        let collide = runs.iter().filter(|run| run.collides).count();
+        format!("{collide} of {}", runs.len())
+    };
+    writeln!(
+        text,
+        "\nWith a detector in the cloud that answers after no time at all, {} runs collide.\n\
+         If nothing hid the other car, {} runs with a detector would\n(the cloud's at the shortest round trip).",
+        sum(&found.at_once),
+        sum(&found.without_occluder)
+    )
+}

@@ -1,0 +1,115 @@
+//! A second simulation of both other scenes, by small steps of time and with shapes cut into points.
+
+use crate::scenario::braking::Brakes;
+use crate::scenario::jaywalking::{Manoeuvre, Scene as Street};
+use crate::scenario::red_light::{Scene, Variant};
+use crate::scenario::tests::random::Random;
+
+const STEP: f64 = 1e-3;
+
+/// Points all over a car's outline, a hand's breadth apart; its front is at `front`, its heading in degrees.
+fn outline(front: [f64; 2], degrees: f64) -> Vec<[f64; 2]> {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let at = |back: f64, aside: f64| {
+        [front[0] - back * cos - aside * sin, front[1] - back * sin + aside * cos]
+    };
+    let along = (0..=47).map(|step| f64::from(step) * 0.1);
+    let across = (0..=38).map(|step| f64::from(step) * 0.05 - 0.95);
+    let sides = along.flat_map(|back| [at(back, 0.95), at(back, -0.95)]);
+    let ends = across.flat_map(|aside| [at(0.0, aside), at(4.7, aside)]);
+    sides.chain(ends).collect()
+}
+
+/// Whether a point lies in a car that drives along +x, `spare` metres around it counted in.
+fn is_in(front: [f64; 2], point: [f64; 2], spare: f64) -> bool {
+    let (x, y) = (front[0] - point[0], (point[1] - front[1]).abs());
+    -spare <= x && x <= 4.7 + spare && y <= 0.95 + spare
+}
+
+#[test]
+fn cars_touch_where_points_of_one_come_into_the_other() {
+    let headings = [90.0_f64, -90.0, 120.0];
+    let (mut touch, mut compared) = (0, 0);
+    for seed in 0..60_u64 {
+        let random = &mut Random(seed);
+        let variants = [Variant::CornerBuilding, Variant::QueueInTurningLane, Variant::Skewed];
+        let which = random.one_of(&[0, 1, 2_usize]);
+        let place = variants[which].place();
+        let scene = Scene {
+            place,
+            ego_speed: random.between(9.0, 16.0),
+            runner_speed: random.between(9.0, 16.0),
+            delta: random.between(-0.6, 0.6),
+            has_occluder: true,
+        };
+        let decided = random.between(4.0, 6.5);
+        let brakes = Brakes { deceleration: 7.5, delay: 0.1 };
+        let first = scene.contact(Some(decided), &brakes).is_some();
+        let (mut front, mut speed) = (place.ego_at - 6.0 * scene.ego_speed, scene.ego_speed);
+        let (sin, cos) = headings[which].to_radians().sin_cos();
+        let (mut surely, mut nearly) = (false, false);
+        for step in 0..9000 {
+            let now = f64::from(step) * STEP;
+            let ahead = scene.runner_speed * (now - 6.0 - scene.delta);
+            let runner = [place.runner_at[0] + ahead * cos, place.runner_at[1] + ahead * sin];
+            if now > 4.0 {
+                for point in outline(runner, headings[which]) {
+                    surely |= is_in([front, -1.75], point, -0.02);
+                    nearly |= is_in([front, -1.75], point, 0.02);
+                }
+            }
+            let slower = if now >= decided + 0.1 { 7.5 * STEP } else { 0.0 };
+            front += (speed - slower / 2.0).max(0.0) * STEP;
+            speed = (speed - slower).max(0.0);
+        }
+        // A car's corner may go between the other's points: only its own points are looked at.
+        if surely == nearly {
+            compared += 1;
+            assert_eq!(first, surely, "{seed}");
+        }
+        touch += usize::from(first);
+    }
+    assert!(compared > 45 && (10..50).contains(&touch), "{compared}, {touch}");
+}
+
+#[test]
+fn a_car_touches_a_person_where_small_steps_of_time_say_so() {
+    let (mut touch, mut compared) = (0, 0);
+    for seed in 0..250_u64 {
+        let random = &mut Random(seed);
+        let street = Street {
+            distance: random.between(5.0, 20.0),
+            person_speed: random.between(0.5, 3.0),
+            lateral: random.between(3.0, 9.0),
+            deceleration: random.between(4.0, 9.0),
+        };
+        let manoeuvre = random.one_of(&[Manoeuvre::Swerve, Manoeuvre::Brake]);
+        let (speed, response) = (random.between(4.0, 16.0), random.between(0.2, 0.8));
+        let first = street.contact(speed, manoeuvre, response).is_some();
+        let (mut front, mut now_speed, mut aside, mut drift) = (0.0, speed, 0.0, 0.0);
+        let mut nearest = f64::INFINITY;
+        for step in 0..20_000 {
+            let now = f64::from(step) * STEP;
+            let person = [street.distance, street.person_speed * now - 1.75];
+            let x = (person[0] - front).max(front - 4.7 - person[0]).max(0.0);
+            let y = ((person[1] - aside).abs() - 0.95).max(0.0);
+            nearest = f64::min(nearest, x.hypot(y) - 0.3);
+            let is_acting = now >= response;
+            match manoeuvre {
+                Manoeuvre::Swerve if is_acting => drift += street.lateral * STEP,
+                Manoeuvre::Brake if is_acting => {
+                    now_speed = (now_speed - street.deceleration * STEP).max(0.0);
+                }
+                Manoeuvre::Swerve | Manoeuvre::Brake => {}
+            }
+            front += now_speed * STEP;
+            aside += drift * STEP;
+        }
+        if nearest.abs() > 0.03 {
+            compared += 1;
+            assert_eq!(first, nearest < 0.0, "{seed}: {nearest}");
+        }
+        touch += usize::from(first);
+    }
+    assert!(compared > 230 && (50..200).contains(&touch), "{compared}, {touch}");
+}

@@ -1,0 +1,158 @@
+//! The second simulation: small steps of time, positions added up, the rules of fusion for one frame in a few lines.
+
+use std::time::Duration;
+
+use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
+use crate::scenario::braking::Aftermath;
+use crate::scenario::tests::random::Random;
+use crate::scenario::tests::{any_vehicle, end};
+
+/// A step, in s.
+const STEP: f64 = 2e-4;
+
+struct Frame {
+    captured: f64,
+    gap: f64,
+    local: Option<f64>,
+    cloud: Option<f64>,
+    deadline: f64,
+    left: Left,
+}
+
+/// What left for a frame.
+#[derive(Clone, Copy, PartialEq)]
+enum Left {
+    /// Nothing yet.
+    Waits,
+    /// Nothing, and nothing will.
+    Nothing,
+    /// A result, which reports the obstacle or not.
+    Tells(bool),
+}
+
+/// Lets a vehicle drive into an obstacle or stop before it; `clouds` are the responses by frame.
+fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> Aftermath {
+    let Drive { vehicle, speed: full, approach, .. } = *drive;
+    let mut frames: Vec<Frame> = Vec::new();
+    let (mut now, mut gap, mut speed) = (0.0, drive.start(), full);
+    let (mut busy, mut bite) = (f64::NEG_INFINITY, f64::INFINITY);
+    loop {
+        #[expect(clippy::cast_precision_loss, reason = "some hundreds of frames")]
+        let due = frames.len() as f64 / vehicle.rate;
+        if due <= now && bite.is_infinite() {
+            let gap = gap - full * (due - now);
+            let takes = !vehicle.local_serial || due >= busy;
+            if takes {
+                busy = due + vehicle.local_response;
+            }
+            let local = (takes && approach != Approach::Cloud).then_some(vehicle.local_response);
+            let cloud = if approach == Approach::Local { None } else { clouds[frames.len()] };
+            let deadline = match approach {
+                Approach::Ours => drive.deadline.as_secs_f64(),
+                Approach::First => local.unwrap_or(f64::INFINITY),
+                Approach::Local => 0.0,
+                Approach::Cloud => f64::INFINITY,
+            };
+            frames.push(Frame { captured: due, gap, local, cloud, deadline, left: Left::Waits });
+        }
+        for frame in frames.iter_mut().filter(|frame| frame.left == Left::Waits) {
+            frame.left = left(vehicle, frame, now - frame.captured);
+        }
+        if bite.is_infinite() && decides(&frames, vehicle.frames) {
+            bite = now + vehicle.brake_delay;
+        }
+        now += STEP;
+        let slower = if now > bite { vehicle.deceleration * STEP } else { 0.0 };
+        gap -= (speed - slower / 2.0) * STEP;
+        speed -= slower;
+        if speed <= 0.0 {
+            return Aftermath::Stops { gap };
+        }
+        if gap <= 0.0 {
+            return Aftermath::Hits { impact: speed };
+        }
+    }
+}
+
+/// What left for a frame that is so old.
+fn left(vehicle: &Vehicle, frame: &Frame, age: f64) -> Left {
+    let sees = |range: f64| Left::Tells(frame.gap > 0.0 && frame.gap <= range);
+    let by = |response: Option<f64>| response.is_some_and(|response| response <= age);
+    let in_time = frame.cloud.filter(|cloud| *cloud < frame.deadline);
+    if by(in_time) {
+        return sees(vehicle.range_cloud);
+    }
+    if age < frame.deadline {
+        return Left::Waits;
+    }
+    match frame.local {
+        Some(_) if by(frame.local) => sees(vehicle.range_local),
+        Some(_) => Left::Waits,
+        None => Left::Nothing,
+    }
+}
+
+/// Whether so many frames in a row report, those without output left out.
+fn decides(frames: &[Frame], wanted: u32) -> bool {
+    let mut row = 0;
+    frames.iter().any(|frame| {
+        row = match frame.left {
+            Left::Tells(true) => row + 1,
+            Left::Nothing => row,
+            Left::Tells(false) | Left::Waits => 0,
+        };
+        row >= wanted
+    })
+}
+
+#[test]
+fn a_second_simulation_by_small_steps_of_time_agrees_on_250_random_runs() {
+    let (mut compared, mut hits) = (0, 0);
+    for seed in 0..250 {
+        let random = &mut Random(seed);
+        let (mut vehicle, speed) = any_vehicle(random);
+        vehicle.local_serial = random.between(0.0, 1.0) < 0.3;
+        let approaches = [Approach::Local, Approach::Cloud, Approach::First, Approach::Ours];
+        let approach = random.one_of(&approaches);
+        let drive = Drive {
+            vehicle: &vehicle,
+            speed,
+            phase: random.between(0.05, 0.95),
+            approach,
+            deadline: Duration::from_secs_f64(random.between(0.05, 1.5)),
+        };
+        let responses = [0.1, 0.3, 0.6, 1.2, 3.0];
+        let clouds: Vec<Option<f64>> = (0..400)
+            .map(|_| {
+                let response = random.one_of(&responses) * random.between(0.7, 1.3);
+                (random.between(0.0, 1.0) < 0.9).then_some(response)
+            })
+            .collect();
+        let first = end(&drive, |at| {
+            let frame = clouds.iter().enumerate().find(|(frame, _)| {
+                #[expect(clippy::cast_precision_loss, reason = "some hundreds of frames")]
+                let captured = *frame as f64 / vehicle.rate;
+                nanos(captured) == at
+            });
+            frame.and_then(|(_, response)| *response).map(nanos)
+        });
+        let second = stepped(&drive, &clouds);
+        let apart = match (first, second) {
+            (Aftermath::Stops { gap }, Aftermath::Stops { gap: other }) => (gap - other).abs(),
+            (Aftermath::Hits { impact }, Aftermath::Hits { impact: other }) => {
+                hits += 1;
+                // As if it went on: so far beyond the obstacle it would have stood.
+                let beyond = |impact: f64| impact * impact / (2.0 * vehicle.deceleration);
+                (beyond(impact) - beyond(other)).abs()
+            }
+            (Aftermath::Stops { gap }, Aftermath::Hits { .. })
+            | (Aftermath::Hits { .. }, Aftermath::Stops { gap }) => {
+                assert!(gap < 0.05, "{seed}: {first:?}, {second:?}");
+                continue;
+            }
+        };
+        assert!(apart < 0.1, "{seed}: {first:?}, {second:?}, {drive:?}");
+        compared += 1;
+    }
+    assert!(compared >= 248 && hits >= 50 && compared - hits >= 50, "{compared}, {hits}");
+}

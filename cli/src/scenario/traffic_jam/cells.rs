@@ -1,0 +1,227 @@
+//! The cells of the table: each from its drives, each drive by the shipped machine.
+
+use std::time::Duration;
+
+use fuseline_deadline::{
+    Choice, Guard, Impact, Loss, Observation, Situation, Source, Survival, least_loss,
+};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::fault::Fault;
+use crate::scenario::ScenarioError;
+use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
+use crate::scenario::braking::Aftermath;
+use crate::scenario::leave::Folder;
+use crate::scenario::operator::Operator;
+use crate::scenario::paper::PAPER;
+
+/// How the deadline of *ours* is chosen.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) enum Deadline {
+    /// The longest that is safe.
+    Guard,
+    /// The one of least mean loss up to there, by calls that took the response.
+    Expected,
+    /// Always the same.
+    Constant(Duration),
+}
+
+/// A vehicle, and its deadlines.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Jam {
+    pub(crate) vehicle: Vehicle,
+    pub(crate) deadline: Deadline,
+    /// None where no deadline asks it.
+    guard: Option<Guard>,
+}
+
+/// What a speed, an approach and a response come to, over all phases.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub(crate) struct Cell {
+    pub(crate) speed: f64,
+    pub(crate) approach: Approach,
+    pub(crate) response: f64,
+    /// The deadline of each request, in s.
+    pub(crate) deadline: Option<f64>,
+    pub(crate) outcome: Colour,
+    /// The least and the greatest speed at impact.
+    pub(crate) impact: Option<[f64; 2]>,
+    /// The least and the greatest gap that is left.
+    pub(crate) gap: Option<[f64; 2]>,
+    /// How it ends in the paper; none: the paper has no such cell.
+    pub(crate) paper: Option<Colour>,
+}
+
+/// How a cell is marked.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Colour {
+    /// No phase collides.
+    Avoids,
+    /// Every phase does.
+    Collides,
+    /// Some do.
+    Mixed,
+}
+
+/// What a cell is about.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Question {
+    pub(crate) speed: f64,
+    pub(crate) approach: Approach,
+    pub(crate) response: f64,
+}
+
+impl Cell {
+    /// Whether it is as the paper's; true where the paper has no such cell.
+    pub(crate) fn is_as_in_paper(&self) -> bool {
+        self.paper.is_none_or(|paper| self.outcome == paper)
+    }
+}
+
+impl From<bool> for Colour {
+    fn from(collides: bool) -> Self {
+        if collides { Self::Collides } else { Self::Avoids }
+    }
+}
+
+impl Jam {
+    /// A vehicle and how its deadlines are chosen.
+    ///
+    /// # Errors
+    /// If the deadlines need a guard and its figures make no sense.
+    pub(crate) fn new(vehicle: Vehicle, deadline: Deadline) -> Result<Self, ScenarioError> {
+        let guard = match deadline {
+            Deadline::Constant(_) => None,
+            Deadline::Guard | Deadline::Expected => {
+                Some(vehicle.guard().map_err(|invalid| ScenarioError::Invalid { invalid })?)
+            }
+        };
+        Ok(Self { vehicle, deadline, guard })
+    }
+
+    /// Where the obstacle comes into range, in frames after a capture: evenly over the frames that local is busy with.
+    pub(crate) fn phases(&self) -> Vec<f64> {
+        let busy = self.vehicle.frames_of_local();
+        let (width, count) =
+            if self.vehicle.local_serial { (8.0, busy * 4.0) } else { (16.0, 8.0) };
+        let places = (0_u32..).map(f64::from).take_while(|place| *place < count);
+        places.map(|place| (2.0 * place + 1.0) / width).collect()
+    }
+
+    /// The deadline of each request of *ours*.
+    pub(crate) fn deadline(&self, speed: f64, response: f64) -> Duration {
+        let situation = Situation { reveal: self.vehicle.reveal, ..Situation::at(speed) };
+        let cap = self.guard.map_or(Duration::MAX, |guard| guard.judge(&situation).deadline);
+        match (self.deadline, self.guard) {
+            (Deadline::Constant(deadline), _) => deadline,
+            (Deadline::Expected, Some(guard)) => {
+                let response = Duration::from_nanos(nanos(response));
+                let calls = [Observation { response, is_answered: true, count: 1 }];
+                let impact = Impact::from(&guard);
+                let steps = Survival::new(calls.into_iter(), &[]);
+                let loss = |source: Source, at| impact.loss(&situation, source, at);
+                let Choice { deadline, .. } = least_loss(steps, guard.local_response(), cap, loss);
+                deadline
+            }
+            (Deadline::Guard | Deadline::Expected, _) => cap,
+        }
+    }
+
+    /// One drive of a cell.
+    fn drive(&self, question: &Question, phase: f64) -> Drive<'_> {
+        let Question { speed, approach, response } = *question;
+        let deadline = match approach {
+            Approach::Ours => self.deadline(speed, response),
+            Approach::Local | Approach::Cloud | Approach::First => Duration::ZERO,
+        };
+        Drive { vehicle: &self.vehicle, speed, phase, approach, deadline }
+    }
+
+    /// How the drive of this phase ends; its trace goes to the folder.
+    fn run(
+        &self,
+        question: &Question,
+        (place, phase): (usize, f64),
+        traces: Option<&Folder>,
+    ) -> Result<Aftermath, Fault> {
+        let Question { speed, approach, response } = *question;
+        let drive = self.drive(question, phase);
+        let word = format!("{approach:?}").to_lowercase();
+        let name = format!("{word}, {speed} m/s, response {response} s, phase {phase}");
+        let mut operator = Operator::new(&name, drive.frames(), traces.is_some());
+        let takes = nanos(response);
+        let (end, _) = drive.run(&mut operator, |_| Some(takes));
+        if operator.is_full() {
+            return Err(ScenarioError::Full { speed }.into());
+        }
+        if let (Some(folder), Some(trace)) = (traces, operator.into_trace()) {
+            folder.put(&format!("{word}-v{speed}-r{response}-{place:02}.jsonl"), &trace)?;
+        }
+        Ok(end)
+    }
+
+    /// How all drives of a cell end, in the order of their phases.
+    pub(crate) fn ends(
+        &self,
+        question: &Question,
+        traces: Option<&Folder>,
+    ) -> Result<Vec<Aftermath>, Fault> {
+        let phases = self.phases().into_iter().enumerate();
+        phases.map(|phase| self.run(question, phase, traces)).collect()
+    }
+
+    /// A cell.
+    pub(crate) fn cell(&self, question: &Question, traces: Option<&Folder>) -> Result<Cell, Fault> {
+        let Question { speed, approach, response } = *question;
+        let ends = self.ends(question, traces)?;
+        let deadline = match approach {
+            Approach::Ours => Some(self.deadline(speed, response).as_secs_f64()),
+            Approach::First => Some(self.vehicle.local_response),
+            Approach::Local | Approach::Cloud => None,
+        };
+        let impact = range(ends.iter().filter_map(|end| match end {
+            Aftermath::Hits { impact } => Some(*impact),
+            Aftermath::Stops { .. } => None,
+        }));
+        let gap = range(ends.iter().filter_map(|end| match end {
+            Aftermath::Stops { gap } => Some(*gap),
+            Aftermath::Hits { .. } => None,
+        }));
+        let paper = PAPER.traffic_jam.collides(speed, approach, response).map(Colour::from);
+        Ok(Cell { speed, approach, response, deadline, outcome: colour(&ends), impact, gap, paper })
+    }
+
+    /// All cells, in the order of the questions.
+    pub(crate) fn cells(
+        &self,
+        questions: &[Question],
+        traces: Option<&Folder>,
+    ) -> Result<Vec<Cell>, Fault> {
+        questions.par_iter().map(|question| self.cell(question, traces)).collect()
+    }
+
+    /// Whether a cell is so; it drives no more phases than it takes to tell.
+    pub(crate) fn is(&self, question: &Question, collides: bool) -> Result<bool, Fault> {
+        for phase in self.phases() {
+            if self.run(question, (0, phase), None)?.hits() != collides {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+fn colour(ends: &[Aftermath]) -> Colour {
+    match ends.iter().filter(|end| end.hits()).count() {
+        0 => Colour::Avoids,
+        hits if hits == ends.len() => Colour::Collides,
+        _ => Colour::Mixed,
+    }
+}
+
+fn range(figures: impl Iterator<Item = f64> + Clone) -> Option<[f64; 2]> {
+    let least = figures.clone().min_by(f64::total_cmp)?;
+    Some([least, figures.max_by(f64::total_cmp)?])
+}

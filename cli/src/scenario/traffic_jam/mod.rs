@@ -1,0 +1,186 @@
+//! `fuseline scenario traffic-jam`: the paper's table.
+
+mod cells;
+mod narrow;
+mod plots;
+#[cfg(test)]
+pub(crate) mod tests_of_cells;
+mod told;
+
+use std::time::Duration;
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::fault::Fault;
+use crate::scenario::approach::Approach;
+use crate::scenario::leave::{Shown, show};
+use crate::scenario::options::{Leave, VehicleArgs, not_below_0, speed};
+use crate::scenario::traffic_jam::cells::{Cell, Deadline, Jam, Question};
+use crate::scenario::traffic_jam::narrow::{Constants, Interval, OnBoard, Only};
+
+/// What the page says first.
+const WORDS: &str = "At constant speed a vehicle approaches a motorcycle that stands. It brakes once three consecutive \
+    frames report it. Local sees less far than the cloud; the cloud's results come when the network lets them. Every \
+    output was decided by the shipped machine in virtual time, and every ending follows from it by the physics stated here.";
+/// What is modelled.
+const MODEL: &str = "Ranges, deceleration and the delay of the brakes are model choices; the paper drove in CARLA and \
+    does not state them.";
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+At constant speed a vehicle approaches a motorcycle that stands, in virtual time: each frame is a
+message of an operator, whose every decision the shipped machine makes. The vehicle brakes once the
+outputs of three consecutive frames report the obstacle. The obstacle stands at 8 places between two
+frames; a cell avoids or collides if it does at all of them, else it is mixed.
+
+Figures marked † are model choices: the paper drove in CARLA and does not state them. Metres and
+seconds; a response counts from a frame's capture and contains the runtime and the round trip.
+
+Exit code 0 when told, 2 if something makes no sense.
+
+Examples:
+  fuseline scenario traffic-jam
+  fuseline scenario traffic-jam --approach ours --deadline 0.5
+  fuseline scenario traffic-jam --local-serial --cells-only --json
+  fuseline scenario traffic-jam -o pictures --trace traces && fuseline check traces/*.jsonl")]
+pub(crate) struct Args {
+    /// Speeds, in m/s.
+    #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "11,18,20,22,24", value_parser = speed)]
+    speed: Vec<f64>,
+    /// Responses of the cloud, from a frame's capture to its result, in s.
+    #[arg(long, value_name = "S,S,…", value_delimiter = ',', default_value = "0.5,0.75,1,1.25,1.5,3", value_parser = not_below_0)]
+    response: Vec<f64>,
+    /// Who answers.
+    #[arg(
+        long,
+        value_name = "WHO,WHO,…",
+        value_delimiter = ',',
+        default_value = "local,cloud,ours"
+    )]
+    approach: Vec<Approach>,
+    /// The deadline of ours: guard, expected, or a constant in s.
+    #[arg(long, value_name = "HOW", default_value = "guard", value_parser = deadline)]
+    deadline: Deadline,
+    /// Only the cells: not how narrow they are, what constant deadlines do, nor what the paper does not tell.
+    #[arg(long)]
+    cells_only: bool,
+    #[command(flatten)]
+    vehicle: VehicleArgs,
+    #[command(flatten)]
+    leave: Leave,
+}
+
+fn deadline(text: &str) -> Result<Deadline, String> {
+    match text {
+        "guard" => Ok(Deadline::Guard),
+        "expected" => Ok(Deadline::Expected),
+        text => match not_below_0(text) {
+            Ok(seconds) => Ok(Deadline::Constant(Duration::from_secs_f64(seconds))),
+            Err(_) => Err("write guard, expected or a number of seconds".to_owned()),
+        },
+    }
+}
+
+impl Args {
+    /// What is in force.
+    fn parameters(&self) -> Value {
+        let deadline = match self.deadline {
+            Deadline::Guard => json!("guard"),
+            Deadline::Expected => json!("expected"),
+            Deadline::Constant(deadline) => json!(deadline.as_secs_f64()),
+        };
+        let (speed, response, approach) = (&self.speed, &self.response, &self.approach);
+        let vehicle = self.vehicle.vehicle();
+        json!({
+            "speed": speed, "response": response, "approach": approach, "deadline": deadline,
+            "vehicle": vehicle,
+        })
+    }
+
+    fn questions(&self) -> Vec<Question> {
+        let mut questions = Vec::new();
+        for speed in &self.speed {
+            for approach in &self.approach {
+                for response in &self.response {
+                    let (speed, approach, response) = (*speed, *approach, *response);
+                    questions.push(Question { speed, approach, response });
+                }
+            }
+        }
+        questions
+    }
+}
+
+/// All that is told.
+#[derive(Clone, Serialize)]
+pub(crate) struct Found {
+    scenario: &'static str,
+    parameters: Value,
+    #[serde(skip)]
+    responses: Vec<f64>,
+    #[serde(skip)]
+    approaches: Vec<Approach>,
+    /// Places of the obstacle between two frames.
+    phases: usize,
+    cells: Vec<Cell>,
+    #[serde(flatten)]
+    beside: Option<Beside>,
+}
+
+/// What is found beside the cells.
+#[derive(Clone, Serialize)]
+struct Beside {
+    /// None: the paper's table is not reproduced.
+    narrow: Option<Vec<Interval>>,
+    constants: Constants,
+    on_board: Vec<OnBoard>,
+    only_cloud: Option<Only>,
+}
+
+impl Found {
+    /// How many cells are as in the paper, and how many it has.
+    fn agreement(&self) -> (usize, usize) {
+        let known = self.cells.iter().filter(|cell| cell.paper.is_some());
+        (known.clone().filter(|cell| cell.is_as_in_paper()).count(), known.count())
+    }
+}
+
+/// Plays it.
+pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+    let vehicle = args.vehicle.vehicle();
+    let jam = Jam::new(vehicle, args.deadline)?;
+    let [traces, plots] = args.leave.folders()?;
+    let found = Found {
+        scenario: "traffic-jam",
+        parameters: args.parameters(),
+        responses: args.response.clone(),
+        approaches: args.approach.clone(),
+        phases: jam.phases().len(),
+        cells: jam.cells(&args.questions(), traces.as_ref())?,
+        beside: (!args.cells_only).then(|| beside(&jam)).transpose()?,
+    };
+    let told = told::told(&found);
+    if let Some(folder) = plots {
+        let words = [WORDS, MODEL];
+        show(
+            &folder,
+            &Shown {
+                title: "Traffic jam",
+                words: &words,
+                plots: plots::plots(&found, &jam),
+                told: &told,
+            },
+        )?;
+    }
+    args.leave.tell(&found, &told)
+}
+
+fn beside(jam: &Jam) -> Result<Beside, Fault> {
+    Ok(Beside {
+        narrow: narrow::intervals(jam),
+        constants: narrow::constants(jam.vehicle),
+        on_board: narrow::on_board(jam.vehicle)?,
+        only_cloud: narrow::only_cloud(jam.vehicle)?,
+    })
+}

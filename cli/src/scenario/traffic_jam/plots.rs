@@ -1,0 +1,184 @@
+//! The table as a picture, and the deadlines that give it.
+
+use std::time::Duration;
+
+use plotters::prelude::*;
+use rayon::prelude::*;
+
+use crate::plot::{Axes, DRAWN, Label, Line, Plot, Theme, sheet};
+use crate::scenario::approach::{Approach, Vehicle};
+use crate::scenario::paper::PAPER;
+use crate::scenario::traffic_jam::Found;
+use crate::scenario::traffic_jam::cells::{Cell, Colour, Deadline, Jam, Question};
+use crate::scenario::traffic_jam::told::word;
+
+/// Deadlines up to here are shown, in s.
+const LONGEST: f64 = 3.5;
+/// How finely deadlines are looked through, in s.
+const STEP: f64 = 0.02;
+/// So many of them lead to the longest.
+const STEPS: u32 = 175;
+
+/// Both plots.
+pub(crate) fn plots(found: &Found, jam: &Jam) -> Vec<Plot> {
+    let mut plots = vec![table(found)];
+    plots.extend(deadlines(jam));
+    plots
+}
+
+fn table(found: &Found) -> Plot {
+    let Found { responses, cells, .. } = found.clone();
+    let caption = "Each cell: the metres left at least where the vehicle stops, or the speed at impact at most where it \
+                   does not. A cross in the corner marks a cell that differs from the paper's.";
+    Plot::new("table", caption, move |theme| {
+        let rows: Vec<&[Cell]> = cells
+            .chunk_by(|one, next| (one.speed, one.approach) == (next.speed, next.approach))
+            .collect();
+        let (wide, high) = (92, 34);
+        let height = u32::try_from(rows.len()).unwrap_or(u32::MAX) * 36 + 150;
+        let width = u32::try_from(responses.len()).unwrap_or(u32::MAX) * 92 + 210;
+        let words = ("Traffic jam", "A vehicle stops behind a standing motorcycle, or does not");
+        sheet(theme, (width.max(520), height), words, |sheet| {
+            let soft = Label::new(13.0, theme.soft);
+            soft.centred().put(
+                sheet,
+                "response of the cloud, s",
+                (160 + wide * i32::try_from(responses.len()).unwrap_or(0) / 2, 84),
+            );
+            for (column, response) in (0..).zip(&responses) {
+                soft.centred().put(
+                    sheet,
+                    &response.to_string(),
+                    (160 + wide * column + wide / 2, 106),
+                );
+            }
+            let (mut y, mut before) = (124, None);
+            for row in &rows {
+                let [first, ..] = row else { continue };
+                if before != Some(first.speed) {
+                    y += if before.is_some() { 8 } else { 0 };
+                    let speed = format!("{} m/s", first.speed);
+                    Label::new(14.0, theme.ink).bold().put(sheet, &speed, (24, y + high / 2));
+                    before = Some(first.speed);
+                }
+                Label::new(14.0, theme.ink).put(sheet, word(first.approach), (102, y + high / 2));
+                for (column, cell) in (0..).zip(*row) {
+                    let x = 160 + wide * column;
+                    draw(theme, sheet, cell, [(x, y), (x + wide - 3, y + high - 3)]);
+                }
+                y += high;
+            }
+        })
+    })
+}
+
+fn draw(theme: &Theme, sheet: &crate::plot::Sheet<'_>, cell: &Cell, place: [(i32, i32); 2]) {
+    let [(left, top), (right, bottom)] = place;
+    let (colour, text) = match (cell.outcome, cell.gap, cell.impact) {
+        (Colour::Avoids, Some([gap, _]), _) => (theme.good, format!("{gap:.1} m")),
+        (Colour::Mixed, _, Some([_, impact])) => (theme.series[2], format!("~ {impact:.1} m/s")),
+        (_, _, Some([_, impact])) => (theme.bad, format!("{impact:.1} m/s")),
+        (_, _, None) => (theme.soft, String::new()),
+    };
+    sheet.draw(&Rectangle::new(place, colour.filled())).expect(DRAWN);
+    let middle = (i32::midpoint(left, right), i32::midpoint(top, bottom));
+    Label::new(13.0, theme.on_colour).centred().put(sheet, &text, middle);
+    if !cell.is_as_in_paper() {
+        let cross = Label::new(13.0, theme.on_colour).bold().centred();
+        cross.put(sheet, "×", (right - 8, top + 8));
+    }
+}
+
+/// None where no guard can be.
+fn deadlines(jam: &Jam) -> Option<Plot> {
+    let vehicle = jam.vehicle;
+    let guard = Jam::new(vehicle, Deadline::Guard).ok()?;
+    let speeds: Vec<f64> = (0..=500).map(|step| 10.0 + f64::from(step) * 0.04).collect();
+    let budget = |range: f64, period: f64, speed: f64| {
+        let delays = vehicle.brake_delay + f64::from(vehicle.frames) * period;
+        let range = range.min(vehicle.reveal.unwrap_or(f64::INFINITY));
+        range / speed - speed / (2.0 * vehicle.deceleration) - delays
+    };
+    let line = |of: &dyn Fn(f64) -> f64| -> Vec<(f64, f64)> {
+        let points = speeds.iter().map(|speed| (*speed, of(*speed)));
+        points.filter(|(_, y)| (0.0..=LONGEST).contains(y)).collect()
+    };
+    let local = line(&|speed| budget(vehicle.range_local, vehicle.period_local(), speed));
+    let cloud = line(&|speed| budget(vehicle.range_cloud, vehicle.period(), speed));
+    let chosen: Vec<(f64, f64)> = speeds
+        .iter()
+        .map(|speed| (*speed, guard.deadline(*speed, 0.0).as_secs_f64().min(LONGEST)))
+        .collect();
+    let bars: Vec<(f64, Vec<[f64; 2]>)> = PAPER
+        .traffic_jam
+        .speeds()
+        .into_iter()
+        .map(|speed| (speed, allowed(vehicle, speed)))
+        .collect();
+    let caption = "Results of local and of the cloud suffice to stop until their budgets after capture. The guard waits as \
+                   long as local alone would still stop, and where it would not, as long as the cloud might. Bars: constant \
+                   deadlines that give the paper's row of ours at that speed; no one height crosses all five.";
+    Some(Plot::new("deadlines", caption, move |theme| {
+        let words = ("Which deadline gives the table", "Seconds after capture, by speed");
+        sheet(theme, (860, 520), words, |sheet| {
+            let of = |name: &str, series: usize, width, is_dashed, points: &Vec<(f64, f64)>| Line {
+                name: name.to_owned(),
+                colour: theme.series[series],
+                width,
+                is_dashed,
+                points: points.clone(),
+            };
+            let lines = [
+                of("local's results suffice until", 0, 2, true, &local),
+                of("the cloud's until", 1, 2, true, &cloud),
+                of("deadline of the guard", 2, 3, false, &chosen),
+            ];
+            Line::keys(&lines, theme, sheet, (82, 84));
+            let area = sheet.margin(104, 12, 20, 24);
+            let axes = Axes {
+                x: 10.0..26.0,
+                y: 0.0..LONGEST,
+                x_name: "speed, m/s",
+                y_name: "deadline, s",
+            };
+            let mut chart = axes.chart(theme, &area);
+            for (speed, bars) in &bars {
+                let bar = |[from, to]: &[f64; 2]| {
+                    let corners = [(speed - 0.17, *from), (speed + 0.17, *to)];
+                    Rectangle::new(corners, theme.good.mix(0.35).filled())
+                };
+                chart.draw_series(bars.iter().map(bar)).expect(DRAWN);
+            }
+            for line in &lines {
+                line.draw(&mut chart);
+            }
+            let key = Rectangle::new([(700, 78), (712, 90)], theme.good.mix(0.35).filled());
+            sheet.draw(&key).expect(DRAWN);
+            Label::new(13.0, theme.ink).put(sheet, "gives the paper's row", (719, 84));
+        })
+    }))
+}
+
+/// The constant deadlines with which the drives at a speed end as in the paper's row of *ours*.
+fn allowed(vehicle: Vehicle, speed: f64) -> Vec<[f64; 2]> {
+    let paper = &PAPER.traffic_jam;
+    let gives = |deadline: f64| {
+        let deadline = Deadline::Constant(Duration::from_secs_f64(deadline));
+        let Ok(jam) = Jam::new(vehicle, deadline) else { return false };
+        paper.cloud_response_s.iter().all(|response| {
+            let question = Question { speed, approach: Approach::Ours, response: *response };
+            let collides = paper.collides(speed, Approach::Ours, *response);
+            collides.is_none_or(|collides| jam.is(&question, collides).unwrap_or(false))
+        })
+    };
+    let steps: Vec<f64> = (1..=STEPS).map(|step| f64::from(step) * STEP).collect();
+    let marks: Vec<bool> = steps.par_iter().map(|deadline| gives(*deadline)).collect();
+    let mut bars: Vec<[f64; 2]> = Vec::new();
+    for (deadline, _) in steps.iter().zip(marks).filter(|(_, is_given)| *is_given) {
+        match bars.last_mut() {
+            Some([_, to]) if deadline - *to < STEP * 1.5 => *to = *deadline,
+            _ => bars.push([(deadline - STEP).max(0.0), *deadline]),
+        }
+    }
+    bars
+}

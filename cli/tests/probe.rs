@@ -1,0 +1,317 @@
+//! `fuseline probe`, run as a user runs it, against its server behind a relay of known delays.
+
+mod common;
+#[path = "common/running.rs"]
+mod running;
+#[path = "common/signal.rs"]
+mod signal;
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener as Blocking;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use common::{err, fuseline, out, run};
+use fuseline_tokio::grpc::{self, InferClient, Request, tonic};
+use running::{adds_up, report, run_in};
+use serde_json::Value;
+use signal::interrupt;
+use tempfile::tempdir;
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+use tokio::time::{Instant, sleep};
+
+/// `fuseline probe --serve`; it ends with this.
+struct Server {
+    child: Child,
+    url: String,
+}
+
+impl Server {
+    fn start(directory: &Path, args: &[&str]) -> Self {
+        let all = [&["probe", "--serve", "--listen", "127.0.0.1:0"], args].concat();
+        let mut child =
+            fuseline(&all).current_dir(directory).stdout(Stdio::piped()).spawn().unwrap();
+        let mut told = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
+        let url = told.trim().rsplit(' ').next().unwrap().replace("127.0.0.1", "localhost");
+        Self { child, url }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// What the relay saw of one request.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    /// Requests that it held already.
+    queued: usize,
+    came: Duration,
+    /// How long until it was answered.
+    held: Duration,
+}
+
+/// Hands requests on to `server`, each after `delay(when it came)`.
+struct Relay {
+    url: String,
+    seen: Arc<Mutex<Vec<Seen>>>,
+    /// How much later than wanted this process was served at worst.
+    lateness: Arc<Mutex<Duration>>,
+    _runtime: Runtime,
+}
+
+impl Relay {
+    fn start(server: &Server, delay: fn(Duration, u64) -> Duration) -> Self {
+        let runtime = Runtime::new().unwrap();
+        let (seen, lateness) =
+            (Arc::<Mutex<Vec<Seen>>>::default(), Arc::<Mutex<Duration>>::default());
+        let (saw, late) = (Arc::clone(&seen), Arc::clone(&lateness));
+        let url = runtime.block_on(async {
+            let client = InferClient::new(grpc::Remote::new(&server.url).connect().unwrap());
+            let (start, queued) = (Instant::now(), Arc::new(Mutex::new(0_usize)));
+            let relay = move |request: Request| {
+                let (mut client, saw, queued) =
+                    (client.clone(), Arc::clone(&saw), Arc::clone(&queued));
+                async move {
+                    let came = start.elapsed();
+                    let before = {
+                        let mut queued = queued.lock().unwrap();
+                        *queued += 1;
+                        *queued - 1
+                    };
+                    sleep(delay(came, request.timestamp)).await;
+                    let reply = client.infer(tonic::Request::new(request)).await;
+                    *queued.lock().unwrap() -= 1;
+                    let held = start.elapsed().saturating_sub(came);
+                    saw.lock().unwrap().push(Seen { queued: before, came, held });
+                    reply.map(tonic::Response::into_inner)
+                }
+            };
+            let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+            let url = format!("http://{}", listener.local_addr().unwrap());
+            let everybody = grpc::Server::default();
+            tokio::spawn(grpc::serve(relay, everybody, listener, std::future::pending()));
+            tokio::spawn(async move {
+                loop {
+                    let began = Instant::now();
+                    sleep(Duration::from_millis(5)).await;
+                    let mut worst = late.lock().unwrap();
+                    *worst = worst.max(began.elapsed().saturating_sub(Duration::from_millis(5)));
+                }
+            });
+            url
+        });
+        Self { url, seen, lateness, _runtime: runtime }
+    }
+
+    /// All but the first, which does not count.
+    fn seen(&self) -> Vec<Seen> {
+        let mut seen = self.seen.lock().unwrap().clone();
+        seen.sort_by_key(|seen| seen.came);
+        seen.split_off(1)
+    }
+}
+
+/// The rows of a recording, by column.
+fn rows(csv: &Path) -> Vec<Vec<String>> {
+    let text = fs::read_to_string(csv).unwrap();
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("sent_ms,rtt_ms,lat,lon,speed_mps,queued,utc_ms"));
+    lines.map(|line| line.split(',').map(ToOwned::to_owned).collect()).collect()
+}
+
+fn ms(text: &str) -> f64 {
+    text.parse().unwrap()
+}
+
+#[test]
+fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_recording() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &[]);
+    let relay = Relay::start(&server, |_, slot| Duration::from_millis(20 + 40 * (slot % 5)));
+    let probe = ["probe", &relay.url, "--seconds", "4", "--json"];
+    let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
+    let summary = report(&probed);
+    let seen = relay.seen();
+    assert_eq!(summary["answered"], seen.len(), "{summary}");
+    assert_eq!(summary["failed"], 0, "{summary}");
+    let mut held: Vec<Duration> = seen.iter().map(|seen| seen.held).collect();
+    held.sort_unstable();
+    // 3 ms, and whatever this machine is late with at worst.
+    let slack = 3.0 + relay.lateness.lock().unwrap().as_secs_f64() * 1e3;
+    for (quantile, percent) in [("p50", 50), ("p90", 90), ("p99", 99)] {
+        let told = summary["answers_ms"][quantile].as_f64().unwrap();
+        let relayed = held[(held.len() * percent).div_ceil(100) - 1].as_secs_f64() * 1e3;
+        assert!(told >= relayed - 0.1, "{quantile}: {told} of {relayed}");
+        assert!(told <= relayed + slack, "{quantile}: {told} of {relayed} and {slack}");
+    }
+    assert_eq!(summary["paper_ms"]["p99"], 3027.0);
+
+    let rows = rows(&dir.path().join("fuseline-probe.csv"));
+    assert_eq!(rows.len() as u64, summary["sent"].as_u64().unwrap());
+    assert!(rows.is_sorted_by(|one, next| ms(&one[0]) < ms(&next[0])));
+    let ran =
+        run_in(dir.path(), &["--seconds", "1", "--json", "--drive", "west=fuseline-probe.csv"]);
+    let report = report(&ran);
+    adds_up(&report);
+    assert_eq!(report["sources"][1]["drive"], "fuseline-probe.csv", "{report}");
+}
+
+#[test]
+fn a_stall_of_3_s_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &[]);
+    // What comes from 1 s to 4 s is held until then.
+    let relay = Relay::start(&server, |came, _| match came.as_secs() {
+        1..=3 => Duration::from_secs(4).saturating_sub(came),
+        _ => Duration::ZERO,
+    });
+    let probe = ["probe", &relay.url, "--seconds", "6"];
+    let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
+    assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+    assert!(out(&probed).contains("\n1 pause, "), "{}", out(&probed));
+    let seen = relay.seen();
+    assert_eq!(seen.iter().map(|seen| seen.queued + 1).max(), Some(31));
+    let last = seen.iter().position(|seen| seen.queued == 30).unwrap();
+    let stalled = &seen[last - 30..=last];
+    let next = seen[last + 1];
+    assert_eq!(next.queued, 0);
+    assert!(stalled.iter().all(|one| one.came + one.held <= next.came));
+    let rows = rows(&dir.path().join("fuseline-probe.csv"));
+    let pauses: Vec<&Vec<String>> = rows.iter().filter(|row| row[1] == "-1").collect();
+    let [pause] = pauses[..] else { panic!("{pauses:?}") };
+    assert_eq!(pause[5], "31");
+    assert_eq!(rows.len(), seen.len() + 1);
+}
+
+#[test]
+fn positions_of_gpsd_and_of_a_file_are_joined_by_the_time_of_day() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &[]);
+    let listener = Blocking::bind("127.0.0.1:0").unwrap();
+    let gpsd = listener.local_addr().unwrap().to_string();
+    let reporter = thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let mut asked = String::new();
+        BufReader::new(stream.try_clone().unwrap()).read_line(&mut asked).unwrap();
+        for _ in 0..30 {
+            let now = humantime::format_rfc3339_millis(SystemTime::now());
+            let tpv = r#"{"class":"TPV","mode":3,"lat":42.28,"lon":-83.74,"speed":13.5,"time""#;
+            if writeln!(stream, "not JSON\n{tpv}:\"{now}\"}}").is_err() {
+                break;
+            }
+            thread::sleep(Duration::from_millis(100));
+        }
+        asked
+    });
+    let probed = fuseline(&["probe", &server.url, "--seconds", "1", "--gpsd", &gpsd])
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+    assert!(reporter.join().unwrap().starts_with("?WATCH={\"enable\":true"));
+    for row in rows(&dir.path().join("fuseline-probe.csv")) {
+        assert_eq!(row[2..5], ["42.2800000", "-83.7400000", "13.50"], "{row:?}");
+    }
+
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
+    let sentences: String = (now..now + 60).map(rmc).collect();
+    fs::write(dir.path().join("drive.nmea"), sentences).unwrap();
+    let probed = fuseline(&["probe", &server.url, "--seconds", "1", "--nmea", "drive.nmea"])
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+    for row in rows(&dir.path().join("fuseline-probe.csv")) {
+        assert_eq!((&*row[2], &*row[3]), ("49.2741667", "-123.1853333"), "{row:?}");
+    }
+}
+
+/// The sentence of a second since 1970.
+fn rmc(second: u64) -> String {
+    let text = humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(second));
+    let digits: String = text.to_string().chars().filter(char::is_ascii_digit).collect();
+    let (year, month, day, time) = (&digits[2..4], &digits[4..6], &digits[6..8], &digits[8..14]);
+    let body = format!("GPRMC,{time}.00,A,4916.45,N,12311.12,W,026.2,054.7,{day}{month}{year},,,A");
+    let sum = body.bytes().fold(0, |sum, byte| sum ^ byte);
+    format!("${body}*{sum:02X}\r\n")
+}
+
+#[test]
+fn ctrl_c_ends_a_probe_with_its_summary_and_a_whole_recording() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &[]);
+    let child = fuseline(&["probe", &server.url, "--json"])
+        .current_dir(dir.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let csv = dir.path().join("fuseline-probe.csv");
+    while fs::metadata(&csv).map_or(0, |file| file.len()) < 200 {
+        thread::sleep(Duration::from_millis(50));
+    }
+    interrupt(&child);
+    let ended = child.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(0));
+    let summary: Value = serde_json::from_str(out(&ended)).unwrap();
+    assert_eq!(summary["interrupted"], true);
+    let rows = rows(&csv);
+    assert_eq!(rows.len() as u64, summary["sent"].as_u64().unwrap());
+    assert!(rows.iter().all(|row| row.len() == 7));
+}
+
+#[test]
+fn a_token_is_asked_for_and_borne() {
+    let dir = tempdir().unwrap();
+    fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
+    let server = Server::start(dir.path(), &["--token-file", "token"]);
+    let probe = ["probe", &server.url, "--seconds", "0.2"];
+    let refused = fuseline(&probe).current_dir(dir.path()).output().unwrap();
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(err(&refused).contains("a bearer token is needed; start `"), "{}", err(&refused));
+    assert!(!dir.path().join("fuseline-probe.csv").exists());
+    let bearing = [&probe[..], &["--token-file", "token"]].concat();
+    let probed = fuseline(&bearing).current_dir(dir.path()).output().unwrap();
+    assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+}
+
+#[test]
+fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
+    let dir = tempdir().unwrap();
+    fs::write(dir.path().join("drive.nmea"), "").unwrap();
+    let server = Server::start(dir.path(), &[]);
+    let csv = ["--csv", "drive.nmea", "--nmea", "drive.nmea"];
+    for (args, what) in [
+        (&[][..], "<URL>"),
+        (&["http://127.0.0.1:9"], "http://127.0.0.1:9: connection refused; start"),
+        (&["ftp://h"], "ftp://h: the cloud's URL must be http"),
+        (&["https://h"], "needs the certificate of the CA"),
+        (&["http://h", "--serve"], "cannot be used with"),
+        (&[&server.url, "--rate", "0"], "'--rate <HZ>': it must be from 0.1 to 1000"),
+        (&[&server.url, "--seconds", "0"], "'--seconds <S>': it must be seconds"),
+        (&[&server.url, "--csv", "-"], "--csv -: "),
+        (&[&server.url, "--csv", "."], ".: a directory"),
+        (&[&[&*server.url][..], &csv].concat(), "drive.nmea: it is what is read"),
+        (&[&server.url, "--nmea", "none"], "none: No such file"),
+        (&[&server.url, "--gpsd", "127.0.0.1:9"], "--gpsd 127.0.0.1:9: Connection refused; "),
+    ] {
+        let all = [&["probe"], args].concat();
+        let refused = fuseline(&all).current_dir(dir.path()).output().unwrap();
+        assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", out(&refused));
+        let told = err(&refused);
+        assert!(told.starts_with("error: ") && told.contains(what), "{args:?}: {told}");
+        assert_eq!((told.lines().count(), out(&refused)), (1, ""), "{args:?}: {told}");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "{args:?}");
+    }
+    assert_eq!(run(&["probe", "--help"], "").status.code(), Some(0));
+}

@@ -1,0 +1,245 @@
+//! `fuseline scenario`, run as a user runs it.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{err, out, run};
+use serde_json::Value;
+
+fn scenario(args: &[&str]) -> String {
+    let output = run(&[&["scenario"], args].concat(), "");
+    assert_eq!((output.status.code(), err(&output)), (Some(0), ""), "{args:?}");
+    out(&output).to_owned()
+}
+
+fn json(args: &[&str]) -> Value {
+    let text = scenario(&[args, &["--json"]].concat());
+    assert_eq!(text.lines().count(), 1, "one object");
+    serde_json::from_str(&text).unwrap()
+}
+
+/// What each row tells under these keys.
+fn told<'a>(rows: &'a Value, keys: &[&str]) -> Vec<Vec<&'a Value>> {
+    let rows = rows.as_array().unwrap();
+    rows.iter().map(|row| keys.iter().map(|key| &row[*key]).collect()).collect()
+}
+
+/// The traces in a folder, each accepted by the strict judge.
+fn traces(folder: &Path) -> usize {
+    let files: Vec<String> = fs::read_dir(folder)
+        .unwrap()
+        .map(|file| file.unwrap().path().display().to_string())
+        .collect();
+    let mut args = vec!["check"];
+    args.extend(files.iter().map(String::as_str));
+    let output = run(&args, "");
+    assert_eq!((output.status.code(), err(&output)), (Some(0), ""), "{}", out(&output));
+    assert!(!out(&output).contains(" 0 timestamps judged"));
+    files.len()
+}
+
+const JAM: [&str; 2] = ["traffic-jam", "--cells-only"];
+
+#[test]
+fn the_cells_of_the_traffic_jam_are_told_with_their_parameters() {
+    let told = json(&[&JAM[..], &["--speed", "11,22", "--response", "0.75,1"]].concat());
+    assert_eq!(told["scenario"], "traffic-jam");
+    assert_eq!(told["parameters"]["vehicle"]["deceleration"], 7.5);
+    let cells = told["cells"].as_array().unwrap();
+    assert_eq!(cells.len(), 12);
+    let ours = &cells[10];
+    assert_eq!((&ours["speed"], &ours["approach"]), (&22.0.into(), &"ours".into()));
+    assert_eq!((&ours["outcome"], &ours["response"]), (&"avoids".into(), &0.75.into()));
+    assert!((ours["deadline"].as_f64().unwrap() - 0.9192).abs() < 5e-5);
+    assert!(ours["impact"].is_null() && ours["gap"][0].as_f64().unwrap() > 3.0);
+    let late = &cells[11];
+    assert!(late["gap"].is_null() && late["impact"][1].as_f64().unwrap() > 16.0);
+}
+
+#[test]
+fn a_changed_parameter_shows_at_once() {
+    let plain = scenario(&[&JAM[..], &["--json"]].concat());
+    assert_eq!(plain, scenario(&[&JAM[..], &["--json"]].concat()), "equal inputs, equal bytes");
+    for change in [
+        ["--deceleration", "6.5"],
+        ["--brake-delay", "0.3"],
+        ["--rate", "10"],
+        ["--frames", "6"],
+        ["--range-local", "45"],
+        ["--range-cloud", "50"],
+        ["--local-response", "0.45"],
+        ["--reveal", "40"],
+        ["--deadline", "0.5"],
+        ["--deadline", "expected"],
+    ] {
+        let changed = json(&[&JAM[..], &change].concat());
+        let plain: Value = serde_json::from_str(&plain).unwrap();
+        let keys = ["outcome", "impact", "gap"];
+        assert_ne!(told(&changed["cells"], &keys), told(&plain["cells"], &keys), "{change:?}");
+    }
+}
+
+#[test]
+fn what_runs_leave_is_accepted_by_the_strict_judge() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let jam = at("jam");
+    scenario(&[&JAM[..], &["--speed", "22", "--response", "0.75,1", "--trace", &jam]].concat());
+    assert_eq!(traces(Path::new(&jam)), 3 * 2 * 8);
+    let red = at("red");
+    scenario(&["red-light", "--delta", "0", "--round-trip", "0.068", "--trace", &red]);
+    assert_eq!(traces(Path::new(&red)), 3 * (1 + 1 + 2));
+    let walk = at("walk");
+    scenario(&["jaywalking", "--trace", &walk]);
+    assert_eq!(traces(Path::new(&walk)), 6);
+    let networks = at("networks");
+    let few = ["--drive", "cicv5g/rural_n8_v10", "--speed", "20", "--starts", "3"];
+    scenario(&[&["networks", "--trace", &networks], &few[..]].concat());
+    assert_eq!(traces(Path::new(&networks)), 7 * 3);
+}
+
+#[test]
+fn no_detector_sees_the_runner_in_time_and_shared_locations_do() {
+    let told = json(&["red-light"]);
+    let runs = told["runs"].as_array().unwrap();
+    assert_eq!(runs.len(), 3 * 5 * 7);
+    for run in runs {
+        let is_shared = run["approach"] == "sharing" && run["round_trip"].as_f64().unwrap() < 0.5;
+        assert_eq!(run["collides"], !is_shared, "{run}");
+    }
+    let brakes: Vec<f64> = runs
+        .iter()
+        .filter(|run| run["delta"] == 0.0 && run["approach"] == "sharing")
+        .filter(|run| run["round_trip"] == 0.068)
+        .map(|run| run["brakes_before"].as_f64().unwrap())
+        .collect();
+    for (found, expected) in brakes.iter().zip([1.93, 2.13, 2.03]) {
+        assert!((found - expected).abs() < 0.005, "{brakes:?}");
+    }
+    let collides =
+        |runs: &Value| runs.as_array().unwrap().iter().any(|run| run["collides"] == true);
+    assert!(!collides(&told["without_occluder"]));
+    assert!(told["at_once"].as_array().unwrap().iter().all(|run| run["collides"] == true));
+    let open = json(&["red-light", "--no-occluder", "--round-trip", "0.068"]);
+    assert!(!collides(&open["runs"]));
+    let slow = json(&["red-light", "--runner-speed", "4", "--delta", "0"]);
+    assert_ne!(slow["runs"], told["runs"]);
+}
+
+#[test]
+fn only_a_cached_plan_is_fast_enough_for_the_person() {
+    let told = json(&["jaywalking"]);
+    let greatest = told["greatest"].as_array().unwrap();
+    for (row, expected) in greatest.iter().zip([[0.5, 9.43, 8.88], [0.4, 11.24, 9.43]]) {
+        for (key, expected) in ["response", "swerve", "brake"].iter().zip(expected) {
+            let found = row[*key].as_f64().unwrap();
+            assert!((found - expected).abs() < 0.005, "{key}: {found}");
+        }
+    }
+    for run in told["runs"].as_array().unwrap() {
+        let avoids = run["cloud"] == "in-time" && run["manoeuvre"] == "swerve";
+        assert_eq!(run["collides"], !avoids, "{run}");
+    }
+    let near = json(&["jaywalking", "--distance", "8"]);
+    assert_ne!(near["greatest"], told["greatest"]);
+}
+
+#[test]
+fn recorded_networks_give_the_table_of_the_specification() {
+    let told = json(&["networks", "--speed", "20,22", "--starts", "100"]);
+    let rows = told["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 10 * 2 * 7);
+    let percent = |speed: f64, policy: Value| {
+        let meant = rows.iter().filter(|row| row["speed"] == speed && row["policy"] == policy);
+        let collisions: Vec<f64> =
+            meant.map(|row| row["collisions"].as_f64().unwrap() / 100.0).collect();
+        assert_eq!(collisions.len(), 10);
+        10.0 * collisions.iter().sum::<f64>()
+    };
+    for (policy, at_20, at_22) in [
+        (Value::from("local"), 0.0, 100.0),
+        ("cloud".into(), 1.7, 2.3),
+        ("first".into(), 0.0, 3.1),
+        (0.5.into(), 1.9, 2.6),
+        (0.76.into(), 1.8, 2.4),
+        ("guard".into(), 0.0, 2.3),
+    ] {
+        for (speed, expected) in [(20.0, at_20), (22.0, at_22)] {
+            let found = percent(speed, policy.clone());
+            // A quarter of the starts.
+            assert!((found - expected).abs() < 0.5, "{policy} at {speed}: {found}, not {expected}");
+            assert_eq!(expected == 0.0, found == 0.0, "{policy} at {speed}: {found}");
+        }
+    }
+}
+
+#[test]
+fn plots_and_a_page_are_left_whole_and_the_same_each_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    for name in ["one", "two"] {
+        scenario(&["red-light", "--variant", "skewed", "--delta", "0", "-o", &at(name)]);
+    }
+    let mut names = Vec::new();
+    for file in fs::read_dir(at("one")).unwrap() {
+        let file = file.unwrap();
+        let name = file.file_name().into_string().unwrap();
+        let bytes = fs::read(file.path()).unwrap();
+        assert_eq!(bytes, fs::read(Path::new(&at("two")).join(&name)).unwrap(), "{name}");
+        match name.rsplit('.').next() {
+            Some("png") => assert!(bytes.starts_with(b"\x89PNG") && bytes.len() > 10_000),
+            Some("svg") => assert!(bytes.starts_with(b"<svg")),
+            _ => {
+                let page = String::from_utf8(bytes).unwrap();
+                assert_eq!(page.matches("<svg").count(), 2, "on both grounds");
+                let outside = ["src=", "href=\"http", "url(http"];
+                assert!(outside.iter().all(|outside| !page.contains(outside)));
+            }
+        }
+        names.push(name);
+    }
+    assert_eq!(names.len(), 4 + 1, "{names:?}");
+}
+
+#[test]
+fn tables_stand_beside_the_papers_and_without_colours_in_a_pipe() {
+    for (args, part) in [
+        (&JAM[..], "90 of the 90 cells"),
+        (&["red-light"], "x collides"),
+        (&["jaywalking"], "above 9.43 up to 11.24 m/s"),
+        (&["networks", "--starts", "2", "--speed", "20,22"], "Means over 10 recorded drives"),
+    ] {
+        let text = scenario(args);
+        assert!(text.contains(part), "{text}");
+        assert!(!text.contains('\u{1b}'), "no colours");
+        let widest = text.lines().map(|line| line.chars().count()).max();
+        assert!(widest <= Some(110), "{widest:?}");
+    }
+}
+
+#[test]
+fn what_makes_no_sense_is_told_in_one_line_with_a_remedy() {
+    let cases: [(&[&str], &str); 12] = [
+        (&["traffic-jam", "--speed", "0"], "write a number of m/s from 0.1 to 150; see --help"),
+        (&["traffic-jam", "--deadline", "soon"], "write guard, expected or a number of seconds"),
+        (&["traffic-jam", "--rate", "0"], "write a number of Hz from 0.1 to 1000"),
+        (&["traffic-jam", "--approach", "luck"], "see --help"),
+        (&["traffic-jam", "--range-cloud", "30"], "change --range-local or --range-cloud"),
+        (&["traffic-jam", "--speed", "1", "--rate", "1000"], "lower --rate or the deadline"),
+        (&["red-light", "--round-trip", "-1"], "see --help"),
+        (&["red-light", "--variant", "roundabout"], "see --help"),
+        (&["jaywalking", "--response", "x"], "write a number from 0 to 100000"),
+        (&["networks", "--policy", "never"], "write local, cloud, first, guard, expected or"),
+        (&["networks", "--drive", "nowhere"], "no built-in drive and no readable file"),
+        (&["networks", "--trace", "never-made"], "name fewer with --drive, --speed"),
+    ];
+    for (args, message) in cases {
+        let told = run(&[&["scenario"], args].concat(), "");
+        assert_eq!((told.status.code(), out(&told)), (Some(2), ""), "{args:?}");
+        assert!(err(&told).contains(message), "{:?}, not {message:?}", err(&told));
+        assert_eq!(err(&told).lines().count(), 1, "{}", err(&told));
+    }
+    assert!(!Path::new("never-made").exists());
+}
