@@ -90,8 +90,8 @@ class Run:
         if not self.holds:
             return "something does not hold, see above"
         return (
-            f"{len(self.stated)} obligations hold, {len(self.seeded)} faults break them, "
-            f"none is vacuous: by {solvers}"
+            f"all hold by {solvers}: {len(self.stated)} obligations, none of them vacuous; "
+            f"faults that break them: {len(self.seeded)}"
         )
 
     def json(self) -> str:
