@@ -17,7 +17,7 @@ MANY_STATES = 400
 RUNS = 24
 INPUTS_OF_A_RUN = 40
 END = 2**64 - 1
-LIKELY = ["open"] * 2 + ["offer"] * 3 + ["result"] * 2 + ["fail", "tick"]
+LIKELY = ["open"] * 4 + ["offer"] * 9 + ["result"] * 3 + ["fail", "tick"]
 
 # Answers of the core to lines.
 Ask = Callable[[list[str]], list[str]]
@@ -135,7 +135,7 @@ def _runs(script: str, drawn: random.Random, ask: Ask) -> Agreement:
     what, compared = "inputs of random runs of the whole machine", 0
     for _ in range(RUNS):
         eager, window = drawn.random() < 0.5, drawn.randint(1, 4)
-        priorities = sorted(drawn.sample(range(1, 9), drawn.randint(0, 3)))
+        priorities = sorted(drawn.sample(range(1, 9), drawn.choice([0, 1, 3, 3, 3])))
         limits = [drawn.randint(1, 3) for _ in priorities]
         clouds = [Cloud(p, limit, drawn.randrange(limit)) for p, limit in zip(priorities, limits)]
         lines = list(_run(drawn, priorities))
@@ -157,18 +157,18 @@ def _runs(script: str, drawn: random.Random, ask: Ask) -> Agreement:
 def _run(drawn: random.Random, clouds: list[int]) -> Iterator[str]:
     """Inputs that lie close together, so that much of it meets; now and then at the end of time."""
     now, newest = drawn.choice([0, 0, 0, END - 20]), 0
-    sources = [0, *clouds, 9]
+    sources = [0, *clouds * 3, 9]
     for _ in range(INPUTS_OF_A_RUN):
-        now = max(0, min(END, now + drawn.choice([0, 0, 1, 1, 2, 6, -1])))
-        near = max(0, newest - drawn.choice([0, 0, 0, 1, 1, 2, -1]))
+        now = max(0, min(END, now + drawn.choice([0, 0, 0, 0, 0, 1, 1, 6, -1])))
+        near = max(0, newest - drawn.choice([0, 0, 0, 0, 0, 1, 1, 2, -1]))
         source = drawn.choice(sources)
         match drawn.choice(LIKELY):
             case "open":
-                newest = max(0, newest + drawn.choice([1, 1, 1, 2, 0, -1]))
-                yield f"{now} open {newest} {drawn.choice(['', '', 0, 2, 4, END])}".rstrip()
+                newest = max(0, newest + drawn.choice([1, 1, 1, 1, 1, 2, 0, -1]))
+                yield f"{now} open {newest} {drawn.choice(['', '', '', 3, 5, 0, END])}".rstrip()
             case "offer":
-                length = drawn.choice([0, 1, 2, 3, 5, END])
-                yield f"{now} offer {near} {source} {length} {drawn.choice([0, 0, 0, 1, 2, 3])}"
+                length = drawn.choice([2, 3, 4, 5, 9, 9, 0, END])
+                yield f"{now} offer {near} {source} {length} {drawn.choice([0, 0, 0, 0, 0, 1, 2, 3])}"
             case "tick":
                 yield f"{now}"
             case kind:
