@@ -57,6 +57,19 @@ const PACED: Pace = Pace {
 };
 
 fn main() {
+    // `adapter --bench back adapter 1`: one side of one pace, for a profiler.
+    let arguments: Vec<String> = std::env::args().filter(|it| it != "--bench").skip(1).collect();
+    if let [pace, side, turns] = &arguments[..] {
+        let pace = if pace == "back" { BACK_TO_BACK } else { PACED };
+        for _ in 0..turns.parse().expect("a number of turns") {
+            if side == "adapter" {
+                println!("{} ns", nanos_for_each(pace, with_adapter));
+            } else {
+                println!("{} ns", nanos_for_each(pace, with_select));
+            }
+        }
+        return;
+    }
     println!("processor time for a message with local and two clouds, medians of {TURNS} turns");
     println!("{:38} {:>10} {:>10} {:>6}", "", "adapter", "by hand", "ratio");
     for pace in [BACK_TO_BACK, PACED] {

@@ -350,6 +350,11 @@ typedef uint32_t fuseline_commit;
 typedef struct fuseline_machine fuseline_machine;
 
 /**
+ * A machine for many threads, in its caller's storage. Opaque.
+ */
+typedef struct fuseline_shared fuseline_shared;
+
+/**
  * One cloud as configured.
  */
 typedef struct fuseline_cloud {
@@ -523,6 +528,16 @@ typedef struct fuseline_message {
   uint32_t reserved;
 } fuseline_message;
 
+/**
+ * Names one open message to the machine for many threads that opened it. Not for use with another machine.
+ */
+typedef struct fuseline_ticket {
+  /**
+   * Opaque.
+   */
+  uint64_t opaque[3];
+} fuseline_ticket;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -657,6 +672,104 @@ FUSELINE_CHECKED const char *fuseline_outcome_name(uint32_t outcome);
  * The word of SPEC.md for a fuseline_reason; "?" for another number.
  */
 FUSELINE_CHECKED const char *fuseline_reason_name(uint32_t reason);
+
+/**
+ * How many bytes of storage a machine for many threads takes in this library; 0 if it does not hold the capacity.
+ * Align it to 64 bytes.
+ */
+size_t fuseline_shared_bytes(uint32_t capacity);
+
+/**
+ * Makes a machine for many threads (SPEC.md, section 8) in `storage`, aligned to 64 bytes. As fuseline_init otherwise.
+ *
+ * One thread at a time opens and offers; any thread gives results, failures and time, each for one ticket. Call no
+ * function of it before this one returned, and none while or after it is ended.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_shared_init(void *storage,
+                                     size_t bytes,
+                                     const struct fuseline_config *config,
+                                     struct fuseline_shared **machine);
+
+/**
+ * Ends a machine, when no thread calls it any more: its storage is the caller's again.
+ */
+FUSELINE_CHECKED fuseline_status fuseline_shared_end(struct fuseline_shared *machine);
+
+/**
+ * F1, the owner's: a message came. `*ticket` names it if it is accepted.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_shared_open(struct fuseline_shared *machine,
+                                     uint64_t now,
+                                     uint64_t t,
+                                     struct fuseline_ticket *ticket,
+                                     struct fuseline_answer *answer);
+
+/**
+ * F1, the owner's: a message came, and local may take `deadline` nanoseconds for it.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
+                                            uint64_t now,
+                                            uint64_t t,
+                                            uint64_t deadline,
+                                            struct fuseline_ticket *ticket,
+                                            struct fuseline_answer *answer);
+
+/**
+ * F2, the owner's: may the message be sent to cloud `p`? `fired` says first which of its timers were due.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
+                                      uint64_t now,
+                                      struct fuseline_ticket ticket,
+                                      uint64_t p,
+                                      uint64_t deadline,
+                                      uint64_t backlog,
+                                      struct fuseline_answer *fired,
+                                      struct fuseline_answer *answer);
+
+/**
+ * F3, any thread's: the result of source `p` came. `fired` says first which of the message's timers were due by `now`,
+ * several due instants as one firing. Of all callers exactly one is told to forward.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
+                                       uint64_t now,
+                                       struct fuseline_ticket ticket,
+                                       uint64_t p,
+                                       struct fuseline_answer *fired,
+                                       struct fuseline_answer *answer);
+
+/**
+ * F4, any thread's: no result will come from source `p`.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_shared_fail(struct fuseline_shared *machine,
+                                     uint64_t now,
+                                     struct fuseline_ticket ticket,
+                                     uint64_t p,
+                                     struct fuseline_answer *fired,
+                                     struct fuseline_answer *answer);
+
+/**
+ * F5, any thread's: time went by for this message.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
+                                       uint64_t now,
+                                       struct fuseline_ticket ticket,
+                                       struct fuseline_answer *fired,
+                                       struct fuseline_answer *answer);
+
+/**
+ * Question, any thread's: when a timer of this message is due next, or FUSELINE_STATUS_NONE.
+ */
+FUSELINE_CHECKED
+fuseline_status fuseline_shared_next_due(struct fuseline_shared *machine,
+                                         struct fuseline_ticket ticket,
+                                         uint64_t *due);
 
 #ifdef __cplusplus
 }  // extern "C"

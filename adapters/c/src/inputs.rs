@@ -131,14 +131,14 @@ fn apply<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-fn tell_opening(answer: &mut CAnswer, opening: Opening) {
+pub(crate) fn tell_opening(answer: &mut CAnswer, opening: Opening) {
     (answer.outcome, answer.why) = match opening {
         Opening::Accepted => (COutcome::Accepted, CReason::None),
         Opening::Refused(why) => (COutcome::Refused, open_refusal(why)),
     };
 }
 
-fn tell_admission(answer: &mut CAnswer, admission: Admission) {
+pub(crate) fn tell_admission(answer: &mut CAnswer, admission: Admission) {
     match admission {
         Admission::Admitted { due } => {
             answer.outcome = COutcome::Admitted;
@@ -151,7 +151,7 @@ fn tell_admission(answer: &mut CAnswer, admission: Admission) {
     }
 }
 
-fn tell_firing<const CLOUDS: usize>(answer: &mut CAnswer, firing: &Firing<CLOUDS>) {
+pub(crate) fn tell_firing<const CLOUDS: usize>(answer: &mut CAnswer, firing: &Firing<CLOUDS>) {
     answer.fired = 1;
     answer.t = firing.timestamp.as_u64();
     answer.due = firing.due.as_nanos();
@@ -159,7 +159,7 @@ fn tell_firing<const CLOUDS: usize>(answer: &mut CAnswer, firing: &Firing<CLOUDS
     tell(answer, &firing.outcome);
 }
 
-fn tell<const CLOUDS: usize>(answer: &mut CAnswer, outcome: &Outcome<CLOUDS>) {
+pub(crate) fn tell<const CLOUDS: usize>(answer: &mut CAnswer, outcome: &Outcome<CLOUDS>) {
     match outcome {
         Outcome::Dropped(why) => {
             answer.outcome = COutcome::Dropped;
@@ -189,7 +189,7 @@ fn list<const CLOUDS: usize>(
     len
 }
 
-const fn open_refusal(why: OpenRefusal) -> CReason {
+pub(crate) const fn open_refusal(why: OpenRefusal) -> CReason {
     match why {
         OpenRefusal::Order => CReason::Order,
         OpenRefusal::Full => CReason::Full,
@@ -218,7 +218,7 @@ const fn drop_reason(why: DropReason) -> CReason {
     }
 }
 
-fn priority(p: u64) -> Option<Priority> {
+pub(crate) fn priority(p: u64) -> Option<Priority> {
     u16::try_from(p).ok().map(Priority::new)
 }
 

@@ -12,10 +12,12 @@ mod storage;
 pub mod calls;
 #[cfg(feature = "cost")]
 pub mod cost;
+#[cfg(feature = "threads")]
+pub mod shared;
 
 pub use plain::{
     CAnswer, CCapacity, CCloud, CCommit, CConfig, CMessage, COutcome, CReason, CState, CStatus,
-    FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
+    CTicket, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
     FUSELINE_BYTES_A_TIMESTAMP, FUSELINE_SOURCES,
 };
 pub use storage::CMachine;

@@ -238,6 +238,14 @@ pub struct CMessage {
     pub reserved: u32,
 }
 
+/// Names one open message to the machine for many threads that opened it. Not for use with another machine.
+#[repr(C)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct CTicket {
+    /// Opaque.
+    pub opaque: [u64; 3],
+}
+
 /// What the header's FUSELINE_LAYOUT is where it was compiled: the sizes of what crosses the border.
 pub(crate) const LAYOUT: u32 = {
     let sizes = [

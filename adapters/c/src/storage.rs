@@ -8,8 +8,8 @@ use fuseline_core::{Cloud, Commit, ConfigError, Fusion, Gate, Priority};
 
 use crate::inputs::Inputs;
 use crate::plain::{
-    CCapacity, CCloud, CCommit, CConfig, CStatus, FUSELINE_ABI, FUSELINE_BYTES,
-    FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER, FUSELINE_BYTES_A_TIMESTAMP, LAYOUT,
+    CCloud, CCommit, CConfig, CStatus, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD,
+    FUSELINE_BYTES_A_TIMER, FUSELINE_BYTES_A_TIMESTAMP, LAYOUT,
 };
 
 /// What a machine's storage begins with. Opaque to the caller.
@@ -34,12 +34,14 @@ struct Room<const CLOUDS: usize, const WINDOW: usize> {
 
 const SEAL: u64 = 0x4675_7365_6c69_6e65; // "Fuseline"
 const MOST_CLOUDS: usize = 15;
+/// Where the clouds of a configuration are read to.
+pub(crate) const NO_CLOUDS: [Cloud; MOST_CLOUDS] = [Cloud::new(Priority::LOCAL, 1); MOST_CLOUDS];
 
 /// The capacity that the library was built for.
 #[cfg(feature = "capacity-own")]
-const OWN_CLOUDS: usize = number(option_env!("FUSELINE_OWN_CLOUDS"), 1);
+pub(crate) const OWN_CLOUDS: usize = number(option_env!("FUSELINE_OWN_CLOUDS"), 1);
 #[cfg(feature = "capacity-own")]
-const OWN_WINDOW: usize = number(option_env!("FUSELINE_OWN_WINDOW"), 1);
+pub(crate) const OWN_WINDOW: usize = number(option_env!("FUSELINE_OWN_WINDOW"), 1);
 
 /// The bytes that the header reserves for a capacity: more than is needed, so that the machine may change.
 const fn reserved(clouds: usize, window: usize) -> usize {
@@ -50,39 +52,41 @@ const fn reserved(clouds: usize, window: usize) -> usize {
         .wrapping_add(window.wrapping_mul(a_timestamp))
 }
 
-/// Runs `$do` with the room of the capacity `$number`, a type, or answers `$otherwise` if the library has it not.
+/// Runs `$do` with `$Room`, the `$Of` of the capacity `$number`, or answers `$otherwise` if the library has it not.
 macro_rules! with_room {
-    ($number:expr, $Room:ident => $do:expr, else $otherwise:expr) => {
+    ($number:expr, $Room:ident = $Of:ident => $do:expr, else $otherwise:expr) => {
         match $number {
             #[cfg(feature = "capacity-1-4")]
-            n if n == CCapacity::C1W4 as u32 => {
-                type $Room = Room<1, 4>;
+            n if n == $crate::plain::CCapacity::C1W4 as u32 => {
+                type $Room = $Of<1, 4>;
                 $do
             }
             #[cfg(feature = "capacity-3-16")]
-            n if n == CCapacity::C3W16 as u32 => {
-                type $Room = Room<3, 16>;
+            n if n == $crate::plain::CCapacity::C3W16 as u32 => {
+                type $Room = $Of<3, 16>;
                 $do
             }
             #[cfg(feature = "capacity-7-64")]
-            n if n == CCapacity::C7W64 as u32 => {
-                type $Room = Room<7, 64>;
+            n if n == $crate::plain::CCapacity::C7W64 as u32 => {
+                type $Room = $Of<7, 64>;
                 $do
             }
             #[cfg(feature = "capacity-15-1024")]
-            n if n == CCapacity::C15W1024 as u32 => {
-                type $Room = Room<15, 1024>;
+            n if n == $crate::plain::CCapacity::C15W1024 as u32 => {
+                type $Room = $Of<15, 1024>;
                 $do
             }
             #[cfg(feature = "capacity-own")]
-            n if n == CCapacity::Own as u32 => {
-                type $Room = Room<OWN_CLOUDS, OWN_WINDOW>;
+            n if n == $crate::plain::CCapacity::Own as u32 => {
+                type $Room = $Of<{ $crate::storage::OWN_CLOUDS }, { $crate::storage::OWN_WINDOW }>;
                 $do
             }
             _ => $otherwise,
         }
     };
 }
+#[cfg(feature = "threads")]
+pub(crate) use with_room;
 
 impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
     const FITS: () = {
@@ -102,9 +106,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
         clouds: &[Cloud],
     ) -> Result<(), CStatus> {
         const { Self::FITS };
-        let commit =
-            if config.commit == CCommit::Patient as u32 { Commit::Patient } else { Commit::Eager };
-        let window = usize::try_from(config.window).unwrap_or(usize::MAX);
+        let (window, commit) = rule(config);
         let fusion = Fusion::new(window, commit, clouds).map_err(|error| status_of(&error))?;
         let head = CMachine {
             seal: seal(storage.cast()),
@@ -134,7 +136,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
 
 /// How many bytes a machine of this capacity takes; 0 if the library does not hold it.
 pub(crate) const fn bytes(capacity: u32) -> usize {
-    with_room!(capacity, R => size_of::<R>(), else 0)
+    with_room!(capacity, R = Room => size_of::<R>(), else 0)
 }
 
 /// Makes a machine. Nothing is written unless all is well.
@@ -149,23 +151,14 @@ pub(crate) unsafe fn make(
     config: *const CConfig,
 ) -> Result<*mut CMachine, CStatus> {
     check(storage.cast::<CMachine>())?;
-    check(config.cast_mut())?;
-    // SAFETY: not null, aligned, and may be read by the caller's promise.
-    let config = unsafe { config.read() };
-    if config.abi != FUSELINE_ABI || config.layout != LAYOUT {
-        return Err(CStatus::Abi);
-    }
-    if config.commit > CCommit::Patient as u32 {
-        return Err(CStatus::Commit);
-    }
-    let mut clouds = [Cloud::new(Priority::LOCAL, 1); MOST_CLOUDS];
-    // SAFETY: the clouds may be read, by the caller's promise.
-    let clouds = unsafe { registered(&config, &mut clouds) }?;
+    let mut clouds = NO_CLOUDS;
+    // SAFETY: by the caller's promise.
+    let (config, clouds) = unsafe { configured(config, &mut clouds) }?;
     let needed = self::bytes(config.capacity);
     if needed > 0 && bytes < needed {
         return Err(CStatus::Size);
     }
-    with_room!(config.capacity, R => {
+    with_room!(config.capacity, R = Room => {
         // SAFETY: aligned as checked, large enough as checked, and the caller's to give.
         unsafe { R::fill(storage.cast(), config.capacity, &config, clouds) }?;
     }, else return Err(CStatus::Capacity));
@@ -202,7 +195,7 @@ pub(crate) unsafe fn enter(
     }
     head.busy.store(1, Ordering::Relaxed);
     compiler_fence(Ordering::SeqCst);
-    let status = with_room!(head.capacity, R => {
+    let status = with_room!(head.capacity, R = Room => {
         // SAFETY: the seal says that a room of this capacity was written here. The caller's thread is the only
         // one, as it promised, and `busy` says that no call of it was interrupted.
         call(unsafe { R::fusion(machine) })
@@ -235,6 +228,36 @@ pub(crate) fn check<T>(pointer: *mut T) -> Result<(), CStatus> {
         return Err(CStatus::Alignment);
     }
     Ok(())
+}
+
+/// Reads a configuration of this version, with its clouds.
+///
+/// # Safety
+/// `config` may be read, with the clouds that it names.
+#[expect(unsafe_code, reason = "reads the caller's configuration")]
+pub(crate) unsafe fn configured(
+    config: *const CConfig,
+    clouds: &mut [Cloud; MOST_CLOUDS],
+) -> Result<(CConfig, &[Cloud]), CStatus> {
+    check(config.cast_mut())?;
+    // SAFETY: not null, aligned, and may be read by the caller's promise.
+    let config = unsafe { config.read() };
+    if config.abi != FUSELINE_ABI || config.layout != LAYOUT {
+        return Err(CStatus::Abi);
+    }
+    if config.commit > CCommit::Patient as u32 {
+        return Err(CStatus::Commit);
+    }
+    // SAFETY: the clouds may be read, by the caller's promise.
+    let clouds = unsafe { registered(&config, clouds) }?;
+    Ok((config, clouds))
+}
+
+/// The window and the commit rule of a configuration.
+pub(crate) fn rule(config: &CConfig) -> (usize, Commit) {
+    let commit =
+        if config.commit == CCommit::Patient as u32 { Commit::Patient } else { Commit::Eager };
+    (usize::try_from(config.window).unwrap_or(usize::MAX), commit)
 }
 
 fn seal(machine: *const CMachine) -> u64 {
@@ -272,7 +295,7 @@ unsafe fn registered<'a>(
     Ok(places)
 }
 
-const fn status_of(error: &ConfigError) -> CStatus {
+pub(crate) const fn status_of(error: &ConfigError) -> CStatus {
     match error {
         ConfigError::Window { .. } => CStatus::Window,
         ConfigError::TooManyClouds { .. } => CStatus::Clouds,

@@ -14,6 +14,7 @@ fn the_header_is_what_the_sources_say() {
         .with_src(root.join("src/plain.rs"))
         .with_src(root.join("src/storage.rs"))
         .with_src(root.join("src/calls.rs"))
+        .with_src(root.join("src/shared.rs"))
         .generate();
     let mut made = Vec::new();
     bindings.expect("sources that cbindgen reads").write(&mut made);

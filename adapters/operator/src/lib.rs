@@ -10,6 +10,7 @@ mod lane;
 #[cfg(feature = "mcap")]
 mod mcap;
 mod meter;
+mod pace;
 mod reasons;
 mod story;
 mod tally;
@@ -17,7 +18,7 @@ mod tape;
 
 pub use effect::{Effect, Hint, Local, Offer};
 pub use engine::Engine;
-pub use fuseline_core::ConfigError;
+pub use fuseline_core::{ConfigError, Gate};
 pub use fuseline_deadline::{Policy, Situation};
 pub use fuseline_traces::{
     Cloud, Commit, DropReason, Header, OfferRefusal, OpenRefusal, Recorder, Recording,
@@ -25,6 +26,7 @@ pub use fuseline_traces::{
 pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
+pub use pace::{Pace, Shortfall, Shortfalls};
 pub use reasons::Reasons;
 pub use tally::{Counting, InForce, SourceTally, Tally};
 pub use tape::Sink;

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use fuseline_operator::ConfigError;
+use fuseline_deadline::Invalid;
+use fuseline_operator::{ConfigError, Shortfalls};
 use rustdds::dds::CreateError;
 use thiserror::Error;
 
@@ -14,6 +15,14 @@ pub enum NodeError {
     /// What its parameters make is no machine.
     #[error("the parameters are refused: {0}")]
     Config(#[from] ConfigError),
+    /// It could not keep up with what comes.
+    #[error(
+        "the node could not keep up: {0} (by window, <cloud>.in_flight, local.in_flight and deadline)"
+    )]
+    Pace(#[from] Shortfalls),
+    /// Figures that make no policy.
+    #[error("the policy's parameters are refused: {0}")]
+    Policy(#[from] Invalid),
     /// A file of a recording cannot be made.
     #[error("{path} cannot be written: {error}", path = path.display())]
     Recording {

@@ -4,9 +4,10 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Counting, Ending, Item, Offer};
+use fuseline_operator::{Counting, Ending, Item, Offer, Situation};
 use fuseline_tokio::Call;
 use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
+use tokio::time::Instant;
 use tracing::error;
 
 use crate::dds::End;
@@ -14,6 +15,7 @@ use crate::key::{Key, Stamp};
 use crate::raw::Payload;
 use crate::report::{self, Intake, Reporter};
 use crate::source::{Publish, Source, Way};
+use crate::speed::Speed;
 use crate::stamps::Stamps;
 use crate::stop::Stop;
 use crate::voice::Speak;
@@ -45,10 +47,12 @@ pub(crate) struct Fusion<'a> {
     pub(crate) heard: Heard,
     pub(crate) stop: &'a mut Stop,
     pub(crate) memory: Memory,
+    /// If a topic tells it.
+    pub(crate) speed: Option<Speed>,
 }
 
 /// How many take turns in [`Heard`].
-const TURNS: usize = 5;
+const TURNS: usize = 6;
 
 /// What is kept from one event to the next.
 pub(crate) struct Memory {
@@ -99,6 +103,10 @@ impl Transport for Fusion<'_> {
                     self.change(change);
                     None
                 }),
+                4 => known(heard.speeds.poll_recv(context)).map(|sample| {
+                    self.take_speed(sample);
+                    None
+                }),
                 _ => heard.report.poll_tick(context).map(|_| {
                     self.report();
                     None
@@ -125,6 +133,10 @@ impl Transport for Fusion<'_> {
             deadline: source.deadline.unwrap_or(self.deadline),
             request: payload.clone(),
         })
+    }
+
+    fn situation(&mut self, _: u64, _: &Payload) -> Option<Situation<'static>> {
+        Some(self.speed.as_ref()?.situation(Instant::now()))
     }
 
     fn send(&mut self, start: Start<Payload>) -> Sent<Payload> {

@@ -14,6 +14,7 @@ mod rhythm;
 mod rosout;
 pub mod settings;
 mod source;
+mod speed;
 mod stamps;
 mod stop;
 mod voice;

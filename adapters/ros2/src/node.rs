@@ -4,9 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use fuseline_operator::{
-    self as shared, ConfigError, Engine, Header, Local, Mcap, Recorder, Recording, Tally,
-};
+use fuseline_operator::{self as shared, Engine, Header, Local, Mcap, Recorder, Recording, Tally};
 use fuseline_tokio::drive::{Driver, finish};
 use rustdds::dds::CreateError;
 use tokio::sync::mpsc;
@@ -21,6 +19,7 @@ use crate::report::Reporter;
 use crate::rosout::Lines;
 use crate::settings::{self, Role, Settings};
 use crate::source::{Source, Strays, Way, call};
+use crate::speed::Speed;
 use crate::stop::Stop;
 use crate::voice::Voice;
 
@@ -67,6 +66,15 @@ pub async fn run(
         })?;
     }
 
+    let (told, speeds) = mpsc::channel(1);
+    if let Some(speed) = &settings.deadlines.speed {
+        let qos = settings.qos(&speed.topic, Role::Subscription);
+        domain.inlet(&speed.topic, &speed.type_name, qos, move |sample| {
+            let told = told.clone();
+            async move { drop(told.send(sample).await) }
+        })?;
+    }
+
     record(&mut engine, settings)?;
     let node = settings.node.full();
     let mut report = interval(settings.diagnostics_period);
@@ -82,7 +90,8 @@ pub async fn run(
         node,
         voice: Box::new(voice),
         counting: counting.clone(),
-        heard: Heard { inputs, results, deadlines, changes, report },
+        heard: Heard { inputs, results, deadlines, speeds, changes, report },
+        speed: settings.deadlines.speed.as_ref().map(Speed::new),
         stop,
     };
     info!(
@@ -106,7 +115,8 @@ pub async fn run(
 }
 
 /// The operator, with nothing open.
-pub(crate) fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, ConfigError> {
+pub(crate) fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, NodeError> {
+    settings.keep_pace()?;
     let at_once: Vec<usize> = settings.clouds.iter().map(|cloud| cloud.in_flight.into()).collect();
     let local = Local {
         at_once: settings.local.in_flight.into(),
@@ -114,7 +124,14 @@ pub(crate) fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, Co
         skip_answered: false,
         lossy: true,
     };
-    Engine::new(&header(settings), &at_once, local)
+    let mut engine = Engine::new(&header(settings), &at_once, local)?;
+    for cloud in &settings.clouds {
+        engine.set_linger(cloud.priority, cloud.linger);
+        if let Some(policy) = settings.deadlines.policy()? {
+            engine.set_policy(cloud.priority, policy);
+        }
+    }
+    Ok(engine)
 }
 
 fn header(settings: &Settings) -> Header {

@@ -196,6 +196,10 @@ impl Reporter {
             value("malformed", &source.strays.malformed),
             value("sent_bytes", &now.sent_bytes),
         ];
+        if let Some(in_force) = &now.in_force {
+            values.push(seconds("deadline_s", in_force.deadline));
+            values.push(value("deadline_why", &in_force.why()));
+        }
         values.extend(now.refused.iter().map(|(why, n)| value(&format!("refused {why}"), &n)));
         values.extend(now.dropped.iter().map(|(why, n)| value(&format!("dropped {why}"), &n)));
         values.extend(source.ends().flat_map(end_values));

@@ -4,6 +4,7 @@ mod change;
 mod clouds;
 mod error;
 mod nearest;
+mod policy;
 mod qos;
 mod reader;
 mod seconds;
@@ -20,6 +21,7 @@ use crate::names::{NodeName, check_type};
 use crate::parameters::{Given, Place, Value, given};
 pub use crate::settings::change::{Change, ChangeError};
 pub use crate::settings::error::SettingsError;
+pub use crate::settings::policy::{Deadlines, PolicyKind, SpeedTopic};
 pub use crate::settings::qos::{Qos, Role, Topic};
 pub use crate::settings::reader::Parameter;
 use crate::settings::reader::{Placed, Reader};
@@ -53,6 +55,8 @@ pub struct Settings {
     pub deadline: Duration,
     /// The topic that changes `deadline`, if any.
     pub deadline_topic: Option<String>,
+    /// How deadlines are chosen, up to `deadline`.
+    pub deadlines: Deadlines,
     /// The computation on this robot.
     pub local: Local,
     /// The clouds, in the order of the parameter `clouds`; up to 15.
@@ -124,6 +128,8 @@ pub struct Cloud {
     pub resume: u64,
     /// How many requests may be sent and unanswered, 1 to 1024.
     pub in_flight: u16,
+    /// How long a request may run on after it was due, so that its policy learns how long it takes.
+    pub linger: Duration,
     /// How it is reached.
     pub way: Way,
 }
@@ -228,6 +234,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
     let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
     let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;
+    let deadlines = policy::read(r)?;
     let types = [input.type_name.as_str(), output.type_name.as_str()];
     let local = local(r, types, window)?;
     let clouds = clouds::read(r, types)?;
@@ -253,6 +260,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         commit: commit.value,
         deadline,
         deadline_topic: Some(deadline_topic).filter(|topic| !topic.is_empty()),
+        deadlines,
         local,
         clouds,
         status: r.fixed_topic("~/status", STATUS)?,

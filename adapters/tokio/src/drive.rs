@@ -11,29 +11,34 @@
 //! - **The timer** is set to the nearest due instant and never moved further away: it may find
 //!   nothing due, which is cheaper than to move it with each message. It is set again after each
 //!   time that it went off, also where the system's clock ends before the due instant.
-//! - **Calls** (D6 aborted) run in tasks of their own, since what they do may take long, and are aborted when
+//! - **Calls** (D6 aborted) run in tasks of their own, since what they do may take long; on a runtime of one
+//!   thread within the driver, where that makes no difference and costs half. They are aborted when
 //!   they are no longer wanted, or when they have lingered long enough after that, and all of them
 //!   when the loop ends or is dropped. Local's computations never are (F7).
+//! - **The clock** is read once for each event.
 //! - **Panics** of a call or a computation are failures (F4).
 //! - **What could not be sent** fails once the message was offered to every cloud (A30).
 
-use std::collections::HashMap;
+mod bell;
+mod calls;
+
 use std::future::poll_fn;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::{Pin, pin};
+use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
 use fuseline_operator::{Effect, Engine, Hint, Item, Offer, Situation};
 use futures_util::future::BoxFuture;
-use tokio::sync::mpsc;
-use tokio::task::AbortHandle;
+use futures_util::task::AtomicWaker;
 use tokio::time::{Instant, Sleep, sleep_until};
-use tracing::{Instrument, debug_span};
 
 use crate::Error;
-use crate::panics::{guarded, panicked};
+use crate::drive::bell::Bell;
+use crate::drive::calls::Calls;
+use crate::panics::panicked;
 use crate::words::Words;
 
 /// What differs between the adapters.
@@ -45,8 +50,8 @@ pub trait Transport {
     /// What comes in.
     type Message;
 
-    /// What happens next, if anything: the driver calls this when it is woken. The transport's own
-    /// affairs are seen to in here.
+    /// What happens next, if anything: the driver calls this until nothing is ready, and again once the
+    /// context's waker is called. The transport's own affairs are seen to in here.
     fn poll_incoming(
         &mut self,
         context: &mut Context<'_>,
@@ -61,6 +66,11 @@ pub trait Transport {
         timestamp: u64,
         message: &Self::Message,
     ) -> impl Iterator<Item = Offer<Self::Request>>;
+
+    /// A message was taken on, and offered to all clouds.
+    fn taken_on(&mut self, timestamp: u64, message: &Self::Message) {
+        let _ = (timestamp, message);
+    }
 
     /// What policies are told of the vehicle with this message; none is what they were told before.
     fn situation(&mut self, timestamp: u64, message: &Self::Message) -> Option<Situation<'static>> {
@@ -143,13 +153,16 @@ pub struct Driver<T: Transport> {
     engine: Engine<T::Value, T::Request>,
     transport: T,
     start: Instant,
-    words: mpsc::UnboundedReceiver<Word<T::Value>>,
-    sender: mpsc::UnboundedSender<Word<T::Value>>,
-    calls: Calls,
+    /// The clock's reading when the event at hand was taken in.
+    now: u64,
+    calls: Calls<T::Value>,
     /// What could not be sent for the message at hand.
     unsent: Vec<(u16, u64, Error)>,
     /// Who has the next turn.
-    turn: u8,
+    turn: usize,
+    /// Of calls, transport and timer.
+    bells: [Bell; TURNS],
+    waker: Arc<AtomicWaker>,
     is_last: bool,
 }
 
@@ -164,10 +177,6 @@ pub async fn finish<V: Send + 'static, R: Send + 'static>(
     written.unwrap_or_else(|error| Err(io::Error::other(error)))
 }
 
-/// The calls under way, aborted when this is dropped.
-#[derive(Default)]
-struct Calls(HashMap<(u16, u64), AbortHandle>);
-
 /// Whose turn it is.
 enum Turn<M, V> {
     Transport(Incoming<M, V>),
@@ -176,21 +185,27 @@ enum Turn<M, V> {
 }
 
 /// How many take turns.
-const TURNS: u8 = 3;
+const TURNS: usize = 3;
+/// Their places.
+const CALLS: usize = 0;
+const TRANSPORT: usize = 1;
+const TIMER: usize = 2;
 
 impl<T: Transport> Driver<T> {
     /// A driver whose clock starts now.
     pub fn new(engine: Engine<T::Value, T::Request>, transport: T) -> Self {
-        let (sender, words) = mpsc::unbounded_channel();
+        let waker = Arc::new(AtomicWaker::new());
+        let bells = [(); TURNS].map(|()| Bell::new(&waker));
         Self {
             engine,
             transport,
             start: Instant::now(),
-            words,
-            sender,
-            calls: Calls::default(),
+            now: 0,
+            calls: Calls::new(bells[CALLS].ring()),
             unsent: Vec::new(),
             turn: 0,
+            bells,
+            waker,
             is_last: false,
         }
     }
@@ -210,9 +225,11 @@ impl<T: Transport> Driver<T> {
             {
                 timer.as_mut().reset(self.instant(due));
                 armed = Some(due);
+                self.bells[TIMER].set();
             }
-            let is_armed = armed.is_some();
-            match poll_fn(|context| self.poll_turn(context, timer.as_mut(), is_armed)).await {
+            let turn = poll_fn(|context| self.poll_turn(context, timer.as_mut(), armed)).await;
+            self.now = self.clock();
+            match turn {
                 Turn::Transport(Incoming::Message { timestamp, message }) => {
                     self.message(timestamp, &message);
                 }
@@ -221,9 +238,8 @@ impl<T: Transport> Driver<T> {
                 Turn::Transport(Incoming::Stop) => break,
                 Turn::Timer => {
                     armed = None;
-                    let now = self.now();
-                    if self.engine.next_due().is_some_and(|due| due <= now) {
-                        self.engine.tick(now);
+                    if self.engine.next_due().is_some_and(|due| due <= self.now) {
+                        self.engine.tick(self.now);
                     }
                 }
             }
@@ -231,32 +247,31 @@ impl<T: Transport> Driver<T> {
         (self.transport, self.engine)
     }
 
-    /// Whoever is ready, beginning with the one after who was last.
+    /// Whoever is ready, beginning with the one after who was last. Only who was woken is asked.
     fn poll_turn(
         &mut self,
         context: &mut Context<'_>,
         mut timer: Pin<&mut Sleep>,
-        is_armed: bool,
+        armed: Option<u64>,
     ) -> Poll<Turn<T::Message, T::Value>> {
+        let Self { calls, transport, bells, .. } = self;
         for _ in 0..TURNS {
             let turn = self.turn;
             self.turn = (turn + 1) % TURNS;
-            let ready = match turn {
-                // The driver has a sender itself: the channel does not end.
-                0 => self
-                    .words
-                    .poll_recv(context)
-                    .map(|word| word.map(|word| Turn::Transport(Incoming::Word(word)))),
-                1 => self
-                    .transport
-                    .poll_incoming(context)
-                    .map(|incoming| Some(Turn::Transport(incoming))),
-                _ if is_armed => timer.as_mut().poll(context).map(|()| Some(Turn::Timer)),
-                _ => Poll::Pending,
-            };
-            if let Poll::Ready(Some(turn)) = ready {
-                return Poll::Ready(turn);
+            let ready = bells[turn].poll(|context| match turn {
+                CALLS => calls.poll_word(context).map(|word| Turn::Transport(Incoming::Word(word))),
+                TIMER if armed.is_some() => timer.as_mut().poll(context).map(|()| Turn::Timer),
+                TIMER => Poll::Pending,
+                _ => transport.poll_incoming(context).map(Turn::Transport),
+            });
+            if ready.is_ready() {
+                return ready;
             }
+        }
+        self.waker.register(context.waker());
+        // Somebody may have rung before that.
+        if bells.iter().any(Bell::is_rung) {
+            context.waker().wake_by_ref();
         }
         Poll::Pending
     }
@@ -264,19 +279,20 @@ impl<T: Transport> Driver<T> {
     /// A message came (F1); each cloud is offered it (F2).
     fn message(&mut self, timestamp: u64, message: &T::Message) {
         // One instant for all of it: deadlines count from the message, and equal ones end together.
-        let now = self.now();
+        let now = self.now;
         if let Some(situation) = self.transport.situation(timestamp, message) {
             self.engine.set_situation(situation);
         }
         let (job, limit) = self.transport.job(message);
         let offers = self.transport.offers(timestamp, message);
-        self.engine.open(now, timestamp, limit, job, offers);
+        if self.engine.open(now, timestamp, limit, job, offers) {
+            self.transport.taken_on(timestamp, message);
+        }
     }
 
     /// A result or a failure came (F3, F4).
     fn word(&mut self, Word { priority, timestamp, result }: Word<T::Value>) {
-        self.calls.0.remove(&(priority, timestamp));
-        let now = self.now();
+        let now = self.now;
         match result {
             Ok(value) => self.engine.result(now, timestamp, priority, value),
             Err(error) => self.engine.fail(now, timestamp, priority, &Words(&*error)),
@@ -287,17 +303,17 @@ impl<T: Transport> Driver<T> {
     fn act(&mut self) {
         loop {
             while let Some(effect) = self.engine.next_effect() {
+                // What it is given may make it wait for something new.
+                self.bells[TRANSPORT].set();
                 match effect {
                     Effect::Output(item) => self.transport.output(item),
                     Effect::Start { priority, timestamp, until, request } => {
-                        let left = until.map_or(u64::MAX, |until| until.saturating_sub(self.now()));
+                        let left = until.map_or(u64::MAX, |until| until.saturating_sub(self.now));
                         let left = Duration::from_nanos(left);
                         self.send(Start { priority, timestamp, left, request });
                     }
                     Effect::Abort { priority, timestamp } => {
-                        if let Some(call) = self.calls.0.remove(&(priority, timestamp)) {
-                            call.abort();
-                        }
+                        self.calls.abort(priority, timestamp);
                     }
                     Effect::Hint(hint) => self.transport.hint(hint),
                 }
@@ -305,9 +321,8 @@ impl<T: Transport> Driver<T> {
             if self.unsent.is_empty() {
                 return;
             }
-            let now = self.now();
             for (priority, timestamp, error) in self.unsent.drain(..) {
-                self.engine.fail(now, timestamp, priority, &Words(&*error));
+                self.engine.fail(self.now, timestamp, priority, &Words(&*error));
             }
         }
     }
@@ -317,18 +332,8 @@ impl<T: Transport> Driver<T> {
         let sent = catch_unwind(AssertUnwindSafe(|| self.transport.send(start)));
         match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
             Sent::Call(call) => {
-                let words = self.sender.clone();
-                let task = async move {
-                    let result = guarded(call).await;
-                    // Nobody waits for it once the driver has ended.
-                    drop(words.send(Word { priority, timestamp, result }));
-                };
-                let span = debug_span!("call", priority, timestamp);
-                let task = tokio::spawn(task.instrument(span));
-                // F7: local is never aborted.
-                if priority > 0 {
-                    self.calls.0.insert((priority, timestamp), task.abort_handle());
-                }
+                self.calls.begin(priority, timestamp, call);
+                self.bells[CALLS].set();
             }
             Sent::Away => {}
             Sent::Failed(error) => self.unsent.push((priority, timestamp, error)),
@@ -336,7 +341,7 @@ impl<T: Transport> Driver<T> {
     }
 
     /// The operator's clock: nanoseconds since its start.
-    fn now(&self) -> u64 {
+    fn clock(&self) -> u64 {
         u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
     }
 
@@ -345,11 +350,5 @@ impl<T: Transport> Driver<T> {
         let day = Duration::from_secs(24 * 60 * 60);
         let far = self.start.elapsed() + day;
         self.start + Duration::from_nanos(nanos).min(far)
-    }
-}
-
-impl Drop for Calls {
-    fn drop(&mut self) {
-        self.0.values().for_each(AbortHandle::abort);
     }
 }

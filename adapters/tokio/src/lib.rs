@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+mod aside;
+mod common;
 pub mod drive;
 #[cfg(feature = "grpc")]
 pub mod grpc;
@@ -13,10 +15,12 @@ mod setup;
 mod stream;
 mod words;
 
+pub use aside::{Aside, AsideTally};
+pub use common::Common;
 pub use fuseline_deadline as deadline;
 pub use fuseline_operator::{
     Commit, ConfigError, DropReason, Ending, Failure, Forwarded, Hint, InForce, Item, OfferRefusal,
-    OpenRefusal, Reasons, Recording, Source, SourceTally, Tally, Trigger,
+    OpenRefusal, Reasons, Recording, Shortfall, Shortfalls, Source, SourceTally, Tally, Trigger,
 };
 pub use local::Local;
 pub use operator::{Config, Items, JoinError, Operator, Running, SpawnError, Trace, spawn};

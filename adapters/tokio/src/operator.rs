@@ -2,16 +2,19 @@
 
 use std::io;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use fuseline_operator::{
-    self as shared, Commit, ConfigError, Counting, Engine, Header, Item, Recorder, Recording, Tally,
+    self as shared, Commit, ConfigError, Counting, Engine, Header, Item, Pace, Recorder, Recording,
+    Shortfalls, Tally,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
-use tokio::sync::mpsc;
+use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tracing::{Instrument, info_span};
 
+use crate::aside::{AsideCounts, AsideTally, Asker, Beside};
 use crate::drive::{Driver, finish};
 use crate::local::{Local, Workers};
 use crate::run::{Outbox, Streams};
@@ -36,7 +39,7 @@ pub trait Operator {
 pub type Items<O> = Reader<Item<O>>;
 
 /// An operator's configuration.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub struct Config {
     /// The operator's name in logs, metrics and traces; `operator` by default.
     pub name: String,
@@ -51,6 +54,10 @@ pub struct Config {
     pub output_len: usize,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
+    /// What the operator is to keep up with; not said by default. Said, one whose window, calls or local
+    /// computations are too few is not started, for then neither its policies nor local can do as they
+    /// promise.
+    pub pace: Option<Pace>,
 }
 
 /// Where and how a run is recorded.
@@ -66,8 +73,9 @@ pub struct Trace {
 #[derive(Debug)]
 pub struct Running {
     task: JoinHandle<io::Result<()>>,
-    stop: mpsc::Sender<()>,
+    stop: Mutex<Option<oneshot::Sender<()>>>,
     counting: Counting,
+    asides: Vec<Arc<AsideCounts>>,
 }
 
 /// Why an operator was not started.
@@ -79,6 +87,15 @@ pub enum SpawnError {
     /// What its configuration and its clouds make is no machine.
     #[error("the operator's configuration is refused: {0}")]
     Config(#[from] ConfigError),
+    /// It could not keep up with its [pace](Config::pace).
+    #[error("the operator could not keep up: {0}")]
+    Pace(#[from] Shortfalls),
+    /// An aside's gate could never open again.
+    #[error("the gate of {name} needs a limit of at least 1 and a resume below it")]
+    Aside {
+        /// The aside's name.
+        name: String,
+    },
     /// No reader could ever read an item.
     #[error(
         "an output of which readers may lag 0 items behind has no room for any; give at least 1"
@@ -145,12 +162,20 @@ pub fn spawn<P: Operator>(
         lossy: false,
     };
     let mut engine = Engine::new(&header, &calls, bounds)?;
+    if let Some(pace) = &config.pace {
+        let clouds = setup.clouds.iter().map(|it| (&*it.cloud.name, it.cloud.calls));
+        pace.check(config.window.into(), local.at_once, clouds)?;
+    }
     for Registered { priority, cloud, .. } in &mut setup.clouds {
         engine.set_linger(*priority, cloud.linger);
         if let Some(policy) = cloud.policy.take() {
             engine.set_policy(*priority, policy);
         }
     }
+    if setup.hints.is_some() {
+        engine.take_hints();
+    }
+    let asides = asides(&config.name, setup.asides)?;
     let workers = Workers::start(local.kind).map_err(SpawnError::Threads)?;
     if let Some(Trace { path, recording }) = config.trace {
         Recorder::create(&path, &header, recording)
@@ -158,17 +183,20 @@ pub fn spawn<P: Operator>(
             .map_err(|error| SpawnError::Trace { path, error })?;
     }
     let counting = engine.counts();
+    let beside = asides.iter().map(Asker::counts).collect();
     let (writer, output) = stream(config.output_len);
-    let (stop, stopped) = mpsc::channel(1);
+    let (stop, stopped) = oneshot::channel();
     let streams = Streams {
         input,
         clouds: setup.clouds,
         situation: setup.situation,
+        asides,
+        hints: setup.hints,
         workers,
         deadline: local.deadline,
         output: Outbox::new(writer),
         counting: counting.clone(),
-        stop: stopped,
+        stop: Some(stopped),
         is_open: true,
     };
     let driver = Driver::new(engine, streams);
@@ -178,7 +206,7 @@ pub fn spawn<P: Operator>(
         finish(engine).await
     };
     let task = runtime.spawn(task.instrument(info_span!("operator", name = config.name)));
-    Ok((Running { task, stop, counting }, output))
+    Ok((Running { task, stop: Mutex::new(Some(stop)), counting, asides: beside }, output))
 }
 
 impl Running {
@@ -188,11 +216,18 @@ impl Running {
         self.counting.tally()
     }
 
+    /// The counts of its asides so far, as they were registered.
+    #[must_use]
+    pub fn asides(&self) -> Vec<AsideTally> {
+        self.asides.iter().map(|counts| counts.tally()).collect()
+    }
+
     /// Lets the operator end at once: calls are aborted, open messages stay unanswered, the output
     /// ends. The trace is whole up to there.
     pub fn stop(&self) {
-        // If it is full, it was told before.
-        let _ = self.stop.try_send(());
+        let stop = self.stop.lock().unwrap_or_else(PoisonError::into_inner).take();
+        // It may have been told before, or have ended.
+        let _ = stop.map(|stop| stop.send(()));
     }
 
     /// Waits until the operator has ended and its trace is written; answers its counts.
@@ -221,8 +256,18 @@ impl Default for Config {
             commit: Commit::Eager,
             output_len: 16,
             trace: None,
+            pace: None,
         }
     }
+}
+
+/// The asides, ready to ask.
+fn asides<I>(operator: &str, registered: Vec<Beside<I>>) -> Result<Vec<Asker<I>>, SpawnError> {
+    let asker = |beside: Beside<I>| {
+        let name = beside.aside.name.clone();
+        Asker::new(operator, beside).ok_or(SpawnError::Aside { name })
+    };
+    registered.into_iter().map(asker).collect()
 }
 
 /// The trace's header.

@@ -7,16 +7,17 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Counting, Item, Offer, Situation};
+use fuseline_operator::{Counting, Hint, Item, Offer, Situation};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
-use tokio::sync::mpsc;
+use tokio::sync::oneshot;
 use tracing::error;
 
+use crate::aside::Asker;
 use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::local::Workers;
 use crate::panics::reason;
-use crate::setup::{Assess, Call, Registered, Request};
+use crate::setup::{Assess, Call, Registered, Request, TakeHint};
 use crate::stream::{Reader, WriteError, Writer};
 
 /// What an operator reads, asks and writes.
@@ -24,13 +25,15 @@ pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<Registered<I, O>>,
     pub(crate) situation: Option<Assess<I>>,
+    pub(crate) asides: Vec<Asker<I>>,
+    pub(crate) hints: Option<TakeHint<O>>,
     pub(crate) workers: Workers<I, O>,
     /// Local's.
     pub(crate) deadline: Option<Duration>,
     pub(crate) output: Outbox<O>,
     pub(crate) counting: Counting,
-    /// Ends, without a word, with who could stop it.
-    pub(crate) stop: mpsc::Receiver<()>,
+    /// None once nobody can stop it any more.
+    pub(crate) stop: Option<oneshot::Receiver<()>>,
     pub(crate) is_open: bool,
 }
 
@@ -55,15 +58,25 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
     type Message = Arc<I>;
 
     fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<Arc<I>, O>> {
-        if let Poll::Ready(Some(())) = self.stop.poll_recv(context) {
-            return Poll::Ready(Incoming::Stop);
+        if let Some(stop) = &mut self.stop
+            && let Poll::Ready(told) = Pin::new(stop).poll(context)
+        {
+            self.stop = None;
+            if told.is_ok() {
+                return Poll::Ready(Incoming::Stop);
+            }
         }
         if let Poll::Ready(word) = self.workers.poll_word(context) {
             return Poll::Ready(Incoming::Word(word));
         }
         // A reader that lags holds back new messages, and nothing else.
-        if self.output.poll_delivered(context).is_pending() || !self.is_open {
+        let was_waiting = !self.is_delivered();
+        if self.output.poll_delivered(context).is_pending() {
             return Poll::Pending;
+        }
+        if !self.is_open {
+            // The driver waits for what was just delivered before it ends.
+            return if was_waiting { Poll::Ready(Incoming::Last) } else { Poll::Pending };
         }
         self.input.poll_numbered(context).map(|message| {
             if let Some((timestamp, message)) = message {
@@ -98,6 +111,18 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
             error!(timestamp, why, "the situation's handler panicked: nothing is known");
             Situation::at(f64::NAN)
         }))
+    }
+
+    fn taken_on(&mut self, timestamp: u64, message: &Arc<I>) {
+        self.asides.iter_mut().for_each(|aside| aside.ask(message, timestamp));
+    }
+
+    fn hint(&mut self, hint: Hint<O>) {
+        let Some(take_hint) = &mut self.hints else { return };
+        let timestamp = hint.timestamp;
+        if let Err(panic) = catch_unwind(AssertUnwindSafe(|| take_hint(hint))) {
+            error!(timestamp, why = reason(&*panic), "the handler of hints panicked");
+        }
     }
 
     fn send(&mut self, start: Start<Work<I, O>>) -> Sent<O> {

@@ -6,17 +6,20 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_deadline::{Policy, Situation};
-use fuseline_operator::Counting;
+use fuseline_operator::{Counting, Hint};
 use futures_util::future::BoxFuture;
 use tracing::error;
 
 use crate::Error;
+use crate::aside::{Answered, Aside, AsideCounts, Beside, Question};
 use crate::panics::reason;
 
 /// Takes an operator's clouds, in any number up to 15.
 pub struct Setup<I, O> {
     pub(crate) clouds: Vec<Registered<I, O>>,
     pub(crate) situation: Option<Assess<I>>,
+    pub(crate) asides: Vec<Beside<I>>,
+    pub(crate) hints: Option<TakeHint<O>>,
 }
 
 /// A cloud's queue, bounds and deadlines, with defaults.
@@ -48,8 +51,14 @@ pub struct Call {
     pub timestamp: u64,
     /// How much time is left, what was spent in the queue taken off, the time to linger added.
     pub deadline: Duration,
-    priority: u16,
-    counting: Counting,
+    pub(crate) bill: Bill,
+}
+
+/// Where the bytes are counted that a call sends.
+#[derive(Clone)]
+pub(crate) enum Bill {
+    Cloud(u16, Counting),
+    Aside(Arc<AsideCounts>),
 }
 
 /// A cloud and how to make a call to it.
@@ -59,6 +68,8 @@ pub(crate) struct Registered<I, O> {
     pub(crate) offer: Offer<I, O>,
 }
 
+/// What becomes of late results.
+pub(crate) type TakeHint<O> = Box<dyn FnMut(Hint<O>) + Send>;
 /// What policies are to know of the vehicle.
 pub(crate) type Assess<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
 /// The message handler: what to send, if anything, and how long the cloud may take.
@@ -68,7 +79,7 @@ pub(crate) type Request<O> = Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O
 
 impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
-        Self { clouds: Vec::new(), situation: None }
+        Self { clouds: Vec::new(), situation: None, asides: Vec::new(), hints: None }
     }
 
     /// Registers a cloud; what it answers can be given a name and bounds.
@@ -128,6 +139,63 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self.situation = Some(Box::new(situation));
         self
     }
+
+    /// Registers calls beside the rules: for what helps local with later messages and is no result of
+    /// this one, such as a plan for what may happen.
+    ///
+    /// The machine does not know of them, so that no output waits for an answer, and no answer becomes
+    /// an output. What one asks by [`use_cloud`](Self::use_cloud) holds local's result back until it
+    /// comes, fails or times out (F3).
+    ///
+    /// - `handle` makes the call as for a cloud, within the time that is left. When that is over, or
+    ///   the operator ends, its future is dropped.
+    /// - `message_handler` looks at each message that was taken on, after those of the clouds, and must
+    ///   not block. `None` asks nothing.
+    /// - `response_handler` is given each answer that comes in time, in the call's task; it changes what
+    ///   is [common](crate::Common). What it does counts as answered, or as failed with an error.
+    ///
+    /// Requests are gated and bounded like a cloud's.
+    pub fn use_aside<Req, Res, Fut>(
+        &mut self,
+        handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
+        mut message_handler: impl FnMut(&I, u64) -> Option<(Req, Duration)> + Send + 'static,
+        response_handler: impl Fn(Res) -> Result<(), Error> + Send + Sync + 'static,
+    ) -> &mut Aside
+    where
+        Req: Send + 'static,
+        Res: Send + 'static,
+        Fut: Future<Output = Result<Res, Error>> + Send + 'static,
+    {
+        let handlers = Arc::new((handle, response_handler));
+        let wonder = move |message: &I, timestamp| {
+            let (request, deadline) = message_handler(message, timestamp)?;
+            let handlers = Arc::clone(&handlers);
+            let question: Question = Box::new(move |call| {
+                Box::pin(async move {
+                    let response = (handlers.0)(request, call).await?;
+                    let answered: Answered = Box::new(move || (handlers.1)(response));
+                    Ok(answered)
+                })
+            });
+            Some((question, deadline))
+        };
+        let name = format!("aside-{}", self.asides.len() + 1);
+        let aside = Aside { name, limit: 31, resume: 0, calls: 8 };
+        self.asides.push(Beside { aside, wonder: Box::new(wonder) });
+        let last = self.asides.len() - 1;
+        &mut self.asides[last].aside
+    }
+
+    /// Hands on results that came too late for their messages, with their age, so that local can use
+    /// them for the next ones. A hint never becomes an output.
+    ///
+    /// Results that were dropped `late` or `superseded` come, local's too, if their message is one of the
+    /// last 1024. Calls that are aborted have none: let clouds [linger](Cloud::linger).
+    /// `take_hint` is called in the operator's task and must not block.
+    pub fn use_hints(&mut self, take_hint: impl FnMut(Hint<O>) + Send + 'static) -> &mut Self {
+        self.hints = Some(Box::new(take_hint));
+        self
+    }
 }
 
 impl<I, O> Registered<I, O> {
@@ -166,11 +234,14 @@ impl Call {
         priority: u16,
         counting: Counting,
     ) -> Self {
-        Self { timestamp, deadline, priority, counting }
+        Self { timestamp, deadline, bill: Bill::Cloud(priority, counting) }
     }
 
-    /// Counts bytes sent to this cloud; speculation is paid for.
+    /// Counts bytes sent; speculation is paid for.
     pub fn sent(&self, bytes: usize) {
-        self.counting.sent(self.priority, bytes as u64);
+        match &self.bill {
+            Bill::Cloud(priority, counting) => counting.sent(*priority, bytes as u64),
+            Bill::Aside(counts) => counts.sent(bytes as u64),
+        }
     }
 }

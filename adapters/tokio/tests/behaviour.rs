@@ -309,6 +309,23 @@ async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn an_operator_ends_when_its_last_items_are_read_long_after_they_were_decided() {
+    let (mut camera, frames) = stream(8);
+    let config = Config { output_len: 1, ..Config::default() };
+    let (running, mut output) = spawn(Script::new(), config, frames).unwrap();
+    for frame in 0..3 {
+        camera.write(frame).unwrap();
+    }
+    drop(camera);
+    sleep(1000 * MS).await;
+    for t in 0..3 {
+        assert_eq!(output.read().await.unwrap().timestamp, t);
+    }
+    assert!(output.read().await.is_none());
+    assert_eq!(running.join().await.unwrap().forwarded(), 3);
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_camera_and_the_reader_of_its_output_in_one_task_never_wait_for_each_other() {
     let (mut camera, frames) = stream(1);
     let config = Config { output_len: 1, window: 2, ..Config::default() };

@@ -168,7 +168,8 @@ def _run(drawn: random.Random, clouds: list[int]) -> Iterator[str]:
                 yield f"{now} open {newest} {drawn.choice(['', '', '', 3, 5, 0, END])}".rstrip()
             case "offer":
                 length = drawn.choice([2, 3, 4, 5, 9, 9, 0, END])
-                yield f"{now} offer {near} {source} {length} {drawn.choice([0, 0, 0, 0, 0, 1, 2, 3])}"
+                backlog = drawn.choice([0, 0, 0, 0, 0, 1, 2, 3])
+                yield f"{now} offer {near} {source} {length} {backlog}"
             case "tick":
                 yield f"{now}"
             case kind:

@@ -5,7 +5,7 @@ use std::task::Poll;
 use fuseline_tokio::drive::{Incoming, Word};
 use rustdds::dds::ReadError;
 use tokio::sync::mpsc;
-use tokio::time::Interval;
+use tokio::time::{Instant, Interval};
 use tracing::{debug, info, warn};
 
 use super::{Fusion, LOCAL, Memory};
@@ -21,6 +21,7 @@ pub(crate) struct Heard {
     /// With the place of the source.
     pub(crate) results: mpsc::Receiver<(usize, Sample)>,
     pub(crate) deadlines: mpsc::Receiver<Sample>,
+    pub(crate) speeds: mpsc::Receiver<Sample>,
     pub(crate) changes: mpsc::UnboundedReceiver<Change>,
     pub(crate) report: Interval,
 }
@@ -97,6 +98,14 @@ impl Fusion<'_> {
             self.deadline = deadline;
         } else {
             warn!("a deadline that is no positive number of seconds: ignored");
+        }
+    }
+
+    /// The vehicle tells its speed.
+    pub(super) fn take_speed(&mut self, sample: Sample) {
+        let Some(speed) = &mut self.speed else { return };
+        if !sample.is_ok_and(|payload| speed.take(Instant::now(), &payload)) {
+            debug!("a speed that is none: it counts as unknown");
         }
     }
 

@@ -8,13 +8,14 @@ use crate::settings::{Cloud, Grpc, SettingsError, Way, seconds, topics};
 /// The most clouds; the core has as many.
 const CLOUDS: usize = 15;
 /// What the parameters that are no cloud's begin with.
-const RESERVED: [&str; 14] = [
+const RESERVED: [&str; 15] = [
     "input",
     "output",
     "window",
     "commit",
     "deadline",
     "deadline_topic",
+    "policy",
     "local",
     "clouds",
     "trace",
@@ -25,13 +26,14 @@ const RESERVED: [&str; 14] = [
     "qos_overrides",
 ];
 /// What a cloud's parameters are called, below its name.
-const PARTS: [&str; 14] = [
+const PARTS: [&str; 15] = [
     "priority",
     "deadline",
     "enabled",
     "limit",
     "resume",
     "in_flight",
+    "linger",
     "input_topic",
     "output_topic",
     "grpc.url",
@@ -96,6 +98,14 @@ fn cloud(
     let resume = r.integer(&of("resume"), 0..=limit - 1, 0, about)?.value;
     let about = "How many requests may be sent and unanswered";
     let in_flight = r.integer(&of("in_flight"), 1..=1024, 8, about)?.value;
+    let linger = r.read(
+        &of("linger"),
+        Value::Double(0.0),
+        "How long a request may run on after it was due, in seconds, so that its policy learns how long it takes",
+        "seconds, at most 1e9, or 0",
+        seconds::own_seconds,
+    )?;
+    let linger = linger.value;
     let way = if let Some(grpc) = grpc(r, &name)? {
         Way::Grpc(grpc)
     } else {
@@ -104,7 +114,7 @@ fn cloud(
     };
     let limit = limit.unsigned_abs();
     let deadline = seconds::none_if_zero(deadline.value);
-    Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, way })
+    Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, linger, way })
 }
 
 fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {

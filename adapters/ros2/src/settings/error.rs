@@ -54,6 +54,9 @@ pub enum SettingsError {
     /// Certificates without TLS.
     #[error("{place}: {name} is given, but {url} is http; leave it out, or make that https")]
     Plain { place: Place, name: String, url: String },
+    /// Figures that make no policy.
+    #[error("{place}: the policy cannot be made of its parameters: {why}")]
+    Policy { place: Place, why: fuseline_deadline::Invalid },
     /// A parameter of a cloud that is not there.
     #[error("{place}: {name} is given, but there is no cloud {cloud}; add it to clouds")]
     NoCloud { place: Place, name: String, cloud: String },

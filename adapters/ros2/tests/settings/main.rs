@@ -10,7 +10,9 @@ use fuseline_operator::Commit;
 use fuseline_ros2::arguments::{Arguments, Level};
 use fuseline_ros2::key::{Key, Kind};
 use fuseline_ros2::parameters::{Place, Value};
-use fuseline_ros2::settings::{Change, Cloud, Grpc, Qos, Role, Settings, SettingsError, Way};
+use fuseline_ros2::settings::{
+    Change, Cloud, Grpc, PolicyKind, Qos, Role, Settings, SettingsError, Way,
+};
 
 const TYPES: &str =
     "-p input.type:=sensor_msgs/msg/Image -p output.type:=vision_msgs/msg/Detection2DArray";
@@ -134,9 +136,18 @@ fn everything_can_be_set() {
     assert_eq!((all.local.in_flight, all.local.waiting), (2, 0));
     let way = Way::Topics { input: "/car/west/input".into(), output: "/car/west/out".into() };
     let deadline = Some(Duration::from_millis(200));
-    let (name, enabled) = ("west".to_owned(), false);
-    let west =
-        Cloud { name, priority: 1, deadline, enabled, limit: 7, resume: 3, in_flight: 5, way };
+    let (name, enabled, linger) = ("west".to_owned(), false, Duration::ZERO);
+    let west = Cloud {
+        name,
+        priority: 1,
+        deadline,
+        enabled,
+        limit: 7,
+        resume: 3,
+        in_flight: 5,
+        linger,
+        way,
+    };
     let way = Way::Grpc(Grpc {
         url: "https://east:50051".into(),
         ca: Some("ca.pem".into()),
@@ -146,8 +157,17 @@ fn everything_can_be_set() {
         server_name: Some("server".into()),
     });
     let (name, deadline, enabled) = ("east".to_owned(), None, true);
-    let east =
-        Cloud { name, priority: 9, deadline, enabled, limit: 31, resume: 0, in_flight: 8, way };
+    let east = Cloud {
+        name,
+        priority: 9,
+        deadline,
+        enabled,
+        limit: 31,
+        resume: 0,
+        in_flight: 8,
+        linger,
+        way,
+    };
     assert_eq!(all.clouds, [west, east]);
     assert_eq!(all.trace, Some(PathBuf::from("a.jsonl")));
     assert_eq!(all.mcap, Some(PathBuf::from("a.mcap")));
@@ -349,4 +369,63 @@ fn the_check_shows_what_is_resolved() {
         assert!(shown.contains(line), "{line}");
     }
     assert!(shown.lines().all(|line| line.trim_end() == line));
+}
+
+#[test]
+fn d16_policies_are_made_of_their_parameters() {
+    let all = with("").unwrap();
+    assert_eq!(all.deadlines.kind, PolicyKind::Set);
+    assert!(all.deadlines.policy().unwrap().is_none());
+    assert_eq!((all.deadlines.speed, all.deadlines.rate), (None, None));
+    for (kind, expected) in [
+        ("guard", PolicyKind::Guard),
+        ("expected", PolicyKind::Expected),
+        ("guarded", PolicyKind::Guarded),
+    ] {
+        let args = format!("-p policy:={kind} -p policy.rate:=20 -p policy.margin:=3");
+        let all = with(&format!("{args} -p policy.speed_topic:=odom -p window:=20")).unwrap();
+        assert_eq!(all.deadlines.kind, expected);
+        assert!(all.deadlines.policy().unwrap().is_some());
+        assert_eq!(all.deadlines.parameters.margin.to_bits(), 3.0_f64.to_bits());
+        assert_eq!(all.deadlines.parameters.period_cloud, 0.05.into());
+        let speed = all.deadlines.speed.unwrap();
+        assert_eq!(
+            (speed.topic.as_str(), speed.type_name.as_str()),
+            ("/odom", "nav_msgs/msg/Odometry")
+        );
+        assert_eq!(speed.age, Duration::from_millis(500));
+    }
+    let lingers = with("-p clouds:=[west] -p west.linger:=2.0").unwrap();
+    assert_eq!(lingers.clouds[0].linger, Duration::from_secs(2));
+}
+
+#[test]
+fn d15_figures_that_make_no_policy_are_told_where_they_are() {
+    let error = with("-p policy:=guard -p policy.range_cloud:=38.0").unwrap_err();
+    assert!(error.contains("sees less far than local"), "{error}");
+    let error = with("-p policy:=guard -p policy.deceleration:=0.0").unwrap_err();
+    assert!(error.contains("deceleration: it must be above 0"), "{error}");
+    let error = with("-p policy:=fast").unwrap_err();
+    assert!(error.ends_with("give set, guard, expected or guarded"), "{error}");
+    let error = with("-p policy.speed_topic:=odom -p policy.speed_type:=a/msg/B").unwrap_err();
+    assert!(error.ends_with("give nav_msgs/msg/Odometry or std_msgs/msg/Float64"), "{error}");
+    let error = with("-p clouds:=[policy]").unwrap_err();
+    assert!(error.contains("parameters of the node begin like that"), "{error}");
+}
+
+#[test]
+fn d15_what_cannot_keep_up_is_told_with_a_remedy() {
+    let args =
+        "-p clouds:=[west] -p policy:=guard -p deadline:=2.4253 -p policy.local_response:=0.3";
+    assert!(with(args).unwrap().keep_pace().is_ok(), "no rate is known");
+    let error = with(&format!("{args} -p policy.rate:=30")).unwrap().keep_pace().unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "a window of 16 for 30 messages a second that are open for up to 2.4253 s: give 75, or cap \
+         deadlines at 0.462 s; 8 calls at once to west for 30 a second that take up to 2.4253 s: \
+         give 73, or cap deadlines at 0.266 s; 4 local computations at once for 30 a second that \
+         take 0.3 s: give 10, or send at most 13.3 messages a second"
+    );
+    let enough = "-p window:=75 -p west.in_flight:=73 -p local.in_flight:=10 -p policy.rate:=30";
+    assert!(with(&format!("{args} {enough}")).unwrap().keep_pace().is_ok());
 }

@@ -103,6 +103,7 @@ pub(super) struct Node {
     pub(super) inputs: mpsc::Sender<Sample>,
     pub(super) results: mpsc::Sender<(usize, Sample)>,
     pub(super) deadlines: mpsc::Sender<Sample>,
+    pub(super) speeds: mpsc::Sender<Sample>,
     pub(super) changes: mpsc::UnboundedSender<Change>,
     /// Local's subscriber count.
     pub(super) local: Arc<AtomicUsize>,
@@ -127,7 +128,7 @@ impl Drop for Guard {
     }
 }
 
-fn settings(clouds: usize) -> Settings {
+fn settings(clouds: usize, more: &[&str]) -> Settings {
     let names: Vec<_> = (1..=clouds).map(|cloud| format!("cloud{cloud}")).collect();
     let mut args = vec![
         "--ros-args".to_owned(),
@@ -146,19 +147,26 @@ fn settings(clouds: usize) -> Settings {
     for (priority, name) in (1..).zip(&names) {
         args.extend(["-p".to_owned(), format!("{name}.priority:={priority}")]);
     }
+    args.extend(more.iter().map(|&arg| arg.to_owned()));
     let arguments = Arguments::parse(args.into_iter().map(Into::into)).unwrap();
     Settings::from(&arguments, |_| None).unwrap()
 }
 
 impl Node {
     pub(super) fn start(local: Plan, clouds: &[(u64, Plan)]) -> Self {
+        Self::start_with(local, clouds, &[])
+    }
+
+    /// With more arguments.
+    pub(super) fn start_with(local: Plan, clouds: &[(u64, Plan)], more: &[&str]) -> Self {
         let start = Instant::now();
-        let settings = settings(clouds.len());
+        let settings = settings(clouds.len(), more);
         let engine: Engine<Payload, Payload> = node::engine(&settings).unwrap();
         let counting = engine.counts();
         let (inputs, heard_inputs) = mpsc::channel(1024);
         let (results, heard_results) = mpsc::channel(64);
         let (deadlines, heard_deadlines) = mpsc::channel(1);
+        let (speeds, heard_speeds) = mpsc::channel(1);
         let (changes, heard_changes) = mpsc::unbounded_channel();
         let (requests, asked) = topic("/local/input");
         let matched = Arc::clone(&requests.matched);
@@ -209,9 +217,11 @@ impl Node {
                     inputs: heard_inputs,
                     results: heard_results,
                     deadlines: heard_deadlines,
+                    speeds: heard_speeds,
                     changes: heard_changes,
                     report,
                 },
+                speed: settings.deadlines.speed.as_ref().map(Speed::new),
                 stop: &mut stop,
                 memory: Memory::new(reporter),
             };
@@ -226,6 +236,7 @@ impl Node {
             inputs,
             results,
             deadlines,
+            speeds,
             changes,
             local,
             is_deaf,

@@ -1,0 +1,169 @@
+//! The machine for many threads, from C's side.
+#![cfg(feature = "threads")]
+#![expect(unsafe_code, reason = "calls a C interface")]
+#![expect(clippy::multiple_unsafe_ops_per_block, reason = "a row of calls with one reason")]
+#![expect(clippy::cast_possible_truncation, reason = "sizes of a few hundred")]
+
+use core::mem::MaybeUninit;
+use core::ptr::null_mut;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use fuseline_c::shared::*;
+use fuseline_c::*;
+
+const LAYOUT: u32 = size_of::<CConfig>() as u32
+    | (size_of::<CCloud>() as u32) << 8
+    | (size_of::<CAnswer>() as u32) << 16
+    | ((size_of::<CState>() ^ size_of::<CMessage>()) as u32) << 24;
+const CLOUDS: [CCloud; 2] =
+    [CCloud { priority: 1, limit: 31, resume: 30 }, CCloud { priority: 2, limit: 31, resume: 30 }];
+
+#[repr(C, align(64))]
+struct Storage([u8; 4096]);
+
+/// A machine that threads may have.
+#[derive(Clone, Copy)]
+struct Machine(*mut CShared);
+// SAFETY: the machine takes calls of any threads.
+unsafe impl Send for Machine {}
+// SAFETY: as above.
+unsafe impl Sync for Machine {}
+
+fn make(storage: &mut Storage) -> (CStatus, Machine) {
+    let config = CConfig {
+        abi: FUSELINE_ABI,
+        layout: LAYOUT,
+        capacity: CCapacity::C3W16 as u32,
+        commit: CCommit::Eager as u32,
+        window: 16,
+        clouds_len: 2,
+        clouds: CLOUDS.as_ptr(),
+    };
+    let mut machine = null_mut();
+    let (place, bytes) = ((&raw mut *storage).cast(), size_of::<Storage>());
+    // SAFETY: this test's own.
+    let status = unsafe { fuseline_shared_init(place, bytes, &raw const config, &raw mut machine) };
+    (status, Machine(machine))
+}
+
+impl Machine {
+    fn call(call: impl FnOnce(*mut CAnswer, *mut CAnswer) -> CStatus) -> (CStatus, [CAnswer; 2]) {
+        let mut answers = [MaybeUninit::<CAnswer>::zeroed(); 2];
+        let [fired, answer] = &mut answers;
+        let status = call(fired.as_mut_ptr(), answer.as_mut_ptr());
+        // SAFETY: written, or zero, which is an answer too.
+        (status, answers.map(|answer| unsafe { answer.assume_init() }))
+    }
+
+    fn open(self, now: u64, t: u64) -> (CStatus, CAnswer, CTicket) {
+        let mut ticket = CTicket { opaque: [0; 3] };
+        let (status, [answer, _]) =
+            // SAFETY: a machine, and places of this test's own.
+            Machine::call(|answer, _| unsafe { fuseline_shared_open(self.0, now, t, &raw mut ticket, answer) });
+        (status, answer, ticket)
+    }
+
+    fn offer(self, now: u64, ticket: CTicket, p: u64) -> (CStatus, [CAnswer; 2]) {
+        // SAFETY: as above.
+        Machine::call(|fired, answer| unsafe {
+            fuseline_shared_offer(self.0, now, ticket, p, 100, 0, fired, answer)
+        })
+    }
+
+    fn result(self, now: u64, ticket: CTicket, p: u64) -> (CStatus, [CAnswer; 2]) {
+        // SAFETY: as above.
+        Machine::call(|fired, answer| unsafe {
+            fuseline_shared_result(self.0, now, ticket, p, fired, answer)
+        })
+    }
+}
+
+#[test]
+fn a_held_result_goes_when_the_timer_fires() {
+    let mut storage = Box::new(Storage([0xa5; _]));
+    let (status, machine) = make(&mut storage);
+    assert_eq!(status, CStatus::Done);
+    let (_, answer, ticket) = machine.open(0, 7);
+    assert_eq!((answer.outcome, answer.t), (COutcome::Accepted, 7));
+    let (_, [_, answer]) = machine.offer(0, ticket, 2);
+    assert_eq!((answer.outcome, answer.due), (COutcome::Admitted, 100));
+    let (_, [fired, answer]) = machine.result(5, ticket, 0);
+    assert_eq!((fired.fired, answer.outcome), (0, COutcome::Held));
+    let (_, [_, answer]) = machine.result(5, ticket, 1 << 20);
+    assert_eq!((answer.outcome, answer.why), (COutcome::Dropped, CReason::Unknown));
+    let mut due = 0;
+    // SAFETY: a machine, and places of this test's own.
+    unsafe {
+        assert_eq!(fuseline_shared_next_due(machine.0, ticket, &raw mut due), CStatus::Done);
+        assert_eq!(due, 100);
+        let (status, [fired, _]) = Machine::call(|fired, answer| {
+            fuseline_shared_expire(machine.0, 100, ticket, fired, answer)
+        });
+        assert_eq!((status, fired.fired, fired.outcome), (CStatus::Done, 1, COutcome::Forwarded));
+        assert_eq!((fired.by, fired.timers_len, fired.timers[0]), (0, 1, 2));
+        assert_eq!(fuseline_shared_next_due(machine.0, ticket, &raw mut due), CStatus::None);
+        assert_eq!(fuseline_shared_end(machine.0), CStatus::Done);
+    }
+    assert_eq!(machine.open(1, 8).0, CStatus::Foreign);
+}
+
+#[test]
+fn wrong_use_of_it_is_told() {
+    let mut storage = Box::new(Storage([0xa5; _]));
+    let (_, machine) = make(&mut storage);
+    let (_, _, ticket) = machine.open(0, 1);
+    let odd = Machine(machine.0.wrapping_byte_add(8));
+    assert_eq!(odd.result(0, ticket, 0).0, CStatus::Alignment);
+    assert_eq!(Machine(machine.0.wrapping_byte_add(64)).result(0, ticket, 0).0, CStatus::Foreign);
+    assert_eq!(Machine(null_mut()).result(0, ticket, 0).0, CStatus::Null);
+    let inside = machine.0.cast::<CAnswer>();
+    let (status, _) = Machine::call(|fired, _| {
+        // SAFETY: an answer in the machine is not written.
+        unsafe { fuseline_shared_result(machine.0, 0, ticket, 0, fired, inside) }
+    });
+    assert_eq!(status, CStatus::Overlap);
+    // A ticket that no open gave names nothing that is open.
+    let wild = CTicket { opaque: [u64::MAX; 3] };
+    let (_, [_, answer]) = machine.result(0, wild, 0);
+    assert_eq!((answer.outcome, answer.why), (COutcome::Dropped, CReason::Superseded));
+    let mut copy = Box::new(Storage([0; _]));
+    copy.0.copy_from_slice(&storage.0);
+    assert_eq!(Machine((&raw mut *copy).cast()).result(0, ticket, 0).0, CStatus::Foreign);
+}
+
+#[test]
+fn of_threads_that_race_exactly_one_is_told_to_forward() {
+    let mut storage = Box::new(Storage([0; _]));
+    let (_, machine) = make(&mut storage);
+    let mut fired_too = 0;
+    for t in 0..2_000 {
+        let (_, answer, ticket) = machine.open(t, t);
+        assert_eq!(answer.outcome, COutcome::Accepted);
+        for p in [1, 2] {
+            assert_eq!(machine.offer(t, ticket, p).1[1].outcome, COutcome::Admitted);
+        }
+        let forwarded = AtomicU32::new(0);
+        std::thread::scope(|scope| {
+            for p in [0, 1, 2] {
+                let forwarded = &forwarded;
+                scope.spawn(move || {
+                    // One of them comes at the due instant: late, and the timers fire before it.
+                    let now = if p == t % 3 { t + 100 } else { t };
+                    let (status, answers) = machine.result(now, ticket, p);
+                    assert_eq!(status, CStatus::Done);
+                    let told = answers.iter().filter(|told| told.outcome == COutcome::Forwarded);
+                    forwarded.fetch_add(told.count() as u32, Ordering::Relaxed);
+                });
+            }
+        });
+        let (_, [fired, _]) = Machine::call(|fired, answer| {
+            // SAFETY: a machine, and places of this test's own.
+            unsafe { fuseline_shared_expire(machine.0, t + 100, ticket, fired, answer) }
+        });
+        fired_too += u32::from(fired.outcome == COutcome::Forwarded);
+        let missed = fired.outcome == COutcome::Missed;
+        let forwarded = forwarded.into_inner() + u32::from(fired.outcome == COutcome::Forwarded);
+        assert!(forwarded == 1 && !missed, "message {t}: {forwarded} forwarded");
+    }
+    assert!(fired_too < 2_000, "the threads forward, not the last tick alone");
+}

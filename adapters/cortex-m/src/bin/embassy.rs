@@ -1,0 +1,118 @@
+//! An image in which the operator of `fuseline-embassy` runs, by a clock that the image moves; it prints its trace.
+#![no_std]
+#![no_main]
+
+use cortex_m as _;
+use cortex_m_rt::entry;
+use cortex_m_semihosting::debug::{EXIT_FAILURE, EXIT_SUCCESS, ExitStatus, exit};
+use embassy_futures::block_on;
+use embassy_futures::select::select;
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_time::{Duration, MockDriver};
+use fuseline_core::{Cloud, Commit, Deadline, Fusion, Instant, Priority, Timestamp};
+use fuseline_cortex_m::console::Console;
+use fuseline_cortex_m::line::Decisions;
+use fuseline_embassy::{Arrival, Told, operate};
+
+use core::fmt::{self, Write};
+
+const CLOUD: Priority = Priority::new(1);
+
+static INBOX: Channel<CriticalSectionRawMutex, Arrival, 8> = Channel::new();
+
+#[entry]
+fn main() -> ! {
+    let Ok(mut fusion) = Fusion::<1, 4>::new(4, Commit::Eager, &[Cloud::new(CLOUD, 31)]) else {
+        end(EXIT_FAILURE)
+    };
+    let mut console = Console::open();
+    let header =
+        r#"{"fuseline":1,"window":4,"commit":"eager","clouds":[{"p":1,"limit":31,"resume":30}]}"#;
+    let mut written = writeln!(console, "{header}");
+    let tell = |at: Instant, told: Told<1>| {
+        written = written.and_then(|()| say(&mut console, at.as_nanos(), &told));
+    };
+    block_on(select(operate(&mut fusion, INBOX.receiver(), tell), messages()));
+    end(if written.is_ok() && fusion.is_empty() { EXIT_SUCCESS } else { EXIT_FAILURE })
+}
+
+/// Five messages: the cloud answers two in time, one too late, fails one, and loses one as local does.
+async fn messages() {
+    for t in (0..5).map(Timestamp::new) {
+        INBOX.send(Arrival::Message(t, Some(Deadline::from_millis(80)))).await;
+        INBOX.send(Arrival::Request(t, CLOUD, Deadline::from_millis(40), 0)).await;
+        pass(10).await;
+        let local = Arrival::Result(t, Priority::LOCAL);
+        match t.as_u64() {
+            4 => pass(80).await,
+            3 => {
+                INBOX.send(Arrival::Failure(t, CLOUD)).await;
+                INBOX.send(local).await;
+            }
+            late => {
+                INBOX.send(local).await;
+                pass(if late == 2 { 60 } else { 10 }).await;
+                INBOX.send(Arrival::Result(t, CLOUD)).await;
+            }
+        }
+        pass(5).await;
+    }
+}
+
+/// Lets the operator take what it was sent, and time go by.
+async fn pass(millis: u64) {
+    for _ in 0..4 {
+        yield_now().await;
+    }
+    for _ in 0..millis {
+        MockDriver::get().advance(Duration::from_millis(1));
+        yield_now().await;
+    }
+}
+
+/// The lines of a trace that what is told makes.
+fn say(out: &mut Console, at: u64, told: &Told<1>) -> fmt::Result {
+    match *told {
+        Told::Took(None) => writeln!(out, r#"{{"ev":"tick","at":{at}}}"#),
+        Told::Took(Some(Arrival::Message(t, limit))) => {
+            let t = t.as_u64();
+            write!(out, r#"{{"ev":"open","at":{at},"t":{t}"#)?;
+            if let Some(limit) = limit {
+                write!(out, r#","deadline":{}"#, limit.as_nanos())?;
+            }
+            out.write_str("}\n")
+        }
+        Told::Took(Some(Arrival::Request(t, p, deadline, backlog))) => {
+            let (t, p, deadline) = (t.as_u64(), p.as_u16(), deadline.as_nanos());
+            write!(out, r#"{{"ev":"offer","at":{at},"t":{t},"p":{p},"deadline":{deadline}"#)?;
+            writeln!(out, r#","backlog":{backlog}}}"#)
+        }
+        Told::Took(Some(Arrival::Result(t, p))) => {
+            writeln!(out, r#"{{"ev":"result","at":{at},"t":{},"p":{}}}"#, t.as_u64(), p.as_u16())
+        }
+        Told::Took(Some(Arrival::Failure(t, p))) => {
+            writeln!(out, r#"{{"ev":"fail","at":{at},"t":{},"p":{}}}"#, t.as_u64(), p.as_u16())
+        }
+        Told::Fired(firing) => Decisions { out, at }.firing(&firing),
+        Told::Opened(t, opening) => Decisions { out, at }.opening(t.as_u64(), opening),
+        Told::Offered(t, p, admission) => {
+            Decisions { out, at }.admission(t.as_u64(), p.as_u16().into(), admission)
+        }
+        Told::Concluded(t, p, outcome) => {
+            Decisions { out, at }.outcome(t.as_u64(), p.as_u16().into(), &outcome)
+        }
+    }
+}
+
+fn end(how: ExitStatus) -> ! {
+    loop {
+        exit(how);
+    }
+}
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    end(EXIT_FAILURE)
+}

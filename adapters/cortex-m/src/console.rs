@@ -1,0 +1,68 @@
+//! Standard input and output of the host that debugs the board.
+
+use core::fmt;
+
+use cortex_m_semihosting::syscall;
+
+/// The longest line of a trace (A38).
+pub const LONGEST: usize = 65_536;
+
+/// The host's console.
+pub struct Console {
+    input: usize,
+    output: usize,
+    buffer: heapless::Vec<u8, { LONGEST + 1 }>,
+    /// So much of the buffer was taken as lines.
+    taken: usize,
+}
+
+impl Console {
+    /// Opens both directions.
+    #[must_use]
+    pub fn open() -> Self {
+        let open = |mode: usize| -> usize {
+            let name = b":tt\0";
+            #[expect(unsafe_code, reason = "asks the host")]
+            // SAFETY: the name ends and is as long as told; the host only reads it.
+            unsafe {
+                syscall!(OPEN, name.as_ptr(), mode, name.len() - 1)
+            }
+        };
+        Self { input: open(0), output: open(4), buffer: heapless::Vec::new(), taken: 0 }
+    }
+
+    /// The next line without its end; none at the end of the input, or if the line is too long.
+    pub fn line(&mut self) -> Option<&[u8]> {
+        self.buffer.rotate_left(self.taken);
+        self.buffer.truncate(self.buffer.len() - self.taken);
+        self.taken = 0;
+        loop {
+            if let Some(end) = self.buffer.iter().position(|byte| *byte == b'\n') {
+                self.taken = end + 1;
+                return Some(&self.buffer[..end]);
+            }
+            self.read_some()?;
+        }
+    }
+
+    /// Waits for more of the input.
+    fn read_some(&mut self) -> Option<()> {
+        let mut place = [0_u8; 1024];
+        let room = place.len().min(self.buffer.capacity() - self.buffer.len());
+        #[expect(unsafe_code, reason = "asks the host")]
+        // SAFETY: the host writes at most `room` bytes, which are there.
+        let left = unsafe { syscall!(READ, self.input, place.as_mut_ptr(), room) };
+        let got = place.get(..room.checked_sub(left)?)?;
+        self.buffer.extend_from_slice(got).ok()?;
+        (!got.is_empty()).then_some(())
+    }
+}
+
+impl fmt::Write for Console {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        #[expect(unsafe_code, reason = "asks the host")]
+        // SAFETY: the host reads the text, which is as long as told.
+        let left = unsafe { syscall!(WRITE, self.output, text.as_ptr(), text.len()) };
+        if left == 0 { Ok(()) } else { Err(fmt::Error) }
+    }
+}

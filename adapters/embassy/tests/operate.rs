@@ -1,0 +1,119 @@
+//! The operator on the host, by a clock that the test moves: what it tells makes a trace, and the strict judge finds
+//! nothing in it.
+
+use embassy_futures::block_on;
+use embassy_futures::select::select;
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_time::{Duration, MockDriver};
+use fuseline_arbiter::{Answer, decisions_of};
+use fuseline_core::{Cloud, Commit, Deadline, Fusion, Priority, Timestamp};
+use fuseline_embassy::{Arrival, Told, operate};
+use fuseline_traces::{Decision, Input, judge};
+
+const HEADER: &str = r#"{"fuseline":1,"window":4,"commit":"eager","clouds":[{"p":1,"limit":31}]}"#;
+const CLOUD: Priority = Priority::new(1);
+
+/// What the operator was told to have come, as the trace has it.
+fn input(at: u64, arrival: Option<Arrival>) -> Input {
+    let number = |p: Priority| u64::from(p.as_u16());
+    match arrival {
+        None => Input::Tick { at },
+        Some(Arrival::Message(t, limit)) => {
+            Input::Open { at, t: t.as_u64(), deadline: limit.map(Deadline::as_nanos) }
+        }
+        Some(Arrival::Request(t, p, deadline, backlog)) => {
+            let deadline = deadline.as_nanos();
+            Input::Offer { at, t: t.as_u64(), p: number(p), deadline, backlog }
+        }
+        Some(Arrival::Result(t, p)) => Input::Result { at, t: t.as_u64(), p: number(p) },
+        Some(Arrival::Failure(t, p)) => Input::Fail { at, t: t.as_u64(), p: number(p) },
+    }
+}
+
+/// The lines that what is told makes, at its end.
+fn record(trace: &mut Vec<u8>, at: u64, told: &Told<1>) {
+    let mut lines = Vec::new();
+    let mut decide = |decision: Decision| lines.push(decision);
+    match *told {
+        Told::Took(arrival) => {
+            input(at, arrival).write(trace);
+            trace.push(b'\n');
+        }
+        Told::Fired(firing) => decisions_of(at, &firing, decide),
+        Told::Opened(t, opening) => {
+            Answer::<1>::Open { t: t.as_u64(), opening }.decisions(at, &mut decide);
+        }
+        Told::Offered(t, p, admission) => {
+            let (t, p) = (t.as_u64(), p.as_u16().into());
+            Answer::<1>::Offer { t, p, admission }.decisions(at, &mut decide);
+        }
+        Told::Concluded(t, p, outcome) => {
+            let (t, p) = (t.as_u64(), p.as_u16().into());
+            Answer::Result { t, p, outcome }.decisions(at, &mut decide);
+        }
+    }
+    for line in lines {
+        line.write(trace);
+        trace.push(b'\n');
+    }
+}
+
+/// Lets the operator take what it was sent, and time go by.
+async fn pass(millis: u64) {
+    for _ in 0..4 {
+        yield_now().await;
+    }
+    for _ in 0..millis {
+        MockDriver::get().advance(Duration::from_millis(1));
+        yield_now().await;
+    }
+}
+
+#[test]
+fn five_messages_leave_and_the_judge_finds_nothing() {
+    let inbox = Channel::<NoopRawMutex, Arrival, 8>::new();
+    let clouds = [Cloud::new(CLOUD, 31)];
+    let mut fusion = Fusion::<1, 4>::new(4, Commit::Eager, &clouds).expect("a configuration");
+    let mut trace = format!("{HEADER}\n").into_bytes();
+    let script = async {
+        for t in (0..5).map(Timestamp::new) {
+            inbox.send(Arrival::Message(t, Some(Deadline::from_millis(80)))).await;
+            inbox.send(Arrival::Request(t, CLOUD, Deadline::from_millis(40), 0)).await;
+            pass(10).await;
+            match t.as_u64() {
+                // Neither answers: missed at the deadline of local.
+                4 => pass(80).await,
+                // The cloud's call fails, local's result comes after.
+                3 => {
+                    inbox.send(Arrival::Failure(t, CLOUD)).await;
+                    inbox.send(Arrival::Result(t, Priority::LOCAL)).await;
+                }
+                // Local's is held until the timer of the cloud fires, whose result comes too late.
+                2 => {
+                    inbox.send(Arrival::Result(t, Priority::LOCAL)).await;
+                    pass(60).await;
+                    inbox.send(Arrival::Result(t, CLOUD)).await;
+                }
+                _ => {
+                    inbox.send(Arrival::Result(t, Priority::LOCAL)).await;
+                    pass(10).await;
+                    inbox.send(Arrival::Result(t, CLOUD)).await;
+                }
+            }
+            pass(5).await;
+        }
+    };
+    let told = |at: fuseline_core::Instant, told: Told<1>| record(&mut trace, at.as_nanos(), &told);
+    block_on(select(operate(&mut fusion, inbox.receiver(), told), script));
+
+    let verdict = judge("operate", trace.as_slice()).expect("a trace");
+    let text = String::from_utf8(trace).expect("UTF-8");
+    assert!(verdict.conforms && verdict.judged == 5, "{verdict:?}\n{text}");
+    let count = |ev: &str| text.matches(&format!(r#""ev":"{ev}""#)).count();
+    assert_eq!((count("emit"), count("miss"), count("timer")), (4, 1, 3), "{text}");
+    // A tick at the due instant itself, not before it nor later.
+    assert!(text.contains(r#"{"ev":"tick","at":"#), "{text}");
+    assert_eq!(fusion.len(), 0);
+}

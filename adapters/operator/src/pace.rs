@@ -1,0 +1,178 @@
+//! Whether a configuration can keep up with what comes.
+
+use std::fmt;
+use std::time::Duration;
+
+/// What an operator is to keep up with.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Pace {
+    /// Messages a second.
+    pub rate: f64,
+    /// The longest deadline that clouds may get: the cap of their policies.
+    pub longest_deadline: Duration,
+    /// How long a local computation takes at most.
+    pub local_response: Duration,
+}
+
+/// What keeps a configuration from keeping up, and what to do about it.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Shortfall {
+    /// The rate is no number above 0.
+    Rate(f64),
+    /// The window is too small for the messages that are open at once: some would be refused, for
+    /// which no deadline is safe.
+    Window {
+        /// What is to be kept up with.
+        pace: Pace,
+        /// The window.
+        has: usize,
+        /// What it should be.
+        needs: usize,
+    },
+    /// A cloud may have too few calls under way at once: requests would wait, which looks as if it were
+    /// slow.
+    Calls {
+        /// What is to be kept up with.
+        pace: Pace,
+        /// The cloud's name.
+        cloud: String,
+        /// How many it may have.
+        has: usize,
+        /// How many it should.
+        needs: usize,
+    },
+    /// Local can compute too few messages at once: more and more would wait.
+    Workers {
+        /// What is to be kept up with.
+        pace: Pace,
+        /// How many it can.
+        has: usize,
+        /// How many it should.
+        needs: usize,
+    },
+}
+
+/// All that keeps a configuration from keeping up; at least one.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Shortfalls(pub Vec<Shortfall>);
+
+/// How much later than due an output may leave, in seconds: timers are of 1 ms, on busy machines more.
+const LATENESS: f64 = 0.005;
+
+impl Pace {
+    /// Whether a window, so many local computations at once and each cloud's calls, by name, suffice.
+    ///
+    /// # Errors
+    /// With all that does not.
+    pub fn check<'a>(
+        &self,
+        window: usize,
+        workers: usize,
+        clouds: impl IntoIterator<Item = (&'a str, usize)>,
+    ) -> Result<(), Shortfalls> {
+        let pace = *self;
+        if !(pace.rate > 0.0 && pace.rate.is_finite()) {
+            return Err(Shortfalls(vec![Shortfall::Rate(pace.rate)]));
+        }
+        let mut all = Vec::new();
+        let open = pace.longest_deadline.max(pace.local_response).as_secs_f64() + LATENESS;
+        // The one that comes as the oldest is due, and the one after.
+        let needs = whole((open * pace.rate).ceil()).saturating_add(2);
+        if window < needs {
+            all.push(Shortfall::Window { pace, has: window, needs });
+        }
+        let needs = at_once(pace.rate, pace.longest_deadline);
+        for (cloud, has) in clouds {
+            if has.max(1) < needs {
+                let cloud = cloud.to_owned();
+                all.push(Shortfall::Calls { pace, cloud, has: has.max(1), needs });
+            }
+        }
+        let needs = at_once(pace.rate, pace.local_response);
+        if workers.max(1) < needs {
+            all.push(Shortfall::Workers { pace, has: workers.max(1), needs });
+        }
+        if all.is_empty() { Ok(()) } else { Err(Shortfalls(all)) }
+    }
+}
+
+impl fmt::Display for Shortfall {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Rate(rate) => {
+                write!(f, "{rate} messages a second are no pace; give a number above 0")
+            }
+            Self::Window { pace, has, needs } => {
+                let longest = pace.longest_deadline.max(pace.local_response).as_secs_f64();
+                write!(
+                    f,
+                    "a window of {has} for {} messages a second that are open for up to {longest} s: \
+                     give {needs}",
+                    pace.rate
+                )?;
+                if *needs > 1024 {
+                    f.write_str(" (1024 is the most there is)")?;
+                }
+                let cap = (number(has.saturating_sub(2)) / pace.rate - LATENESS).max(0.0);
+                let local = pace.local_response.as_secs_f64();
+                if cap >= local {
+                    write!(f, ", or cap deadlines at {cap:.3} s")
+                } else {
+                    write!(f, "; no deadline is short enough, for local takes {local} s")
+                }
+            }
+            Self::Calls { pace, cloud, has, needs } => {
+                let longest = pace.longest_deadline.as_secs_f64();
+                let cap = number(*has) / pace.rate - 0.001;
+                write!(
+                    f,
+                    "{has} calls at once to {cloud} for {} a second that take up to {longest} s: \
+                     give {needs}, or cap deadlines at {:.3} s",
+                    pace.rate,
+                    cap.max(0.0)
+                )
+            }
+            Self::Workers { pace, has, needs } => {
+                let local = pace.local_response.as_secs_f64();
+                write!(
+                    f,
+                    "{has} local computations at once for {} a second that take {local} s: give \
+                     {needs}, or send at most {:.1} messages a second",
+                    pace.rate,
+                    number(*has) / local
+                )
+            }
+        }
+    }
+}
+
+impl fmt::Display for Shortfalls {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, shortfall) in self.0.iter().enumerate() {
+            let comma = if place > 0 { "; " } else { "" };
+            write!(f, "{comma}{shortfall}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Shortfalls {}
+
+/// How many of what takes so long are under way at once, with one to spare at the seam.
+fn at_once(rate: f64, takes: Duration) -> usize {
+    whole((rate * takes.as_secs_f64()).floor()).saturating_add(1)
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the cast saturates, which is what is wanted of what is too great"
+)]
+const fn whole(number: f64) -> usize {
+    number as usize
+}
+
+#[expect(clippy::cast_precision_loss, reason = "for words")]
+const fn number(count: usize) -> f64 {
+    count as f64
+}

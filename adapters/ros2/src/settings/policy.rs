@@ -1,0 +1,213 @@
+//! How deadlines are chosen.
+
+use std::time::Duration;
+
+use fuseline_deadline::{Accuracy, Expected, Guard, Hazard, Impact, Invalid, Parameters, Span};
+use fuseline_operator::{Pace, Policy, Shortfalls};
+
+use crate::parameters::Value;
+use crate::settings::reader::{Placed, Reader};
+use crate::settings::{FLOAT64, Role, Settings, SettingsError, seconds};
+
+/// Messages with the vehicle's twist.
+const ODOMETRY: &str = "nav_msgs/msg/Odometry";
+
+/// How the deadline of each request is chosen, up to the one that it would have without a policy.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Deadlines {
+    /// What chooses it.
+    pub kind: PolicyKind,
+    /// The vehicle and its sources, for guard and impact.
+    pub parameters: Parameters,
+    /// What an output is worth.
+    pub accuracy: Accuracy,
+    /// One message in so many looks how long a cloud takes.
+    pub probe_every: u32,
+    /// Where the speed comes from, if it does.
+    pub speed: Option<SpeedTopic>,
+    /// Messages a second, if that is known.
+    pub rate: Option<f64>,
+}
+
+/// What chooses deadlines.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum PolicyKind {
+    /// Nothing: they are as they are set.
+    Set,
+    /// The longest that is safe.
+    Guard,
+    /// What costs least by accuracy and time.
+    Expected,
+    /// What costs least by impacts, and is safe.
+    Guarded,
+}
+
+/// Where the speed comes from.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct SpeedTopic {
+    /// The topic.
+    pub topic: String,
+    /// `nav_msgs/msg/Odometry` or `std_msgs/msg/Float64`.
+    pub type_name: String,
+    /// How long a speed is believed.
+    pub age: Duration,
+}
+
+impl Deadlines {
+    /// A policy for one cloud; none if deadlines are as they are set.
+    ///
+    /// # Errors
+    /// If the figures make none.
+    pub fn policy(&self) -> Result<Option<Box<dyn Policy + Send>>, Invalid> {
+        let local = self.parameters.local_response;
+        let every = Some(self.probe_every);
+        Ok(match self.kind {
+            PolicyKind::Set => None,
+            PolicyKind::Guard => Some(Box::new(Guard::new(self.parameters)?)),
+            PolicyKind::Expected => {
+                Some(Box::new(Expected::<_>::new(self.accuracy, local, every)?))
+            }
+            PolicyKind::Guarded => {
+                let guard = Guard::new(self.parameters)?;
+                Some(Box::new(guard.caps(Expected::<_>::new(Impact::from(&guard), local, every)?)))
+            }
+        })
+    }
+}
+
+impl Settings {
+    /// Whether the node can keep up, as far as the rate of messages is known and a policy is to work.
+    ///
+    /// # Errors
+    /// With all that falls short.
+    pub fn keep_pace(&self) -> Result<(), Shortfalls> {
+        let Deadlines { kind, parameters, rate, .. } = &self.deadlines;
+        let (Some(rate), true) = (*rate, *kind != PolicyKind::Set) else { return Ok(()) };
+        let clouds = || self.clouds.iter();
+        let longest = clouds().map(|cloud| cloud.deadline.unwrap_or(self.deadline)).max();
+        let local_response = Duration::from_secs_f64(parameters.local_response.greatest);
+        let pace = Pace { rate, longest_deadline: longest.unwrap_or_default(), local_response };
+        let calls = clouds().map(|cloud| (cloud.name.as_str(), cloud.in_flight.into()));
+        pace.check(self.window.into(), self.local.in_flight.into(), calls)
+    }
+}
+
+/// Reads the parameters of policies.
+pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
+    let Placed { value: kind, place } = r.read(
+        "policy",
+        Value::String("set".to_owned()),
+        "What chooses deadlines, up to the one that is set",
+        "set, guard, expected or guarded",
+        |value| match value {
+            Value::String(kind) => match kind.as_str() {
+                "set" => Some(PolicyKind::Set),
+                "guard" => Some(PolicyKind::Guard),
+                "expected" => Some(PolicyKind::Expected),
+                "guarded" => Some(PolicyKind::Guarded),
+                _ => None,
+            },
+            _ => None,
+        },
+    )?;
+    let rate = r.read(
+        "policy.rate",
+        Value::Double(0.0),
+        "How many messages come a second; 0 if that is not known",
+        "a number above 0, or 0",
+        |value| value.number().filter(|rate| rate.is_finite() && *rate >= 0.0),
+    )?;
+    let rate = Some(rate.value).filter(|rate| *rate > 0.0);
+    let usual = Parameters::default();
+    let period = rate.map_or(usual.period_local, |rate| Span::exactly(1.0 / rate));
+    let about = "How long local takes at least and at most, in seconds";
+    let local_response = span(r, "policy.local_response", usual.local_response, about)?;
+    let mut figure =
+        |name: &str, default: f64, about| figure(r, &format!("policy.{name}"), default, about);
+    let deceleration = figure("deceleration", 7.5, "Full braking, in m/s²")?;
+    let brake_delay = figure("brake_delay", 0.1, "Until the brakes bite, in seconds")?;
+    let margin = figure("margin", 2.0, "What is to be left in front of an obstacle, in metres")?;
+    let lateness = figure("lateness", 0.005, "How late an output may leave, in seconds")?;
+    let range_local = figure("range_local", 39.0, "How far local sees, in metres")?;
+    let range_cloud = figure("range_cloud", 57.0, "How far clouds see, in metres")?;
+    let accuracy = Accuracy {
+        local: figure("accuracy_local", 42.0, "Local's accuracy")?,
+        cloud: figure("accuracy_cloud", 58.0, "The clouds' accuracy")?,
+        price_per_ms: figure("price_per_ms", 0.01, "What a millisecond costs, in accuracy")?,
+    };
+    let about = "One message in so many looks how long a cloud takes";
+    let probe_every = r.integer("policy.probe_every", 1..=64, 16, about)?.value;
+    let parameters = Parameters {
+        deceleration: deceleration.into(),
+        brake_delay: brake_delay.into(),
+        period_local: period,
+        period_cloud: period,
+        local_response,
+        lateness,
+        margin,
+        classes: Hazard {
+            weight: 1.0,
+            range_local: range_local.into(),
+            range_cloud: range_cloud.into(),
+        }
+        .into(),
+        ..usual
+    };
+    let speed = speed(r)?;
+    let deadlines = Deadlines { kind, parameters, accuracy, probe_every, speed, rate };
+    match deadlines.policy() {
+        Ok(_) => Ok(deadlines),
+        Err(why) => Err(SettingsError::Policy { place, why }),
+    }
+}
+
+fn figure(
+    r: &mut Reader,
+    name: &str,
+    default: f64,
+    about: &'static str,
+) -> Result<f64, SettingsError> {
+    let expected = "a number of at least 0";
+    let figure = r.read(name, Value::Double(default), about, expected, |value| {
+        value.number().filter(|number| number.is_finite() && *number >= 0.0)
+    });
+    figure.map(|figure| figure.value)
+}
+
+/// A figure and the greatest that it may be: `<name>` and `<name>_most`.
+fn span(
+    r: &mut Reader,
+    name: &str,
+    default: Span,
+    about: &'static str,
+) -> Result<Span, SettingsError> {
+    let least = figure(r, name, default.least, about)?;
+    Ok(Span::new(least, figure(r, &format!("{name}_most"), least, about)?))
+}
+
+fn speed(r: &mut Reader) -> Result<Option<SpeedTopic>, SettingsError> {
+    let type_name = r.read(
+        "policy.speed_type",
+        Value::String(ODOMETRY.to_owned()),
+        "The type of what tells the speed",
+        "nav_msgs/msg/Odometry or std_msgs/msg/Float64",
+        |value| match value {
+            Value::String(name) if [ODOMETRY, FLOAT64].contains(&name.as_str()) => {
+                Some(name.clone())
+            }
+            _ => None,
+        },
+    )?;
+    let type_name = type_name.value;
+    let about = "The topic that tells the speed, in m/s; empty for none";
+    let topic = r.topic("policy.speed_topic", "", about, &type_name, Role::Subscription)?;
+    let about = "How long a speed is believed, in seconds";
+    let age = r.read(
+        "policy.speed_age",
+        Value::Double(0.5),
+        about,
+        seconds::SECONDS,
+        seconds::seconds_of,
+    )?;
+    Ok(Some(SpeedTopic { topic, type_name, age: age.value }).filter(|it| !it.topic.is_empty()))
+}

@@ -1,0 +1,52 @@
+//! State that the parts of an operator share.
+
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// State that local, handlers and asides have in common; clones share it.
+///
+/// ```
+/// # use fuseline_tokio::Common;
+/// let plans = Common::new(Vec::new());
+/// let cached = plans.clone(); // one for each closure
+/// cached.with(|plans| plans.push("swerve left"));
+/// assert_eq!(plans.with(|plans| plans.len()), 1);
+/// ```
+pub struct Common<T>(Arc<Mutex<T>>);
+
+impl<T> Common<T> {
+    /// State that begins so.
+    #[must_use]
+    pub fn new(state: T) -> Self {
+        Self(Arc::new(Mutex::new(state)))
+    }
+
+    /// Looks at the state or changes it, while nobody else does.
+    ///
+    /// Others wait meanwhile, the operator among them if its message handlers use it: take out what is
+    /// needed and compute elsewhere. What panics in here leaves the state as it is then, for the next.
+    ///
+    /// It must not be called within itself: that would wait for ever.
+    pub fn with<R>(&self, use_it: impl FnOnce(&mut T) -> R) -> R {
+        use_it(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl<T> Clone for Common<T> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<T: Default> Default for Common<T> {
+    fn default() -> Self {
+        Self::new(T::default())
+    }
+}
+
+/// Without a look inside, which might wait.
+impl<T> fmt::Debug for Common<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Common(…)")
+    }
+}

@@ -1,0 +1,242 @@
+//! The calls under way, and local's async computations.
+
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll, Wake, Waker};
+
+use futures_util::future::BoxFuture;
+use rustc_hash::FxHashMap;
+use tokio::runtime::{Handle, RuntimeFlavor};
+use tokio::sync::mpsc;
+use tokio::task::AbortHandle;
+use tracing::{Instrument, Span, debug_span};
+
+use crate::Error;
+use crate::drive::Word;
+use crate::drive::bell::Ring;
+use crate::panics::{guarded, panicked};
+
+type Call<V> = BoxFuture<'static, Result<V, Error>>;
+/// Priority and timestamp.
+type Key = (u16, u64);
+
+/// The calls under way, aborted when this is dropped; local's computations never are (F7).
+///
+/// On a runtime of several threads each runs in a task of its own, so that what it computes holds up
+/// nobody. On a runtime of one thread that would hold everybody up all the same: there they run within
+/// the driver, which costs half.
+pub(super) enum Calls<V: Send + 'static> {
+    Tasks {
+        words: mpsc::UnboundedReceiver<Word<V>>,
+        sender: mpsc::UnboundedSender<Word<V>>,
+        under_way: FxHashMap<Key, AbortHandle>,
+    },
+    Here(Here<V>),
+}
+
+/// Calls that run within the driver's task.
+pub(super) struct Here<V> {
+    places: Vec<Place<V>>,
+    free: Vec<usize>,
+    under_way: FxHashMap<Key, usize>,
+    /// Whose turn it is, in the order in which they were woken.
+    turns: VecDeque<usize>,
+    woken: Arc<Woken>,
+}
+
+/// Room for a call, with a waker that serves all calls that ever have it.
+struct Place<V> {
+    call: Option<Running<V>>,
+    alarm: Arc<Alarm>,
+    waker: Waker,
+}
+
+struct Running<V> {
+    key: Key,
+    call: Call<V>,
+    span: Span,
+}
+
+/// Wakes the driver for the call in one place.
+struct Alarm {
+    woken: Arc<Woken>,
+    place: usize,
+    /// Whether it is among the woken already.
+    is_woken: AtomicBool,
+}
+
+/// The places that were woken since the driver looked.
+struct Woken {
+    places: Mutex<Vec<usize>>,
+    ring: Arc<Ring>,
+}
+
+impl<V: Send + 'static> Calls<V> {
+    /// None under way, on the current runtime; `ring` is for what is woken.
+    pub(super) fn new(ring: Arc<Ring>) -> Self {
+        let flavor = Handle::try_current().map(|runtime| runtime.runtime_flavor());
+        if matches!(flavor, Ok(RuntimeFlavor::CurrentThread)) {
+            return Self::Here(Here {
+                places: Vec::new(),
+                free: Vec::new(),
+                under_way: FxHashMap::default(),
+                turns: VecDeque::new(),
+                woken: Arc::new(Woken { places: Mutex::default(), ring }),
+            });
+        }
+        let (sender, words) = mpsc::unbounded_channel();
+        Self::Tasks { words, sender, under_way: FxHashMap::default() }
+    }
+
+    pub(super) fn begin(&mut self, priority: u16, timestamp: u64, call: Call<V>) {
+        let span = debug_span!("call", priority, timestamp);
+        match self {
+            Self::Here(here) => here.begin(Running { key: (priority, timestamp), call, span }),
+            Self::Tasks { sender, under_way, .. } => {
+                let words = sender.clone();
+                let task = async move {
+                    let result = guarded(call).await;
+                    // Nobody waits for it once the driver has ended.
+                    drop(words.send(Word { priority, timestamp, result }));
+                };
+                let task = tokio::spawn(task.instrument(span));
+                // F7: local is never aborted.
+                if priority > 0 {
+                    under_way.insert((priority, timestamp), task.abort_handle());
+                }
+            }
+        }
+    }
+
+    /// Drops the call's future, if it is under way.
+    pub(super) fn abort(&mut self, priority: u16, timestamp: u64) {
+        match self {
+            Self::Tasks { under_way, .. } => {
+                if let Some(call) = under_way.remove(&(priority, timestamp)) {
+                    call.abort();
+                }
+            }
+            Self::Here(here) => {
+                if let Some(place) = here.under_way.remove(&(priority, timestamp)) {
+                    here.clear(place);
+                }
+            }
+        }
+    }
+
+    /// The next end of a call.
+    pub(super) fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Word<V>> {
+        match self {
+            Self::Tasks { words, under_way, .. } => match words.poll_recv(context) {
+                Poll::Ready(Some(word)) => {
+                    under_way.remove(&(word.priority, word.timestamp));
+                    Poll::Ready(word)
+                }
+                // There is a sender here: the channel does not end.
+                Poll::Ready(None) | Poll::Pending => Poll::Pending,
+            },
+            Self::Here(here) => here.poll_word(context),
+        }
+    }
+}
+
+impl<V> Here<V> {
+    fn begin(&mut self, running: Running<V>) {
+        let place = self.free.pop().unwrap_or_else(|| {
+            let (place, woken) = (self.places.len(), Arc::clone(&self.woken));
+            let alarm = Arc::new(Alarm { woken, place, is_woken: AtomicBool::new(false) });
+            let waker = Waker::from(Arc::clone(&alarm));
+            self.places.push(Place { call: None, alarm, waker });
+            place
+        });
+        if running.key.0 > 0 {
+            self.under_way.insert(running.key, place);
+        }
+        self.places[place].call = Some(running);
+        // The driver looks before it sleeps.
+        self.turns.push_back(place);
+    }
+
+    fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Word<V>> {
+        let mut woken = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
+        self.turns.extend(woken.drain(..));
+        drop(woken);
+        // What wakes itself again and again waits until others had their turns.
+        for _ in 0..self.turns.len() {
+            if let Some(place) = self.turns.pop_front()
+                && let Some(word) = self.poll_place(place)
+            {
+                return Poll::Ready(word);
+            }
+        }
+        if !self.turns.is_empty() {
+            context.waker().wake_by_ref();
+        }
+        Poll::Pending
+    }
+
+    /// Lets the call in this place go on, if there is one: a waker may outlive its call.
+    fn poll_place(&mut self, place: usize) -> Option<Word<V>> {
+        let Place { call, alarm, waker } = &mut self.places[place];
+        alarm.is_woken.store(false, Ordering::Release);
+        let Running { key, call, span } = call.as_mut()?;
+        let entered = span.enter();
+        let mut context = Context::from_waker(waker);
+        let polled = catch_unwind(AssertUnwindSafe(|| call.as_mut().poll(&mut context)));
+        drop(entered);
+        let result = match polled {
+            Ok(Poll::Pending) => return None,
+            Ok(Poll::Ready(result)) => result,
+            Err(panic) => Err(panicked(&*panic)),
+        };
+        let (priority, timestamp) = *key;
+        self.under_way.remove(&(priority, timestamp));
+        self.clear(place);
+        Some(Word { priority, timestamp, result })
+    }
+
+    /// F7: local's computations go on in tasks of their own, if the runtime does.
+    fn release(&mut self)
+    where
+        V: Send + 'static,
+    {
+        let Ok(runtime) = Handle::try_current() else { return };
+        let running = self.places.iter_mut().filter_map(|place| place.call.take());
+        for Running { call, span, .. } in running.filter(|running| running.key.0 == 0) {
+            runtime.spawn(guarded(call).instrument(span));
+        }
+    }
+
+    fn clear(&mut self, place: usize) {
+        let call = self.places[place].call.take();
+        self.free.push(place);
+        // What a future does when it is dropped is its own affair.
+        drop(catch_unwind(AssertUnwindSafe(|| drop(call))));
+    }
+}
+
+impl<V: Send + 'static> Drop for Calls<V> {
+    fn drop(&mut self) {
+        match self {
+            Self::Tasks { under_way, .. } => under_way.values().for_each(AbortHandle::abort),
+            Self::Here(here) => here.release(),
+        }
+    }
+}
+
+impl Wake for Alarm {
+    fn wake(self: Arc<Self>) {
+        self.wake_by_ref();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        if !self.is_woken.swap(true, Ordering::AcqRel) {
+            let mut places = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
+            places.push(self.place);
+            drop(places);
+            self.woken.ring.wake_by_ref();
+        }
+    }
+}
