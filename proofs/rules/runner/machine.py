@@ -71,9 +71,12 @@ class Machine:
         told = []
         self._come(input={(): "a-tick"}, now={(): int(now)})
         self._step()
-        while self._find_firing():
+        # Each firing takes a timer, or it would go on for ever (P7).
+        left = sum(self._state["armed"].values())
+        while left >= 0 and self._find_firing():
             told.append(self._fired())
             self._step()
+            left -= 1
         if not self._world.call("at-rest", self._state):
             told.append("not at rest")
         if come:
