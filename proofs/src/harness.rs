@@ -19,7 +19,7 @@ macro_rules! named {
 pub const ALL: &[Named] = named! {
     fusion: f5_expire_by_the_rule f5_firing_is_settled f1_open_by_the_rule f2_offer_and_its_due
         p2_never_late_by_the_clock f4_fail_has_its_outcome p7_retired_by_the_latest_due
-        p12_retired_by_local_and_the_requests
+        p12_retired_by_the_last_request p12_retired_by_local_at_last
         p10_lateness_decides_nothing p10_two_firings_are_two_calls;
     gate: f2g_gate p10_order_of_clouds;
     sequence: p1_once_from_the_empty_machine p9_two_from_the_empty_machine;

@@ -308,6 +308,49 @@ async fn a_reader_that_lags_holds_back_new_messages_and_loses_none() {
     assert_eq!(camera.await.unwrap(), Ok(8));
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn on_several_threads_a_call_that_blocks_its_own_holds_up_no_message() {
+    let (release, blocked) = std::sync::mpsc::channel::<()>();
+    let blocked = Arc::new(Mutex::new(Some(blocked)));
+    let dropped = Arc::new(Mutex::new(Vec::new()));
+    let seen = Arc::clone(&dropped);
+    let operator = Made(move |setup: &mut Setup<u64, String>| {
+        let start = Instant::now();
+        let handle = move |t: u64, _| {
+            let blocked = blocked.lock().unwrap().take();
+            let guard = Dropped(Arc::clone(&dropped), 1, start);
+            async move {
+                let _guard = guard;
+                match (blocked, t) {
+                    (Some(blocked), _) => blocked.recv().unwrap_err(),
+                    (None, 1) => panic!("as told"),
+                    (None, 2) => return Ok("cloud".into()),
+                    (None, _) => pending().await,
+                };
+                Err("it was let go".into())
+            }
+        };
+        setup.use_cloud(handle, |_, t| Some((t, 30 * MS)), Ok, 1);
+        Local::future(|_, t| async move { Ok(format!("local's of {t}")) })
+    });
+    let (mut camera, frames) = stream(8);
+    let (running, mut output) = spawn(operator, Config::default(), frames).unwrap();
+    let mut values = Vec::new();
+    for frame in 0..4 {
+        camera.write(frame).unwrap();
+        let item = output.read().await.unwrap();
+        let forwarded = item.forwarded().unwrap();
+        values.push(forwarded.value.clone());
+    }
+    assert_eq!(values, ["local's of 0", "local's of 1", "cloud", "local's of 3"]);
+    drop((camera, release));
+    assert_eq!(running.join().await.unwrap().forwarded(), 4);
+    // The last call was dropped when its timer fired, the first ended by itself.
+    while seen.lock().unwrap().len() < 4 {
+        tokio::task::yield_now().await;
+    }
+}
+
 #[tokio::test(start_paused = true)]
 async fn an_operator_ends_when_its_last_items_are_read_long_after_they_were_decided() {
     let (mut camera, frames) = stream(8);

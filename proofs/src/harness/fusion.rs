@@ -365,63 +365,79 @@ pub fn p7_retired_by_the_latest_due() {
     kani::cover!(ready && fusion.now >= latest, "local may take its time");
 }
 
-/// P12: by the greatest of local's arrival and the due instants of the requests admitted for it a timestamp is retired, whether
-/// time comes to the last of these after local arrived, or local arrives after it.
+/// Whether every armed request is due by then. The deadline of local counts for nothing.
+fn asked_by<const CLOUDS: usize>(entry: &Entry<CLOUDS>, latest: Instant) -> bool {
+    let armed = entry.slot.armed().bits();
+    let mut bounded = true;
+    for (i, due) in entry.dues.iter().enumerate() {
+        bounded &= armed >> (i + 1) & 1 == 0 || *due <= latest;
+    }
+    bounded
+}
+
+/// P12: once local arrived, a timestamp is retired by the latest due instant of the requests admitted for it, forwarded if
+/// local's result was accepted.
 ///
-/// The rank is the number of armed timers of requests, as for P7. When the machine takes inputs at the latest or after it, local
-/// has not arrived, and its result or failure retires the timestamp.
+/// The rank is the number of armed timers, as for P7: each firing lowers it or retires the timestamp, and when the machine takes
+/// inputs at the latest or after it, local has not arrived.
 ///
 /// Bounds: window of 1, 8 clouds.
 #[kani::proof]
 #[kani::unwind(11)]
-pub fn p12_retired_by_local_and_the_requests() {
+pub fn p12_retired_by_the_last_request() {
     let mut fusion = any_single::<CLOUDS>();
     let entry = fusion.open.entries[0];
-    let timestamp = fusion.open.nodes[0].timestamp;
     // The latest due instant of a request ever admitted: at least those armed now.
     let latest = any_instant();
-    let bounded = |entry: &Entry<CLOUDS>| {
-        let armed = entry.slot.armed().bits();
-        let mut bounded = true;
-        for (i, due) in entry.dues.iter().enumerate() {
-            bounded &= armed >> (i + 1) & 1 == 0 || *due <= latest;
-        }
-        bounded
-    };
-    kani::assume(bounded(&entry));
+    kani::assume(asked_by(&entry, latest));
+    let armed = entry.slot.armed();
     let arrived = !entry.slot.pending().contains(Source::LOCAL);
     let has = entry.slot.cached().contains(Source::LOCAL);
-    let armed = entry.slot.armed();
     let fired = match told::at(&mut fusion, any_instant()) {
         At::Fired(firing) => Some(firing.outcome),
         At::Ready(_) => None,
     };
-    let passed = fusion.now >= latest;
-    let mut outcome = None;
+    let after = &fusion.open.entries[0];
     if let Some(outcome) = fired {
-        let left = fusion.open.entries[0].slot.armed();
-        let fewer = armed.contains_all(left) && left != armed && bounded(&fusion.open.entries[0]);
+        let left = after.slot.armed();
+        let fewer = armed.contains_all(left) && left != armed && asked_by(after, latest);
         let goes = matches!(outcome, Outcome::Forwarded { .. });
         kani::assert(fusion.is_empty() || fewer, "P12 bounded wait: each firing lowers the rank");
         let kept = !fusion.is_empty() || !has || goes;
         kani::assert(kept, "P12 bounded wait: local's result is forwarded");
     } else {
+        let passed = fusion.now >= latest;
         kani::assert(!passed || !arrived, "P12 bounded wait: by the latest it is retired");
-        let is_result: bool = kani::any();
-        let end = if is_result {
-            told::result(&mut fusion, timestamp, Priority::LOCAL)
-        } else {
-            told::fail(&mut fusion, timestamp, Priority::LOCAL)
-        };
-        kani::assert(!passed || fusion.is_empty(), "P12 bounded wait: local's arrival retires it");
-        let goes = matches!(end, Outcome::Forwarded { .. });
-        kani::assert(!passed || !is_result || goes, "P12 bounded wait: its result is forwarded");
-        outcome = Some(end);
     }
     kani::cover!(fired.is_some() && arrived && fusion.is_empty(), "the last request retires it");
     kani::cover!(fired.is_some() && arrived && !fusion.is_empty(), "a request is still awaited");
-    kani::cover!(passed && outcome == Some(Outcome::Missed), "local fails last, and it is missed");
-    kani::cover!(!passed && outcome == Some(Outcome::Held), "local comes first and is held");
+    kani::cover!(fired.is_none() && fusion.now >= latest, "local may take its time");
+}
+
+/// P12: local's arrival at the latest due instant of the requests admitted for it, or after it, retires a timestamp,
+/// forwarded if it is a result; its deadline's firing then does as well, by `p12_bounded_wait`.
+///
+/// Bounds: window of 1, 2 clouds.
+#[kani::proof]
+#[kani::unwind(5)]
+pub fn p12_retired_by_local_at_last() {
+    let mut fusion = at_rest::<2>();
+    let entry = fusion.open.entries[0];
+    let latest = any_instant();
+    kani::assume(asked_by(&entry, latest));
+    let passed = fusion.now >= latest;
+    let timestamp = fusion.open.nodes[0].timestamp;
+    let is_result: bool = kani::any();
+    let outcome = if is_result {
+        told::result(&mut fusion, timestamp, Priority::LOCAL)
+    } else {
+        told::fail(&mut fusion, timestamp, Priority::LOCAL)
+    };
+    let goes = matches!(outcome, Outcome::Forwarded { .. });
+    kani::assert(!passed || fusion.is_empty(), "P12 bounded wait: local's arrival retires it");
+    kani::assert(!passed || !is_result || goes, "P12 bounded wait: its result is forwarded");
+    kani::cover!(passed && outcome == Outcome::Missed, "local fails last, and it is missed");
+    kani::cover!(!passed && outcome == Outcome::Held, "local comes first and is held");
 }
 
 /// Two firings, as far as two machines and their answers agree.

@@ -13,10 +13,10 @@ const STEPS: u64 = 500;
 
 pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
     let curve = extent.round_trips.curve(STEPS);
-    let marks: Vec<(f64, f64)> = [50, 90, 99]
+    let marks: Vec<(f64, f64)> = [50_u8, 90, 99]
         .into_iter()
-        .filter_map(|percent| match extent.round_trips.quantile(percent)? {
-            Quantile::Exactly(at) => Some((at.as_secs_f64() * 1000.0, f64::from(percent as u8))),
+        .filter_map(|percent| match extent.round_trips.quantile(percent.into())? {
+            Quantile::Exactly(at) => Some((at.as_secs_f64() * 1000.0, f64::from(percent))),
             Quantile::AtLeast(_) | Quantile::Never => None,
         })
         .collect();
@@ -39,7 +39,9 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
                 y_name: "answers, %",
             };
             let mut chart = axes.scaled(theme, &area, (logarithmic(&x), axes.y.clone()));
-            lines.iter().for_each(|line| line.draw(&mut chart));
+            for line in &lines {
+                line.draw(&mut chart);
+            }
             for (points, others, colour) in
                 [(&marks, &paper, theme.series[1]), (&paper, &marks, theme.series[2])]
             {

@@ -18,7 +18,6 @@ pub(crate) fn plot(places: Places) -> Plot {
             keys(theme, sheet);
             let (across, up) = places.half;
             let area = sheet.margin(104, 50, 20, 62);
-            debug_assert_eq!(area.dim_in_pixel(), (CHART.0 as u32 + 58, CHART.1 as u32 + 46));
             let (x_name, y_name) = ("east, m", "north, m");
             let axes = Axes { x: -across..across, y: -up..up, x_name, y_name };
             let mut chart = axes.chart(theme, &area);

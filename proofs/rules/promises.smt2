@@ -1,0 +1,329 @@
+; The promises of SPEC.md (its section 4), and what else is shown, about the formulas of `rules.smt2`.
+;
+; An obligation is a sentence after ";;" and a formula (=> GIVEN THEN). The solvers are asked for a case in which GIVEN holds
+; and THEN does not: there must be none. `NAME.case`, described after ";; for instance", is a case in which GIVEN does
+; hold: there must be one, or the obligation says nothing. `faults.toml` breaks a rule for each obligation.
+
+(declare-const before State)
+(declare-const after State)
+(declare-const other State)
+(declare-const later State)
+(declare-const u Timestamp) ; any
+(declare-const m Source) ; any
+(declare-const n Source) ; any
+
+; ---- The invariant: what holds of every state that inputs lead to
+
+(define-fun asked ((s State) (u Timestamp)) Bool (and
+  (=> (is-open s u) (reached s u))
+  (forall ((c Source)) (and
+    (=> (requested s u c) (and (is-open s u) (or (= c local) (registered c))))
+    (=> (or (pending s u c) (cached s u c)) (requested s u c))
+    (not (and (pending s u c) (cached s u c)))))))
+(define-fun waiting ((s State) (u Timestamp)) Bool
+  (=> (is-open s u) (exists ((c Source)) (pending s u c))))
+; Of what is held one is the best: priorities are whole numbers up to 65535. No step could change that.
+(define-fun has-best ((s State) (u Timestamp)) Bool
+  (=> (exists ((c Source)) (cached s u c)) (exists ((b Source)) (and (cached s u b)
+    (forall ((c Source)) (=> (cached s u c) (not (outranks c b))))))))
+(define-fun prompt ((s State) (u Timestamp)) Bool
+  (=> (exists ((c Source)) (cached s u c)) (exists ((q Source)) (and (pending s u q)
+    (forall ((c Source)) (=> (cached s u c) (outranks q c)))))))
+(define-fun timers ((s State) (u Timestamp)) Bool (and
+  (= (armed s u local) (and (pending s u local) (timed s u)))
+  (forall ((c Source)) (=> (not (= c local))
+    (= (armed s u c) (or (pending s u c) (and eager (cached s u c))))))))
+(define-fun ended-once ((s State) (u Timestamp)) Bool (and
+  (not (and (forwarded s u) (missed s u)))
+  (=> (or (forwarded s u) (missed s u)) (and (reached s u) (not (is-open s u))))))
+(define-fun owns-due ((s State) (u Timestamp) (c Source)) Bool ; a timer was armed for it
+  (and (requested s u c) (or (not (= c local)) (timed s u))))
+(define-fun in-time ((s State) (u Timestamp)) Bool (forall ((c Source))
+  (=> (and (cached s u c) (owns-due s u c)) (< (came s u c) (due s u c)))))
+(define-fun until-latest ((s State) (u Timestamp)) Bool (forall ((c Source))
+  (=> (owns-due s u c) (<= (due s u c) (latest s u)))))
+(define-fun floored ((s State) (u Timestamp)) Bool (=> (local-came s u) (and
+  (reached s u) (or (forwarded s u) (cached s u local)))))
+(define-fun opened-ends ((s State) (u Timestamp)) Bool (and
+  (=> (opened s u) (and (reached s u) (or (is-open s u) (forwarded s u) (missed s u))))
+  (=> (or (is-open s u) (timed s u)) (opened s u))))
+(define-fun seated ((s State)) Bool (forall ((u Timestamp) (v Timestamp))
+  (=> (and (is-open s u) (is-open s v) (= (seat s u) (seat s v))) (= u v))))
+
+(define-fun valid ((s State)) Bool (and
+  (<= 0 (clock s) end-of-time) (seated s)
+  (forall ((u Timestamp)) (and
+    (asked s u) (waiting s u) (has-best s u) (prompt s u) (timers s u) (ended-once s u)
+    (in-time s u) (until-latest s u) (floored s u) (opened-ends s u)))))
+(define-fun same-of ((s State) (e State) (u Timestamp)) Bool (and
+  (= (seat s u) (seat e u)) (= (opened s u) (opened e u)) (= (timed s u) (timed e u)) (= (local-came s u) (local-came e u))
+  (= (forwarded s u) (forwarded e u)) (= (missed s u) (missed e u)) (= (latest s u) (latest e u))
+  (forall ((c Source)) (and
+    (= (requested s u c) (requested e u c)) (= (pending s u c) (pending e u c))
+    (= (armed s u c) (armed e u c)) (= (cached s u c) (cached e u c))
+    (= (due s u c) (due e u c)) (= (came s u c) (came e u c))))))
+(define-fun one-of ((a Bool) (b Bool) (c Bool) (d Bool)) Bool
+  (= (+ (ite a 1 0) (ite b 1 0) (ite c 1 0) (ite d 1 0)) 1))
+(define-fun rest () Bool (and configuration (valid before) (at-rest before)))
+(define-fun step () Bool (and configuration (valid before) (may before) (becomes before after)))
+; Two states that differ in their clocks alone, both at or after a due instant. What is shown of one it is shown of the other:
+; so => is = here.
+(define-fun two-clocks () Bool (and configuration (= input a-firing)
+  (passed before firing) (passed later firing) (forall ((v Timestamp)) (same-of before later v))))
+
+;; F0: A machine that was just made is valid; from there on each obligation of a step keeps one part of that.
+(define-fun f0-just-made-is-valid () Bool
+  (=> (and configuration (made before)) (valid before)))
+;; for instance: two clouds are registered
+(define-fun f0-just-made-is-valid.case () Bool (and (registered m) (registered n) (outranks m n)))
+
+;; F0: The clock never goes back, and ends at the end of time.
+(define-fun f0-clock () Bool
+  (=> step (and (<= (clock before) (clock after)) (<= (clock after) end-of-time))))
+;; for instance: a tick moves it while two timestamps have timers
+(define-fun f0-clock.case () Bool (and
+  (< (clock before) (clock after)) (armed before t m) (armed before u n) (not (= t u))))
+
+;; F0, A20: What an input arms is due laterr: inputs of one instant fire nothing of each other.
+(define-fun f0-at-rest () Bool
+  (=> (and step (not (= input a-tick)) (not (= input a-firing))) (at-rest after)))
+;; for instance: a request is admitted beside one whose timer is armed
+(define-fun f0-at-rest.case () Bool (and (admits before) (armed before t m)))
+
+;; F1, F2: Of what is open local is requested and registered clouds alone; what is pending or cached is requested, not both.
+(define-fun f1-asked () Bool (=> step (asked after u)))
+;; for instance: a request is admitted
+(define-fun f1-asked.case () Bool (and (= t u) (admits before)))
+
+;; F2, A17: A request is admitted only if its result could still be forwarded.
+(define-fun f2-could-win () Bool
+  (=> (and step (admits before)) (not (exists ((c Source)) (and (cached after t c) (outranks c p))))))
+;; for instance: two results are held
+(define-fun f2-could-win.case () Bool (and (cached before t m) (cached before t n) (outranks m n)))
+
+;; F2g: A gate moves only when it is asked; it never admits at its limit, and never refuses at its resume.
+(define-fun f2g-gate () Bool (=> step (and
+  (=> (not (= (shut before m) (shut after m))) (and (= m p) (or (admits before)
+    (and (= input an-offer) (= (offer-refused before) queue)))))
+  (=> (admits before) (and (not (shut after p)) (< backlog (limit p))))
+  (=> (and (= input an-offer) (= (offer-refused before) queue)) (and (shut after p) (< (resume p) backlog))))))
+;; for instance: a shut gate opens
+(define-fun f2g-gate.case () Bool (and (shut before p) (not (shut after p))))
+
+;; F6: What is open still waits for a source.
+(define-fun f6-waiting () Bool (=> step (waiting after u)))
+;; for instance: a failure leaves one of two requests
+(define-fun f6-waiting.case () Bool (and
+  (= t u) (failure-accepted before) (not (retires before)) (not (= p local))))
+
+;; F6: Something goes over a better one that is pending only under eager, and by a cloud's timer.
+(define-fun f6-patience () Bool
+  (=> (and step (forwards before m) (better-pending before m)) (and eager (a-timer before))))
+;; for instance: the timer of a held result commits another one
+(define-fun f6-patience.case () Bool (and (fires before n) (cached before t n) (outranks m n)))
+
+;; F7, A24: Forwarding ends all that its timestamp had, and cancels each cloud that was pending and returned nothing.
+(define-fun f7-forward () Bool (=> (and step (forwards before m)) (and
+  (not (exists ((c Source)) (or (requested after t c) (pending after t c) (armed after t c) (cached after t c))))
+  (= (cancels before n) (and (pending before t n) (not (= n local)) (not (fires before n))
+    (or (= input a-firing) (not (= n p))))))))
+;; for instance: one result is discarded, a request is cancelled
+(define-fun f7-forward.case () Bool (and
+  (cached before t n) (not (= n m)) (exists ((c Source)) (cancels before c))))
+
+;; F8: An input changes nothing of a timestamp that it is not for.
+(define-fun f8-no-other () Bool (=> (and step (not (= u t))) (and
+  (= (is-open after u) (is-open before u)) (same-of before after u))))
+;; for instance: one of two is forwarded, of the other a result is held
+(define-fun f8-no-other.case () Bool (and (forwards-any before) (cached before u m)))
+
+;; P1 once: What is forwarded or missed was not before, and is one of the two.
+(define-fun p1-once () Bool (=> (and step (retires before)) (and
+  (not (forwarded before t)) (not (missed before t)) (not (= (forwarded after t) (missed after t))))))
+;; for instance: a timestamp is forwarded after another one was missed
+(define-fun p1-once.case () Bool (and (forwards-any before) (missed before u)))
+
+;; P1 once: What was forwarded or missed is not open, and never opens again.
+(define-fun p1-closed-for-ever () Bool (=> step (ended-once after u)))
+;; for instance: it is opened once more, and refused
+(define-fun p1-closed-for-ever.case () Bool (and (= t u) (= input an-open) (forwarded before u)))
+
+;; P2 never late: A forwarded result arrived before its due instant, if it had one.
+(define-fun p2-never-late () Bool
+  (=> (and step (forwards before m) (owns-due before t m)) (< (came after t m) (due before t m))))
+;; for instance: a held result goes at a later instant
+(define-fun p2-never-late.case () Bool (and
+  (= input a-firing) (not (= m local)) (< (came before t m) (clock before))))
+
+;; P2 never late: So did every result that is held.
+(define-fun p2-held-in-time () Bool (=> step (in-time after u)))
+;; for instance: a cloud's result is held
+(define-fun p2-held-in-time.case () Bool (and (= t u) (holds before) (not (= p local))))
+
+;; P3 best in hand: A forwarded result outranks every other result in hand for its timestamp.
+(define-fun p3-best-in-hand () Bool (=> (and step (forwards before m)) (and
+  (=> (cached before t n) (or (= n m) (outranks m n)))
+  (=> (result-accepted before) (or (= p m) (outranks m p))))))
+;; for instance: two results are held, and one of them goes
+(define-fun p3-best-in-hand.case () Bool (and (cached before t n) (cached before t m) (not (= n m))))
+
+;; P4 prompt: While anything is held, something pending outranks all of it.
+(define-fun p4-prompt () Bool (=> step (prompt after u)))
+;; for instance: a failure leaves something to wait for
+(define-fun p4-prompt.case () Bool (and
+  (= t u) (failure-accepted before) (cached after u m) (cached after u n) (outranks n m)))
+
+;; P5 local floor: Once local's result was accepted, its timestamp was forwarded, or the result is still held.
+(define-fun p5-floor-is-kept () Bool (=> step (floored after u)))
+;; for instance: local's result stays held when a timer fires
+(define-fun p5-floor-is-kept.case () Bool (and (= t u) (= input a-firing) (cached after u local)))
+
+;; P5 local floor: When nothing is due and the latest due instant ever armed for it has come, it was forwarded.
+(define-fun p5-local-floor () Bool
+  (=> (and rest (local-came before u) (<= (latest before u) (clock before))) (forwarded before u)))
+;; for instance: beside it another one waits
+(define-fun p5-local-floor.case () Bool (and (cached before t local) (cached before t m) (not (= m local))))
+
+;; P6 free without cloud: With no request admitted, local's accepted result is forwarded as it arrives.
+(define-fun p6-free-without-cloud () Bool
+  (=> (and step (result-accepted before) (= p local) (not (exists ((c Source))
+      (and (requested before t c) (not (= c local))))))
+    (forwards before local)))
+;; for instance: another timestamp does wait for a cloud
+(define-fun p6-free-without-cloud.case () Bool (and (pending before u m) (not (= m local))))
+
+;; P7 no stall: An open timestamp waits for local or has an armed timer; one opened with a deadline has one always.
+(define-fun p7-no-stall () Bool (=> (and step (is-open after u)) (and
+  (or (pending after u local) (exists ((c Source)) (armed after u c)))
+  (=> (timed after u) (exists ((c Source)) (armed after u c))))))
+;; for instance: local is given up by its deadline, a cloud is still waited for
+(define-fun p7-no-stall.case () Bool (and (= t u) (fires before local)))
+
+;; P5, P7: No timer is armed for an instant after the latest.
+(define-fun p7-until-latest () Bool (=> step (until-latest after u)))
+;; for instance: a request prolongs the wait
+(define-fun p7-until-latest.case () Bool (and (= t u) (admits before) (< (latest before u) (latest after u))))
+
+;; P7 no stall: When nothing is due and the latest due instant has come, one opened with a deadline is retired.
+(define-fun p7-retired-by-the-latest-due () Bool
+  (=> (and rest (timed before u) (<= (latest before u) (clock before))) (or (forwarded before u) (missed before u))))
+;; for instance: beside it another one has time
+(define-fun p7-retired-by-the-latest-due.case () Bool (and (timed before t) (pending before t m) (not (= m local))))
+
+;; P5, P7: The rank is how many timers are armed: each firing takes some of them and adds none.
+(define-fun p7-firing-lowers-the-rank () Bool (=> (and step (= input a-firing)) (and
+  (=> (armed after u m) (armed before u m))
+  (exists ((c Source)) (and (armed before t c) (not (armed after t c)))))))
+;; for instance: its timestamp waits on
+(define-fun p7-firing-lowers-the-rank.case () Bool (armed after t n))
+
+;; P8 timers: A request has a timer while it is pending, under eager also while it is held; local has that of its deadline alone.
+(define-fun p8-timers () Bool (=> step (timers after u)))
+;; for instance: a cloud's result is held beside local's
+(define-fun p8-timers.case () Bool (and (= t u) (holds before) (cached before u local)))
+
+;; P8 timers: A timer lives until it fires, its failure is accepted, its result is held (patient or local's), or it is retired.
+(define-fun p8-lives () Bool (=> (and step (armed before u m) (not (armed after u m))) (and (= u t) (or
+  (fires before m) (retires before) (and (= m p) (failure-accepted before))
+  (and (= m p) (holds before) (or (not eager) (= m local)))))))
+;; for instance: that of a held result ends under patient
+(define-fun p8-lives.case () Bool (and (holds before) (not (= p local))))
+
+;; P8 timers: Nothing arms a timer but an open with a deadline, for local, and an admitted offer, for its cloud.
+(define-fun p8-no-other () Bool (=> (and step (armed after u m) (not (armed before u m))) (and (= u t)
+  (= (due after u m) (due-then before)) (or (and (opens before) with-deadline (= m local)) (and (admits before) (= m p))))))
+;; for instance: a request joins while local's result is held
+(define-fun p8-no-other.case () Bool (cached before u local))
+
+;; P9 bounded: At most `window` timestamps are open: each has a seat of its own, of `window` seats.
+(define-fun p9-bounded () Bool (=> step (seated after)))
+;; for instance: one is opened beside another one
+(define-fun p9-bounded.case () Bool (and (opens before) (is-open before u)))
+
+;; P9 bounded: An open is refused `full` only if there is an open timestamp for each seat.
+(define-fun p9-full () Bool
+  (=> (and step (= input an-open) (= (open-refused before) full)) (not (exists ((x Seat))
+    (forall ((v Timestamp)) (=> (is-open before v) (not (= (seat before v) x))))))))
+;; for instance: two are open
+(define-fun p9-full.case () Bool (and (is-open before u) (is-open before (newest before)) (not (= u (newest before)))))
+
+;; P10 deterministic: An input has one outcome and leads to one state.
+(define-fun p10-deterministic () Bool (=> (and step (becomes before other)) (and
+  (=> (and (forwards before m) (forwards before n)) (= m n))
+  (= (clock after) (clock other)) (= (shut after m) (shut other m)) (= (seat after u) (seat other u))
+  (same-of after other u))))
+;; for instance: one of several in hand goes
+(define-fun p10-deterministic.case () Bool (and (forwards before m) (cached before t n) (outranks m n)))
+
+;; P10 deterministic: What fires next is the same however late the tick is.
+(define-fun p10-lateness-fires-the-same () Bool (=> (and two-clocks (next-firing before)) (next-firing later)))
+;; for instance: two timestamps have a timer at one instant
+(define-fun p10-lateness-fires-the-same.case () Bool (and
+  (armed before t m) (armed before u n) (not (= t u)) (= (due before t m) (due before u n))))
+
+;; P10 deterministic: What comes of a firing is the same however late the tick is.
+(define-fun p10-lateness-decides-nothing () Bool (=> two-clocks (and
+  (=> (forwards before m) (forwards later m)) (=> (misses before) (misses later))
+  (=> (cancels before m) (cancels later m)))))
+;; for instance: a firing commits one of two held results
+(define-fun p10-lateness-decides-nothing.case () Bool (and (valid before)
+  (forwards before m) (cached before t n) (not (= n m)) (< (clock before) (clock later))))
+
+;; P10 deterministic: What a firing leaves behind is the same however late the tick is.
+(define-fun p10-lateness-leaves-the-same () Bool (=> two-clocks (and
+  (=> (requested-then before u m) (requested-then later u m))
+  (=> (pending-then before u m) (pending-then later u m))
+  (=> (armed-then before u m) (armed-then later u m))
+  (=> (cached-then before u m) (cached-then later u m))
+  (= (due-of-then before u m) (due-of-then later u m)))))
+;; for instance: the timestamp waits on, and another timer of it has passed
+(define-fun p10-lateness-leaves-the-same.case () Bool (and (valid before)
+  (waits before) (armed-then before t m) (passed later (due later t m))))
+
+;; F8, P11 accounted: Each input has one outcome, and no second one.
+(define-fun p11-one-outcome () Bool (=> step (and
+  (=> (= input an-open) (xor (opens before) (not (= (open-refused before) none))))
+  (=> (= input an-offer) (xor (admits before) (not (= (offer-refused before) none))))
+  (=> (= input a-result) (one-of (not (= (dropped before) none)) (holds before) (forwards-any before) false))
+  (=> (= input a-failure)
+    (one-of (not (= (dropped before) none)) (waits before) (forwards-any before) (misses before)))
+  (=> (= input a-firing) (one-of false (waits before) (forwards-any before) (misses before))))))
+;; for instance: a failure forwards what is held
+(define-fun p11-one-outcome.case () Bool (and (failure-accepted before) (commits before m)))
+
+;; F2, F3, P11 accounted: What is refused or dropped changes nothing of any timestamp.
+(define-fun p11-refused-changes-nothing () Bool (=> (and step (or
+    (and (= input an-open) (not (= (open-refused before) none)))
+    (and (= input an-offer) (not (= (offer-refused before) none)))
+    (and (or (= input a-result) (= input a-failure)) (not (= (dropped before) none)))))
+  (and (= (newest after) (newest before)) (same-of before after u))))
+;; for instance: a result is late while another one is held
+(define-fun p11-refused-changes-nothing.case () Bool (and (= t u) (= (dropped before) late) (cached before u m)))
+
+;; P11 accounted: A held result stays held until its timestamp is forwarded, by it or by a better one.
+(define-fun p11-held () Bool (=> (and step (cached before u m) (not (cached after u m))) (and
+  (= u t) (exists ((b Source)) (and (forwards before b) (not (outranks m b)))))))
+;; for instance: a result that comes replaces it
+(define-fun p11-held.case () Bool (= input a-result))
+
+;; P11 accounted: What was opened is open, or was forwarded or missed; nothing is open that was not opened.
+(define-fun p11-opened-ends () Bool (=> step (opened-ends after u)))
+;; for instance: it is missed
+(define-fun p11-opened-ends.case () Bool (and (= t u) (timed before u) (missed after u)))
+
+;; P12 bounded wait: At local's arrival, or the last due instant of a request if that is later, its timestamp has ended.
+(define-fun p12-bounded-wait () Bool
+  (=> (and rest (opened before u) (not (pending before u local)) (forall ((c Source))
+      (=> (and (requested before u c) (not (= c local))) (<= (due before u c) (clock before)))))
+    (and (or (forwarded before u) (missed before u)) (=> (local-came before u) (forwarded before u)))))
+;; for instance: beside it another one waits for a request
+(define-fun p12-bounded-wait.case () Bool (and (cached before t local) (pending before t m)))
+
+;; P12 bounded wait: Local arrives when its result or failure is accepted or its timer fires, and never again.
+(define-fun p12-local-arrives () Bool (=> (and step (opened before u)) (and
+  (=> (and (pending before u local) (not (pending after u local))) (and (= u t) (or
+    (retires before) (fires before local)
+    (and (= p local) (or (result-accepted before) (failure-accepted before))))))
+  (=> (not (pending before u local)) (not (pending after u local))))))
+;; for instance: its deadline has ended, a request is awaited
+(define-fun p12-local-arrives.case () Bool (and (fires before local) (waits before)))

@@ -1,0 +1,53 @@
+"""The two solvers. They share no code."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from .text import Malformed
+
+Reply = Literal["unsat", "sat", "unknown"]
+SOLVERS = ("z3", "cvc5")
+
+
+def versions() -> dict[str, str]:
+    """Which solvers these are."""
+    import cvc5
+    import z3
+
+    return {"z3": z3.get_version_string(), "cvc5": cvc5.__version__}
+
+
+def ask(solver: str, script: str, seconds: int) -> Reply:
+    """Whether the assertions of the script can hold together; `unknown` after so many seconds."""
+    return _z3(script, seconds) if solver == "z3" else _cvc5(script, seconds)
+
+
+def _z3(script: str, seconds: int) -> Reply:
+    import z3
+
+    asked = z3.Solver()
+    asked.set("timeout", seconds * 1000)
+    try:
+        asked.from_string(script)
+    except z3.Z3Exception as why:
+        raise Malformed(f"z3 does not understand the formulas: {why}") from None
+    return str(asked.check())  # type: ignore[return-value]
+
+
+def _cvc5(script: str, seconds: int) -> Reply:
+    import cvc5
+
+    terms = cvc5.TermManager()
+    asked = cvc5.Solver(terms)
+    asked.setOption("tlimit-per", str(seconds * 1000))
+    symbols = cvc5.SymbolManager(terms)
+    parser = cvc5.InputParser(asked, symbols)
+    parser.setStringInput(cvc5.InputLanguage.SMT_LIB_2_6, script, "rules")
+    try:
+        while not (command := parser.nextCommand()).isNull():
+            command.invoke(asked, symbols)
+    except RuntimeError as why:
+        raise Malformed(f"cvc5 does not understand the formulas: {why}") from None
+    reply = asked.checkSat()
+    return "unsat" if reply.isUnsat() else "sat" if reply.isSat() else "unknown"
