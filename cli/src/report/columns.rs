@@ -46,6 +46,7 @@ pub(crate) struct Told {
     lines: u64,
     violations: Vec<Violation>,
     more: u64,
+    #[serde(rename = "account")]
     totals: Sums,
     /// How long requests had, the commonest first.
     deadlines: Vec<Exact>,
