@@ -236,7 +236,7 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
     let mut text = "sent_ms,rtt_ms,lat,lon,queued\n".to_owned();
     for slot in 0..40_u32 {
         let (sent, rtt, lat) = (slot * 33, 10 + slot * 20, 37.0 + f64::from(slot) * 1e-4);
-        text += &format!("{sent},{rtt},{lat},-122.0,{}\n", slot % 30);
+        text.extend([format!("{sent},{rtt},{lat},-122.0,{}\n", slot % 30)]);
     }
     fs::write(dir.path().join("drive.csv"), &text).unwrap();
     let plot = |name| {

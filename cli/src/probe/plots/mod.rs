@@ -35,7 +35,9 @@ pub(crate) fn plot(path: &Path, folder: &Folder, told: Option<&str>) -> Result<V
     // It may have grown since.
     recording.each(extent.rows, |seen| {
         series.add(&seen);
-        places.iter_mut().for_each(|places| places.add(&seen));
+        if let Some(places) = &mut places {
+            places.add(&seen);
+        }
     })?;
     let about = extent.told();
     let mut plots = vec![series.plot(about.clone()), distribution::plot(&extent, about.clone())];

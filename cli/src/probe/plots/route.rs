@@ -4,7 +4,7 @@ use plotters::element::{Circle, Rectangle};
 use plotters::style::{Color, RGBColor};
 
 use crate::plot::{Axes, DRAWN, Label, Plot, Sheet, Theme, sheet};
-use crate::probe::plots::places::{CHART, Places};
+use crate::probe::plots::places::Places;
 
 /// What the scale goes from and to, in milliseconds.
 const SCALE: (f64, f64) = (10.0, 3000.0);

@@ -70,7 +70,7 @@ impl Series {
             Marks at the top are requests that failed or stayed unanswered.";
         Plot::new("round-trips", caption, move |theme| {
             sheet(theme, SIZE, ("Network probe: round trips over time", &about), |sheet| {
-                self.keys(theme, sheet);
+                Self::keys(theme, sheet);
                 self.draw(theme, &sheet.margin(104, 12, 20, 24));
             })
         })
@@ -105,7 +105,7 @@ impl Series {
             .expect(DRAWN);
     }
 
-    fn keys(&self, theme: &Theme, sheet: &Sheet<'_>) {
+    fn keys(theme: &Theme, sheet: &Sheet<'_>) {
         let label = Label::new(13.0, theme.ink);
         sheet.draw(&Circle::new((92, 84), 4, theme.series[1].filled())).expect(DRAWN);
         label.put(sheet, "round trip", (110, 84));
