@@ -284,7 +284,7 @@ fn run_and_page_tell_what_the_operator_counted() {
         let shown: Vec<&str> = table.lines().filter(|line| line.contains("source-")).collect();
         assert_eq!(shown.len(), totals.rows.len());
         let page = data(&trace);
-        let told = &page["traces"][0]["totals"];
+        let told = &page["traces"][0]["account"];
         for (row, line) in totals.rows.iter().zip(shown) {
             let mut counts = row.counts.to_vec();
             if !table.contains(" open ") {
