@@ -76,9 +76,9 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
     let drives = found.drives.len();
     writeln!(
         text,
-        "Means over {} of {} starts each. Collisions: how many starts in a\n\
-         hundred end in one. Energy: the mean square of the speed at impact, 0 without\n\
-         one. The cloud's response is its runtime and the drive's round trip.",
+        "Means over {} of {} starts each. Collisions: how many\n\
+         starts in a hundred end in one. Energy: the mean square of the speed at impact,\n\
+         0 without one. The cloud's response is its runtime plus the drive's round trip.",
         if drives == 1 {
             "1 recorded drive".to_owned()
         } else {
@@ -99,7 +99,7 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
         .collect();
     writeln!(
         text,
-        "\nOf {} pairs of a drive and a speed, so many collide more often than local alone:\n\
+        "\nOf {} pairs of drive and speed, so many collide more often than local alone:\n\
          {}.\n\
          The paper has no such table: its responses are constant, up to 3 s.",
         drives * found.speeds.len(),

@@ -8,7 +8,7 @@ use crate::scenario::red_light::crossing::Approach;
 use crate::scenario::red_light::{Found, Run};
 
 /// How wide a cell is.
-const CELL: usize = 9;
+const CELL: usize = 8;
 
 /// The words for it all.
 pub(crate) fn text(found: &Found) -> String {
@@ -26,12 +26,12 @@ fn table(text: &mut String, found: &Found) -> std::fmt::Result {
             deltas.push(run.delta);
         }
     }
-    write!(text, "{:<18}{:>10}", "intersection", "round trip")?;
+    write!(text, "{:<14}{:>10}", "intersection", "round trip")?;
     for delta in &deltas {
         write!(text, "{:>CELL$}", signed(*delta))?;
     }
     writeln!(text, "  the paper")?;
-    writeln!(text, "{}", "─".repeat(28 + CELL * deltas.len() + 12))?;
+    writeln!(text, "{}", "─".repeat(24 + CELL * deltas.len() + 12))?;
     let mut rows: Vec<Vec<&Run>> = Vec::new();
     for run in &found.runs {
         let is_row = |row: &&mut Vec<&Run>| {
@@ -50,7 +50,7 @@ fn table(text: &mut String, found: &Found) -> std::fmt::Result {
             writeln!(text, "{}", first.variant.place().name)?;
         }
         let trip = first.round_trip.map_or("–".to_owned(), |trip| format!("{trip} s"));
-        write!(text, "  {:<16}{trip:>10}", first.approach.word())?;
+        write!(text, "  {:<12}{trip:>10}", first.approach.word())?;
         for run in &row {
             text.push_str(&cell(run));
         }
