@@ -1,6 +1,7 @@
 //! The cells that hold the counts: written by the engine, read from anywhere (D11 one account).
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -41,6 +42,10 @@ struct SourceCounts {
     sent_bytes: AtomicU64,
     in_force: Mutex<Option<InForce>>,
 }
+
+/// The counts of a running operator, to be read from anywhere.
+#[derive(Clone)]
+pub struct Counting(Arc<Counts>);
 
 /// What is counted about one source.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -138,6 +143,29 @@ impl Counts {
         if let Some(meter) = self.meters.sources.get(index) {
             meter.count(event);
         }
+    }
+}
+
+impl fmt::Debug for Counting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.tally().fmt(f)
+    }
+}
+
+impl Counting {
+    pub(crate) fn new(counts: &Arc<Counts>) -> Self {
+        Self(Arc::clone(counts))
+    }
+
+    /// The counts so far.
+    #[must_use]
+    pub fn tally(&self) -> Tally {
+        self.0.tally()
+    }
+
+    /// Counts bytes that a call to cloud `p` sends; does nothing if there is no such cloud.
+    pub fn sent(&self, p: u16, bytes: u64) {
+        self.0.sent(p, bytes);
     }
 }
 

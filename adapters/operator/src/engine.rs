@@ -12,13 +12,13 @@ use fuseline_deadline::{End, Policy, Situation};
 use fuseline_traces::{Header, Input};
 use tracing::warn;
 
+use crate::counts::Counting;
 use crate::counts::Event;
 use crate::effect::{Effect, Local, Offer};
 use crate::hands::{Hands, LOCAL};
 use crate::item::Source;
 use crate::lane::{Lane, Waiting};
 use crate::reasons::words;
-use crate::tally::Counting;
 use crate::tape::{Sink, Tape};
 
 /// The most clouds that a header may have.

@@ -1,14 +1,12 @@
 //! The counts: a plain tally, and the same through the `metrics` facade.
 
 use std::collections::BTreeMap;
-use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_deadline::{Chosen, Reason};
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 
-use crate::counts::Counts;
 use crate::item::{Source, Trigger};
 use crate::reasons::Reasons;
 
@@ -69,10 +67,6 @@ pub struct InForce {
     pub reason: Option<Reason>,
 }
 
-/// The counts of a running operator, to be read from anywhere.
-#[derive(Clone)]
-pub struct Counting(Arc<Counts>);
-
 impl Tally {
     /// Messages answered with a result.
     #[must_use]
@@ -116,28 +110,5 @@ impl InForce {
 impl From<Chosen> for InForce {
     fn from(Chosen { deadline, reason }: Chosen) -> Self {
         Self { deadline, reason: Some(reason) }
-    }
-}
-
-impl fmt::Debug for Counting {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.tally().fmt(f)
-    }
-}
-
-impl Counting {
-    pub(crate) fn new(counts: &Arc<Counts>) -> Self {
-        Self(Arc::clone(counts))
-    }
-
-    /// The counts so far.
-    #[must_use]
-    pub fn tally(&self) -> Tally {
-        self.0.tally()
-    }
-
-    /// Counts bytes that a call to cloud `p` sends; does nothing if there is no such cloud.
-    pub fn sent(&self, p: u16, bytes: u64) {
-        self.0.sent(p, bytes);
     }
 }

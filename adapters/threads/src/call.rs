@@ -7,7 +7,7 @@ use fuseline_core::{Firing, Instant, Outcome, Source, Timestamp};
 
 use crate::cells::Cells;
 use crate::desk::Desk;
-use crate::shared::Ticket;
+use crate::ticket::Ticket;
 
 /// An open message, to serve its timers; any number of threads may share it.
 pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {

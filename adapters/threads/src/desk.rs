@@ -12,7 +12,7 @@ use fuseline_core::{
     Sources,
 };
 
-use crate::shared::Ticket;
+use crate::ticket::Ticket;
 use crate::word::Word;
 
 /// Where any thread gives results, failures and ticks.

@@ -8,7 +8,7 @@ use fuseline_core::{
 };
 
 use crate::desk::{Desk, Place};
-use crate::shared::Ticket;
+use crate::ticket::Ticket;
 use crate::word::Word;
 
 /// Where the one owner opens timestamps and offers requests, while other threads use the [`Desk`].

@@ -1,6 +1,6 @@
 //! The shared machine, and its two halves.
 
-use fuseline_core::{Cloud, Clouds, Commit, ConfigError, Timestamp};
+use fuseline_core::{Cloud, Clouds, Commit, ConfigError};
 
 use crate::desk::Desk;
 use crate::owner::{Kept, Owner};
@@ -36,14 +36,6 @@ pub struct Shared<const CLOUDS: usize, const WINDOW: usize> {
     kept: Kept<CLOUDS>,
 }
 
-/// Names one open message for the machine that opened it. Using it with another machine is not detected.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub struct Ticket {
-    pub(crate) timestamp: Timestamp,
-    pub(crate) generation: u64,
-    pub(crate) place: usize,
-}
-
 impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
     /// A machine with nothing open and its gates open; its arguments are those of [`Fusion::new`](fuseline_core::Fusion::new).
     ///
@@ -59,19 +51,5 @@ impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
     pub fn split(&mut self) -> (Owner<'_, CLOUDS, WINDOW>, &Desk<CLOUDS, WINDOW>) {
         let Self { desk, kept } = self;
         (Owner::new(desk, kept), desk)
-    }
-}
-
-impl Ticket {
-    /// The message's timestamp.
-    #[must_use]
-    pub const fn timestamp(self) -> Timestamp {
-        self.timestamp
-    }
-
-    /// The message's place, less than the window; no other open message has it.
-    #[must_use]
-    pub const fn place(self) -> usize {
-        self.place
     }
 }
