@@ -132,7 +132,7 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
             };
             let lines = [
                 of("local is early enough until", 0, 2, true, &local),
-                of("the cloud is, until", 1, 2, true, &cloud),
+                of("the cloud, until", 1, 2, true, &cloud),
                 of("deadline of the guard", 2, 3, false, &chosen),
             ];
             Line::keys(&lines, theme, sheet, (82, 84));
