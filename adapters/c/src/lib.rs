@@ -4,6 +4,9 @@
 #[cfg(test)]
 extern crate std;
 
+#[cfg(feature = "threads")]
+mod hall;
+mod head;
 mod inputs;
 mod names;
 mod plain;
@@ -15,6 +18,8 @@ pub mod cost;
 #[cfg(feature = "threads")]
 pub mod shared;
 
+#[cfg(feature = "threads")]
+pub use hall::CShared;
 pub use plain::{
     CAnswer, CCapacity, CCloud, CCommit, CConfig, CMessage, COutcome, CReason, CState, CStatus,
     CTicket, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
