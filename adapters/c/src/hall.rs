@@ -11,7 +11,10 @@ use fuseline_threads::{Desk, Owner, Shared, Ticket};
 
 use crate::head::{Head, Kind, NO_CLOUDS, Written, asked, rule, status_of};
 use crate::inputs::{open_refusal, priority, tell, tell_admission, tell_firing};
-use crate::plain::{CAnswer, CConfig, CReason, CStatus, CTicket};
+use crate::plain::{
+    CAnswer, CConfig, CReason, CStatus, CTicket, FUSELINE_SHARED_BYTES,
+    FUSELINE_SHARED_BYTES_A_CLOUD,
+};
 use crate::storage::with_room;
 
 /// A machine for many threads, in its caller's storage. Opaque.
@@ -116,13 +119,28 @@ impl Told {
     }
 }
 
+/// The bytes that the header reserves for a capacity: more than is needed, so that the machine may change.
+const fn reserved(clouds: usize, window: usize) -> usize {
+    // Timestamps do not share cache lines.
+    let a_timestamp = clouds.wrapping_mul(8).wrapping_add(24).next_multiple_of(64);
+    FUSELINE_SHARED_BYTES
+        .wrapping_add(FUSELINE_SHARED_BYTES_A_CLOUD.wrapping_mul(clouds))
+        .wrapping_add(window.wrapping_mul(a_timestamp))
+}
+
 impl<const CLOUDS: usize, const WINDOW: usize> Hall<CLOUDS, WINDOW> {
+    const FITS: () = {
+        assert!(size_of::<Self>() <= reserved(CLOUDS, WINDOW), "the header reserves too little");
+        assert!(align_of::<Self>() == align_of::<CShared>(), "the header aligns to 64 bytes");
+    };
+
     /// Writes a machine into the storage.
     ///
     /// # Safety
     /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else until the
     /// machine is ended.
     unsafe fn fill(storage: *mut Self, made: Shared<CLOUDS, WINDOW>, capacity: u32) {
+        const { Self::FITS };
         // SAFETY: within the storage, by the caller's promise.
         let shared = unsafe { addr_of_mut!((*storage).shared) };
         // SAFETY: as above.

@@ -23,7 +23,8 @@ pub use hall::CShared;
 pub use plain::{
     CAnswer, CCapacity, CCloud, CCommit, CConfig, CMessage, COutcome, CReason, CState, CStatus,
     CTicket, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
-    FUSELINE_BYTES_A_TIMESTAMP, FUSELINE_SOURCES,
+    FUSELINE_BYTES_A_TIMESTAMP, FUSELINE_SHARED_BYTES, FUSELINE_SHARED_BYTES_A_CLOUD,
+    FUSELINE_SOURCES,
 };
 pub use storage::CMachine;
 

@@ -9,8 +9,8 @@ use crate::hall::{self, Brought, CShared, Told};
 use crate::head::{Head, place};
 use crate::plain::{CAnswer, CConfig, COutcome, CStatus, CTicket};
 
-/// How many bytes of storage a machine for many threads takes in this library; 0 if it does not hold the capacity.
-/// Align it to 64 bytes.
+/// How many bytes of storage, aligned to 64, a machine for many threads takes in this library; 0 if it does not hold the
+/// capacity.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_shared_bytes(capacity: u32) -> usize {
     hall::bytes(capacity)
