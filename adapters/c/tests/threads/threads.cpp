@@ -9,9 +9,11 @@
 // its value beside the machine, without a lock, before it gives its result; who is told to forward reads it: so the
 // thread sanitizer sees whether the machine orders the two.
 #include <atomic>
+#include <condition_variable>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <mutex>
 #include <string>
 #include <thread>
 #include <vector>
@@ -46,7 +48,7 @@ struct Line {
 std::uint64_t now = 0, visible = 0;
 // The owner's.
 std::uint64_t newest = 0;
-std::uint64_t messages = 20000;
+std::uint64_t messages = 10000;
 Message table[kRoom];
 fuseline_shared* machine = nullptr;
 std::atomic<unsigned> failures{0}, met{0};
@@ -65,20 +67,23 @@ class Barrier {
  public:
   explicit Barrier(unsigned threads) : threads_(threads) {}
   void wait() {
-    const unsigned round = round_.load(std::memory_order_acquire);
-    if (arrived_.fetch_add(1, std::memory_order_acq_rel) + 1 == threads_) {
-      arrived_.store(0, std::memory_order_relaxed);
-      ++now;
-      visible = newest;
-      round_.store(round + 1, std::memory_order_release);
+    std::unique_lock<std::mutex> lock(mutex_);
+    const std::uint64_t round = now;
+    if (++arrived_ < threads_) {
+      turned_.wait(lock, [&] { return now != round; });
       return;
     }
-    while (round_.load(std::memory_order_acquire) == round) std::this_thread::yield();
+    arrived_ = 0;
+    ++now;
+    visible = newest;
+    turned_.notify_all();
   }
 
  private:
   const unsigned threads_;
-  std::atomic<unsigned> arrived_{0}, round_{0};
+  unsigned arrived_ = 0;
+  std::mutex mutex_;
+  std::condition_variable turned_;
 };
 
 // One thread, and what it saw.
