@@ -282,9 +282,11 @@ fn a_plot_that_cannot_be_written_is_one_error_and_the_recording_stays() {
     assert_eq!(probed.status.code(), Some(2));
     let told = err(&probed);
     assert!(told.lines().last().unwrap().starts_with("error: plots/round-trips.svg: "), "{told}");
-    assert!(out(&probed).contains("15 sent"), "{}", out(&probed));
+    assert!(out(&probed).contains("15 slots at 30 a second"), "{}", out(&probed));
     assert_eq!(fs::read_dir(dir.path().join("plots")).unwrap().count(), 1);
-    assert_eq!(rows(&dir.path().join("fuseline-probe.csv")).len(), 15);
+    // A busy machine misses slots.
+    let recorded = rows(&dir.path().join("fuseline-probe.csv")).len();
+    assert!((1..=15).contains(&recorded), "{recorded}");
 }
 
 #[test]

@@ -1,10 +1,10 @@
 //! The open timestamps: one balanced tree, ordered by timestamp, in which each node knows the earliest due
 //! instant at or below it (P9).
 //!
-//! So a timestamp and the next timer are found in at most [`MAX_HEIGHT`] steps, the next due instant in none,
-//! and equal dues are met in the order of their timestamps (F5). It is an AVL tree (Adelson-Velsky and Landis,
-//! 1962) over a fixed array. Timestamps come in ascending order (F1), so nodes join at the right end alone.
-//! Reading beside the tree yields [`Node::NIL`] and writing there does nothing: no place can panic.
+//! So a timestamp or the next timer is found in at most [`MAX_HEIGHT`] steps, and the root knows the next due
+//! instant; equal ones are met in the order of their timestamps (F5). It is an AVL tree (Adelson-Velsky and Landis,
+//! 1962) over a fixed array. Timestamps come in ascending order (F1), so new nodes join at the right end only.
+//! Reading outside the tree yields [`Node::NIL`] and writing there does nothing: no place can panic.
 
 use crate::entry::Entry;
 use crate::slot::Slot;
@@ -118,7 +118,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         true
     }
 
-    /// Puts the state at a place of the tree in which `source` is armed anew, and its due instant.
+    /// Sets a state in which `source` is newly armed, and its due instant.
     pub(crate) fn arm(&mut self, place: Place, slot: Slot, source: Source, due: Instant) {
         let Some(entry) = self.entries.get_mut(usize::from(place.0)) else { return };
         entry.slot = slot;
@@ -126,7 +126,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         if let Some(node) = self.nodes.get_mut(usize::from(place.0)) {
             node.due = earlier(node.due, Some(due));
         }
-        // One more due can only bring those above forward.
+        // One more due instant can only make those above it earlier.
         let mut at = place;
         for _ in 0..MAX_HEIGHT {
             let Some(node) = self.nodes.get_mut(usize::from(at.0)) else { break };
@@ -138,7 +138,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Puts a state at a place of the tree in which no more is armed than before.
+    /// Sets a state in which nothing is newly armed.
     pub(crate) fn set(&mut self, place: Place, slot: Slot) {
         let Some(entry) = self.entries.get_mut(usize::from(place.0)) else { return };
         let armed = core::mem::replace(&mut entry.slot, slot).armed();
@@ -152,11 +152,11 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Takes a place of the tree out of it.
+    /// Removes a place from the tree.
     pub(crate) fn remove(&mut self, place: Place) {
         let Node { left, right, up, height, below, .. } = *self.node(place);
         if place == self.last {
-            // Nothing is at its right, so at most a leaf is at its left.
+            // Nothing is to its right, so at most a leaf is to its left.
             self.last = if left == NIL { up } else { left };
         }
         if left == NIL || right == NIL {
@@ -173,7 +173,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
             }
             self.join(heir, Side::Left, left);
             self.replace(place, heir);
-            // What its ancestors know of the place still stands; mending says what changed.
+            // Its ancestors still go by the removed node's height and due instant; mending corrects them.
             if let Some(node) = self.nodes.get_mut(usize::from(heir.0)) {
                 node.height = height;
                 node.below = below;
@@ -288,7 +288,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Puts `new` where `old` hangs.
+    /// Puts `new` in the place of `old` below its parent.
     fn replace(&mut self, old: Place, new: Place) {
         let up = self.node(old).up;
         if up == NIL {
@@ -302,7 +302,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Restores balance and dues from `at` upwards, until an ancestor already knows.
+    /// Restores balance and due instants from `at` upwards, until an ancestor needs no change.
     fn mend(&mut self, mut at: Place) {
         for _ in 0..MAX_HEIGHT {
             let Some(node) = self.nodes.get(usize::from(at.0)) else { break };
@@ -344,7 +344,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Lowers `at` to that side, once its other child leans outwards.
+    /// Lowers `at` to that side, after making its other child lean outwards.
     fn rotate_towards(&mut self, at: Place, side: Side) -> Place {
         let high = self.child(at, side.other());
         let (outer, inner) = (self.child(high, side.other()), self.child(high, side));

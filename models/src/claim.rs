@@ -3,9 +3,7 @@
 use fuseline_kit::Promise;
 use fuseline_traces::Rule;
 
-use crate::operator::Operator;
 use crate::property::properties;
-use crate::state::State;
 
 properties! {
     /// A rule or promise that a step can break. Each is an `always` property: no state that can be
@@ -13,7 +11,7 @@ properties! {
     Claim,
     /// A set of claims.
     Claims,
-    always: is_kept;
+    always;
     F0 = "F0 decides as the reference machine",
     F1 = "F1 decides as the reference machine",
     F2 = "F2 decides as the reference machine",
@@ -79,8 +77,4 @@ impl From<Promise> for Claim {
             Promise::P12 => Self::P12,
         }
     }
-}
-
-fn is_kept(_: &Operator, state: &State, claim: Claim) -> bool {
-    !state.violated().contains(claim)
 }

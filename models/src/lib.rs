@@ -7,6 +7,7 @@ mod explore;
 mod machine;
 mod operator;
 mod property;
+mod shown;
 mod sighting;
 mod state;
 mod world;

@@ -6,7 +6,9 @@ use fuseline_traces::Input;
 use stateright::{Model, Property};
 
 use crate::claim::Claim;
-use crate::sighting::{Sighting, Sightings, sightings};
+use crate::property::Holds;
+use crate::shown::sightings;
+use crate::sighting::{Sighting, Sightings};
 use crate::state::State;
 use crate::world::{Readings, World};
 
@@ -41,16 +43,6 @@ impl Operator {
     #[must_use]
     pub const fn config(&self) -> &'static World {
         self.config
-    }
-
-    /// Whether a step from this state shows the sighting, unless another state was told to have one.
-    pub(crate) fn shows(&self, state: &State, sighting: Sighting) -> bool {
-        let Some(told) = self.told.get(sighting as usize) else { return false };
-        if told.load(Ordering::Relaxed) {
-            return false;
-        }
-        let shows = state.ahead(|| self.ahead(state)).contains(sighting);
-        shows && !told.swap(true, Ordering::Relaxed)
     }
 
     /// What the steps from a state show.
@@ -101,6 +93,24 @@ impl Operator {
         for cloud in self.config.clouds {
             out.push(Input::Offer { at, t, p: cloud.p.into(), deadline: 0, backlog: 0 });
         }
+    }
+}
+
+impl Holds<Claim> for Operator {
+    fn holds(&self, state: &State, claim: Claim) -> bool {
+        !state.violated().contains(claim)
+    }
+}
+
+impl Holds<Sighting> for Operator {
+    /// Whether a step from this state shows it, unless another state was told to have one.
+    fn holds(&self, state: &State, sighting: Sighting) -> bool {
+        let Some(told) = self.told.get(sighting as usize) else { return false };
+        if told.load(Ordering::Relaxed) {
+            return false;
+        }
+        let shows = state.ahead(|| self.ahead(state)).contains(sighting);
+        shows && !told.swap(true, Ordering::Relaxed)
     }
 }
 

@@ -1,13 +1,20 @@
 //! Properties by the table, with sets of them.
 
+use stateright::Model;
+
+/// A model that can say of its states whether a property of this kind holds.
+pub(crate) trait Holds<Kind>: Model {
+    /// Whether it holds in this state.
+    fn holds(&self, state: &Self::State, one: Kind) -> bool;
+}
+
 /// Makes an enum of properties, each `$Name = "its name"`, and the type of their sets.
 ///
 /// Stateright wants a function pointer for each property, which cannot capture which one it is of.
 /// So each needs a closure of its own, and a table keeps enum, names and closures together.
 macro_rules! properties {
     (
-        $(#[$doc:meta])* $Kind:ident, $(#[$set_doc:meta])* $Set:ident,
-        $expectation:ident: $condition:path;
+        $(#[$doc:meta])* $Kind:ident, $(#[$set_doc:meta])* $Set:ident, $expectation:ident;
         $($Name:ident = $text:literal,)*
     ) => {
         $(#[$doc])*
@@ -33,12 +40,16 @@ macro_rules! properties {
             }
 
             /// The property as stateright has it.
-            pub(crate) fn property(self) -> stateright::Property<crate::operator::Operator> {
+            pub(crate) fn property<M>(self) -> stateright::Property<M>
+            where
+                M: crate::property::Holds<Self>,
+            {
                 let name = self.name();
                 match self {
-                    $(Self::$Name => stateright::Property::$expectation(name, |operator, state| {
-                        $condition(operator, state, Self::$Name)
-                    }),)*
+                    $(Self::$Name => stateright::Property::$expectation(
+                        name,
+                        |model: &M, state| model.holds(state, Self::$Name),
+                    ),)*
                 }
             }
         }

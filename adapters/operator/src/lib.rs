@@ -1,5 +1,5 @@
-//! What every adapter shares: the core driven in the words of the trace, the queues to the sources,
-//! recording and counting. An adapter adds its clock, its threads and its network.
+//! What every adapter shares: the core, the queues to the sources, the values of held results, recording
+//! and counting. An adapter adds its clock, its threads and its network.
 
 mod counts;
 mod effect;
@@ -16,6 +16,7 @@ mod story;
 mod tally;
 mod tape;
 
+pub use counts::Counting;
 pub use effect::{Effect, Hint, Local, Offer};
 pub use engine::Engine;
 pub use fuseline_core::{ConfigError, Gate};
@@ -28,5 +29,5 @@ pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 pub use mcap::{Mcap, McapError};
 pub use pace::{Pace, Shortfall, Shortfalls};
 pub use reasons::Reasons;
-pub use tally::{Counting, InForce, SourceTally, Tally};
+pub use tally::{InForce, SourceTally, Tally};
 pub use tape::Sink;

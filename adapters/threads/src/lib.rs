@@ -16,6 +16,7 @@ mod cells;
 mod desk;
 mod owner;
 mod shared;
+mod ticket;
 #[cfg(feature = "values")]
 mod values;
 mod word;
@@ -24,6 +25,7 @@ mod word;
 pub use call::{Answered, Call, Message};
 pub use desk::Desk;
 pub use owner::Owner;
-pub use shared::{Shared, Ticket};
+pub use shared::Shared;
+pub use ticket::Ticket;
 #[cfg(feature = "values")]
 pub use values::Intake;

@@ -1,0 +1,25 @@
+//! The name of an open message.
+
+use fuseline_core::Timestamp;
+
+/// Names one open message for the machine that opened it. Using it with another machine is not detected.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Ticket {
+    pub(crate) timestamp: Timestamp,
+    pub(crate) generation: u64,
+    pub(crate) place: usize,
+}
+
+impl Ticket {
+    /// The message's timestamp.
+    #[must_use]
+    pub const fn timestamp(self) -> Timestamp {
+        self.timestamp
+    }
+
+    /// The message's place, less than the window; no other open message has it.
+    #[must_use]
+    pub const fn place(self) -> usize {
+        self.place
+    }
+}
