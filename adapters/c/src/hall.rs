@@ -38,13 +38,13 @@ struct Hall<const CLOUDS: usize, const WINDOW: usize> {
 }
 
 /// The owner's half, of whatever capacity.
-pub(crate) trait Private {
+pub(crate) trait OwnersHalf {
     fn open(&mut self, now: u64, t: u64, deadline: Option<u64>) -> Result<CTicket, CReason>;
     fn offer(&mut self, now: u64, ticket: CTicket, offer: (u64, u64, u64)) -> Told;
 }
 
 /// The half of all threads, of whatever capacity.
-pub(crate) trait Public {
+pub(crate) trait PublicHalf {
     fn bring(&self, now: u64, ticket: CTicket, brought: Brought) -> Told;
     fn next_due(&self, ticket: CTicket) -> Option<u64>;
 }
@@ -66,7 +66,7 @@ pub(crate) struct Told {
     pub(crate) answer: CAnswer,
 }
 
-impl<const CLOUDS: usize, const WINDOW: usize> Private for Owner<'static, CLOUDS, WINDOW> {
+impl<const CLOUDS: usize, const WINDOW: usize> OwnersHalf for Owner<'static, CLOUDS, WINDOW> {
     fn open(&mut self, now: u64, t: u64, deadline: Option<u64>) -> Result<CTicket, CReason> {
         let deadline = deadline.map(Deadline::from_nanos);
         let opened = self.open(Instant::from_nanos(now), Timestamp::new(t), deadline);
@@ -87,7 +87,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Private for Owner<'static, CLOUDS
     }
 }
 
-impl<const CLOUDS: usize, const WINDOW: usize> Public for Desk<CLOUDS, WINDOW> {
+impl<const CLOUDS: usize, const WINDOW: usize> PublicHalf for Desk<CLOUDS, WINDOW> {
     fn bring(&self, now: u64, ticket: CTicket, brought: Brought) -> Told {
         let (at, ticket) = (Instant::from_nanos(now), named(ticket));
         // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
@@ -200,7 +200,7 @@ pub(crate) unsafe fn make(
 pub(crate) unsafe fn desk<A>(
     machine: *mut CShared,
     answers: &[Written],
-    call: impl FnOnce(&dyn Public) -> A,
+    call: impl FnOnce(&dyn PublicHalf) -> A,
 ) -> Result<A, CStatus> {
     // SAFETY: by the caller's promise.
     let head = unsafe { Head::of(machine, answers) }?;
@@ -217,7 +217,7 @@ pub(crate) unsafe fn desk<A>(
 pub(crate) unsafe fn owner<A>(
     machine: *mut CShared,
     answers: &[Written],
-    call: impl FnOnce(&mut dyn Private) -> A,
+    call: impl FnOnce(&mut dyn OwnersHalf) -> A,
 ) -> Result<A, CStatus> {
     // SAFETY: by the caller's promise.
     let head = unsafe { Head::of(machine, answers) }?;
