@@ -411,7 +411,7 @@ fn over_tls_only_the_right_certificates_and_token_are_answered() {
         (
             &server.url,
             format!("--ca other.pem {client} {token}"),
-            "UnknownIssuer; give the server's CA",
+            "invalid peer certificate: BadSignature; give the server's CA",
         ),
         (&server.url, format!("--ca ca.pem {token}"), "--cert and --key if it wants this side's"),
         (
@@ -435,7 +435,8 @@ fn over_tls_only_the_right_certificates_and_token_are_answered() {
     let probed = probe(&server.url, &format!("--ca ca.pem {client} {token}"));
     assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
     let summary = report(&probed);
-    assert_eq!((&summary["sent"], &summary["failed"]), (&6.into(), &0.into()), "{summary}");
+    assert_eq!((&summary["answered"], &summary["failed"]), (&summary["sent"], &0.into()));
+    assert_ne!(summary["sent"], 0, "{summary}");
 }
 
 #[cfg(target_os = "linux")]

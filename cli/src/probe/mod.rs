@@ -195,7 +195,7 @@ fn remedy(is_secret: bool, why: &str) -> &'static str {
         "give an http URL"
     } else if why == CallError::BROKE && !is_secret {
         "if it speaks TLS, give an https URL and --ca"
-    } else if why == CallError::BROKE || why.to_lowercase().contains("certificate") {
+    } else if why == CallError::BROKE || why.contains("certificate") || why.contains("alert") {
         "give the server's CA with --ca, and --cert and --key if it wants this side's"
     } else {
         START
