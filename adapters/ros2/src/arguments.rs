@@ -17,7 +17,7 @@ there by its deadline.
 Usage: fuseline-ros2 [OPTION]... [--ros-args [ROS ARGUMENT]... [--]]...
 
 Options:
-      --check    Print the settings as they are resolved, and exit
+      --check    Print the settings as they are resolved, or what the start would refuse, and exit
   -h, --help     Print this, and exit
   -V, --version  Print the version, and exit
 
@@ -31,7 +31,8 @@ ROS arguments:
 
 Exit codes:
     0  done, or ended by a signal
-    2  bad arguments or settings, told in one line
+    1  the network or the system refuses, told in the log
+    2  bad arguments or settings, told in one line; nothing was started
   130  ended by a second signal
 ";
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use fuseline_deadline::Invalid;
-use fuseline_operator::{ConfigError, Shortfalls};
+use fuseline_operator::ConfigError;
 use rustdds::dds::CreateError;
 use thiserror::Error;
 
@@ -15,11 +15,6 @@ pub enum NodeError {
     /// What its parameters make is no machine.
     #[error("the parameters are refused: {0}")]
     Config(#[from] ConfigError),
-    /// It could not keep up with what comes.
-    #[error(
-        "the node could not keep up: {0} (by window, <cloud>.in_flight, local.in_flight and deadline)"
-    )]
-    Pace(#[from] Shortfalls),
     /// Figures that make no policy.
     #[error("the policy's parameters are refused: {0}")]
     Policy(#[from] Invalid),
