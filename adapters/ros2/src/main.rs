@@ -27,7 +27,7 @@ fn main() -> ExitCode {
         Action::Check | Action::Run => {}
     }
     let settings = match Settings::from(&arguments, |name| {
-        // What is no text is wrong where it is read, not missing.
+        // A value that is not UTF-8 is an error where it is read, not missing.
         std::env::var_os(name).map(|value| value.to_string_lossy().into_owned())
     }) {
         Ok(settings) => settings,
@@ -52,7 +52,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs the node until it is told to end.
+/// Runs the node until it is to end.
 fn serve(settings: &Settings, lines: Lines) -> Result<ExitCode, NodeError> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(NodeError::System)?;
@@ -61,7 +61,7 @@ fn serve(settings: &Settings, lines: Lines) -> Result<ExitCode, NodeError> {
     Ok(if stop.is_urgent() { ExitCode::from(130) } else { ExitCode::SUCCESS })
 }
 
-/// Logs to standard error and to what it returns; `RUST_LOG` says more than a level can.
+/// Logs to standard error and to the lines that it returns; `RUST_LOG` overrides the level.
 fn log(level: Option<Level>) -> Lines {
     let level = match level {
         Some(Level::Debug) => "debug",
@@ -69,8 +69,8 @@ fn log(level: Option<Level>) -> Lines {
         Some(Level::Warn) => "warn",
         Some(Level::Error | Level::Fatal) => "error",
     };
-    // What the libraries have to say is for those who look for it; where there is no multicast, as
-    // on loopback alone, that is an error to one of them, and none to us.
+    // The libraries' logs are for those who ask for them: one of them logs an error where there is
+    // no multicast, as on loopback alone, and that is none to us.
     let ours =
         format!("error,fuseline_ros2={level},fuseline_operator={level},rustdds::network=off");
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(ours));
@@ -85,7 +85,7 @@ fn log(level: Option<Level>) -> Lines {
 }
 
 fn print(text: &str) -> ExitCode {
-    // A reader that has seen enough is no error.
+    // A reader that closes early is no error.
     drop(std::io::stdout().write_all(text.as_bytes()));
     ExitCode::SUCCESS
 }

@@ -326,7 +326,7 @@ fn deadlines_and_clouds_change_at_run_time_and_nothing_else() {
         (
             "window",
             Value::Integer(1),
-            "window is fixed while the node runs; start it anew with another value",
+            "window is fixed while the node runs; restart it with another value",
         ),
         (
             "north.enabled",
@@ -410,7 +410,7 @@ fn d15_figures_that_make_no_policy_are_told_where_they_are() {
     let error = with("-p policy.speed_topic:=odom -p policy.speed_type:=a/msg/B").unwrap_err();
     assert!(error.ends_with("give nav_msgs/msg/Odometry or std_msgs/msg/Float64"), "{error}");
     let error = with("-p clouds:=[policy]").unwrap_err();
-    assert!(error.contains("parameters of the node begin like that"), "{error}");
+    assert!(error.contains("the node's own parameters begin like that"), "{error}");
 }
 
 #[test]
