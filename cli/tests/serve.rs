@@ -113,7 +113,7 @@ fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
         err(&ran).lines().next(),
         Some(
             "warning: east: its server serves DETR-ResNet-101 on A100, not DINO-SWIN-Tiny on A100; \
-             the tables tell of what it serves"
+             the tables show what it serves"
         )
     );
     let line = out(&ran).lines().find(|line| line.contains("http://")).unwrap();

@@ -61,11 +61,11 @@ pub(crate) enum CloudError {
     Twice(String),
     #[error("{0} is missing")]
     Missing(&'static str),
-    #[error("{key} {value:?} is none; it must be {wanted}")]
+    #[error("{key} {value:?} is not valid; it must be {wanted}")]
     Value { key: &'static str, value: String, wanted: &'static str },
-    #[error("{0} does not go with url; give it to fuseline serve there")]
+    #[error("{0} cannot be given with url; give it to fuseline serve there")]
     Remote(&'static str),
-    #[error("{0} goes with url alone")]
+    #[error("{0} needs url")]
     Emulated(&'static str),
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -328,8 +328,8 @@ mod tests {
             ("name=a,priority=1,model=yolo", "no model \"yolo\""),
             ("name=a,priority=1,model=DETR-ResNet-50", "drive or url is missing"),
             ("name=a,priority=1,model=DETR-ResNet-50,drive=x,start=-1", "start \"-1\""),
-            ("name=a,priority=1,model=DETR-ResNet-50,drive=x,ca=y", "ca goes with url alone"),
-            ("name=a,priority=1,url=http://h,drive=x", "drive does not go with url"),
+            ("name=a,priority=1,model=DETR-ResNet-50,drive=x,ca=y", "ca needs url"),
+            ("name=a,priority=1,url=http://h,drive=x", "drive cannot be given with url"),
         ] {
             assert!(fault(text).contains(what), "{text}: {}", fault(text));
         }

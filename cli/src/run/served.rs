@@ -63,9 +63,8 @@ impl Served {
         let said = Self::from(description);
         let told = std::mem::replace(self, said).model?;
         let is = self.model.as_deref().unwrap_or("a model without a name");
-        (is != told).then(|| {
-            format!("its server serves {is}, not {told}; the tables tell of what it serves")
-        })
+        (is != told)
+            .then(|| format!("its server serves {is}, not {told}; the tables show what it serves"))
     }
 }
 
