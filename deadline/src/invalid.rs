@@ -23,7 +23,7 @@ pub enum Invalid {
     CloudSeesLess,
     /// The calls remembered need not include a probe; see [`Expected::new`](crate::Expected::new).
     Probes {
-    /// One message in this many was to be a probe.
+        /// One message in this many was to be a probe.
         every: u32,
         /// The calls that are remembered.
         window: usize,

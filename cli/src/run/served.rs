@@ -48,7 +48,7 @@ impl Served {
         let description = match timeout(PATIENCE, client.describe(Request::new(()))).await {
             Ok(Ok(said)) => said.into_inner(),
             Ok(Err(status)) if status.code() == Code::Unimplemented => {
-                self.unsaid = Some("it does not know the question".to_owned());
+                self.unsaid = Some("it does not know this call".to_owned());
                 return None;
             }
             Ok(Err(status)) => {

@@ -87,7 +87,7 @@ fn unsaid(plan: &Plan) -> String {
     for Cloud { name, served, .. } in &plan.clouds {
         let Some(why) = &served.unsaid else { continue };
         let known = match served.model {
-            Some(_) => "its model is what --cloud tells",
+            Some(_) => "its model is as --cloud says",
             None => "nothing is known of its model",
         };
         // Writing to a string does not fail.
@@ -99,7 +99,7 @@ fn unsaid(plan: &Plan) -> String {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.interrupted {
-            writeln!(f, "Ended early; this is what there was.\n")?;
+            writeln!(f, "Ended early; this is the run so far.\n")?;
         }
         let name = |row: &Row| {
             let source = self.sources.iter().find(|source| u64::from(source.priority) == row.p);
@@ -137,7 +137,7 @@ impl fmt::Display for Report {
         if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
             writeln!(
                 f,
-                "? cannot be told: a model has no figure, or calls were ended or never made."
+                "? is not known: a model has no figure, or calls were ended or never made."
             )?;
         }
         if let Some(lag) = self.timer_lag_ms {
