@@ -23,7 +23,7 @@ pub(crate) struct Wanted {
 pub(crate) enum Place {
     /// In this process, behind a recorded network.
     Emulated { model: Model, drive: String, start: Duration },
-    /// A server elsewhere; what it runs is told only for the report.
+    /// A server elsewhere; what it runs is given only for the report.
     Remote { model: Option<Model>, remote: Remote },
 }
 
@@ -91,7 +91,7 @@ pub(crate) const DEFAULTS: [&str; 2] = [
 ];
 
 impl Wanted {
-    /// The files that tell of it, as far as they are there.
+    /// The files that its keys name, if they are given.
     pub(crate) fn files(&self) -> Vec<&Path> {
         match &self.place {
             Place::Emulated { drive, .. } => {

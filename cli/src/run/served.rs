@@ -1,4 +1,4 @@
-//! What a cloud serves: as this process emulates it, as its server says, or else as the user told.
+//! What a cloud serves: as this process emulates it, as its server says, or else as the user said.
 
 use std::time::Duration;
 
@@ -25,12 +25,12 @@ pub(crate) struct Served {
     pub(crate) drive: Option<String>,
     /// Whether its runtime is emulated.
     pub(crate) emulated: bool,
-    /// Why its server did not say so; then it is what the user told.
+    /// Why its server did not say so; then it is what the user said.
     pub(crate) unsaid: Option<String>,
 }
 
 impl Served {
-    /// What the user told of a server elsewhere, before it was asked.
+    /// What the user said of a server elsewhere, before it was asked.
     pub(crate) fn told(model: Option<&Model>) -> Self {
         let Some(model) = model else { return Self::default() };
         let (name, runtime) = (Some(model.to_string()), Some(model.runtime));
@@ -42,7 +42,7 @@ impl Served {
         Self { emulated: true, ..Self::told(Some(model)) }
     }
 
-    /// Asks the server; says what the user told otherwise.
+    /// Asks the server; returns a warning where the user said otherwise.
     pub(crate) async fn ask(&mut self, connection: Connection) -> Option<String> {
         let mut client = InferClient::new(connection);
         let description = match timeout(PATIENCE, client.describe(Request::new(()))).await {

@@ -15,14 +15,14 @@ use crate::run::report::{PolicyReport, Report, SourceReport, share};
 const OUTAGE: Duration = Duration::from_secs(1);
 /// The column of requests that are open as the run ends.
 const OPEN: usize = 6;
-/// How many outages of one cloud are told.
+/// How many outages of one cloud are shown.
 const OUTAGES: usize = 4;
 
 /// A line below the header and no other.
 const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
-/// What is about to run.
+/// The plan of a run, in words.
 pub(crate) struct Introduction<'a>(pub(crate) &'a Plan);
 
 impl fmt::Display for Introduction<'_> {
@@ -81,7 +81,7 @@ impl fmt::Display for Cloud {
     }
 }
 
-/// Which clouds run what the user told and nobody confirmed, a line each.
+/// The clouds whose models only the user named, a line each.
 fn unsaid(plan: &Plan) -> String {
     let mut lines = String::new();
     for Cloud { name, served, .. } in &plan.clouds {
@@ -227,7 +227,7 @@ pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&Row) -> String) -> T
     table
 }
 
-/// When which clouds are out of reach, in one line; nothing if none is known to be.
+/// When clouds are out of reach, in one line; nothing if none is known to be.
 fn outages(plan: &Plan) -> String {
     let of = |cloud: &Cloud| {
         let emulation = cloud.emulation()?;
