@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_arbiter::{Answer, Arbiter};
-use fuseline_core::{Admission, ConfigError, Opening};
+use fuseline_core::{Admission, ConfigError, Opening, Priority, Timestamp};
 use fuseline_deadline::{End, Policy, Situation};
 use fuseline_traces::{Header, Input};
 use tracing::warn;
@@ -158,19 +158,20 @@ impl<V, R> Engine<V, R> {
 
     /// F2: a message handler wants `request` sent to cloud `p`.
     ///
-    /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`.
+    /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. It is asked only
+    /// if the request will be admitted.
     pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
         self.begin(at);
         let place = self.hands.place(p);
-        let mut deadline = deadline;
-        if let Some(place) = place.filter(|place| *place != LOCAL) {
-            let Some(chosen) = self.hands.deadline(at, t, place, self.situation, deadline) else {
-                return;
-            };
-            deadline = chosen;
-        }
-        let deadline = nanos(deadline);
         let backlog = place.map_or(0, |place| self.hands.lanes[place].backlog() as u64);
+        let is_cloud = |place: &usize| *place != LOCAL && !deadline.is_zero();
+        let asked = place.filter(is_cloud).filter(|place| self.asks(t, *place, backlog));
+        let deadline = match asked {
+            None => Some(deadline),
+            Some(place) => self.hands.deadline(at, t, place, self.situation, deadline),
+        };
+        let Some(deadline) = deadline else { return };
+        let deadline = nanos(deadline);
         let Self { arbiter, hands, .. } = self;
         let p = p.into();
         let admission =
@@ -279,6 +280,22 @@ impl<V, R> Engine<V, R> {
             lag.record(Duration::from_nanos(at - due));
         }
         self.hands.lapse(at);
+    }
+
+    /// T6: a policy is asked about what is admitted alone, or it would count probes that never were sent.
+    fn asks(&self, t: u64, place: usize, backlog: u64) -> bool {
+        let lane = &self.hands.lanes[place];
+        if lane.policy.is_none() {
+            return true;
+        }
+        let (fusion, p) = (self.arbiter.fusion(), Priority::new(lane.source.priority));
+        let (Some(slot), Some(cloud), Some(mut gate)) =
+            (fusion.slot(Timestamp::new(t)), fusion.source(p), fusion.gate(p))
+        else {
+            return false;
+        };
+        // F2: the gate of the machine itself moves when it is offered.
+        slot.offer(cloud).1.is_none() && gate.admits(backlog)
     }
 
     /// The place of cloud `p`.

@@ -17,9 +17,9 @@ come by its deadline.
 Usage: fuseline-ros2 [OPTION]... [--ros-args [ROS ARGUMENT]... [--]]...
 
 Options:
-      --check    Print the resolved settings and exit
-      -h, --help     Print this and exit
-      -V, --version  Print the version and exit
+      --check    Print the resolved settings, or what the start would refuse, and exit
+  -h, --help     Print this and exit
+  -V, --version  Print the version and exit
 
 ROS arguments:
   -r, --remap [NODE:]FROM:=TO       Rename a topic, the node (__node) or its namespace (__ns)
@@ -31,7 +31,8 @@ ROS arguments:
 
 Exit codes:
     0  done, or ended by a signal
-    2  bad arguments or settings, with one line that says what is wrong
+    1  the network or the system refuses; the log says what
+    2  bad arguments or settings; one line says what, and nothing was started
   130  ended by a second signal
 ";
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use fuseline_deadline::Invalid;
-use fuseline_operator::{ConfigError, Shortfalls};
+use fuseline_operator::ConfigError;
 use rustdds::dds::CreateError;
 use thiserror::Error;
 
@@ -15,12 +15,7 @@ pub enum NodeError {
     /// There is no machine with these parameters.
     #[error("the parameters are refused: {0}")]
     Config(#[from] ConfigError),
-    /// It could not keep up with what comes.
-    #[error(
-        "the node could not keep up: {0} (parameters window, <cloud>.in_flight, local.in_flight, deadline)"
-    )]
-    Pace(#[from] Shortfalls),
-    /// There is no policy with these figures.
+    /// Figures that make no policy.
     #[error("the policy's parameters are refused: {0}")]
     Policy(#[from] Invalid),
     /// A recording's file cannot be created.

@@ -4,11 +4,11 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Counting, Ending, Item, Offer, Situation};
+use fuseline_operator::{Counting, Ending, Hint, Item, Offer, Situation};
 use fuseline_tokio::Call;
 use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
 use tokio::time::Instant;
-use tracing::error;
+use tracing::{debug, error};
 
 use crate::dds::End;
 use crate::key::{Key, Stamp};
@@ -164,7 +164,18 @@ impl Transport for Fusion<'_> {
         }
     }
 
-    /// F7: sends out what became of a message.
+    /// What came too late may help with the next messages. It never goes to the output's topic.
+    fn hint(&mut self, hint: Hint<Payload>) {
+        let Hint { source, value, timestamp, why, .. } = hint;
+        let of = self.sources.iter().find(|it| it.priority == source.priority);
+        if let Some(hints) = of.and_then(|source| source.hints.as_ref())
+            && !hints.publish(value)
+        {
+            debug!(timestamp, %source, %why, "hint not sent: a subscriber is too far behind");
+        }
+    }
+
+    /// F7: what became of a message goes out.
     fn output(&mut self, item: Item<Payload>) {
         let stamps = &mut self.memory.stamps;
         let key = match item.ending {

@@ -4,8 +4,10 @@ use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 
 use fuseline_ros2::arguments::{Action, Arguments, HELP, Level};
+use fuseline_ros2::settings::PolicyKind;
 use fuseline_ros2::{Lines, NodeError, Rosout, Settings, Stop};
-use tracing::error;
+use tokio::runtime::{Builder, Runtime};
+use tracing::{error, warn};
 use tracing_subscriber::filter::{EnvFilter, LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
@@ -34,16 +36,25 @@ fn main() -> ExitCode {
         Err(error) => return told(&error),
     };
     if arguments.action == Action::Check {
-        return print(&format!("{settings}\n"));
+        return match check(&settings) {
+            Ok(()) => print(&format!("{settings}\n")),
+            Err(error) => told(&error),
+        };
     }
     let lines = log(settings.log_level);
     for given in &settings.ignored {
-        tracing::warn!("{}: {} is of no effect here", given.place, given.name);
+        warn!("{}: {} is of no effect here", given.place, given.name);
+    }
+    if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
+        warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");
     }
     match serve(&settings, lines) {
         Ok(code) => code,
         Err(
-            error @ (NodeError::Config(_) | NodeError::Recording { .. } | NodeError::Grpc { .. }),
+            error @ (NodeError::Config(_)
+            | NodeError::Policy(_)
+            | NodeError::Recording { .. }
+            | NodeError::Grpc { .. }),
         ) => told(&error),
         Err(error) => {
             error!(%error, "the node ended");
@@ -52,16 +63,24 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs the node until it is to end.
+/// What the start of the node would refuse.
+fn check(settings: &Settings) -> Result<(), NodeError> {
+    runtime()?.block_on(async { fuseline_ros2::check(settings) })
+}
+
+/// Runs the node until it is told to end.
 fn serve(settings: &Settings, lines: Lines) -> Result<ExitCode, NodeError> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let runtime = runtime.map_err(NodeError::System)?;
+    let runtime = runtime()?;
     let mut stop = runtime.block_on(async { Stop::watch() }).map_err(NodeError::System)?;
     runtime.block_on(fuseline_ros2::run(settings, &mut stop, Some(lines)))?;
     Ok(if stop.is_urgent() { ExitCode::from(130) } else { ExitCode::SUCCESS })
 }
 
-/// Logs to standard error and to the lines that it returns; `RUST_LOG` overrides the level.
+fn runtime() -> Result<Runtime, NodeError> {
+    Builder::new_current_thread().enable_all().build().map_err(NodeError::System)
+}
+
+/// Logs to standard error and to what it returns; `RUST_LOG` says more than a level can.
 fn log(level: Option<Level>) -> Lines {
     let level = match level {
         Some(Level::Debug) => "debug",

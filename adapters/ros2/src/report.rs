@@ -86,15 +86,16 @@ impl Reporter {
     }
 
     /// The state of the node, of local and of each cloud in the period that ends now. Counts are
-    /// since the start.
+    /// since the start; `blind` says that policies know no speed.
     pub(crate) fn period(
         &mut self,
         tally: Tally,
         intake: Intake,
         sources: &[Source],
         ends: &[&End],
+        blind: Option<String>,
     ) -> Vec<DiagnosticStatus> {
-        let mut statuses = vec![self.fusion(&tally, intake, ends)];
+        let mut statuses = vec![self.fusion(&tally, intake, ends, blind)];
         for (i, source) in sources.iter().enumerate() {
             if let (Some(now), Some(before)) = (tally.sources.get(i), self.told.sources.get(i)) {
                 let stray = self.strays.get(i).copied().unwrap_or_default();
@@ -107,7 +108,13 @@ impl Reporter {
         statuses
     }
 
-    fn fusion(&self, tally: &Tally, intake: Intake, ends: &[&End]) -> DiagnosticStatus {
+    fn fusion(
+        &self,
+        tally: &Tally,
+        intake: Intake,
+        ends: &[&End],
+        blind: Option<String>,
+    ) -> DiagnosticStatus {
         let missed = tally.missed - self.told.missed;
         let refused = total(&tally.refused) - total(&self.told.refused);
         let unread = intake.unread() - self.intake.unread();
@@ -129,6 +136,8 @@ impl Reporter {
             (WARN, unfit)
         } else if let Some(silent) = silent {
             (WARN, silent)
+        } else if let Some(blind) = blind {
+            (WARN, blind)
         } else if let Some(end) = nobody {
             (OK, format!("nobody on {}", end.topic))
         } else {

@@ -130,6 +130,8 @@ pub struct Cloud {
     pub in_flight: u16,
     /// How long a request may run on after it was due, so that its policy learns how long it takes.
     pub linger: Duration,
+    /// The topic on which its late results are published, for whom they help with what comes next.
+    pub hints: Option<String>,
     /// How it is reached.
     pub way: Way,
 }
@@ -192,6 +194,10 @@ impl Settings {
         settings.declared = reader.declared;
         settings.log_level = log_level;
         settings.rosout = arguments.rosout;
+        if let Err(why) = settings.keep_pace() {
+            let place = settings.place("policy.rate");
+            return Err(SettingsError::Pace { place, why });
+        }
         for at in 0..settings.declared.len() {
             let is_fixed = settings.dynamic(&settings.declared[at].name).is_none();
             settings.declared[at].at_run_time = !is_fixed;
@@ -205,6 +211,14 @@ impl Settings {
         let mut topics = self.topics.iter();
         let found = topics.find(|other| other.name == topic && other.role == role);
         found.map_or_else(|| Qos::of(role), |topic| topic.qos)
+    }
+}
+
+impl Settings {
+    /// Where a parameter comes from.
+    fn place(&self, name: &str) -> Place {
+        let found = self.declared.iter().find(|parameter| parameter.name == name);
+        found.map_or(Place::Default, |parameter| parameter.place.clone())
     }
 }
 

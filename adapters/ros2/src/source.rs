@@ -21,6 +21,8 @@ pub(crate) struct Source {
     pub(crate) enabled: bool,
     /// How long it may take; none means the node's deadline.
     pub(crate) deadline: Option<Duration>,
+    /// Where its late results go, for whom they help with what comes next.
+    pub(crate) hints: Option<Box<dyn Publish>>,
     pub(crate) strays: Strays,
 }
 
@@ -124,12 +126,11 @@ impl Source {
 
     /// The topics' ends, to report peers that do not fit.
     pub(crate) fn ends(&self) -> impl Iterator<Item = &End> {
-        match &self.way {
+        let ends = match &self.way {
             Way::Topics { requests, results } => [Some(requests.end()), Some(&**results)],
             Way::Grpc(_) => [None, None],
-        }
-        .into_iter()
-        .flatten()
+        };
+        ends.into_iter().flatten().chain(self.hints.iter().map(|hints| hints.end()))
     }
 }
 

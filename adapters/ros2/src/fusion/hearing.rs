@@ -129,7 +129,8 @@ impl Fusion<'_> {
     pub(crate) fn report(&mut self) {
         let Memory { intake, reporter, .. } = &mut self.memory;
         let ends: Vec<&End> = self.ends.iter().map(|end| &**end).collect();
-        let statuses = reporter.period(self.counting.tally(), *intake, &self.sources, &ends);
+        let blind = self.speed.as_ref().and_then(|speed| speed.missing(Instant::now()));
+        let statuses = reporter.period(self.counting.tally(), *intake, &self.sources, &ends, blind);
         self.voice.diagnostics(statuses);
     }
 }

@@ -30,7 +30,7 @@ fn none() -> Tally {
 fn source(priority: u16, name: &str) -> Source {
     let way = Way::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
     let (deadline, strays) = (None, Strays::default());
-    Source { priority, name: name.into(), way, enabled: true, deadline, strays }
+    Source { priority, name: name.into(), way, enabled: true, deadline, hints: None, strays }
 }
 
 fn sources() -> [Source; 2] {
@@ -55,9 +55,9 @@ fn said(
     let mut reporter = Reporter::new("/fuseline", none());
     happened(&mut tally, &mut intake, &mut sources, &ends);
     let ends = ends.each_ref();
-    let mut first = reporter.period(tally.clone(), intake, &sources, &ends);
-    // What happened once is reported once.
-    let mut next = reporter.period(tally, intake, &sources, &ends);
+    let mut first = reporter.period(tally.clone(), intake, &sources, &ends, None);
+    // What happened once is told once.
+    let mut next = reporter.period(tally, intake, &sources, &ends, None);
     let (status, next) = (first.swap_remove(part), next.swap_remove(part));
     assert_eq!(status.name, format!("/fuseline: {}", ["fusion", "local", "west"][part]));
     assert_eq!(status.values, next.values, "counts are since the start");
@@ -124,6 +124,22 @@ fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
 
 /// D15.
 #[test]
+fn the_node_warns_of_a_speed_that_is_not_known_after_what_is_worse() {
+    let said = |missed| {
+        let blind = Some("no speed on /odom for 0.7 s".to_owned());
+        let (tally, ends) = (Tally { missed, ..none() }, ends());
+        let mut reporter = Reporter::new("/fuseline", none());
+        let mut said =
+            reporter.period(tally, Intake::default(), &sources(), &ends.each_ref(), blind);
+        let status = said.swap_remove(0);
+        (status.level, status.message)
+    };
+    assert_eq!(said(0), (WARN, "no speed on /odom for 0.7 s".to_owned()));
+    assert_eq!(said(1), (ERROR, "1 messages missed".to_owned()));
+}
+
+/// D15.
+#[test]
 fn the_node_warns_of_inputs_that_come_no_longer() {
     let [input, output] = ends();
     let hour = Duration::from_secs(3600);
@@ -131,7 +147,7 @@ fn the_node_warns_of_inputs_that_come_no_longer() {
     input.patience(Some(hour));
     let said = || {
         let mut said = Reporter::new("/fuseline", none());
-        let said = said.period(none(), Intake::default(), &sources(), &[&input, &output]);
+        let said = said.period(none(), Intake::default(), &sources(), &[&input, &output], None);
         (said[0].level, said[0].message.clone())
     };
     let well = (OK, "each message answered".to_owned());

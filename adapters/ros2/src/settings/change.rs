@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use fuseline_operator::Shortfalls;
 use thiserror::Error;
 
 use crate::parameters::Value;
@@ -36,6 +37,9 @@ pub enum ChangeError {
     /// The value is not valid.
     #[error("{0} cannot be {1}; give {2}")]
     Value(String, Value, &'static str),
+    /// With it the node could not keep up.
+    #[error("{0} cannot be {1}: {2}")]
+    Pace(String, Value, Shortfalls),
 }
 
 /// A parameter that may be changed.
@@ -77,7 +81,24 @@ impl Settings {
             }
             Dynamic::SimTime => (flag_of(value).map(Change::SimTime), "true or false"),
         };
-        change.ok_or_else(|| ChangeError::Value(name.to_owned(), value.clone(), expected))
+        let Some(change) = change else {
+            return Err(ChangeError::Value(name.to_owned(), value.clone(), expected));
+        };
+        match self.keeps_pace_with(change) {
+            Ok(()) => Ok(change),
+            Err(why) => Err(ChangeError::Pace(name.to_owned(), value.clone(), why)),
+        }
+    }
+
+    /// Whether the node can keep up after this change to what it was at its start.
+    fn keeps_pace_with(&self, change: Change) -> Result<(), Shortfalls> {
+        let mut changed = self.clone();
+        match change {
+            Change::Deadline(deadline) => changed.deadline = deadline,
+            Change::CloudDeadline(at, deadline) => changed.clouds[at].deadline = deadline,
+            Change::LocalDeadline(_) | Change::CloudEnabled(..) | Change::SimTime(_) => {}
+        }
+        changed.keep_pace()
     }
 
     /// The parameter, if it is one that may be changed.

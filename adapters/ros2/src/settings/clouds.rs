@@ -1,9 +1,11 @@
 //! The clouds' parameters.
 
+use std::time::Duration;
+
 use crate::names::check_token;
 use crate::parameters::{Place, Value};
 use crate::settings::reader::{Placed, Reader};
-use crate::settings::{Cloud, Grpc, SettingsError, Way, seconds, topics};
+use crate::settings::{Cloud, Grpc, Role, SettingsError, Way, seconds, topics};
 
 /// The most clouds, as in the core.
 const CLOUDS: usize = 15;
@@ -25,8 +27,8 @@ const RESERVED: [&str; 15] = [
     "use_sim_time",
     "qos_overrides",
 ];
-/// The names of a cloud's parameters, below its own name.
-const PARTS: [&str; 15] = [
+/// What a cloud's parameters are called, below its name.
+const PARTS: [&str; 16] = [
     "priority",
     "deadline",
     "enabled",
@@ -34,6 +36,7 @@ const PARTS: [&str; 15] = [
     "resume",
     "in_flight",
     "linger",
+    "hints",
     "input_topic",
     "output_topic",
     "grpc.url",
@@ -112,9 +115,31 @@ fn cloud(
         let [input, output] = topics(r, &name, types)?;
         Way::Topics { input, output }
     };
+    let hints = hints(r, &name, types[1], &way, linger)?;
     let limit = limit.unsigned_abs();
     let deadline = seconds::none_if_zero(deadline.value);
-    Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, linger, way })
+    Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, linger, hints, way })
+}
+
+/// The topic of its late results, if there is to be one.
+fn hints(
+    r: &mut Reader,
+    cloud: &str,
+    type_name: &str,
+    way: &Way,
+    linger: Duration,
+) -> Result<Option<String>, SettingsError> {
+    let name = format!("{cloud}.hints");
+    let place = r.place(&name);
+    let about = "The topic on which its late results are published; empty for none";
+    let topic = r.topic(&name, "", about, type_name, Role::Publisher)?;
+    match (way, place) {
+        _ if topic.is_empty() => Ok(None),
+        (Way::Grpc(_), Some(place)) if linger.is_zero() => {
+            Err(SettingsError::Hints { place, name, linger: format!("{cloud}.linger") })
+        }
+        (Way::Grpc(_) | Way::Topics { .. }, _) => Ok(Some(topic)),
+    }
 }
 
 fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {

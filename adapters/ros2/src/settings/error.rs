@@ -1,5 +1,6 @@
 //! What is wrong with settings.
 
+use fuseline_operator::Shortfalls;
 use thiserror::Error;
 
 use crate::names::NameError;
@@ -57,6 +58,24 @@ pub enum SettingsError {
     /// There is no policy with these figures.
     #[error("{place}: the policy's parameters are refused: {why}")]
     Policy { place: Place, why: fuseline_deadline::Invalid },
+    /// A guard that could not guard.
+    #[error(
+        "{place}: policy is {policy}, which goes by the speed, and nothing tells it; give \
+         policy.speed_topic, or another policy"
+    )]
+    Speed { place: Place, policy: &'static str },
+    /// The node could not keep up with what comes.
+    #[error(
+        "{place}: policy.rate is more than the node can keep up with: {why} (by window, \
+         <cloud>.in_flight, local.in_flight and deadline)"
+    )]
+    Pace { place: Place, why: Shortfalls },
+    /// Hints that would never come.
+    #[error(
+        "{place}: {name} is given, but calls end when they are due, and nothing comes late; give \
+         {linger}, too"
+    )]
+    Hints { place: Place, name: String, linger: String },
     /// A parameter of a cloud that is not there.
     #[error("{place}: {name} is given, but there is no cloud {cloud}; add it to clouds")]
     NoCloud { place: Place, name: String, cloud: String },

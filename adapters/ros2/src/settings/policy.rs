@@ -1,5 +1,6 @@
 //! How deadlines are chosen.
 
+use std::fmt;
 use std::time::Duration;
 
 use fuseline_deadline::{Accuracy, Expected, Guard, Hazard, Impact, Invalid, Parameters, Span};
@@ -53,6 +54,29 @@ pub struct SpeedTopic {
     pub age: Duration,
 }
 
+impl PolicyKind {
+    const ALL: [Self; 4] = [Self::Set, Self::Guard, Self::Expected, Self::Guarded];
+
+    /// Its name among the parameters.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Set => "set",
+            Self::Guard => "guard",
+            Self::Expected => "expected",
+            Self::Guarded => "guarded",
+        }
+    }
+
+    /// Whether without a speed it never waits longer than local takes.
+    const fn goes_by_speed(self) -> bool {
+        match self {
+            Self::Set | Self::Expected => false,
+            Self::Guard | Self::Guarded => true,
+        }
+    }
+}
+
 impl Deadlines {
     /// A policy for one cloud; none if deadlines stay as set.
     ///
@@ -76,11 +100,8 @@ impl Deadlines {
 }
 
 impl Settings {
-    /// Whether the node can keep up; checked only if it has a policy and the rate of messages is known.
-    ///
-    /// # Errors
-    /// Everything that falls short.
-    pub fn keep_pace(&self) -> Result<(), Shortfalls> {
+    /// Whether the node can keep up, as far as the rate of messages is known and a policy is to work.
+    pub(super) fn keep_pace(&self) -> Result<(), Shortfalls> {
         let Deadlines { kind, parameters, rate, .. } = &self.deadlines;
         let (Some(rate), true) = (*rate, *kind != PolicyKind::Set) else { return Ok(()) };
         let clouds = || self.clouds.iter();
@@ -92,6 +113,22 @@ impl Settings {
     }
 }
 
+impl fmt::Display for Deadlines {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.kind == PolicyKind::Set {
+            return f.write_str("as they are set");
+        }
+        f.write_str(self.kind.as_str())?;
+        if let Some(speed) = &self.speed {
+            write!(f, " by the speed on {}", speed.topic)?;
+        }
+        match self.rate {
+            Some(rate) => write!(f, "; the node keeps up with {rate} messages a second"),
+            None => f.write_str("; whether the node keeps up is not checked without policy.rate"),
+        }
+    }
+}
+
 /// Reads the parameters of policies.
 pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
     let Placed { value: kind, place } = r.read(
@@ -100,13 +137,7 @@ pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
         "What chooses deadlines, at most the one that is set",
         "set, guard, expected or guarded",
         |value| match value {
-            Value::String(kind) => match kind.as_str() {
-                "set" => Some(PolicyKind::Set),
-                "guard" => Some(PolicyKind::Guard),
-                "expected" => Some(PolicyKind::Expected),
-                "guarded" => Some(PolicyKind::Guarded),
-                _ => None,
-            },
+            Value::String(name) => PolicyKind::ALL.into_iter().find(|kind| kind.as_str() == name),
             _ => None,
         },
     )?;
@@ -155,10 +186,13 @@ pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
     };
     let speed = speed(r)?;
     let deadlines = Deadlines { kind, parameters, accuracy, probe_every, speed, rate };
-    match deadlines.policy() {
-        Ok(_) => Ok(deadlines),
-        Err(why) => Err(SettingsError::Policy { place, why }),
+    if let Err(why) = deadlines.policy() {
+        return Err(SettingsError::Policy { place, why });
     }
+    if kind.goes_by_speed() && deadlines.speed.is_none() {
+        return Err(SettingsError::Speed { place, policy: kind.as_str() });
+    }
+    Ok(deadlines)
 }
 
 fn figure(

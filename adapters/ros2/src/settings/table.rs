@@ -15,7 +15,8 @@ impl fmt::Display for Settings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let hosts = if self.localhost_only { "this machine only" } else { "all machines" };
         writeln!(f, "{} in domain {}, {hosts}", self.node.full(), self.domain)?;
-        writeln!(f, "keys: {} of input, {} of output\n", self.input.key, self.output.key)?;
+        writeln!(f, "keys: {} of input, {} of output", self.input.key, self.output.key)?;
+        writeln!(f, "deadlines: {}\n", self.deadlines)?;
         let mut topics = table(["topic", "role", "type", "quality of service", "named by"]);
         for topic in &self.topics {
             topics.add_row([
