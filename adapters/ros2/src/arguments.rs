@@ -271,12 +271,12 @@ mod tests {
         let cases: [(&[&str], &str); 13] = [
             (
                 &["input:=/image"],
-                "input:=/image: there is no such option; take --check, --help or --version, and \
-                 put what is ROS's after --ros-args",
+                "input:=/image: there is no such option; use --check, --help or --version, and \
+                 put ROS arguments after --ros-args",
             ),
             (
                 &["--ros-args", "--enclave", "/a"],
-                "--enclave: there is no such ROS argument; take -r, -p, --params-file or \
+                "--enclave: there is no such ROS argument; use -r, -p, --params-file or \
                  --log-level",
             ),
             (&["--ros-args", "-r"], "-r: its value is missing; give FROM:=TO"),
@@ -290,16 +290,17 @@ mod tests {
             (&["--ros-args", "-p", ":=1"], "-p :=1: give NAME:=VALUE"),
             (
                 &["--ros-args", "-p", "/a:window:=1"],
-                "-p /a:window:=1: \"/a\" is no node's name: '/' is no letter, digit or underscore",
+                "-p /a:window:=1: \"/a\" is not a node's name: '/' is not a letter, digit or \
+                 underscore",
             ),
             (
                 &["--ros-args", "-p", "trace.file:="],
-                "-p trace.file:=: trace.file has no value; give one, '' for an empty text",
+                "-p trace.file:=: trace.file has no value; give one, '' for an empty string",
             ),
             (
                 &["--ros-args", "-p", "clouds:=[a, 1]"],
-                "-p clouds:=[a, 1]: clouds is a list of other than booleans, integers, numbers or \
-                 texts alone",
+                "-p clouds:=[a, 1]: clouds must be a list of only booleans, only integers, only \
+                 numbers or only strings",
             ),
             (
                 &["--ros-args", "-p", "clouds:={a: 1}"],
@@ -308,7 +309,7 @@ mod tests {
             ),
             (
                 &["--ros-args", "--log-level", "a:=loud"],
-                "--log-level a:=loud: there is no such level; take debug, info, warn, error or \
+                "--log-level a:=loud: there is no such level; use debug, info, warn, error or \
                  fatal",
             ),
         ];
@@ -322,7 +323,7 @@ mod tests {
     fn an_argument_that_is_no_text_is_refused() {
         use std::os::unix::ffi::OsStringExt;
         let error = Arguments::parse([OsString::from_vec(vec![b'a', 0xff])]).unwrap_err();
-        assert_eq!(error.to_string(), "\"a\\xFF\": not UTF-8; use names that are");
+        assert_eq!(error.to_string(), "\"a\\xFF\": not UTF-8; use a name that is");
     }
 
     proptest! {

@@ -328,11 +328,11 @@ mod tests {
                 "rostopic://a:=b",
                 "schemes such as rostopic:// are not supported; give the topic's name alone",
             ),
-            ("input:=", "\"\" is no name: it is empty"),
-            ("a/*:=b", "\"a/*\" is no name: '*' is no letter, digit or underscore"),
-            ("/car:a:=b", "\"/car\" is no name: '/' is no letter, digit or underscore"),
-            ("__ns:=car", "\"car\" is no name: it does not begin with a slash"),
-            ("__node:=1", "\"1\" is no name: a part begins with a digit"),
+            ("input:=", "\"\" is not a valid name: it is empty"),
+            ("a/*:=b", "\"a/*\" is not a valid name: '*' is not a letter, digit or underscore"),
+            ("/car:a:=b", "\"/car\" is not a valid name: '/' is not a letter, digit or underscore"),
+            ("__ns:=car", "\"car\" is not a valid name: it does not begin with a slash"),
+            ("__node:=1", "\"1\" is not a valid name: a part begins with a digit"),
         ];
         for (rule, error) in cases {
             assert_eq!(rule.parse::<Remap>().unwrap_err().to_string(), error);

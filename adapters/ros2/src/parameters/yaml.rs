@@ -199,12 +199,12 @@ mod tests {
     #[test]
     fn what_parameter_files_do_not_need_is_refused() {
         let cases = [
-            ("a: &x 1", "1:4: anchors and aliases are not taken; write the value out"),
-            ("a: &x [1]", "1:4: anchors and aliases are not taken; write the value out"),
-            ("a: !!int 1", "1:4: tags other than !!str are not taken; leave it out"),
-            ("a: !x [1]", "1:4: tags other than !!str are not taken; leave it out"),
+            ("a: &x 1", "1:4: anchors and aliases are not supported; write the value out"),
+            ("a: &x [1]", "1:4: anchors and aliases are not supported; write the value out"),
+            ("a: !!int 1", "1:4: tags other than !!str are not supported; leave it out"),
+            ("a: !x [1]", "1:4: tags other than !!str are not supported; leave it out"),
             ("? [a]\n: 1", "1:3: a key must be a name"),
-            ("a: 1\nb: 2\na: 3", "3:1: a is there twice; leave one out"),
+            ("a: 1\nb: 2\na: 3", "3:1: a is given twice; leave one out"),
             (
                 "a: 1\n---\nb: 2",
                 "2:1: a second document; leave it out, or make it a file of its own",
@@ -213,8 +213,8 @@ mod tests {
         for (text, expected) in cases {
             assert_eq!(error(text), expected, "{text}");
         }
-        assert!(error("a: [1").contains("no YAML: "), "{}", error("a: [1"));
-        assert!(error("a: *x").contains("no YAML: "), "{}", error("a: *x"));
+        assert!(error("a: [1").contains("not YAML: "), "{}", error("a: [1"));
+        assert!(error("a: *x").contains("not YAML: "), "{}", error("a: *x"));
     }
 
     #[test]
