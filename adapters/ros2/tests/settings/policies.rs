@@ -1,7 +1,9 @@
 //! Policies: what they are made of, and what cannot work.
 
-use std::process::{Command, Output};
-use std::time::Duration;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use fuseline_ros2::parameters::Value;
 use fuseline_ros2::settings::{Change, PolicyKind};
@@ -127,12 +129,23 @@ fn hints_of_calls_that_end_when_they_are_due_are_told_to_be_none() {
     );
 }
 
-/// The command's end, with a trace to be recorded in `folder`.
-fn command(folder: &std::path::Path, first: &[&str], args: &str) -> Output {
+/// How long the command has to end by itself.
+const LONG: Duration = Duration::from_secs(30);
+
+/// The command's end in `folder`, with a trace to be recorded there; by force if it goes on.
+fn ended(folder: &Path, first: &[&str], args: &str) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_fuseline-ros2"));
-    command.current_dir(folder).args(first).arg("--ros-args").args(TYPES.split(' '));
+    command.current_dir(folder).env_remove("RUST_LOG").args(first);
+    command.arg("--ros-args").args(TYPES.split(' ')).args(args.split(' '));
     command.args(["-p", "trace.file:=run.jsonl", "-p", "localhost_only:=true"]);
-    command.args(args.split(' ')).env_remove("RUST_LOG").output().unwrap()
+    let mut running = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let start = Instant::now();
+    while running.try_wait().unwrap().is_none() && start.elapsed() < LONG {
+        sleep(Duration::from_millis(5));
+    }
+    // Nothing, if it has ended.
+    running.kill().unwrap();
+    running.wait_with_output().unwrap()
 }
 
 /// D15, D12.
@@ -168,7 +181,7 @@ fn what_cannot_work_ends_the_start_and_the_check_alike_before_anything_is_starte
     let folder = tempfile::tempdir().unwrap();
     for (args, told) in cases {
         for first in [&[][..], &["--check"]] {
-            let ended = command(folder.path(), first, args);
+            let ended = ended(folder.path(), first, args);
             let stderr = String::from_utf8(ended.stderr).unwrap();
             assert_eq!(ended.status.code(), Some(2), "{args}: {stderr}");
             assert!(stderr.starts_with("fuseline-ros2: ") && stderr.contains(&told), "{stderr}");
@@ -177,8 +190,7 @@ fn what_cannot_work_ends_the_start_and_the_check_alike_before_anything_is_starte
             assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none(), "{args}: a file");
         }
     }
-    let fits =
-        command(folder.path(), &["--check"], &format!("{GUARD} {ENOUGH} -p policy.rate:=30"));
+    let fits = ended(folder.path(), &["--check"], &format!("{GUARD} {ENOUGH} -p policy.rate:=30"));
     let stdout = String::from_utf8(fits.stdout).unwrap();
     assert!(fits.status.success() && stdout.contains("keeps up with 30 messages"), "{stdout}");
 }
