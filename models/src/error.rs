@@ -9,7 +9,7 @@ use thiserror::Error;
 /// Why a command stopped.
 #[derive(Debug, Error)]
 pub(crate) enum Error {
-    #[error("no configuration is named {name:?}; `list` shows them")]
+    #[error("no configuration is named {name:?}; `list` names them")]
     World { name: String },
     #[error("{config}: {source}; mend the model")]
     Check { config: &'static str, source: CheckError },
