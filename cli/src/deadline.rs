@@ -8,7 +8,7 @@ use std::time::Duration;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use csv::{Position, ReaderBuilder, StringRecord, Trim};
 use fuseline_deadline::{
-    Assessment, Case, Choice, Classes, Figure, Guard, Hazard, Impact, Invalid, Loss, Observation,
+    Assessment, Case, Choice, Classes, Guard, Hazard, Impact, Invalid, Loss, Observation,
     Parameters, Situation, Source, Span, Survival, least_loss, mean_loss,
 };
 use serde::Serialize;
@@ -17,6 +17,7 @@ use thiserror::Error;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
+use crate::remedy::options;
 use crate::sink::Sink;
 
 /// A line below the header and no other.
@@ -108,9 +109,9 @@ enum Policy {
 /// Why there is no deadline to show.
 #[derive(Debug, Error)]
 enum DeadlineError {
-    #[error("{invalid}; change {}", options(*.invalid))]
-    Invalid { invalid: Invalid },
-    #[error("{file}: no calls below its first row; give some, or leave out --observed")]
+    #[error("{invalid}; change {options}")]
+    Invalid { invalid: Invalid, options: &'static str },
+    #[error("{file}: no calls below its first row; give some, or leave --observed out")]
     Nothing { file: String },
     #[error("{file}:{line}: {message}")]
     Row { file: String, line: u64, message: String },
@@ -138,7 +139,12 @@ struct Row {
 
 /// Shows a deadline for each speed.
 pub(crate) fn tell(args: &Args) -> Result<Exit, Fault> {
-    let guard = guard(args).map_err(|invalid| DeadlineError::Invalid { invalid })?;
+    let guard = guard(args).map_err(|invalid| {
+        let options = options(invalid);
+        // Classes have ranges of their own.
+        let is_class = !args.class.is_empty() && options.starts_with("--range");
+        DeadlineError::Invalid { invalid, options: if is_class { "--class" } else { options } }
+    })?;
     let observed = match &args.observed {
         Some(path) => {
             let (name, file) = open(path)?;
@@ -307,27 +313,6 @@ fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
     }
     observed.sort_by_key(Observation::key);
     Ok(observed)
-}
-
-/// The options that could be at fault.
-fn options(invalid: Invalid) -> &'static str {
-    match invalid {
-        Invalid::Span(figure) | Invalid::NotAbove0(figure) | Invalid::Below0(figure) => {
-            match figure {
-                Figure::Deceleration => "--deceleration",
-                Figure::BrakeDelay => "--brake-delay",
-                Figure::PeriodLocal | Figure::PeriodCloud => "--rate",
-                Figure::LocalResponse => "--local-response",
-                Figure::RangeLocal => "--range-local or --class",
-                Figure::RangeCloud => "--range-cloud or --class",
-                Figure::Weight => "--class",
-                Figure::Lateness | Figure::Margin => "the options",
-            }
-        }
-        Invalid::CloudSeesLess => "--range-local, --range-cloud or --class",
-        Invalid::Classes(_) => "--class",
-        Invalid::NoFrames | Invalid::Probes { .. } => "the options",
-    }
 }
 
 /// `FIGURE` or `LEAST..GREATEST`.

@@ -23,6 +23,7 @@ mod plot;
 mod policies;
 mod probe;
 mod reckoning;
+mod remedy;
 mod replay;
 mod report;
 mod run;

@@ -1,5 +1,7 @@
 //! `fuseline probe`, run as a user runs it, against its server behind a relay of known delays.
 
+#[path = "common/certificates.rs"]
+mod certificates;
 mod common;
 #[path = "common/running.rs"]
 mod running;
@@ -15,6 +17,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use certificates::certificates;
 use common::{err, fuseline, out, run};
 use fuseline_tokio::grpc::{self, InferClient, Request, tonic};
 use running::{adds_up, report, run_in};
@@ -193,7 +196,8 @@ fn a_stall_of_3_s_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answere
     assert_eq!(rows.len(), seen.len() + 1);
 
     assert!(out(&probed).contains("\nThere are no positions, so there is no route.\n"));
-    assert!(out(&probed).contains("plots: round-trips.svg, round-trips.png, "), "{}", out(&probed));
+    let told = "\nplots: index.html, and as SVG and PNG: round-trips, distribution\n";
+    assert!(out(&probed).contains(told), "{}", out(&probed));
     let plots = dir.path().join("plots");
     let svg = plotted(&plots, &["round-trips", "distribution"]);
     assert!(!plots.join("route.svg").exists());
@@ -245,7 +249,7 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
     };
     let told = plot("drive.csv");
     assert_eq!(told.status.code(), Some(0), "{}", err(&told));
-    assert!(out(&told).contains("route.svg"), "{}", out(&told));
+    assert!(out(&told).contains(", route\n"), "{}", out(&told));
     let plots = dir.path().join("plots");
     let svg = plotted(&plots, &["round-trips", "distribution", "route"]);
     assert!(svg[0].contains("40 answers, 0 failed or unanswered, 0 pauses; p50 390 ms"));
@@ -377,11 +381,81 @@ fn a_token_is_asked_for_and_borne() {
     let probe = ["probe", &server.url, "--seconds", "0.2"];
     let refused = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(refused.status.code(), Some(2));
-    assert!(err(&refused).contains("a bearer token is needed; start `"), "{}", err(&refused));
+    assert!(
+        err(&refused)
+            .contains("a bearer token is needed; give the server's token with --token-file"),
+        "{}",
+        err(&refused)
+    );
     assert!(!dir.path().join("fuseline-probe.csv").exists());
     let bearing = [&probe[..], &["--token-file", "token"]].concat();
     let probed = fuseline(&bearing).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+}
+
+#[test]
+fn over_tls_only_the_right_certificates_and_token_are_answered() {
+    let dir = certificates();
+    fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
+    let locks = ["--cert", "server.pem", "--key", "server.key", "--client-ca", "ca.pem"];
+    let server = Server::start(dir.path(), &[&locks[..], &["--token-file", "token"]].concat());
+    assert!(server.url.starts_with("https://localhost:"), "{}", server.url);
+    let probe = |url: &str, keys: &str| {
+        let keys: Vec<&str> = keys.split_whitespace().collect();
+        let args = [&["probe", url, "--seconds", "0.2", "--json"], &keys[..]].concat();
+        fuseline(&args).current_dir(dir.path()).output().unwrap()
+    };
+    let plain = server.url.replace("https", "http");
+    let (client, token) = ("--cert client.pem --key client.key", "--token-file token");
+    for (url, keys, what) in [
+        (
+            &server.url,
+            format!("--ca other.pem {client} {token}"),
+            "invalid peer certificate: BadSignature; give the server's CA",
+        ),
+        (&server.url, format!("--ca ca.pem {token}"), "--cert and --key if it wants this side's"),
+        (
+            &server.url,
+            format!("--ca ca.pem --cert stranger.pem --key stranger.key {token}"),
+            "--cert and --key if it wants this side's",
+        ),
+        (&server.url, format!("--ca ca.pem {client}"), "a bearer token is needed; give"),
+        (&plain, token.to_owned(), "the connection broke; if it speaks TLS, give an https URL"),
+    ] {
+        let refused = probe(url, &keys);
+        let told = err(&refused);
+        assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{keys}: {told}");
+        assert!(
+            told.starts_with(&format!("error: {url}: ")) && told.contains(what),
+            "{keys}: {told}"
+        );
+        assert_eq!(told.lines().count(), 1, "{told}");
+        assert!(!dir.path().join("fuseline-probe.csv").exists(), "{keys}");
+    }
+    let probed = probe(&server.url, &format!("--ca ca.pem {client} {token}"));
+    assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+    let summary = report(&probed);
+    assert_eq!((&summary["answered"], &summary["failed"]), (&summary["sent"], &0.into()));
+    assert_ne!(summary["sent"], 0, "{summary}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_folder_that_takes_no_files_is_told_before_anything_is_measured() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &[]);
+    fs::write(dir.path().join("file"), "").unwrap();
+    // Nobody makes files in /proc, not even root.
+    for folder in ["/proc", "file", "file/in"] {
+        let probe = ["probe", &server.url, "--seconds", "600", "-o", folder];
+        let refused = fuseline(&probe).current_dir(dir.path()).output().unwrap();
+        let told = err(&refused);
+        assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{told}");
+        assert!(told.starts_with(&format!("error: {folder}: ")), "{told}");
+        assert!(told.ends_with("; name a folder that can be written to\n"), "{told}");
+        assert_eq!(told.lines().count(), 1, "{told}");
+        assert!(!dir.path().join("fuseline-probe.csv").exists());
+    }
 }
 
 #[test]

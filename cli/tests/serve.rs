@@ -1,5 +1,7 @@
 //! `fuseline serve` and `fuseline run` against it, run as a user runs them.
 
+#[path = "common/certificates.rs"]
+mod certificates;
 mod common;
 #[path = "common/running.rs"]
 mod running;
@@ -12,13 +14,13 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Stdio};
 
+use certificates::certificates;
 use common::{err, fuseline, out, run};
 use fuseline_tokio::grpc;
-use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use running::{adds_up, report, run_in};
 use serde_json::Value;
 use signal::interrupt;
-use tempfile::{TempDir, tempdir};
+use tempfile::tempdir;
 use tokio::net::TcpListener;
 
 /// A server that was started and says where it listens; it ends with this.
@@ -73,26 +75,6 @@ fn requests(directory: &Path, cloud: &str) -> Value {
     let trace = directory.join("fuseline-trace.jsonl");
     assert_eq!(run(&["check", trace.to_str().unwrap()], "").status.code(), Some(0));
     report["sources"][1]["requests"].clone()
-}
-
-/// A directory with `ca.pem`, a server's and a client's certificate, and a stranger's.
-fn certificates() -> TempDir {
-    let dir = tempdir().unwrap();
-    let issuer = |name: &str| {
-        let mut params = CertificateParams::new(vec![name.to_owned()]).unwrap();
-        params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
-        CertifiedIssuer::self_signed(params, KeyPair::generate().unwrap()).unwrap()
-    };
-    let write = |name: &str, text: String| fs::write(dir.path().join(name), text).unwrap();
-    let (ca, other) = (issuer("ca"), issuer("other"));
-    write("ca.pem", ca.pem());
-    for (name, ca) in [("server", &ca), ("client", &ca), ("stranger", &other)] {
-        let key = KeyPair::generate().unwrap();
-        let params = CertificateParams::new(vec!["localhost".to_owned()]).unwrap();
-        write(&format!("{name}.pem"), params.signed_by(&key, ca).unwrap().pem());
-        write(&format!("{name}.key"), key.serialize_pem());
-    }
-    dir
 }
 
 #[test]

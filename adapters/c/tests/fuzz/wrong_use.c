@@ -73,7 +73,7 @@ static void wrong_call(void) {
   ++wrong_uses;
   HOLDS(input(m, kind, n, a) == expected);
   HOLDS(memcmp(&place, &before, sizeof place) == 0);
-  HOLDS(memcmp(&was, &misused, sizeof was) == 0);
+  HOLDS(same(&was, &misused, sizeof was));
 }
 
 static void wrong_init(void) {
@@ -87,7 +87,7 @@ static void wrong_init(void) {
   ++wrong_uses;
   HOLDS(fuseline_init(&other, size, &config, &made) == expected);
   HOLDS(made == NULL);
-  HOLDS(memcmp(&was, &other, sizeof was) == 0);
+  HOLDS(same(&was, &other, sizeof was));
 }
 
 static void questions(void) {

@@ -74,7 +74,7 @@ static void wrong_call(void) {
   ++wrong_uses;
   HOLDS(call(m, kind, n, &ticket, &fired, a) == expected);
   HOLDS(memcmp(&place, &before, sizeof place) == 0);
-  HOLDS(memcmp(&was, &misused, sizeof was) == 0);
+  HOLDS(same(&was, &misused, sizeof was));
 }
 
 static void wrong_init(void) {
@@ -88,7 +88,7 @@ static void wrong_init(void) {
   ++wrong_uses;
   HOLDS(fuseline_shared_init(&other, size, &config, &made) == expected);
   HOLDS(made == NULL);
-  HOLDS(memcmp(&was, &other, sizeof was) == 0);
+  HOLDS(same(&was, &other, sizeof was));
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
