@@ -66,7 +66,7 @@ pub(crate) struct Args {
     /// Full braking, in m/s².
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = span)]
     deceleration: Span,
-    /// From the decision to brake until the brakes bite, in s.
+    /// From the decision to brake until the brakes act, in s.
     #[arg(long, value_name = "S", default_value = "0.1", value_parser = span)]
     brake_delay: Span,
     /// Frames of the camera, in Hz.
@@ -100,13 +100,13 @@ pub(crate) struct Args {
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Policy {
-    /// The longest that is safe.
+    /// The longest deadline that is safe.
     Guard,
-    /// The one of least mean loss among those that are safe.
+    /// The safe deadline of least mean loss.
     Expected,
 }
 
-/// Why no deadline can be told.
+/// Why there is no deadline to show.
 #[derive(Debug, Error)]
 enum DeadlineError {
     #[error("{invalid}; change {options}")]
@@ -123,7 +123,7 @@ impl From<DeadlineError> for Fault {
     }
 }
 
-/// What is told for one speed.
+/// What is shown for one speed.
 #[derive(Serialize)]
 struct Row {
     speed: f64,
@@ -137,7 +137,7 @@ struct Row {
     why: Case,
 }
 
-/// Tells a deadline for each speed.
+/// Shows a deadline for each speed.
 pub(crate) fn tell(args: &Args) -> Result<Exit, Fault> {
     let guard = guard(args).map_err(|invalid| {
         let options = options(invalid);
@@ -253,12 +253,12 @@ impl fmt::Display for Told<'_> {
         }
         writeln!(f, "{}\n", table.trim_fmt())?;
         f.write_str(
-            "Results of local and of the cloud suffice to stop until so long after capture; guard is the \
-             longest\nsafe deadline. The loss is the mean square of the speed at impact, in m²/s².",
+            "Until: how long after capture a result of local or of the cloud still suffices to stop. Guard is \
+            the longest\nsafe deadline. The loss is the mean square of the speed at impact, in m²/s².",
         )?;
         if self.args.observed.is_none() {
             f.write_str(
-                " Nothing was\nobserved, so every call counts as late; --observed FILE tells more.",
+                " Nothing was\nobserved, so every call counts as late; give --observed FILE.",
             )?;
         }
         Ok(())
@@ -293,7 +293,7 @@ fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
             text => return Err(wrong(COLUMNS[1], text, "neither 1 nor 0").into()),
         };
         let text = cell(response);
-        let wanted = "no time in seconds that a call could take";
+        let wanted = "not a time in seconds that a call could take";
         let response = match text.parse() {
             Ok(f64::INFINITY) if !is_answered => Ok(Duration::MAX),
             Ok(seconds) => Duration::try_from_secs_f64(seconds).map_err(|_| wanted),
@@ -303,7 +303,7 @@ fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
         let count = match count.map(cell) {
             None | Some("") => 1,
             Some(text) => {
-                text.parse().map_err(|_| wrong(COLUMNS[2], text, "no number of calls"))?
+                text.parse().map_err(|_| wrong(COLUMNS[2], text, "not a number of calls"))?
             }
         };
         observed.push(Observation { response, is_answered, count });

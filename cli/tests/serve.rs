@@ -95,7 +95,7 @@ fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
         err(&ran).lines().next(),
         Some(
             "warning: east: its server serves DETR-ResNet-101 on A100, not DINO-SWIN-Tiny on A100; \
-             the tables tell of what it serves"
+             the tables show what it serves"
         )
     );
     let line = out(&ran).lines().find(|line| line.contains("http://")).unwrap();
@@ -125,13 +125,13 @@ fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
     let url = format!("url=http://{}", listener.local_addr().unwrap());
     runtime.spawn(grpc::serve(echo, grpc::Server::default(), listener, pending()));
     for (model, known) in [
-        ("model=DINO-SWIN-Tiny,", "its model is what --cloud tells"),
+        ("model=DINO-SWIN-Tiny,", "its model is as --cloud says"),
         ("", "nothing is known of its model"),
     ] {
         let cloud = format!("name=east,priority=2,{model}{url}");
         let ran = run_in(dir.path(), &["--seconds", "0.3", "--cloud", &cloud]);
         let note = format!(
-            "east: its server did not say what it serves (it does not know the question); {known}."
+            "east: its server did not say what it serves (it does not know this call); {known}."
         );
         assert!(out(&ran).lines().any(|line| line == note), "{}", out(&ran));
     }

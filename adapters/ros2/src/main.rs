@@ -29,7 +29,7 @@ fn main() -> ExitCode {
         Action::Check | Action::Run => {}
     }
     let settings = match Settings::from(&arguments, |name| {
-        // What is no text is wrong where it is read, not missing.
+        // A value that is not UTF-8 is an error where it is read, not missing.
         std::env::var_os(name).map(|value| value.to_string_lossy().into_owned())
     }) {
         Ok(settings) => settings,
@@ -88,8 +88,8 @@ fn log(level: Option<Level>) -> Lines {
         Some(Level::Warn) => "warn",
         Some(Level::Error | Level::Fatal) => "error",
     };
-    // What the libraries have to say is for those who look for it; where there is no multicast, as
-    // on loopback alone, that is an error to one of them, and none to us.
+    // The libraries' logs are for those who ask for them: one of them logs an error where there is
+    // no multicast, as on loopback alone, and that is none to us.
     let ours =
         format!("error,fuseline_ros2={level},fuseline_operator={level},rustdds::network=off");
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(ours));
@@ -104,7 +104,7 @@ fn log(level: Option<Level>) -> Lines {
 }
 
 fn print(text: &str) -> ExitCode {
-    // A reader that has seen enough is no error.
+    // A reader that closes early is no error.
     drop(std::io::stdout().write_all(text.as_bytes()));
     ExitCode::SUCCESS
 }

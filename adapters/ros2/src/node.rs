@@ -23,16 +23,16 @@ use crate::speed::Speed;
 use crate::stop::Stop;
 use crate::voice::Voice;
 
-/// How many results may wait for the node at once; more stay in the readers, the oldest drop out.
+/// How many results may wait for the node at once; more stay in the readers, which drop the oldest.
 const RESULTS: usize = 64;
 
-/// Runs the node until told to stop; answers its counts. What is in `lines`, if anything, goes to
+/// Runs the node until it is stopped; returns its counts. What comes on `lines`, if anything, goes to
 /// `/rosout`.
 ///
-/// To be called within a tokio runtime.
+/// Call it within a tokio runtime.
 ///
 /// # Errors
-/// If it cannot be started as it is set, or its trace could not be written whole.
+/// If it cannot be started with these settings, or its trace could not be written whole.
 pub async fn run(
     settings: &Settings,
     stop: &mut Stop,
@@ -187,7 +187,7 @@ fn record<V, R>(engine: &mut Engine<V, R>, settings: &Settings) -> Result<(), No
     Ok(())
 }
 
-/// Local and the clouds, with their ends of topics or their servers.
+/// Local and the clouds, with their topics or their servers.
 fn sources(
     settings: &Settings,
     domain: &mut Domain,

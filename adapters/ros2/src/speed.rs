@@ -8,7 +8,7 @@ use tokio::time::Instant;
 use crate::raw::Payload;
 use crate::settings::SpeedTopic;
 
-/// The last speed that was told.
+/// The last speed that came.
 pub(crate) struct Speed {
     topic: String,
     is_odometry: bool,
@@ -22,16 +22,16 @@ impl Speed {
         Self { topic: topic.topic.clone(), is_odometry, age: topic.age, last: None }
     }
 
-    /// Takes a message; says whether it tells a speed. One that does not makes the speed unknown.
+    /// Takes a message; true if it has a speed. A message without one makes the speed unknown.
     pub(crate) fn take(&mut self, now: Instant, payload: &Payload) -> bool {
         let told = if self.is_odometry { odometry(payload) } else { number(payload, 0) };
-        // Backwards it is as fast.
+        // Going backwards is as fast.
         let speed = told.map(f64::abs).filter(|speed| speed.is_finite());
         self.last = speed.map(|speed| (now, speed));
         speed.is_some()
     }
 
-    /// What policies are told: nothing known, if nothing was told for too long.
+    /// What policies are to know: nothing, if the last speed is too old.
     pub(crate) fn situation(&self, now: Instant) -> Situation<'static> {
         Situation::at(self.fresh(now).unwrap_or(f64::NAN))
     }
@@ -56,7 +56,7 @@ impl Speed {
 
 /// The length of the twist's linear part.
 fn odometry(payload: &Payload) -> Option<f64> {
-    // The header's stamp, then two names of frames, each with its length before it.
+    // The header's stamp, then two frames' names, each with its length before it.
     let mut at = 8;
     for _ in 0..2 {
         let place = aligned(at, 4)?;

@@ -94,7 +94,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
             let mut asked = *gate;
             let (slot, admission) = entry.slot().admit(source, &mut asked, now, deadline, backlog);
             if let Admission::Admitted { due } = admission {
-                // Before the exchange that publishes it. Nobody reads it yet, and only the owner makes requests.
+                // Before the exchange that makes it count. Nobody reads it yet, and only the owner makes requests.
                 place.set_due(source, due);
             }
             (slot, (fired, admission, asked))

@@ -1,5 +1,5 @@
-//! The loop without DDS, on a clock that stands still until everybody sleeps: what an operator on
-//! streams does with a script, one on topics does as well.
+//! The loop without DDS, on a clock that stands still until everybody sleeps: an operator on topics
+//! does with a script what an operator on streams does.
 
 mod node;
 mod policy;
@@ -23,7 +23,7 @@ enum Act {
     Answers(u64),
     Fails(u64),
     Panics(u64),
-    /// No word comes.
+    /// Nothing comes.
     Loses,
 }
 use Act::{Answers, Fails, Loses, Panics};
@@ -35,7 +35,7 @@ type Plan = fn(u64) -> Act;
 #[derive(Clone)]
 struct Script {
     local: Plan,
-    /// With priorities 1, 2…: its deadline in milliseconds, and what it does.
+    /// Clouds of priority 1, 2…: each with its deadline in milliseconds and what it does.
     clouds: Vec<(u64, Plan)>,
     /// When messages come, in milliseconds.
     messages: Vec<u64>,
@@ -203,7 +203,7 @@ async fn local_is_asked_again_after_all_that_it_was_asked_got_lost() {
     let said = node.said();
     let locals = said.diagnostics.iter().flatten().filter(|it| it.name == "/node: local");
     let messages: Vec<_> = locals.map(|status| status.message.clone()).collect();
-    assert!(messages.iter().any(|it| it.contains("no word of")), "{messages:?}");
+    assert!(messages.iter().any(|it| it.contains("nothing from")), "{messages:?}");
     assert_eq!(messages.last().unwrap(), "in time");
 }
 

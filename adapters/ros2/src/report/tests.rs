@@ -1,4 +1,4 @@
-//! Which level each state has, and what is said of it.
+//! The level and the words of each state.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use tokio::time::Instant;
 use super::*;
 use crate::source::Way;
 
-/// What happened to the node, then the level and the message of it.
+/// What happened to the node, and its level and message then.
 type NodeCase = (fn(&mut Tally, &mut Intake), u8, &'static str);
 /// The same of a source.
 type SourceCase = (fn(&mut SourceTally, &mut Source), u8, &'static str);
@@ -46,7 +46,7 @@ fn ends() -> [End; 2] {
     ends
 }
 
-/// What is said of a part of the node after a period in which this happened.
+/// The report of a part of the node after a period in which this happened.
 fn said(
     part: usize,
     happened: impl FnOnce(&mut Tally, &mut Intake, &mut [Source; 2], &[End; 2]),
@@ -83,13 +83,25 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
             "3 outputs not sent: a subscriber is too far behind",
         ),
         (|tally, _| tally.refused = [(OpenRefusal::Full, 4)].into(), WARN, "4 messages refused"),
-        (|_, intake| intake.short = 1, WARN, "1 inputs not taken: no key, or one that is taken"),
-        (|_, intake| intake.nanosec = 1, WARN, "1 inputs not taken: no key, or one that is taken"),
-        (|_, intake| intake.encoding = 1, WARN, "1 inputs not taken: no key, or one that is taken"),
+        (
+            |_, intake| intake.short = 1,
+            WARN,
+            "1 inputs not taken in: no key, or an open message's key",
+        ),
+        (
+            |_, intake| intake.nanosec = 1,
+            WARN,
+            "1 inputs not taken in: no key, or an open message's key",
+        ),
+        (
+            |_, intake| intake.encoding = 1,
+            WARN,
+            "1 inputs not taken in: no key, or an open message's key",
+        ),
         (
             |_, intake| intake.duplicate_stamp = 1,
             WARN,
-            "1 inputs not taken: no key, or one that is taken",
+            "1 inputs not taken in: no key, or an open message's key",
         ),
         (|_, intake| intake.stamp_backwards = 1, OK, "each message answered"),
     ];
@@ -196,7 +208,7 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
             WARN,
             "falling back: 2 requests refused",
         ),
-        (|_, west| west.strays.unknown_stamp = 2, WARN, "2 results of no message"),
+        (|_, west| west.strays.unknown_stamp = 2, WARN, "2 results that match no message"),
     ];
     for (happened, level, message) in cases {
         assert_eq!(west(happened), (level, message.to_owned()));

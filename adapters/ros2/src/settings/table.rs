@@ -7,7 +7,7 @@ use comfy_table::{LineStyle, Table, TableStyle};
 
 use crate::settings::{Cloud, Settings, Way};
 
-/// A line below the header and no other.
+/// A line below the header and no other lines.
 const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
@@ -80,7 +80,7 @@ fn table<const N: usize>(header: [&str; N]) -> Table {
     table
 }
 
-/// Writes the table without the blanks at the ends of its lines.
+/// Writes the table without blanks at the ends of lines.
 fn print(f: &mut fmt::Formatter<'_>, table: &Table) -> fmt::Result {
     table.lines().try_for_each(|line| writeln!(f, "{}", line.trim_end()))
 }

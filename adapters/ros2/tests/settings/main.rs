@@ -329,7 +329,7 @@ fn deadlines_and_clouds_change_at_run_time_and_nothing_else() {
         (
             "window",
             Value::Integer(1),
-            "window is fixed while the node runs; start it anew with another value",
+            "window is fixed while the node runs; restart it with another value",
         ),
         (
             "north.enabled",

@@ -61,7 +61,7 @@ fn d15_figures_that_make_no_policy_are_told_where_they_are() {
         );
     }
     let error = with("-p clouds:=[policy]").unwrap_err();
-    assert!(error.contains("parameters of the node begin like that"), "{error}");
+    assert!(error.contains("the node's own parameters begin like that"), "{error}");
 }
 
 /// A guard for a camera of 30 Hz.
@@ -161,7 +161,7 @@ fn what_cannot_work_ends_the_start_and_the_check_alike_before_anything_is_starte
         ("-p policy:=fast", "policy is \"fast\"; give set, guard, expected or guarded".into()),
         (
             "-p policy:=guard -p policy.range_cloud:=38.0",
-            "the policy cannot be made of its parameters: ".into(),
+            "the policy's parameters are refused: ".into(),
         ),
         (
             "-p policy.probe_every:=0",

@@ -114,8 +114,11 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
         ("deadline, s", (|one: &Constant| one.deadline.to_string()) as fn(&Constant) -> String),
         ("cells missed", |one| one.misses.to_string()),
     ] {
-        let row: String = some.iter().map(|one| format!("{:>8}", of(one))).collect();
-        writeln!(text, "  {name:<14}{row}")?;
+        write!(text, "  {name:<14}")?;
+        for one in some {
+            write!(text, "{:>8}", of(one))?;
+        }
+        writeln!(text)?;
     }
     writeln!(
         text,
