@@ -253,12 +253,12 @@ impl fmt::Display for Told<'_> {
         }
         writeln!(f, "{}\n", table.trim_fmt())?;
         f.write_str(
-            "Until: how long after capture a result of local or of the cloud still suffices to stop. Guard is \
-            the longest\nsafe deadline. The loss is the mean square of the speed at impact, in m²/s².",
+            "Until: how long after capture a result of local or of the cloud still suffices to stop. Guard is\n\
+            the longest safe deadline. The loss is the mean square of the speed at impact, in m²/s².",
         )?;
         if self.args.observed.is_none() {
             f.write_str(
-                " Nothing was\nobserved, so every call counts as late; give --observed FILE.",
+                "\nNothing was observed, so every call counts as late; give --observed FILE.",
             )?;
         }
         Ok(())
