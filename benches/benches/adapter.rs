@@ -1,10 +1,8 @@
-//! What the tokio adapter costs beside a `select!` written by hand for the same three sources, and
-//! how late it serves timers.
+//! What the tokio adapter costs beside a `select!` written by hand for the same three sources.
 //!
 //! Everything runs on one thread, so that the process's time is that of the messages. Both sides
 //! are measured in turns in one run; the figures are medians over the turns.
 
-use std::future::pending;
 use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,7 +21,6 @@ use tokio::time::{interval, sleep};
 const TURNS: usize = 9;
 /// Long enough that no timer fires.
 const LONG: Duration = Duration::from_secs(10);
-const MS: Duration = Duration::from_millis(1);
 
 /// How a bench's sources take their time; local's first, then the clouds'.
 #[derive(Clone, Copy)]
@@ -92,14 +89,6 @@ fn main() {
         let (name, whole, hundredths) = (pace.name, ratio / 100, ratio % 100);
         println!("{name:38} {adapter:>7} ns {hand:>7} ns {whole:>3}.{hundredths:02}");
     }
-    let mut late = lateness();
-    late.sort_unstable();
-    let at = |per_cent: usize| late[(late.len() - 1) * per_cent / 100].as_micros();
-    println!("timers served late: p50 {} µs, p99 {} µs, max {} µs", at(50), at(99), at(100));
-    println!(
-        "({} timers of 7 ms to 16 ms, one message each 2 ms, tokio's timers are of 1 ms)",
-        late.len()
-    );
 }
 
 /// The process's time for a message when `run` handles them.
@@ -285,42 +274,4 @@ async fn by_hand(sources: [Take; 3], message: u64, output: mpsc::Sender<u64>) {
 fn assert_best(pace: Pace, sum: u64) {
     let expected: u64 = (0..pace.messages).map(|message| message + 2).sum();
     assert_eq!(sum, expected);
-}
-
-/// An operator whose cloud never answers.
-struct Forsaken;
-
-impl Operator for Forsaken {
-    type Input = u64;
-    type Output = u64;
-
-    fn setup(self, setup: &mut Setup<u64, u64>) -> Local<u64, u64> {
-        let message_handler = |message: &u64, _| Some(((), deadline(*message)));
-        setup.use_cloud(|(), _| pending::<Result<u64, Error>>(), message_handler, Ok, 1).calls =
-            1024;
-        Local::futures(1024, |message: Arc<u64>, _| async move { Ok(*message) })
-    }
-}
-
-/// 7 ms to 16 ms, mostly between tokio's ticks.
-fn deadline(message: u64) -> Duration {
-    7 * MS + Duration::from_micros(message * 137 % 9000)
-}
-
-/// By how much each output came after it was due.
-fn lateness() -> Vec<Duration> {
-    const MESSAGES: u64 = 1500;
-    runtime().block_on(async {
-        let (writer, input) = stream(1024);
-        let config = Config { window: 1024, output_len: 1024, ..Config::default() };
-        let (_, mut output) = spawn(Forsaken, config, input).expect("it is configured");
-        let feeder = tokio::spawn(feed(writer, MESSAGES, 2 * MS));
-        let mut late = Vec::new();
-        while let Some(item) = output.read().await {
-            let value = item.forwarded().expect("local does not fail").value;
-            late.push(item.took().saturating_sub(deadline(value)));
-        }
-        feeder.await.expect("it does not panic");
-        late
-    })
 }
