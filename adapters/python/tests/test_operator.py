@@ -345,7 +345,7 @@ def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
         assert repr(operator) == "<Operator 'operator' clouds=['cloud-1'] over, 2 messages>"
 
     run(main)
-    assert ended == ["a", "b"]
+    assert sorted(ended) == ["a", "b"]
     verdict = check(trace)
     assert verdict.conforms
     assert verdict.lines == 7
