@@ -12,6 +12,8 @@ const RECENT: usize = 12;
 const FLOODS: u64 = 250;
 /// One run in so many is long.
 const LONGS: u64 = 50;
+/// How many leave a full window before it is filled again.
+const LEAVING: usize = 200;
 /// The greatest window.
 const GREATEST: u16 = 1024;
 
@@ -47,6 +49,11 @@ impl Generator {
         }
         for _ in 0..steps {
             writer.step(&header);
+        }
+        if is_flood {
+            for leaving in [Leaving::Newest, Leaving::Oldest, Leaving::Alternate, Leaving::Any] {
+                writer.refill(leaving, &header);
+            }
         }
         let inputs = writer.inputs;
         Run { header, inputs }
@@ -105,6 +112,16 @@ enum Act {
     Flood,
 }
 
+/// Which of the open timestamps leave a full window.
+#[derive(Clone, Copy)]
+enum Leaving {
+    Newest,
+    Oldest,
+    /// Every other one.
+    Alternate,
+    Any,
+}
+
 /// Makes inputs, with the reference machine to know where the edges are.
 struct Writer {
     scene: Scene,
@@ -139,6 +156,31 @@ impl Writer {
             if i.is_multiple_of(2) {
                 self.push(Input::Result { at, t, p: 0 });
             }
+        }
+    }
+
+    /// Fills the window, lets many leave it and fills it again, so that what they had is used again.
+    fn refill(&mut self, leaving: Leaving, header: &Header) {
+        let room = self.scene.window().saturating_sub(self.scene.open().len());
+        self.flood(room as u64, header);
+        let mut open: Vec<u64> = self.scene.open().iter().copied().collect();
+        match leaving {
+            Leaving::Newest => open.reverse(),
+            Leaving::Oldest => {}
+            Leaving::Alternate => open = open.into_iter().step_by(2).collect(),
+            Leaving::Any => self.draw.shuffle(&mut open),
+        }
+        open.truncate(LEAVING);
+        for t in &open {
+            let at = self.scene.now();
+            self.fail_above(*t, 0);
+            self.push(Input::Result { at, t: *t, p: 0 });
+        }
+        self.flood(open.len() as u64 + 1, header);
+        if self.draw.one_in(2) {
+            // Of those that wait some are retired by their timers.
+            let at = self.scene.next_due().unwrap_or(self.scene.now());
+            self.push(Input::Tick { at });
         }
     }
 
