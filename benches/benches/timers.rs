@@ -18,6 +18,9 @@ use tokio::time::{interval, sleep};
 const MESSAGES: u64 = 1500;
 const PERIOD: Duration = Duration::from_millis(2);
 
+/// Runs one way to wait, and says how late each timer was.
+type Run = fn() -> Vec<Duration>;
+
 fn main() {
     println!("µs late of {MESSAGES} timers of 7 ms to 16 ms, one each 2 ms; on one thread");
     println!("{:26}{:^30}{:^30}", "", "idle", "every core twice busy");
@@ -25,7 +28,7 @@ fn main() {
         "{:26}{:>8}{:>8}{:>8}{:>6}{:>8}{:>8}{:>8}",
         "", "p50", "p99", "max", "", "p50", "p99", "max"
     );
-    let ways: [(&str, fn() -> Vec<Duration>); 4] = [
+    let ways: [(&str, Run); 4] = [
         ("adapter, tokio's timers", || of_adapter(Timers::Tokio)),
         ("adapter, kernel's timers", || of_adapter(Timers::Kernel)),
         ("select! by hand", of_select),
