@@ -6,14 +6,16 @@ use crate::draw::Draw;
 use crate::run::Run;
 use crate::scene::Scene;
 
+mod flood;
+
+use flood::Leaving;
+
 /// How far back a step reaches for a timestamp or a request.
 const RECENT: usize = 12;
 /// One run in so many fills the greatest window.
 const FLOODS: u64 = 250;
 /// One run in so many is long.
 const LONGS: u64 = 50;
-/// How many leave a full window before it is filled again.
-const LEAVING: usize = 200;
 /// The greatest window.
 const GREATEST: u16 = 1024;
 
@@ -51,7 +53,7 @@ impl Generator {
             writer.step(&header);
         }
         if is_flood {
-            for leaving in [Leaving::Newest, Leaving::Oldest, Leaving::Alternate, Leaving::Any] {
+            for leaving in Leaving::ALL {
                 writer.refill(leaving, &header);
             }
         }
@@ -112,16 +114,6 @@ enum Act {
     Flood,
 }
 
-/// Which of the open timestamps leave a full window.
-#[derive(Clone, Copy)]
-enum Leaving {
-    Newest,
-    Oldest,
-    /// Every other one.
-    Alternate,
-    Any,
-}
-
 /// Makes inputs, with the reference machine to know where the edges are.
 struct Writer {
     scene: Scene,
@@ -142,45 +134,6 @@ impl Writer {
         }
         if self.draw.one_in(16) {
             self.next_t = near(&mut self.draw, 8);
-        }
-    }
-
-    /// Opens many timestamps at one instant, with an offer each, so that many are due together.
-    fn flood(&mut self, count: u64, header: &Header) {
-        for i in 0..count {
-            let (at, t) = (self.scene.now(), self.next_t);
-            let deadline = i.is_multiple_of(3).then_some(20 + i % 7);
-            self.open(at, t, deadline);
-            let p = self.cloud(header);
-            self.push(Input::Offer { at, t, p, deadline: 20 + i % 5, backlog: 0 });
-            if i.is_multiple_of(2) {
-                self.push(Input::Result { at, t, p: 0 });
-            }
-        }
-    }
-
-    /// Fills the window, lets many leave it and fills it again, so that what they had is used again.
-    fn refill(&mut self, leaving: Leaving, header: &Header) {
-        let room = self.scene.window().saturating_sub(self.scene.open().len());
-        self.flood(room as u64, header);
-        let mut open: Vec<u64> = self.scene.open().iter().copied().collect();
-        match leaving {
-            Leaving::Newest => open.reverse(),
-            Leaving::Oldest => {}
-            Leaving::Alternate => open = open.into_iter().step_by(2).collect(),
-            Leaving::Any => self.draw.shuffle(&mut open),
-        }
-        open.truncate(LEAVING);
-        for t in &open {
-            let at = self.scene.now();
-            self.fail_above(*t, 0);
-            self.push(Input::Result { at, t: *t, p: 0 });
-        }
-        self.flood(open.len() as u64 + 1, header);
-        if self.draw.one_in(2) {
-            // Of those that wait some are retired by their timers.
-            let at = self.scene.next_due().unwrap_or(self.scene.now());
-            self.push(Input::Tick { at });
         }
     }
 
