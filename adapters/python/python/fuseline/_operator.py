@@ -19,7 +19,7 @@ from collections.abc import (
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
-from fuseline._engine import Abort, Clock, Engine, Start, words
+from fuseline._engine import Clock, Engine, Order, words
 from fuseline._errors import Closed, ConfigError, Full, TraceError
 from fuseline._fuseline import Fusion, nanoseconds
 from fuseline._item import Call, Ending, Item, Source
@@ -104,7 +104,8 @@ class Operator(Generic[M, V]):
         self._items: deque[Item[V]] = deque()
         self._readers: deque[asyncio.Future[None]] = deque()
         self._writers: deque[asyncio.Future[None]] = deque()
-        self._tasks: set[asyncio.Task[Any]] = set()
+        #: Aborted calls that have not ended yet.
+        self._ending: set[asyncio.Task[Any]] = set()
         self._feeds: set[asyncio.Task[None]] = set()
         self._feed_error: BaseException | None = None
         self._count = 0
@@ -318,11 +319,13 @@ class Operator(Generic[M, V]):
         for timer in (self._timer, self._gather):
             if timer is not None:
                 timer.cancel()
-        for task in (*self._tasks, *self._feeds):
-            task.cancel()
         for lane in self._engine.lanes.values():
             for flight in (*lane.flying.values(), *lane.lingering.values()):
                 flight.is_aborted = True
+                flight.task.cancel()
+                self._ending.add(flight.task)
+        for task in self._feeds:
+            task.cancel()
         self._local._stop()
         self._record()
         self._wake(self._writers)
@@ -376,15 +379,15 @@ class Operator(Generic[M, V]):
         is_told = False
         while orders:
             order = orders.popleft()
-            if isinstance(order, Start):
-                self._begin(order.lane, order.flight, now)
-            elif isinstance(order, Abort):
-                self._abort(order.lane, order.flight)
-            else:
+            if isinstance(order, Item):
                 self._items.append(order)
                 is_told = is_told or order.ending is not Ending.FORWARDED
                 if self._readers:
                     self._wake(self._readers)
+            elif order[0] is Order.START:
+                self._begin(order[1], order[2], now)
+            else:
+                self._abort(order[1], order[2])
         due = engine.next_due()
         if due is not None and (self._timer is None or due < self._armed) and not self._is_over:
             self._arm(due, now)
@@ -424,17 +427,18 @@ class Operator(Generic[M, V]):
             # D5: the time left, not the time given.
             call = Call(flight.t, max(until - now, 0) / 1e9)
             task = self._new_task(self._call(lane, flight, call))
+        # Its lane holds it until it has ended.
         flight.task = task
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
 
     def _abort(self, lane: Lane[Any], flight: Flight[Any]) -> None:
         """D6: end a call that is no longer wanted."""
         flight.is_aborted = True
         lane.aborted()
         task: asyncio.Task[Any] = flight.task
+        self._ending.add(task)
 
-        def ended(_: asyncio.Task[Any]) -> None:
+        def ended(task: asyncio.Task[Any]) -> None:
+            self._ending.discard(task)
             lane.ended()
             if lane.waiting and not self._is_over:
                 engine = self._running()
@@ -467,8 +471,9 @@ class Operator(Generic[M, V]):
     def _came(self, lane: Lane[Any], flight: Flight[Any], value: V) -> None:
         if flight.is_aborted or self._is_over:
             return
+        assert self._engine is not None
         now = self._clock()
-        self._running().result(now, flight.t, lane, value)
+        self._engine.result(now, flight.t, lane, value)
         self._act(now)
 
     def _failed(self, lane: Lane[Any], flight: Flight[Any], error: BaseException) -> None:
@@ -525,8 +530,8 @@ class Operator(Generic[M, V]):
 
     async def _finish(self) -> None:
         """Wait until aborted calls have ended and the trace is written."""
-        if self._tasks:
-            await asyncio.wait(set(self._tasks))
+        if left := {*self._ending, *self._feeds}:
+            await asyncio.wait(left)
         tape, self._tape = self._tape, None
         if tape is not None:
             await asyncio.get_running_loop().run_in_executor(None, tape.close)
@@ -540,9 +545,10 @@ class Operator(Generic[M, V]):
         waiters.append(waiter)
         try:
             await waiter
-        finally:
-            with contextlib.suppress(ValueError):
+        except BaseException:
+            if waiter in waiters:
                 waiters.remove(waiter)
+            raise
 
     @staticmethod
     def _wake(waiters: deque[asyncio.Future[None]]) -> None:
