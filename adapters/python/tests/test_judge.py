@@ -224,6 +224,7 @@ def test_a_trace_is_a_table_of_its_lines() -> None:
     assert table.column("ev").to_pylist() == ["open", "offer", "request", "result", "emit"]
     assert table.column("due").to_pylist() == [None, None, 500, None, None]
     assert Trace(HEADER).to_arrow().num_rows == 0
+    assert [Trace(GOOD).source(p) for p in (0, 1, 9)] == ["local", "cloud-1", "cloud-9"]
 
 
 def test_a_timeline_shows_whose_results_went() -> None:
