@@ -158,7 +158,7 @@ fn config(scenario: &Scenario, path: PathBuf) -> Config {
         commit: scenario.commit,
         output_len: scenario.output_len,
         trace: Some(Trace { path, recording: Recording { rotate, ..Recording::default() } }),
-        pace: None,
+        ..Config::default()
     }
 }
 
