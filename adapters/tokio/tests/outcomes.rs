@@ -4,7 +4,7 @@ mod support;
 
 use std::time::Duration;
 
-use fuseline_tokio::{Call, Error, Local, Setup};
+use fuseline_tokio::{Call, Error, Local, Setup, spawn, stream};
 use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, Trigger};
 use support::Act::{Answers, Fails, Never, Panics};
 use support::{Made, Part, Script, play, play_default};
@@ -164,6 +164,23 @@ async fn a_call_that_panics_when_it_is_dropped_at_the_end_costs_neither_items_no
     let played = timeout(Duration::from_secs(60), played).await.expect("its output ends");
     assert_eq!(played.items, "30.000 ms: 0 local by timer from 0 ms\n");
     assert_eq!(played.trace.lines().count(), 9);
+}
+
+/// D1: found by the simulator.
+#[tokio::test(start_paused = true)]
+async fn a_stop_loses_no_item_that_was_decided_and_finds_room() {
+    let operator = Made(|_: &mut Setup<u64, String>| {
+        Local::futures(2, |_, _| async { Ok("local".to_owned()) })
+    });
+    let (mut writer, input) = stream(2);
+    let config = Config { output_len: 1, ..Config::default() };
+    let (running, mut output) = spawn(operator, config, input).unwrap();
+    assert_eq!((writer.write(0), writer.write(1)), (Ok(0), Ok(1)));
+    tokio::time::sleep(Duration::from_millis(1)).await;
+    assert_eq!(output.read().await.map(|item| item.timestamp), Some(0));
+    running.stop();
+    assert_eq!(output.read().await.map(|item| item.timestamp), Some(1));
+    assert!(output.read().await.is_none());
 }
 
 /// D1.
