@@ -255,7 +255,7 @@ def test_more_calls_than_allowed_are_refused() -> None:
 
 
 def test_the_messages_are_those_of_the_projects_file(tmp_path: Path) -> None:
-    from fuseline.grpc import _DESCRIPTION, _REPLY, _REQUEST
+    from fuseline._infer import DESCRIPTION, REPLY, REQUEST
     from google.protobuf import descriptor_pb2
     from grpc_tools import protoc
 
@@ -266,7 +266,7 @@ def test_the_messages_are_those_of_the_projects_file(tmp_path: Path) -> None:
     theirs = {message.name: message for message in file.message_type}
     assert file.package == "fuseline.v1"
     assert [method.name for method in file.service[0].method] == ["Infer", "Describe"]
-    for made in (_REQUEST, _REPLY, _DESCRIPTION):
+    for made in (REQUEST, REPLY, DESCRIPTION):
         ours = descriptor_pb2.DescriptorProto()
         made.DESCRIPTOR.CopyToProto(ours)
         for message in (ours, theirs[ours.name]):

@@ -9,6 +9,7 @@ import logging
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any, Generic, TypeVar
 
 from fuseline._fuseline import Fusion, nanoseconds
@@ -45,20 +46,13 @@ class Story(Generic[V]):
     failures: list[Failure] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Begin the call, or local's computation."""
+class Order(Enum):
+    """What is to be done with a request."""
 
-    lane: Lane[Any]
-    flight: Flight[Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Abort:
-    """End the call: its result is of no use any more. Never local's (F7)."""
-
-    lane: Lane[Any]
-    flight: Flight[Any]
+    #: Begin the call, or local's computation.
+    START = 1
+    #: End the call: its result is of no use any more. Never local's (F7).
+    ABORT = 2
 
 
 class Engine(Generic[M, V]):
@@ -83,7 +77,7 @@ class Engine(Generic[M, V]):
         self.clouds = clouds
         self._all = (local, *clouds)
         self.lanes = {lane.p: lane for lane in self._all}
-        self.orders: deque[Start | Abort | Item[V]] = deque()
+        self.orders: deque[tuple[Order, Lane[Any], Flight[Any]] | Item[V]] = deque()
         self.counts: Counter[tuple[str, str, str]] = Counter()
         self.stories: dict[int, Story[V]] = {}
         self.situation = Situation()
@@ -94,9 +88,11 @@ class Engine(Generic[M, V]):
 
     def open(self, now: int, t: int, message: M) -> None:
         """F1: a message came, and is offered to each cloud (F2)."""
-        self._lapse(now)
+        if self._lingers:
+            self._lapse(now)
         fired, opening = self.fusion.open(now, t, self._deadline)
-        self._fired(now, fired)
+        if fired:
+            self._fired(now, fired)
         counts, name = self.counts, self.name
         counts[name, "message", "came"] += 1
         if isinstance(opening, Refused):
@@ -116,30 +112,35 @@ class Engine(Generic[M, V]):
 
     def result(self, now: int, t: int, lane: Lane[Any], value: V) -> None:
         """F3: a source's result came."""
-        self._lapse(now)
+        if self._lingers:
+            self._lapse(now)
         self._ended(now, t, lane, End.ANSWERED)
         fired, outcome = self.fusion.result(now, t, lane.p)
-        self._fired(now, fired)
+        if fired:
+            self._fired(now, fired)
         name = lane.source.name
         if isinstance(outcome, Dropped):
             self.counts[name, "result", f"dropped {outcome.why}"] += 1
         else:
-            word = "held" if isinstance(outcome, Held) else "forwarded"
-            self.counts[name, "result", word] += 1
+            is_held = isinstance(outcome, Held)
+            self.counts[name, "result", "held" if is_held else "forwarded"] += 1
             story = self.stories[t]
             if story.held is None or story.held[0].p < lane.p:
                 story.held = (lane, now, value)
-            self._settle(now, t, Trigger.ARRIVAL, outcome)
+            if not is_held:
+                self._settle(now, t, Trigger.ARRIVAL, outcome)
         self.send()
 
     def fail(self, now: int, t: int, lane: Lane[Any], why: str) -> None:
         """F4: a source will send no result."""
-        self._lapse(now)
+        if self._lingers:
+            self._lapse(now)
         name, why = lane.source.name, why[:WORDS]
         _log.warning("%s: no result of %s will come for message %d: %s", self.name, name, t, why)
         self._ended(now, t, lane, End.FAILED)
         fired, outcome = self.fusion.fail(now, t, lane.p)
-        self._fired(now, fired)
+        if fired:
+            self._fired(now, fired)
         if isinstance(outcome, Dropped):
             self.counts[name, "failure", f"dropped {outcome.why}"] += 1
         else:
@@ -150,7 +151,8 @@ class Engine(Generic[M, V]):
 
     def tick(self, now: int) -> None:
         """F0: time went by."""
-        self._lapse(now)
+        if self._lingers:
+            self._lapse(now)
         self._fired(now, self.fusion.tick(now))
         self.send()
 
@@ -165,8 +167,11 @@ class Engine(Generic[M, V]):
     def send(self) -> None:
         """Start what waits while there is room; once all that is due was served."""
         for lane in self._all:
-            while lane.waiting and (flight := lane.next()) is not None:
-                self.orders.append(Start(lane, flight))
+            while lane.waiting:
+                flight = lane.next()
+                if flight is None:
+                    break
+                self.orders.append((Order.START, lane, flight))
 
     def _offer(self, now: int, t: int, lane: Lane[Any], message: M) -> None:
         assert lane.handlers is not None
@@ -185,7 +190,8 @@ class Engine(Generic[M, V]):
             if limit < 0:
                 return
         fired, admission = self.fusion.offer(now, t, lane.p, limit, backlog)
-        self._fired(now, fired)
+        if fired:
+            self._fired(now, fired)
         if isinstance(admission, Admitted):
             self.counts[lane.source.name, "request", "admitted"] += 1
             lane.waiting[t] = Flight(t, now, admission.due, request)
@@ -263,21 +269,19 @@ class Engine(Generic[M, V]):
 
     def _lapse(self, now: int) -> None:
         """End the calls that have lingered long enough."""
-        if not self._lingers:
-            return
         for lane in self.clouds:
             for flight in lane.lapsed(now):
                 self._give_up(now, lane, flight)
 
     def _give_up(self, now: int, lane: Lane[Any], flight: Flight[Any]) -> None:
         if flight.task is not None:
-            self.orders.append(Abort(lane, flight))
+            self.orders.append((Order.ABORT, lane, flight))
         self._tell(lane, End.CENSORED, now - flight.asked)
 
     def _ended(self, now: int, t: int, lane: Lane[Any], end: End) -> None:
         """A request has ended by itself, perhaps before it was sent."""
         flight = lane.end(t)
-        if flight is not None:
+        if flight is not None and lane.policy is not None:
             self._tell(lane, end, now - flight.asked)
 
     def _tell(self, lane: Lane[Any], end: End, age: int) -> None:

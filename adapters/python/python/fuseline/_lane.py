@@ -72,11 +72,10 @@ class Lane(Generic[Q]):
         return len(self.waiting)
 
     def next(self) -> Flight[Q] | None:
-        """The next request to send, if one waits and there is room."""
-        if not self.waiting or len(self.flying) >= self.at_once:
-            return None
+        """The next request of those that wait, if there is room to send it."""
+        under_way = len(self.flying)
         # D8: a call that takes long to end, though it was aborted, keeps a place.
-        if self._ends >= self.at_once and len(self.flying) + self._ends >= 2 * self.at_once:
+        if under_way >= self.at_once or under_way + self._ends >= 2 * self.at_once:
             return None
         t = next(iter(self.waiting))
         flight = self.flying[t] = self.waiting.pop(t)

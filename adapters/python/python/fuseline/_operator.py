@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
+import logging
 import os
 import time
 from collections import Counter, deque
@@ -19,11 +20,13 @@ from collections.abc import (
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
-from fuseline._engine import Abort, Clock, Engine, Start, words
+from fuseline._bell import Bell
+from fuseline._drive import Driver
+from fuseline._engine import Clock, Engine
 from fuseline._errors import Closed, ConfigError, Full, TraceError
 from fuseline._fuseline import Fusion, nanoseconds
-from fuseline._item import Call, Ending, Item, Source
-from fuseline._lane import Flight, Handlers, Lane
+from fuseline._item import Call, Item, Source
+from fuseline._lane import Handlers, Lane
 from fuseline._local import Local, local_of
 from fuseline._tape import Tape
 from fuseline._words import Cloud, Commit
@@ -37,10 +40,7 @@ V = TypeVar("V")
 Req = TypeVar("Req")
 Res = TypeVar("Res")
 
-#: The longest sleep, in nanoseconds: a day.
-_DAY = 86_400_000_000_000
-#: How long what was recorded waits before it is written, in seconds.
-_GATHER = 0.5
+_log = logging.getLogger("fuseline")
 
 
 class Operator(Generic[M, V]):
@@ -91,32 +91,24 @@ class Operator(Generic[M, V]):
         if output_len < 1:
             raise ConfigError(f"room for {output_len} items; the output needs at least 1")
         self.name = name
-        #: The error that ended the recording early, if one did.
-        self.unrecorded: OSError | None = None
         self._local: Local[M, V] = local_of(local)
         self._window, self._commit = window, commit
         self._output_len = output_len
         self._path = trace
-        self._read_clock = clock
+        self._clock = clock
         self._clouds: list[tuple[Cloud, Lane[Any]]] = []
         self._situation: Callable[[M, int], Situation] | None = None
-        self._engine: Engine[M, V] | None = None
+        self._driver: Driver[M, V] | None = None
         self._items: deque[Item[V]] = deque()
-        self._readers: deque[asyncio.Future[None]] = deque()
-        self._writers: deque[asyncio.Future[None]] = deque()
-        self._tasks: set[asyncio.Task[Any]] = set()
+        self._readers, self._writers = Bell(), Bell()
         self._feeds: set[asyncio.Task[None]] = set()
-        self._feed_error: BaseException | None = None
+        self._feed_error: Exception | None = None
         self._count = 0
-        self._is_last = self._is_over = self._is_acting = False
-        self._timer: asyncio.TimerHandle | None = None
-        self._armed = 0
-        self._gather: asyncio.TimerHandle | None = None
-        self._tape: Tape | None = None
+        self._is_last = self._is_over = self._is_handling = False
 
     def __repr__(self) -> str:
         clouds = [cloud.name for cloud, _ in self._clouds]
-        state = "over" if self._is_over else "running" if self._engine else "not started"
+        state = "over" if self._is_over else "running" if self._driver else "not started"
         return f"<Operator {self.name!r} clouds={clouds} {state}, {self._count} messages>"
 
     # Before the start.
@@ -164,7 +156,7 @@ class Operator(Generic[M, V]):
             ConfigError: if the operator has started, or ``calls`` is below 1, or the message
                 handler is an ``async def``.
         """
-        if self._engine is not None:
+        if self._driver is not None:
             raise ConfigError("a cloud after the start; register it before")
         if calls < 1:
             raise ConfigError(f"{calls} calls at once; a cloud needs at least 1")
@@ -194,35 +186,28 @@ class Operator(Generic[M, V]):
             ConfigError: if there is no operator with these clouds, or it was started before.
             OSError: if its trace cannot be written.
         """
-        if self._engine is not None:
+        if self._driver is not None:
             raise ConfigError("an operator is started once; make another")
-        clouds = [cloud for cloud, _ in self._clouds]
         fusion = Fusion(
-            clouds,
+            [cloud for cloud, _ in self._clouds],
             window=self._window,
             commit=self._commit,
             operator=self.name,
             record=self._path is not None,
         )
-        if self._path is not None:
-            self._tape = Tape(self._path)
         local = self._local
-        waiting = self._window if local.waiting is None else local.waiting
-        # Clouds in ascending priority: the order of the paper's total order.
-        self._engine = Engine(
+        engine: Engine[M, V] = Engine(
             self.name,
             fusion,
             Lane(Source(0, "local"), local.at_once),
             [lane for _, lane in self._clouds],
             local.deadline,
-            waiting,
+            self._window if local.waiting is None else local.waiting,
             local.skip_answered,
         )
-        self._loop = asyncio.get_running_loop()
-        self._new_task = self._loop.create_task
+        tape = None if self._path is None else Tape(self._path)
         await local._start()
-        self._start = self._read_clock()
-        self._now = 0
+        self._driver = Driver(engine, local, tape, self._clock, self._put, self._end_if_idle)
 
     async def __aenter__(self) -> Operator[M, V]:
         await self.start()
@@ -237,10 +222,14 @@ class Operator(Generic[M, V]):
         try:
             if error is None:
                 self.close()
-                await self._until_over()
+                while not self._is_over:
+                    await self._readers.rung()
         finally:
             self.stop()
-            await self._finish()
+            if self._feeds:
+                await asyncio.wait(set(self._feeds))
+            if self._driver is not None:
+                await self._driver.finish()
         if error is None:
             if self._feed_error is not None:
                 raise self._feed_error
@@ -256,25 +245,22 @@ class Operator(Generic[M, V]):
             Full: if the reader of the items lags by ``output_len``: the message was not taken.
             Closed: if the operator takes no more messages.
         """
-        engine = self._running()
+        driver = self._running()
         if self._is_last:
             raise Closed("the operator takes no more messages")
         if len(self._items) >= self._output_len:
             raise Full(f"{len(self._items)} items wait to be read; read them first")
-        if self._is_acting:
+        if self._is_handling:
             raise RuntimeError("a handler must not write to its own operator")
         t = self._count
         self._count += 1
-        # One instant for the open and all offers: equal deadlines end together.
-        now = self._clock()
-        self._is_acting = True
+        self._is_handling = True
         try:
             if self._situation is not None:
-                engine.situation = self._assess(message, t)
-            engine.open(now, t, message)
+                driver.engine.situation = self._assess(message, t)
+            driver.open(t, message)
         finally:
-            self._is_acting = False
-        self._act(now)
+            self._is_handling = False
         return t
 
     async def write_all(self, messages: AsyncIterable[M] | Iterable[M]) -> int:
@@ -289,7 +275,7 @@ class Operator(Generic[M, V]):
                 await stack.enter_async_context(contextlib.aclosing(messages))
             async for message in _each(messages):
                 while len(self._items) >= self._output_len and not self._is_last:
-                    await self._room()
+                    await self._writers.rung()
                 self.write(message)
                 count += 1
         return count
@@ -300,33 +286,26 @@ class Operator(Generic[M, V]):
         If the messages end in an exception, it is raised at the end of the operator's block.
         """
         self._running()
-        task = self._loop.create_task(self._feed(messages))
+        task = asyncio.get_running_loop().create_task(self._feed(messages))
         self._feeds.add(task)
         task.add_done_callback(self._feeds.discard)
 
     def close(self) -> None:
         """Take no more messages; the items end once all are answered."""
         self._is_last = True
-        self._wake(self._writers)
+        self._writers.ring()
         self._end_if_idle()
 
     def stop(self) -> None:
         """End at once: calls are aborted, open messages stay unanswered, the items end."""
-        if self._is_over or self._engine is None:
+        if self._is_over or self._driver is None:
             return
         self._is_last = self._is_over = True
-        for timer in (self._timer, self._gather):
-            if timer is not None:
-                timer.cancel()
-        for task in (*self._tasks, *self._feeds):
+        for task in self._feeds:
             task.cancel()
-        for lane in self._engine.lanes.values():
-            for flight in (*lane.flying.values(), *lane.lingering.values()):
-                flight.is_aborted = True
-        self._local._stop()
-        self._record()
-        self._wake(self._writers)
-        self._wake(self._readers)
+        self._driver.stop()
+        self._writers.ring()
+        self._readers.ring()
 
     # Items.
 
@@ -339,10 +318,10 @@ class Operator(Generic[M, V]):
         while not self._items:
             if self._is_over:
                 raise StopAsyncIteration
-            await self._wait(self._readers)
+            await self._readers.rung()
         item = self._items.popleft()
         if self._writers and len(self._items) < self._output_len:
-            self._wake(self._writers)
+            self._writers.ring()
         return item
 
     @property
@@ -351,146 +330,33 @@ class Operator(Generic[M, V]):
 
         For instance ``counts["west", "result", "forwarded"]``.
         """
-        return Counter() if self._engine is None else Counter(self._engine.counts)
+        return Counter() if self._driver is None else Counter(self._driver.engine.counts)
 
-    # The loop.
+    @property
+    def unrecorded(self) -> OSError | None:
+        """The error that ended the recording early, if one did."""
+        return None if self._driver is None else self._driver.unrecorded
 
-    def _running(self) -> Engine[M, V]:
-        if self._engine is None:
+    def _running(self) -> Driver[M, V]:
+        if self._driver is None:
             raise ConfigError("the operator has not started; use it with `async with`")
-        return self._engine
+        return self._driver
 
-    def _clock(self) -> int:
-        """Nanoseconds since the start; a clock that goes back stands still."""
-        now = self._read_clock() - self._start
-        if now < self._now:
-            return self._now
-        self._now = now
-        return now
+    def _put(self, item: Item[V]) -> None:
+        self._items.append(item)
+        if self._readers:
+            self._readers.ring()
 
-    def _act(self, now: int) -> None:
-        """Do what the engine says."""
-        assert self._engine is not None
-        engine = self._engine
-        orders = engine.orders
-        is_told = False
-        while orders:
-            order = orders.popleft()
-            if isinstance(order, Start):
-                self._begin(order.lane, order.flight, now)
-            elif isinstance(order, Abort):
-                self._abort(order.lane, order.flight)
-            else:
-                self._items.append(order)
-                is_told = is_told or order.ending is not Ending.FORWARDED
-                if self._readers:
-                    self._wake(self._readers)
-        due = engine.next_due()
-        if due is not None and (self._timer is None or due < self._armed) and not self._is_over:
-            self._arm(due, now)
-        if self._tape is not None and not self._is_over:
-            if is_told:
-                self._record()
-            elif self._gather is None:
-                self._gather = self._loop.call_later(_GATHER, self._record)
-        if self._is_last:
-            self._end_if_idle()
-
-    def _arm(self, due: int, now: int) -> None:
-        """Set the timer; it is never moved further away, which would cost more than it saves."""
-        if self._timer is not None:
-            self._timer.cancel()
-        left = min(max(due - now, 0), _DAY)
-        self._timer = self._loop.call_at(self._loop.time() + left / 1e9, self._wake_up)
-        self._armed = due
-
-    def _wake_up(self) -> None:
-        self._timer = None
-        if self._is_over or self._engine is None:
-            return
-        now = self._clock()
-        due = self._engine.next_due()
-        if due is not None and due <= now:
-            self._engine.tick(now)
-        self._act(now)
-
-    def _begin(self, lane: Lane[Any], flight: Flight[Any], now: int) -> None:
-        if self._is_over:
-            return
-        if lane.p == 0:
-            task = self._new_task(self._compute(lane, flight))
-        else:
-            until = (flight.due or 0) + lane.linger
-            # D5: the time left, not the time given.
-            call = Call(flight.t, max(until - now, 0) / 1e9)
-            task = self._new_task(self._call(lane, flight, call))
-        flight.task = task
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-
-    def _abort(self, lane: Lane[Any], flight: Flight[Any]) -> None:
-        """D6: end a call that is no longer wanted."""
-        flight.is_aborted = True
-        lane.aborted()
-        task: asyncio.Task[Any] = flight.task
-
-        def ended(_: asyncio.Task[Any]) -> None:
-            lane.ended()
-            if lane.waiting and not self._is_over:
-                engine = self._running()
-                engine.send()
-                self._act(self._clock())
-
-        task.add_done_callback(ended)
-        task.cancel()
-
-    async def _compute(self, lane: Lane[Any], flight: Flight[Any]) -> None:
-        try:
-            value = await self._local._run(flight.request, flight.t)
-        except BaseException as error:
-            self._failed(lane, flight, error)
-        else:
-            self._came(lane, flight, value)
-
-    async def _call(self, lane: Lane[Any], flight: Flight[Any], call: Call) -> None:
-        handlers = lane.handlers
-        assert handlers is not None
-        try:
-            value = handlers.response_handler(await handlers.handle(flight.request, call))
-            if inspect.isawaitable(value):
-                value = await value
-        except BaseException as error:
-            self._failed(lane, flight, error)
-        else:
-            self._came(lane, flight, value)
-
-    def _came(self, lane: Lane[Any], flight: Flight[Any], value: V) -> None:
-        if flight.is_aborted or self._is_over:
-            return
-        now = self._clock()
-        self._running().result(now, flight.t, lane, value)
-        self._act(now)
-
-    def _failed(self, lane: Lane[Any], flight: Flight[Any], error: BaseException) -> None:
-        """D7: an error of a call or of local is a failure, and no other message notices."""
-        if flight.is_aborted or self._is_over:
-            if not isinstance(error, Exception):
-                raise error
-            return
-        now = self._clock()
-        why = "cancelled" if isinstance(error, asyncio.CancelledError) else words(error)
-        self._running().fail(now, flight.t, lane, why)
-        self._act(now)
-        if not isinstance(error, Exception | asyncio.CancelledError):
-            raise error
+    def _end_if_idle(self) -> None:
+        driver = self._driver
+        if self._is_last and driver is not None and not driver.engine.stories:
+            self.stop()
 
     def _assess(self, message: M, t: int) -> Situation:
         assert self._situation is not None
         try:
             return self._situation(message, t)
         except Exception:
-            from fuseline._engine import _log
-
             _log.exception("%s: the situation's handler failed: nothing is known", self.name)
             return Situation()
 
@@ -505,51 +371,6 @@ class Operator(Generic[M, V]):
         except Exception as error:
             self._feed_error = error
         self.close()
-
-    def _end_if_idle(self) -> None:
-        if self._engine is not None and self._is_last and not len(self._engine.fusion):
-            self.stop()
-
-    def _record(self) -> None:
-        self._gather = None
-        tape = self._tape
-        if tape is None or self._engine is None:
-            return
-        tape.write(self._engine.fusion.take_trace())
-        if tape.error is not None:
-            self.unrecorded = tape.error
-
-    async def _until_over(self) -> None:
-        while not self._is_over:
-            await self._wait(self._readers)
-
-    async def _finish(self) -> None:
-        """Wait until aborted calls have ended and the trace is written."""
-        if self._tasks:
-            await asyncio.wait(set(self._tasks))
-        tape, self._tape = self._tape, None
-        if tape is not None:
-            await asyncio.get_running_loop().run_in_executor(None, tape.close)
-            self.unrecorded = tape.error
-
-    async def _room(self) -> None:
-        await self._wait(self._writers)
-
-    async def _wait(self, waiters: deque[asyncio.Future[None]]) -> None:
-        waiter = self._loop.create_future()
-        waiters.append(waiter)
-        try:
-            await waiter
-        finally:
-            with contextlib.suppress(ValueError):
-                waiters.remove(waiter)
-
-    @staticmethod
-    def _wake(waiters: deque[asyncio.Future[None]]) -> None:
-        while waiters:
-            waiter = waiters.popleft()
-            if not waiter.done():
-                waiter.set_result(None)
 
 
 async def _each(messages: AsyncIterable[M] | Iterable[M]) -> AsyncIterator[M]:

@@ -27,16 +27,15 @@ from fuseline._item import Call
 
 try:
     import grpc
-    from google.protobuf import descriptor_pb2, descriptor_pool, empty_pb2, message_factory
+    from google.protobuf import empty_pb2
+
+    from fuseline._infer import DESCRIPTION, MESSAGE_BYTES, REPLY, REQUEST, Description
 except ImportError as error:
     raise ImportError(
         "fuseline.grpc needs grpcio and protobuf: pip install fuseline[grpc]"
     ) from error
 
 __all__ = ["MESSAGE_BYTES", "Description", "Identity", "Remote", "Server", "Token"]
-
-#: The most bytes of an encoded message.
-MESSAGE_BYTES = 32 * 1024 * 1024
 
 _SERVICE = "fuseline.v1.Infer"
 _log = logging.getLogger("fuseline")
@@ -53,22 +52,6 @@ class Identity:
 
     def __repr__(self) -> str:
         return "Identity(…)"
-
-
-@dataclass(frozen=True)
-class Description:
-    """What a cloud says it serves."""
-
-    #: The model, as people call it; empty if it has no name.
-    model: str = ""
-    #: How long it usually takes, in milliseconds.
-    runtime_ms: float | None = None
-    #: Its box AP on COCO, 0 to 100.
-    ap: float | None = None
-    #: The recorded drive whose round trips replies take besides; empty if there is none.
-    drive: str = ""
-    #: Whether it only waits as long as the model would take.
-    emulated: bool = False
 
 
 class Token:
@@ -170,8 +153,8 @@ class Remote:
         Raises:
             CallError: if the cloud or the connection to it fails, or the deadline passes.
         """
-        request = _REQUEST(timestamp=call.timestamp, payload=payload)
-        reply = await self._call("Infer", request, _REPLY, call.deadline)
+        request = REQUEST(timestamp=call.timestamp, payload=payload)
+        reply = await self._call("Infer", request, REPLY, call.deadline)
         return bytes(reply.payload)
 
     async def describe(self, deadline: float = 5.0) -> Description | None:
@@ -181,7 +164,7 @@ class Remote:
             CallError: if the cloud or the connection to it fails, or the seconds pass.
         """
         try:
-            said = await self._call("Describe", empty_pb2.Empty(), _DESCRIPTION, deadline)
+            said = await self._call("Describe", empty_pb2.Empty(), DESCRIPTION, deadline)
         except CallError as error:
             cause = error.__cause__
             if isinstance(cause, grpc.RpcError) and cause.code() is grpc.StatusCode.UNIMPLEMENTED:
@@ -306,10 +289,10 @@ class Server:
         server = grpc.aio.server(options=options, maximum_concurrent_rpcs=self._calls)
         handlers = {
             "Infer": grpc.unary_unary_rpc_method_handler(
-                self._computes, _REQUEST.FromString, _REPLY.SerializeToString
+                self._computes, REQUEST.FromString, REPLY.SerializeToString
             ),
             "Describe": grpc.unary_unary_rpc_method_handler(
-                self._describes, empty_pb2.Empty.FromString, _DESCRIPTION.SerializeToString
+                self._describes, empty_pb2.Empty.FromString, DESCRIPTION.SerializeToString
             ),
         }
         handler = grpc.method_handlers_generic_handler(_SERVICE, handlers)
@@ -360,7 +343,7 @@ class Server:
         left = context.time_remaining()
         call = Call(request.timestamp, math.inf if left is None else left)
         try:
-            return _REPLY(payload=await self._infer(request.payload, call))
+            return REPLY(payload=await self._infer(request.payload, call))
         except asyncio.CancelledError:
             raise
         except Exception as error:
@@ -375,7 +358,7 @@ class Server:
             why = "the server does not say what it serves"
             return await context.abort(grpc.StatusCode.UNIMPLEMENTED, why)
         given = {name: value for name, value in vars(said).items() if value is not None}
-        return _DESCRIPTION(**given)
+        return DESCRIPTION(**given)
 
     async def _admit(self, context: Any) -> None:
         """D12: whoever does not show the token is not served."""
@@ -407,56 +390,3 @@ def _plain(error: Any) -> str:
     if "Ssl handshake failed" in details or "SSL_ERROR" in details or "ertificate" in details:
         return f"no TLS connection: {details}"[:200]
     return details[:200] or str(error.code().name).lower()
-
-
-def _messages() -> tuple[Any, Any, Any]:
-    """Request, reply and description of ``fuseline.proto``, without generated code.
-
-    A test holds them against the file of the project.
-    """
-    field = descriptor_pb2.FieldDescriptorProto
-    kinds = {
-        "uint64": field.TYPE_UINT64,
-        "bytes": field.TYPE_BYTES,
-        "string": field.TYPE_STRING,
-        "double": field.TYPE_DOUBLE,
-        "bool": field.TYPE_BOOL,
-    }
-    file = descriptor_pb2.FileDescriptorProto(
-        name="fuseline.proto", package="fuseline.v1", syntax="proto3"
-    )
-    messages = {
-        "Request": ["uint64 timestamp", "bytes payload"],
-        "Reply": ["bytes payload"],
-        "Description": [
-            "string model",
-            "optional double runtime_ms",
-            "optional double ap",
-            "string drive",
-            "bool emulated",
-        ],
-    }
-    for name, fields in messages.items():
-        message = file.message_type.add(name=name)
-        for number, text in enumerate(fields, 1):
-            *optional, kind, called = text.split()
-            added = message.field.add(
-                name=called,
-                number=number,
-                type=kinds[kind],
-                label=field.LABEL_OPTIONAL,
-                json_name=None,
-            )
-            if optional:
-                added.proto3_optional = True
-                added.oneof_index = len(message.oneof_decl)
-                message.oneof_decl.add(name=f"_{called}")
-    # A pool of its own: others may have generated code of the same file.
-    pool = descriptor_pool.DescriptorPool()
-    pool.Add(file)
-    made = (pool.FindMessageTypeByName(f"fuseline.v1.{name}") for name in messages)
-    request, reply, description = map(message_factory.GetMessageClass, made)
-    return request, reply, description
-
-
-_REQUEST, _REPLY, _DESCRIPTION = _messages()
