@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufReader, IsTerminal, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_traces::unpack;
+use fuseline_unpack::{Packing, unpack};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -24,8 +24,6 @@ use crate::verdict::Found;
 const LONG: u64 = 16 << 20;
 /// How much of a file is read at once, in bytes.
 const CHUNK: usize = 64 * 1024;
-/// The first byte of a gzip file; no trace begins with it.
-const GZIP: u8 = 0x1f;
 /// How many files a thread judges before their verdicts are printed.
 const AT_ONCE: usize = 4;
 
@@ -38,8 +36,8 @@ off by the tolerance and that timers and outputs may be late by the lateness. A 
 nothing can be judged does not conform then. Memory grows with the timestamps that are open at
 once, not with the trace: 0.5 KB for each, up to 1 KB with what came for it.
 
-Exit code 0 if all traces conform, 1 if some do not, 2 if one cannot be read. Gzipped traces are
-unpacked; several files are judged at once.
+Exit code 0 if all traces conform, 1 if some do not, 2 if one cannot be read. Traces in gzip, zstd
+or MCAP are unpacked as they are read; several files are judged at once.
 
 Examples:
   fuseline check trace.jsonl
@@ -72,8 +70,8 @@ pub(crate) struct Args {
 enum FollowError {
     #[error("--follow watches one file; give it one that is not standard input")]
     NotOne,
-    #[error("{0}: gzipped; --follow watches a plain file, check it without --follow")]
-    Gzipped(String),
+    #[error("{0}: packed; --follow watches a plain file, check it without --follow")]
+    Packed(String),
 }
 
 impl From<FollowError> for Fault {
@@ -149,13 +147,13 @@ fn plain_file(path: &Path, name: &str) -> Result<File, Fault> {
     let opened = || {
         let mut file = File::open(path)?;
         let mut first = [0];
-        let is_gzipped = file.read(&mut first)? > 0 && first == [GZIP];
+        let is_packed = file.read(&mut first)? > 0 && Packing::of(first[0]).is_some();
         file.rewind()?;
-        Ok((file, is_gzipped))
+        Ok((file, is_packed))
     };
     match opened().map_err(|source| Fault::Open { name: name.to_owned(), source })? {
         (file, false) => Ok(file),
-        (_, true) => Err(FollowError::Gzipped(name.to_owned()).into()),
+        (_, true) => Err(FollowError::Packed(name.to_owned()).into()),
     }
 }
 

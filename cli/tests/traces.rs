@@ -335,6 +335,23 @@ fn check_reads_a_gzipped_trace() {
     assert_eq!(out(&run(&["replay", text(&paths[0])], "")), TRACE);
 }
 
+#[test]
+fn check_reads_what_export_made_for_viewers() {
+    let (_dir, paths) = files(&[("trace.jsonl", TRACE), ("trace.mcap", "")]);
+    let (trace, recording) = (text(&paths[0]), text(&paths[1]));
+    assert_eq!(run(&["export", "--mcap", trace, "-o", recording], "").status.code(), Some(0));
+    assert_eq!(
+        out(&run(&["check", recording], "")),
+        out(&run(&["check", trace], "")).replace(trace, recording)
+    );
+    assert_eq!(out(&run(&["replay", recording], "")), TRACE);
+    let whole = fs::read(&paths[1]).unwrap();
+    fs::write(&paths[1], &whole[..whole.len() / 2]).unwrap();
+    let cut = run(&["check", recording], "");
+    assert_eq!(cut.status.code(), Some(2));
+    assert!(err(&cut).contains("; --truncated judges what stands before"), "{}", err(&cut));
+}
+
 fn packed(text: &str) -> Vec<u8> {
     let mut packer = GzEncoder::new(Vec::new(), Compression::default());
     packer.write_all(text.as_bytes()).unwrap();
@@ -454,7 +471,7 @@ mod follow {
         fs::write(&paths[0], packed(TRACE)).unwrap();
         let refused = run(&["check", "--follow", text(&paths[0])], "");
         assert_eq!(refused.status.code(), Some(2));
-        assert!(err(&refused).contains("trace.jsonl.gz: gzipped; "), "{}", err(&refused));
+        assert!(err(&refused).contains("trace.jsonl.gz: packed; "), "{}", err(&refused));
     }
 
     #[test]

@@ -49,7 +49,7 @@ pub(crate) struct Args {
     #[arg(long, default_value = "ns")]
     unit: Unit,
     /// The MCAP file's topic.
-    #[arg(long, default_value = "/fuseline/trace")]
+    #[arg(long, default_value = fuseline_unpack::TOPIC)]
     topic: String,
     /// Put the events in the order of their instants, holding all of them.
     #[arg(long)]
@@ -83,7 +83,7 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
             let columns = Columns::new(&args.column, &args.event, args.unit);
             Box::new(csv::Rows::new(&name, file, columns)?)
         }
-        Format::Mcap => Box::new(mcap::Messages::new(&name, file, &args.topic)),
+        Format::Mcap => Box::new(mcap::Recording::new(&name, file, &args.topic)),
     };
     let own = recorded.header()?;
     let header = match &args.header {

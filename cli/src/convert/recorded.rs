@@ -24,8 +24,6 @@ pub(super) enum ConvertError {
     NoHeader { file: String },
     #[error("{file}:{line}: {message}")]
     Row { file: String, line: u64, message: String },
-    #[error("{file}: message {number}: {message}")]
-    Message { file: String, number: u64, message: String },
     #[error("{file}: {message}")]
     File { file: String, message: String },
 }

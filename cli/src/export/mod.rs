@@ -7,7 +7,8 @@ mod viewer;
 use std::io::BufReader;
 use std::path::PathBuf;
 
-use fuseline_traces::{Events, unpack};
+use fuseline_traces::Events;
+use fuseline_unpack::unpack;
 
 use crate::exit::Exit;
 use crate::export::mcap::Messages;

@@ -7,7 +7,7 @@ mod reasons;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_traces::unpack;
+use fuseline_unpack::unpack;
 use thiserror::Error;
 
 use crate::exit::Exit;
@@ -40,7 +40,7 @@ Examples:
   fuseline report west.jsonl east.jsonl.gz -o drive.html
   fuseline report --observed --tolerance 2ms --lateness 5ms node.jsonl -o node.html")]
 pub(crate) struct Args {
-    /// The traces, plain or gzipped; - is standard input.
+    /// The traces, plain or packed (gzip, zstd, MCAP); - is standard input.
     #[arg(value_name = "TRACE", required = true)]
     traces: Vec<PathBuf>,
     /// The page; - is standard output.
