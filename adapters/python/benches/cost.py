@@ -31,7 +31,7 @@ def machine(messages: int) -> float:
     start = time.process_time_ns()
     for t in range(messages):
         fusion.open(clock(), t)
-        fusion.offer(clock(), t, 1, 500_000_000)
+        fusion.offer(clock(), t, 1, DEADLINE)
         fusion.result(clock(), t, 0)
         fusion.result(clock(), t, 1)
     return (time.process_time_ns() - start) / messages / 1e3
@@ -51,7 +51,7 @@ def calls(messages: int) -> dict[str, float]:
     window = 1024
     fusions = [Fusion([Cloud(1)], window=window) for _ in range(messages // window + 1)]
     timed("open", lambda t: fusions[t // window].open(0, t))
-    timed("offer", lambda t: fusions[t // window].offer(0, t, 1, 500_000_000))
+    timed("offer", lambda t: fusions[t // window].offer(0, t, 1, DEADLINE))
     timed("result, held", lambda t: fusions[t // window].result(1, t, 0))
     timed("result, forwarded", lambda t: fusions[t // window].result(1, t, 1))
     loop = spent.pop("loop")

@@ -22,8 +22,8 @@ type Answered = (Py<PyTuple>, Py<PyAny>);
 /// `Missed` in either must be acted upon.
 ///
 /// Instants are whole nanoseconds of one monotonic clock, such as `time.monotonic_ns()`, exact from
-/// 0 to 2**64 - 1. A deadline is whole nanoseconds as an int, seconds as a float (rounded to the nearest
-/// nanosecond), or a `timedelta`.
+/// 0 to 2**64 - 1. A deadline is seconds as a float (rounded to the nearest nanosecond), a `timedelta`, or
+/// nanoseconds as `ns`.
 ///
 /// One thread at a time calls it; of several, each call is applied completely before the next.
 ///

@@ -11,8 +11,8 @@ use crate::reading::with_trace;
 use crate::time::Nanos;
 
 /// A verdict's fields in the order of `fuseline.Verdict`, its violations' likewise.
-type Told = (String, bool, u64, u64, Vec<Violated>, u64);
-type Violated =
+pub(crate) type Told = (String, bool, u64, u64, Vec<Violated>, u64);
+pub(crate) type Violated =
     (u64, Option<u64>, &'static str, &'static str, String, String, Option<u64>, Vec<String>);
 /// A line's number and word, then at, t, p, deadline, backlog, due and why.
 type Row = (u64, &'static str, u64, Numbers, Option<&'static str>);
@@ -22,13 +22,7 @@ type Numbers = (Option<u64>, Option<u64>, Option<u64>, Option<u64>, Option<u64>)
 #[pyfunction]
 #[pyo3(signature = (trace, name))]
 pub(crate) fn check(trace: &Bound<'_, PyAny>, name: Option<String>) -> PyResult<Told> {
-    let verdict = with_trace(trace, name, |name, trace| judge(name, trace).map_err(unreadable))?;
-    let Verdict { file, conforms, judged, lines, violations, more } = verdict;
-    let violations = violations.into_iter().map(|found| {
-        let (rule, sentence) = (found.rule.id(), found.rule.sentence());
-        (found.line, found.t, rule, sentence, found.found, found.expected, None, found.story)
-    });
-    Ok((file, conforms, judged, lines, violations.collect(), more))
+    with_trace(trace, name, |name, trace| judge(name, trace).map(strict).map_err(unreadable))
 }
 
 /// Judges a trace as observed.
@@ -41,15 +35,29 @@ pub(crate) fn check_observed(
     lateness: Nanos,
 ) -> PyResult<Told> {
     let slack = Slack { tolerance: tolerance.0, lateness: lateness.0 };
-    let verdict = with_trace(trace, name, |name, trace| {
-        observed::judge(name, slack, trace).map_err(unjudged)
-    })?;
+    with_trace(trace, name, |name, trace| {
+        observed::judge(name, slack, trace).map(seen).map_err(unjudged)
+    })
+}
+
+/// The strict judge's verdict.
+pub(crate) fn strict(verdict: Verdict) -> Told {
+    let Verdict { file, conforms, judged, lines, violations, more } = verdict;
+    let violations = violations.into_iter().map(|found| {
+        let (rule, sentence) = (found.rule.id(), found.rule.sentence());
+        (found.line, found.t, rule, sentence, found.found, found.expected, None, found.story)
+    });
+    (file, conforms, judged, lines, violations.collect(), more)
+}
+
+/// The verdict of the judge of observed traces.
+pub(crate) fn seen(verdict: observed::Verdict) -> Told {
     let observed::Verdict { file, conforms, judged, lines, violations, more } = verdict;
     let violations = violations.into_iter().map(|found| {
         let (t, rule, sentence) = (Some(found.t), found.rule.id(), found.rule.sentence());
         (found.line, t, rule, sentence, found.found, found.expected, found.late, found.story)
     });
-    Ok((file, conforms, judged, lines, violations.collect(), more))
+    (file, conforms, judged, lines, violations.collect(), more)
 }
 
 /// The whole trace: the inputs as they stand, and the machine's decisions.

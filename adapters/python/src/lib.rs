@@ -1,10 +1,12 @@
 //! The extension module `fuseline._fuseline`. What users meet is the package around it, in `python/fuseline`.
 
+mod fleet;
 mod fusion;
 mod judging;
 mod policy;
 mod raised;
 mod reading;
+mod tally;
 mod time;
 mod words;
 
@@ -14,11 +16,13 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _fuseline {
     #[pymodule_export]
+    use crate::fleet::survey;
+    #[pymodule_export]
     use crate::fusion::Fusion;
     #[pymodule_export]
     use crate::judging::{check, check_observed, read, replay};
     #[pymodule_export]
-    use crate::policy::{Expected, Guard, Observations};
+    use crate::policy::{Expected, Guard, Observations, loss};
     #[pymodule_export]
     use crate::time::nanoseconds;
 }

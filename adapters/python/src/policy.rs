@@ -1,5 +1,6 @@
 //! The policies of `fuseline-deadline`.
 
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use fuseline_deadline as deadline;
@@ -11,6 +12,7 @@ use pyo3::prelude::*;
 
 use crate::raised::DeadlineError;
 use crate::time::Nanos;
+use crate::words::Words;
 
 /// How many calls are remembered.
 const WINDOW: usize = 64;
@@ -23,14 +25,14 @@ type Seen = (u64, bool, u64);
 
 /// A figure: a number, or the least and the greatest.
 #[derive(FromPyObject)]
-enum Figure {
+pub(crate) enum Figure {
     Exactly(f64),
     Between(f64, f64),
 }
 
 /// What a policy knows: an object with these attributes.
 #[derive(FromPyObject)]
-struct Known {
+pub(crate) struct Known {
     speed: Figure,
     reveal: Option<f64>,
     under_way: Vec<Nanos>,
@@ -38,14 +40,22 @@ struct Known {
 
 /// What an output costs: an object with the attributes of one of them.
 #[derive(FromPyObject)]
-enum Priced {
-    Impact { vehicle: Vehicle },
-    Accuracy { local: f64, cloud: f64, price_per_ms: f64 },
+pub(crate) enum Priced {
+    Impact {
+        vehicle: Vehicle,
+    },
+    Accuracy {
+        local: f64,
+        cloud: f64,
+        price_per_ms: f64,
+    },
+    #[pyo3(transparent)]
+    Function(Py<PyAny>),
 }
 
 /// A class of hazards: an object with these attributes.
 #[derive(FromPyObject)]
-struct Class {
+pub(crate) struct Class {
     range_local: Figure,
     range_cloud: Figure,
     weight: f64,
@@ -53,7 +63,7 @@ struct Class {
 
 /// A vehicle, its sources and the hazards: an object with these attributes.
 #[derive(FromPyObject)]
-struct Vehicle {
+pub(crate) struct Vehicle {
     deceleration: Figure,
     brake_delay: Figure,
     frames: u32,
@@ -71,7 +81,11 @@ pub(crate) struct Guard(deadline::Guard);
 
 /// The deadline of least mean loss.
 #[pyclass(module = "fuseline._fuseline")]
-pub(crate) struct Expected(deadline::Expected<AnyLoss, WINDOW>);
+pub(crate) struct Expected {
+    policy: deadline::Expected<AnyLoss, WINDOW>,
+    /// The function that is the loss, if it is one.
+    function: Option<Arc<Function>>,
+}
 
 /// The ends of the last calls of one cloud.
 #[pyclass(module = "fuseline._fuseline")]
@@ -80,6 +94,16 @@ pub(crate) struct Observations(deadline::Observations<WINDOW>);
 enum AnyLoss {
     Impact(Box<Impact>),
     Accuracy(Accuracy),
+    Function(Arc<Function>),
+}
+
+/// A loss that is a function of Python's.
+struct Function {
+    function: Py<PyAny>,
+    /// The situation that the policy is asked about.
+    situation: Mutex<Option<Py<PyAny>>>,
+    /// The first exception that it raised.
+    raised: Mutex<Option<PyErr>>,
 }
 
 #[pymethods]
@@ -107,28 +131,51 @@ impl Expected {
     #[new]
     #[pyo3(signature = (loss, local_response, probe_every))]
     fn new(loss: Priced, local_response: Figure, probe_every: Option<u32>) -> PyResult<Self> {
-        let loss = match loss {
-            Priced::Impact { vehicle } => AnyLoss::Impact(Box::new(Impact::from(&guard(vehicle)?))),
-            Priced::Accuracy { local, cloud, price_per_ms } => {
-                AnyLoss::Accuracy(Accuracy { local, cloud, price_per_ms })
-            }
+        let loss = AnyLoss::try_from(loss)?;
+        let function = match &loss {
+            AnyLoss::Function(function) => Some(Arc::clone(function)),
+            AnyLoss::Impact(_) | AnyLoss::Accuracy(_) => None,
         };
-        deadline::Expected::new(loss, local_response, probe_every).map(Self).map_err(invalid)
+        let policy = deadline::Expected::new(loss, local_response, probe_every).map_err(invalid)?;
+        Ok(Self { policy, function })
     }
 
-    fn decide(&mut self, known: Known, cap: Nanos) -> Told {
-        decide(&mut self.0, known, cap)
+    fn decide(&mut self, known: &Bound<'_, PyAny>, cap: Nanos) -> PyResult<Told> {
+        if let Some(function) = &self.function {
+            *locked(&function.situation) = Some(known.clone().unbind());
+        }
+        let told = decide(&mut self.policy, known.extract()?, cap);
+        match self.function.as_ref().and_then(|function| locked(&function.raised).take()) {
+            Some(raised) => Err(raised),
+            None => Ok(told),
+        }
     }
 
     fn ended(&mut self, end: &str, age: Nanos) -> PyResult<()> {
-        self.0.ended(end_of(end, age)?);
+        self.policy.ended(end_of(end, age)?);
         Ok(())
     }
 
     /// What is known of the cloud.
     fn observations(&self) -> Vec<Seen> {
-        self.0.observations().sorted().map(seen).collect()
+        self.policy.observations().sorted().map(seen).collect()
     }
+}
+
+/// What an output of local or of the cloud costs, so long after capture.
+#[pyfunction]
+#[pyo3(signature = (loss, known, source, response))]
+pub(crate) fn loss(loss: Priced, known: Known, source: &str, response: Nanos) -> PyResult<f64> {
+    let source = match source {
+        "local" => Source::Local,
+        "cloud" => Source::Cloud,
+        _ => {
+            let told = format!("a source {source:?}; it is local or cloud");
+            return Err(DeadlineError::new_err(told));
+        }
+    };
+    let (situation, _) = known.split();
+    Ok(AnyLoss::try_from(loss)?.loss(&situation, source, Duration::from_nanos(response.0)))
 }
 
 #[pymethods]
@@ -161,7 +208,44 @@ impl Loss for AnyLoss {
         match self {
             Self::Impact(loss) => loss.loss(situation, source, response),
             Self::Accuracy(loss) => loss.loss(situation, source, response),
+            Self::Function(function) => function.loss(source, response),
         }
+    }
+}
+
+impl TryFrom<Priced> for AnyLoss {
+    type Error = PyErr;
+
+    fn try_from(loss: Priced) -> PyResult<Self> {
+        Ok(match loss {
+            Priced::Impact { vehicle } => Self::Impact(Box::new(Impact::from(&guard(vehicle)?))),
+            Priced::Accuracy { local, cloud, price_per_ms } => {
+                Self::Accuracy(Accuracy { local, cloud, price_per_ms })
+            }
+            Priced::Function(function) => {
+                let (situation, raised) = (Mutex::new(None), Mutex::new(None));
+                Self::Function(Arc::new(Function { function, situation, raised }))
+            }
+        })
+    }
+}
+
+impl Function {
+    /// Not a number once it has raised: then no deadline is chosen for its sake.
+    fn loss(&self, source: Source, response: Duration) -> f64 {
+        let word = match source {
+            Source::Local => "local",
+            Source::Cloud => "cloud",
+        };
+        let told = Python::attach(|py| {
+            let situation = locked(&self.situation).as_ref().map(|it| it.clone_ref(py));
+            let response = Words::get(py)?.ns(py, nanos(response))?;
+            self.function.call1(py, (situation, word, response))?.extract(py)
+        });
+        told.unwrap_or_else(|error| {
+            locked(&self.raised).get_or_insert(error);
+            f64::NAN
+        })
     }
 }
 
@@ -216,6 +300,10 @@ fn decide(policy: &mut impl Policy, known: Known, cap: Nanos) -> Told {
         Reason::Cap => ("cap", None, None),
     };
     (nanos(deadline), word, case, loss)
+}
+
+fn locked<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
+    value.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn end_of(end: &str, age: Nanos) -> PyResult<End> {

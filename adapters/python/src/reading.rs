@@ -5,7 +5,7 @@ use std::io::{self, BufRead, BufReader, Cursor, Read};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use flate2::bufread::MultiGzDecoder;
+use fuseline_unpack::unpack;
 use pyo3::exceptions::{PyOSError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -20,17 +20,19 @@ const CHUNK: usize = 64 * 1024;
 enum Origin {
     Bytes(PyBackedBytes),
     File(PathBuf),
+    Stream(Py<PyAny>),
     Lines(Py<PyIterator>),
 }
 
 /// Opens a trace and gives it to `read`, with its name in verdicts and errors and with the interpreter released: opening
 /// may wait too, for instance for whoever writes to a pipe.
 ///
-/// Bytes are a trace, texts and paths are files, all else gives lines. Gzip is unpacked.
+/// Bytes are a trace, texts and paths are files, what can be read from is an open file, all else gives lines. What is packed
+/// is unpacked.
 pub(crate) fn with_trace<T: Send>(
     trace: &Bound<'_, PyAny>,
     name: Option<String>,
-    read: impl FnOnce(&str, Box<dyn BufRead + Send>) -> PyResult<T> + Send,
+    read: impl FnOnce(&str, Box<dyn BufRead>) -> PyResult<T> + Send,
 ) -> PyResult<T> {
     let (origin, own) = if let Ok(bytes) = trace.cast::<PyBytes>() {
         (Origin::Bytes(bytes.clone().into()), "<bytes>".to_owned())
@@ -38,11 +40,14 @@ pub(crate) fn with_trace<T: Send>(
         let path: PathBuf = trace.extract()?;
         let own = path.display().to_string();
         (Origin::File(path), own)
+    } else if trace.hasattr("read")? && !trace.hasattr("encoding")? {
+        // What has an encoding gives text: that is read by the line.
+        (Origin::Stream(trace.clone().unbind()), "<stream>".to_owned())
     } else if let Ok(lines) = trace.try_iter() {
         (Origin::Lines(lines.unbind()), "<lines>".to_owned())
     } else {
         let told = format!(
-            "a trace is bytes, a path, or something that gives lines, not {}",
+            "a trace is bytes, a path, an open file, or something that gives lines, not {}",
             trace.get_type().name()?
         );
         return Err(PyTypeError::new_err(told));
@@ -55,10 +60,11 @@ pub(crate) fn with_trace<T: Send>(
 }
 
 impl Origin {
-    fn open(self) -> io::Result<Box<dyn BufRead + Send>> {
+    fn open(self) -> io::Result<Box<dyn BufRead>> {
         match self {
             Self::Bytes(bytes) => packed(Cursor::new(bytes)),
             Self::File(path) => packed(BufReader::with_capacity(CHUNK, File::open(path)?)),
+            Self::Stream(stream) => packed(BufReader::with_capacity(CHUNK, Stream(stream))),
             Self::Lines(lines) => {
                 packed(Lines { from: lines, ends: None, held: Vec::new(), taken: 0 })
             }
@@ -67,13 +73,8 @@ impl Origin {
 }
 
 /// Unpacked if need be, and interrupted if somebody asks for it.
-fn packed(mut trace: impl BufRead + Send + 'static) -> io::Result<Box<dyn BufRead + Send>> {
-    // No trace begins with this byte, gzip always does.
-    if trace.fill_buf()?.first() == Some(&0x1f) {
-        let unpacked = BufReader::with_capacity(CHUNK, MultiGzDecoder::new(trace));
-        return Ok(Box::new(Patient::new(unpacked)));
-    }
-    Ok(Box::new(Patient::new(trace)))
+fn packed(trace: impl BufRead + 'static) -> io::Result<Box<dyn BufRead>> {
+    Ok(Box::new(Patient::new(unpack(trace)?)))
 }
 
 /// The exception within an error, or an error of the system with the file that it is about.
@@ -86,6 +87,32 @@ fn named(path: &str, error: io::Error) -> PyErr {
     let words = error.to_string();
     let words = words.split(" (os error").next().unwrap_or_default().to_owned();
     PyOSError::new_err((number, words, path.to_owned()))
+}
+
+/// An open file of Python's, or what is read like one.
+struct Stream(Py<PyAny>);
+
+impl Read for Stream {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        Python::attach(|py| {
+            let read = self.0.bind(py).call_method1("read", (buffer.len(),))?;
+            let Ok(bytes) = read.cast::<PyBytes>() else {
+                let told = format!(
+                    "an open file gives bytes, not {}; open it in mode \"rb\"",
+                    read.get_type().name()?
+                );
+                return Err(PyTypeError::new_err(told));
+            };
+            let mut bytes = bytes.as_bytes();
+            if bytes.len() > buffer.len() {
+                let (found, asked) = (bytes.len(), buffer.len());
+                let told = format!("an open file gave {found} bytes when asked for {asked}");
+                return Err(PyOSError::new_err(told));
+            }
+            Ok(bytes.read(buffer)?)
+        })
+        .map_err(io::Error::other)
+    }
 }
 
 /// Lines of an iterator, gathered while the interpreter is held.

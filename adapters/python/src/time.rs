@@ -1,11 +1,14 @@
 //! Instants and durations, as Python has them.
 
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDelta, PyFloat, PyInt};
 
 use crate::raised::TimeError;
+use crate::words::Words;
 
-/// A duration in nanoseconds: whole nanoseconds, a `timedelta`, or seconds as a float.
+/// A duration in nanoseconds, from seconds as a float, a `timedelta`, or the package's own `ns`. A plain int is refused, since
+/// it may be meant as either unit; 0 is the same in both.
 #[derive(Clone, Copy)]
 pub(crate) struct Nanos(pub(crate) u64);
 
@@ -19,8 +22,8 @@ const SECOND: f64 = 1e9;
 /// A duration as whole nanoseconds.
 #[pyfunction]
 #[pyo3(signature = (duration, /))]
-pub(crate) fn nanoseconds(duration: Nanos) -> u64 {
-    duration.0
+pub(crate) fn nanoseconds(py: Python<'_>, duration: Nanos) -> PyResult<Py<PyAny>> {
+    Words::get(py)?.ns(py, duration.0)
 }
 
 impl<'py> FromPyObject<'_, 'py> for Number {
@@ -56,22 +59,24 @@ impl<'py> FromPyObject<'_, 'py> for Nanos {
                 Err(_) => Err(below_0(object)),
             };
         }
-        match object.extract::<Number>() {
-            Ok(Number(nanos)) => Ok(Self(nanos)),
-            Err(error)
-                if object.is_instance_of::<PyInt>() && !object.is_instance_of::<PyBool>() =>
-            {
-                Err(error)
-            }
-            Err(_) => {
-                let told = format!(
-                    "a duration is whole nanoseconds as an int, seconds as a float, or a timedelta, not {}",
-                    kind(object)
-                );
-                Err(pyo3::exceptions::PyTypeError::new_err(told))
-            }
+        if Words::get(object.py())?.is_ns(object) {
+            return number(object).map(|Number(nanos)| Self(nanos));
         }
+        if object.is_instance_of::<PyInt>() && !object.is_instance_of::<PyBool>() {
+            return if object.eq(0)? { Ok(Self(0)) } else { Err(ambiguous(object)) };
+        }
+        let told = format!(
+            "a duration is seconds as a float, a timedelta, or nanoseconds as ns(…), not {}",
+            kind(object)
+        );
+        Err(PyTypeError::new_err(told))
     }
+}
+
+fn ambiguous(object: Borrowed<'_, '_, PyAny>) -> PyErr {
+    let told =
+        format!("a duration of {0}: write {0}.0 for seconds, or ns({0}) for nanoseconds", *object);
+    PyTypeError::new_err(told)
 }
 
 /// Rounded to the nearest nanosecond; what is too long, infinity too, is 2⁶⁴ − 1 ns (A14).
@@ -105,7 +110,7 @@ fn below_0(object: Borrowed<'_, '_, PyAny>) -> PyErr {
 
 fn not_whole(object: Borrowed<'_, '_, PyAny>) -> PyErr {
     let told = format!("a whole number as an int, not {}; instants are nanoseconds", kind(object));
-    pyo3::exceptions::PyTypeError::new_err(told)
+    PyTypeError::new_err(told)
 }
 
 fn kind(object: Borrowed<'_, '_, PyAny>) -> String {

@@ -29,6 +29,7 @@ pub(crate) struct Words {
     open_refusal: Py<PyAny>,
     offer_refusal: Py<PyAny>,
     drop_reason: Py<PyAny>,
+    ns: Py<PyAny>,
 }
 
 impl Words {
@@ -56,7 +57,18 @@ impl Words {
             open_refusal: class("OpenRefusal")?.unbind(),
             offer_refusal: class("OfferRefusal")?.unbind(),
             drop_reason: class("DropReason")?.unbind(),
+            ns: class("ns")?.unbind(),
         })
+    }
+
+    /// So many nanoseconds.
+    pub(crate) fn ns(&self, py: Python<'_>, nanos: u64) -> PyResult<Py<PyAny>> {
+        self.ns.call1(py, (nanos,))
+    }
+
+    /// Whether this says that it is in nanoseconds.
+    pub(crate) fn is_ns(&self, object: Borrowed<'_, '_, PyAny>) -> bool {
+        object.get_type().is(&self.ns)
     }
 
     pub(crate) fn opening(&self, py: Python<'_>, opening: Opening) -> PyResult<Py<PyAny>> {

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
+from drives import drive, spoiled
 
 T = TypeVar("T")
 
@@ -78,3 +79,17 @@ def command() -> str:
     if not path:
         pytest.skip("FUSELINE_COMMAND does not name the command")
     return path
+
+
+@pytest.fixture(scope="session")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The paths of 48 drives, some wrong or cut short, and of one that is not there."""
+    folder = tmp_path_factory.mktemp("fleet")
+    for seed in range(48):
+        trace = drive(seed, 200)
+        if seed % 16 == 3:
+            trace = spoiled(trace)
+        if seed % 16 == 5:
+            trace = trace[:-9]
+        (folder / f"drive-{seed:02}.jsonl").write_bytes(trace)
+    return [str(path) for path in sorted(folder.iterdir())] + [str(folder / "nowhere.jsonl")]

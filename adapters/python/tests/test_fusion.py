@@ -26,6 +26,7 @@ from fuseline import (
     OpenRefusal,
     Refused,
     Waiting,
+    ns,
 )
 
 END = 2**64 - 1
@@ -39,7 +40,7 @@ def test_a_result_just_before_its_due_instant_goes_and_one_at_it_is_late() -> No
     ]:
         fusion = Fusion([Cloud(1)])
         fusion.open(0, 7)
-        assert fusion.offer(0, 7, 1, 500) == ((), Admitted(500))
+        assert fusion.offer(0, 7, 1, ns(500)) == ((), Admitted(500))
         fired, outcome = fusion.result(at, 7, 1)
         assert outcome == expected
         late = (Firing(7, 500, (1,), Waiting()),)
@@ -49,8 +50,8 @@ def test_a_result_just_before_its_due_instant_goes_and_one_at_it_is_late() -> No
 def test_a_held_result_goes_when_the_timer_of_what_it_waits_for_fires() -> None:
     fusion = Fusion([Cloud(2), Cloud(9)])
     assert fusion.open(0, 1) == ((), Accepted())
-    fusion.offer(0, 1, 2, 300)
-    fusion.offer(0, 1, 9, 100)
+    fusion.offer(0, 1, 2, ns(300))
+    fusion.offer(0, 1, 9, ns(100))
     assert fusion.result(50, 1, 0) == ((), Held())
     assert fusion.next_due == 100
     assert fusion.tick(100) == (Firing(1, 100, (9,), Forwarded(0, (2,))),)
@@ -61,8 +62,8 @@ def test_a_held_result_goes_when_the_timer_of_what_it_waits_for_fires() -> None:
 def test_patient_waits_for_all_that_outranks() -> None:
     fusion = Fusion([Cloud(2), Cloud(9)], commit=Commit.PATIENT)
     fusion.open(0, 1)
-    fusion.offer(0, 1, 2, 300)
-    fusion.offer(0, 1, 9, 100)
+    fusion.offer(0, 1, 2, ns(300))
+    fusion.offer(0, 1, 9, ns(100))
     fusion.result(50, 1, 0)
     assert fusion.tick(100) == (Firing(1, 100, (9,), Waiting()),)
     assert fusion.fail(200, 1, 2) == ((), Forwarded(0, ()))
@@ -81,17 +82,17 @@ def test_each_refusal_and_drop_has_its_reason() -> None:
     assert fusion.open(0, 5) == ((), Refused(OpenRefusal.ORDER))
     assert fusion.open(0, 6) == ((), Refused(OpenRefusal.FULL))
     for offer, why in [
-        ((0, 5, 8, 1), OfferRefusal.UNKNOWN),
-        ((0, 4, 1, 1), OfferRefusal.CLOSED),
+        ((0, 5, 8, ns(1)), OfferRefusal.UNKNOWN),
+        ((0, 4, 1, ns(1)), OfferRefusal.CLOSED),
         ((0, 5, 1, 0), OfferRefusal.DEADLINE),
-        ((0, 5, 1, 1, 1), OfferRefusal.QUEUE),
+        ((0, 5, 1, ns(1), 1), OfferRefusal.QUEUE),
     ]:
         assert fusion.offer(*offer) == ((), Refused(why))
     assert fusion.result(0, 5, 1) == ((), Dropped(DropReason.UNSOLICITED))
     assert fusion.result(0, 9, 1) == ((), Dropped(DropReason.UNKNOWN))
     assert fusion.result(0, 4, 1) == ((), Dropped(DropReason.SUPERSEDED))
-    fusion.offer(0, 5, 1, 10)
-    assert fusion.offer(0, 5, 1, 10) == ((), Refused(OfferRefusal.DUPLICATE))
+    fusion.offer(0, 5, 1, ns(10))
+    assert fusion.offer(0, 5, 1, ns(10)) == ((), Refused(OfferRefusal.DUPLICATE))
     fusion.result(0, 5, 0)
     assert fusion.result(0, 5, 0) == ((), Dropped(DropReason.DUPLICATE))
     # A18: any number is a priority that may be unknown.
@@ -110,8 +111,8 @@ def test_what_would_be_refused_is_foreseen_and_nothing_changes() -> None:
     assert fusion.foresee(5, 1, 2) is OfferRefusal.QUEUE
     assert fusion.foresee(5, 1, 1) is None
     assert fusion.take_trace() == b""
-    fusion.offer(0, 5, 2, 10)
-    fusion.offer(0, 5, 1, 10)
+    fusion.offer(0, 5, 2, ns(10))
+    fusion.offer(0, 5, 1, ns(10))
     assert fusion.foresee(5, 1) is OfferRefusal.DUPLICATE
 
 
@@ -119,9 +120,9 @@ def test_what_would_be_refused_is_foreseen_and_nothing_changes() -> None:
     ("duration", "nanos"),
     [
         (0, 0),
-        (1, 1),
-        (2**63 + 1, 2**63 + 1),
-        (END, END),
+        (ns(1), 1),
+        (ns(2**63 + 1), 2**63 + 1),
+        (ns(END), END),
         (0.5, 500_000_000),
         (1e-9, 1),
         (1.4e-9, 1),
@@ -144,8 +145,12 @@ def test_durations_are_nanoseconds_seconds_or_timedeltas(duration: Any, nanos: i
 @pytest.mark.parametrize(
     ("duration", "error"),
     [
-        (-1, fuseline.TimeError),
-        (2**64, fuseline.TimeError),
+        (ns(-1), fuseline.TimeError),
+        (ns(2**64), fuseline.TimeError),
+        (1, TypeError),
+        (-1, TypeError),
+        (500_000_000, TypeError),
+        (ns(4) // 2, TypeError),
         (-0.1, fuseline.TimeError),
         (float("nan"), fuseline.TimeError),
         (timedelta(microseconds=-1), fuseline.TimeError),
@@ -214,7 +219,7 @@ def test_a_header_makes_the_machine_and_is_told_again() -> None:
 
 def test_it_is_shown_with_what_matters() -> None:
     fusion = Fusion([Cloud(2)], operator="lane")
-    fusion.open(5, 1, 10)
+    fusion.open(5, 1, ns(10))
     shown = 'Fusion("lane", clouds=[2], window=16, commit=eager, open=1, now=5, next_due=15)'
     assert repr(fusion) == shown
     assert 1 in fusion
@@ -241,9 +246,9 @@ def test_what_it_records_is_the_conforming_trace(path: Any) -> None:
     for line in trace.lines:
         match line.ev:
             case "open":
-                fusion.open(line.at, line.t, line.deadline)
+                fusion.open(line.at, line.t, None if line.deadline is None else ns(line.deadline))
             case "offer":
-                fusion.offer(line.at, line.t, line.p, line.deadline, line.backlog)
+                fusion.offer(line.at, line.t, line.p, ns(line.deadline), line.backlog)
             case "result":
                 fusion.result(line.at, line.t, line.p)
             case "fail":

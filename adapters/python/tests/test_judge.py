@@ -17,7 +17,7 @@ import fuseline
 import pyarrow as pa
 import pytest
 from conftest import BAD, CORPUS
-from fuseline import Trace, check, check_observed, replay
+from fuseline import Trace, check, check_observed, ns, replay
 
 HEADER = b'{"fuseline":1,"window":16,"clouds":[{"p":1,"limit":31}]}\n'
 GOOD = (
@@ -137,14 +137,14 @@ def test_an_exception_of_the_lines_comes_through() -> None:
 
 def test_an_observed_trace_is_judged_within_its_tolerance() -> None:
     later = GOOD.replace(b"499", b"503")
-    verdict = check_observed(later, tolerance=1, lateness=0)
+    verdict = check_observed(later, tolerance=ns(1), lateness=0)
     assert not verdict.conforms
     assert verdict.violations[0].t == 1
-    assert check_observed(later, tolerance=2, lateness=0).conforms
+    assert check_observed(later, tolerance=ns(2), lateness=0).conforms
     assert check_observed(later, tolerance=2e-9, lateness=0.0).conforms
     disorder = GOOD + b'{"ev":"tick","at":5}\n'
     with pytest.raises(fuseline.ReadError, match=r"^<bytes>:7:1: at 5 after a line at 499"):
-        check_observed(disorder, tolerance=10, lateness=0)
+        check_observed(disorder, tolerance=ns(10), lateness=0)
 
 
 def test_other_threads_run_while_a_trace_is_judged() -> None:

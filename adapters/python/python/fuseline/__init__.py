@@ -42,6 +42,7 @@ from fuseline._words import (
     Outcome,
     Refused,
     Waiting,
+    ns,
 )
 
 __all__ = [
@@ -87,5 +88,6 @@ __all__ = [
     "check",
     "check_observed",
     "nanoseconds",
+    "ns",
     "replay",
 ]

@@ -24,6 +24,7 @@ from fuseline._words import (
     Missed,
     Outcome,
     Refused,
+    ns,
 )
 from fuseline.deadline import End, Situation
 
@@ -186,9 +187,10 @@ class Engine(Generic[M, V]):
             return
         backlog = len(lane.waiting)
         if lane.policy is not None:
-            limit = self._chosen(now, t, lane, limit, backlog)
-            if limit < 0:
+            chosen = self._chosen(now, t, lane, limit, backlog)
+            if chosen is None:
                 return
+            limit = chosen
         fired, admission = self.fusion.offer(now, t, lane.p, limit, backlog)
         if fired:
             self._fired(now, fired)
@@ -198,8 +200,8 @@ class Engine(Generic[M, V]):
         else:
             self.counts[lane.source.name, "request", f"refused {admission.why}"] += 1
 
-    def _chosen(self, now: int, t: int, lane: Lane[Any], cap: int, backlog: int) -> int:
-        """The deadline that the policy chooses, at most the cap; below 0 if it fails."""
+    def _chosen(self, now: int, t: int, lane: Lane[Any], cap: ns, backlog: int) -> ns | None:
+        """The deadline that the policy chooses, at most the cap; None if it fails."""
         assert lane.policy is not None
         # T6: it is asked about what is admitted alone, or it would count probes never sent.
         if cap == 0 or self.fusion.foresee(t, lane.p, backlog) is not None:
@@ -207,10 +209,10 @@ class Engine(Generic[M, V]):
         known = self.situation
         try:
             situation = Situation(known.speed, known.reveal, lane.ages(now))
-            return min(cap, lane.policy.decide(situation, cap).deadline)
+            return ns(min(cap, lane.policy.decide(situation, cap).deadline))
         except Exception:
             _log.exception("%s: the policy of %s failed: nothing is asked", self.name, lane.source)
-            return -1
+            return None
 
     def _fired(self, now: int, fired: tuple[Firing, ...]) -> None:
         """F5: timers fired."""
@@ -288,7 +290,7 @@ class Engine(Generic[M, V]):
         if lane.policy is None:
             return
         try:
-            lane.policy.ended(end, age)
+            lane.policy.ended(end, ns(age))
         except Exception:
             _log.exception("%s: the policy of %s failed", self.name, lane.source)
 

@@ -1,11 +1,11 @@
 """The extension: what of the package is compiled."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import timedelta
 from os import PathLike
-from typing import Literal, NoReturn, Protocol, SupportsIndex, TypeAlias, final
+from typing import Any, BinaryIO, Literal, NoReturn, Protocol, SupportsIndex, TypeAlias, final
 
-from fuseline._words import Admission, Cloud, Commit, Firing, OfferRefusal, Opening, Outcome
+from fuseline._words import Admission, Cloud, Commit, Firing, OfferRefusal, Opening, Outcome, ns
 
 __all__ = [
     "Expected",
@@ -14,13 +14,15 @@ __all__ = [
     "Observations",
     "check",
     "check_observed",
+    "loss",
     "nanoseconds",
     "read",
     "replay",
+    "survey",
 ]
 
-_Duration: TypeAlias = int | float | timedelta
-_Traced: TypeAlias = bytes | str | PathLike[str] | Iterable[bytes] | Iterable[str]
+_Duration: TypeAlias = float | timedelta | ns
+_Traced: TypeAlias = bytes | str | PathLike[str] | BinaryIO | Iterable[bytes] | Iterable[str]
 _Figure: TypeAlias = float | tuple[float, float]
 _Violation: TypeAlias = tuple[int, int | None, str, str, str, str, int | None, list[str]]
 _Verdict: TypeAlias = tuple[str, bool, int, int, list[_Violation], int]
@@ -30,6 +32,11 @@ _Row: TypeAlias = tuple[
     int,
     tuple[int | None, int | None, int | None, int | None, int | None],
     str | None,
+]
+_Survey: TypeAlias = tuple[
+    str | None,
+    _Verdict,
+    tuple[int, int, int, int, list[tuple[int, str, int, int]]],
 ]
 _Chosen: TypeAlias = tuple[int, str, int | None, float | None]
 _Seen: TypeAlias = tuple[int, bool, int]
@@ -81,6 +88,8 @@ class _Accuracy(Protocol):
     def cloud(self) -> float: ...
     @property
     def price_per_ms(self) -> float: ...
+
+_Function: TypeAlias = Callable[[Any, Literal["local", "cloud"], ns], float]
 
 @final
 class Fusion:
@@ -140,7 +149,7 @@ class Guard:
 @final
 class Expected:
     def __new__(
-        cls, loss: _Impact | _Accuracy, local_response: _Figure, probe_every: int | None
+        cls, loss: _Impact | _Accuracy | _Function, local_response: _Figure, probe_every: int | None
     ) -> Expected: ...
     def decide(self, known: _Situation, cap: _Duration) -> _Chosen: ...
     def ended(self, end: str, age: _Duration) -> None: ...
@@ -153,10 +162,16 @@ class Observations:
     def sorted(self) -> list[_Seen]: ...
     def survival(self, under_way: Sequence[_Duration]) -> list[tuple[int, float, float]]: ...
 
-def nanoseconds(duration: _Duration, /) -> int: ...
+def nanoseconds(duration: _Duration, /) -> ns: ...
 def check(trace: _Traced, name: str | None) -> _Verdict: ...
 def check_observed(
     trace: _Traced, name: str | None, tolerance: _Duration, lateness: _Duration
 ) -> _Verdict: ...
 def read(trace: _Traced, name: str | None) -> tuple[str, str, list[_Row]]: ...
 def replay(trace: _Traced, name: str | None) -> bytes: ...
+def survey(
+    trace: _Traced, name: str | None, slack: tuple[_Duration, _Duration] | None
+) -> _Survey: ...
+def loss(
+    loss: _Impact | _Accuracy, known: _Situation, source: str, response: _Duration
+) -> float: ...

@@ -10,14 +10,15 @@ from os import PathLike
 from typing import TYPE_CHECKING, TypeAlias
 
 from fuseline import _fuseline
+from fuseline._words import ns
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 #: A trace: its bytes, the path of its file, or whatever gives its lines. Gzip is unpacked.
 Traced: TypeAlias = bytes | str | PathLike[str] | Iterable[bytes] | Iterable[str]
-#: A duration: whole nanoseconds as an int, seconds as a float, or a timedelta.
-Duration: TypeAlias = int | float | timedelta
+#: A duration: seconds as a float, a timedelta, or nanoseconds as `ns`. A plain int is refused.
+Duration: TypeAlias = float | timedelta | ns
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from fuseline._item import Call, Source
+from fuseline._words import ns
 from fuseline.deadline import Policy
 
 Q = TypeVar("Q")
@@ -113,10 +114,11 @@ class Lane(Generic[Q]):
         """When the next call has lingered long enough."""
         return min(map(self._until, self.lingering.values()), default=None)
 
-    def ages(self, now: int) -> list[int]:
+    def ages(self, now: int) -> list[ns]:
         """The age of each unanswered request, the oldest first, with those that linger."""
         lots = (self.flying, self.lingering, self.waiting)
-        return sorted((now - it.asked for lot in lots for it in lot.values()), reverse=True)
+        asked = sorted(it.asked for lot in lots for it in lot.values())
+        return [ns(now - it) for it in asked]
 
     def aborted(self) -> None:
         """A call was told to end."""

@@ -66,8 +66,8 @@ class Local(Generic[M, V]):
         Args:
             compute: Takes a message and its timestamp.
             at_once: How many computations may run at once.
-            deadline: How long one may take (F1): whole nanoseconds, seconds as a float, or a
-                timedelta. Without it, a message whose computation never ends stays open.
+            deadline: How long one may take (F1): seconds as a float, a timedelta, or nanoseconds as
+                `fuseline.ns`. Without it, a message whose computation never ends stays open.
             waiting: How many messages may wait for a computation, by default as many as the window
                 holds; for one more, local fails at once, and only clouds can answer it.
             skip_answered: Whether a computation that has not begun is skipped once its message is

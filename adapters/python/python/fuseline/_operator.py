@@ -29,7 +29,7 @@ from fuseline._item import Call, Item, Source
 from fuseline._lane import Handlers, Lane
 from fuseline._local import Local, local_of
 from fuseline._tape import Tape
-from fuseline._words import Cloud, Commit
+from fuseline._words import Cloud, Commit, ns
 from fuseline.deadline import Policy, Situation, policy_of
 
 if TYPE_CHECKING:
@@ -124,8 +124,8 @@ class Operator(Generic[M, V]):
         limit: int = 31,
         resume: int = 0,
         calls: int = 8,
-        policy: Policy | Callable[[Situation, int], Duration] | None = None,
-        linger: Duration = 0,
+        policy: Policy | Callable[[Situation, ns], Duration] | None = None,
+        linger: Duration = 0.0,
     ) -> None:
         """Register a cloud; up to 15, before the operator starts.
 
@@ -146,11 +146,11 @@ class Operator(Generic[M, V]):
             calls: How many calls may be under way; further requests wait.
             policy: Chooses how long each request may take, at most what the message handler says,
                 and learns how each ended: see `fuseline.deadline`. A plain function of a
-                `Situation` and the most, in nanoseconds, will do.
+                `Situation` and the most will do.
             linger: How long a call may run on after it was due, so that the policy learns how long
                 it really takes. What comes then is still dropped (F3).
 
-        Durations are whole nanoseconds as an int, seconds as a float, or a timedelta.
+        Durations are seconds as a float, a timedelta, or nanoseconds as `fuseline.ns`.
 
         Raises:
             ConfigError: if the operator has started, or ``calls`` is below 1, or the message

@@ -96,6 +96,27 @@ class Cloud:
 W = TypeVar("W", OpenRefusal, OfferRefusal)
 
 
+class ns(int):  # noqa: N801 - it stands where a unit stands
+    """A duration in whole nanoseconds, exact from 0 to 2**64 - 1.
+
+    Where a duration goes in, a plain int is refused: it could be meant as seconds. What is reckoned
+    from one, such as half of it, is a plain int again.
+
+    >>> from fuseline import nanoseconds
+    >>> nanoseconds(0.5)
+    ns(500000000)
+    >>> nanoseconds(ns(7)) + 1
+    8
+    """
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return f"ns({int(self)})"
+
+    __str__ = int.__repr__
+
+
 @dataclass(frozen=True)
 class Accepted:
     """The timestamp is open and waits for local (F1)."""

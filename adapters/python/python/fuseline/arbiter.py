@@ -27,6 +27,7 @@ from fuseline._words import (
     Outcome,
     Refused,
     Waiting,
+    ns,
 )
 
 Decision = dict[str, Any]
@@ -50,9 +51,9 @@ def _apply(
     at = event["at"]
     match event:
         case {"ev": "open", "t": t}:
-            return fusion.open(at, t, event.get("deadline"))
+            return fusion.open(at, t, ns(event["deadline"]) if "deadline" in event else None)
         case {"ev": "offer", "t": t, "p": p, "deadline": deadline, "backlog": backlog}:
-            return fusion.offer(at, t, p, deadline, backlog)
+            return fusion.offer(at, t, p, ns(deadline), backlog)
         case {"ev": "result", "t": t, "p": p}:
             return fusion.result(at, t, p)
         case {"ev": "fail", "t": t, "p": p}:

@@ -10,8 +10,8 @@ and learns how each call ended. Keep one for each cloud, and give it to `Operato
 Reason.PROBE
 
 `deadline/README.md` of the project has the conditions and the proofs. Durations that go in are
-whole nanoseconds as an int, seconds as a float, or a timedelta; those that come out are
-nanoseconds. Figures are in metres and seconds.
+seconds as a float, a timedelta, or nanoseconds as `fuseline.ns`; those that come out are `ns`.
+Figures are in metres and seconds.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Literal, NamedTuple, Protocol, TypeAlias
 
 from fuseline import _fuseline
 from fuseline._judge import Duration
+from fuseline._words import ns
 
 #: A number, or, if it is not known exactly, the least and the greatest that it may be.
 Figure: TypeAlias = float | tuple[float, float]
@@ -40,6 +41,7 @@ __all__ = [
     "Guard",
     "Hazard",
     "Impact",
+    "Loss",
     "Observation",
     "Observations",
     "Parameters",
@@ -47,6 +49,7 @@ __all__ = [
     "Reason",
     "Situation",
     "Step",
+    "Whose",
 ]
 
 
@@ -109,8 +112,8 @@ class Situation:
 class Chosen:
     """A deadline, and why it was chosen."""
 
-    #: The deadline, in nanoseconds.
-    deadline: int
+    #: The deadline.
+    deadline: ns
     #: Why it was chosen.
     reason: Reason
     #: The guard's case, if the reason is the guard.
@@ -165,19 +168,43 @@ class Parameters:
     hazards: tuple[Hazard, ...] = (Hazard(),)
 
 
+#: Whose result an output is: that of the computation on board, or of the cloud in question.
+Whose: TypeAlias = Literal["local", "cloud"]
+#: What an output costs, in any unit; less is better. Where it is not a number, no deadline is
+#: chosen for its sake.
+Loss: TypeAlias = Callable[[Situation, Whose, ns], float]
+
+
+class _Priced:
+    def __call__(self, situation: Situation, source: Whose, response: Duration) -> float:
+        """What an output of a source costs, so long after its message's capture."""
+        return _fuseline.loss(self, situation, source, response)  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
-class Impact:
-    """A loss: the square of the speed at impact with an obstacle at rest, in m²/s²."""
+class Impact(_Priced):
+    """A loss: the square of the speed at impact with an obstacle at rest, in m²/s².
+
+    >>> Impact(Parameters())(Situation(speed=17.5), "local", 0.3017)
+    30...
+    """
 
     vehicle: Parameters
 
 
 @dataclass(frozen=True)
-class Accuracy:
-    """A loss: accuracy lost against the better source, and a price for each ms of waiting."""
+class Accuracy(_Priced):
+    """A loss: accuracy lost against the better source, and a price for each ms of waiting.
 
+    >>> Accuracy(local=0.3, cloud=0.5, price_per_ms=0.001)(Situation(), "cloud", 0.02)
+    0.02
+    """
+
+    #: Local's accuracy, such as its AP.
     local: float
+    #: The cloud's accuracy.
     cloud: float
+    #: What a millisecond costs, in the unit of accuracy.
     price_per_ms: float
 
 
@@ -191,16 +218,16 @@ class Assessment:
     budget_cloud: float
     #: The case.
     case: Case
-    #: The longest deadline that is safe, in nanoseconds.
-    deadline: int
+    #: The longest deadline that is safe.
+    deadline: ns
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
     """Calls seen until the same age."""
 
-    #: The age, in nanoseconds.
-    response: int
+    #: The age.
+    response: ns
     #: Whether the results came at that age; otherwise they had not come by then.
     is_answered: bool
     #: How many calls.
@@ -210,8 +237,8 @@ class Observation:
 class Step(NamedTuple):
     """A response that was observed."""
 
-    #: The response, in nanoseconds.
-    response: int
+    #: The response.
+    response: ns
     #: The share of calls answered exactly then.
     mass: float
     #: The share of calls not answered by then.
@@ -228,14 +255,14 @@ class Constant(_Capping):
     """The same deadline for every message. It knows nothing of safety.
 
     >>> Constant(0.5).decide(Situation(), cap=0.2)
-    Chosen(deadline=200000000, reason=Reason.CAP, case=None, loss=None)
+    Chosen(deadline=ns(200000000), reason=Reason.CAP, case=None, loss=None)
     """
 
     def __init__(self, deadline: Duration) -> None:
         self.deadline = _fuseline.nanoseconds(deadline)
 
     def __repr__(self) -> str:
-        return f"Constant({self.deadline})"
+        return f"Constant({self.deadline!r})"
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:  # noqa: ARG002
         """The deadline, or the cap if that is shorter."""
@@ -271,7 +298,7 @@ class Guard(_Capping):
     def judge(self, situation: Situation) -> Assessment:
         """The longest deadline that is safe now, and why."""
         local, cloud, case, deadline = self._guard.judge(situation)
-        return Assessment(local, cloud, Case(case), deadline)
+        return Assessment(local, cloud, Case(case), ns(deadline))
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
         """The longest deadline that is safe, or the cap if that is shorter."""
@@ -289,7 +316,8 @@ class Expected(_Capping):
     ends are known, and there is nothing to probe.
 
     Args:
-        loss: What an output costs, by its source and when it comes.
+        loss: What an output costs: `Impact`, `Accuracy`, or a function of the situation, the
+            source ("local" or "cloud") and the response. What a function raises, ``decide`` raises.
         local_response: How long local takes, in seconds.
         probe_every: 1 to 64, or None.
 
@@ -299,7 +327,7 @@ class Expected(_Capping):
 
     def __init__(
         self,
-        loss: Impact | Accuracy,
+        loss: Loss,
         local_response: Figure,
         probe_every: int | None = 16,
     ) -> None:
@@ -315,7 +343,10 @@ class Expected(_Capping):
 
     def observations(self) -> list[Observation]:
         """What is known of the cloud: by response, answered calls before those given up."""
-        return [Observation(*it) for it in self._expected.observations()]
+        return [
+            Observation(ns(age), is_answered, count)
+            for age, is_answered, count in self._expected.observations()
+        ]
 
 
 class Observations:
@@ -325,7 +356,7 @@ class Observations:
     >>> seen.add(End.ANSWERED, 0.02)
     >>> seen.add(End.CENSORED, 0.05)  # given up: it was seen until then and no longer (T5)
     >>> seen.survival()
-    [Step(response=20000000, mass=0.5, survival=0.5)]
+    [Step(response=ns(20000000), mass=0.5, survival=0.5)]
     """
 
     def __init__(self) -> None:
@@ -337,7 +368,10 @@ class Observations:
 
     def sorted(self) -> list[Observation]:
         """What is remembered: by response, answered calls before those given up."""
-        return [Observation(*it) for it in self._observations.sorted()]
+        return [
+            Observation(ns(age), is_answered, count)
+            for age, is_answered, count in self._observations.sorted()
+        ]
 
     def survival(self, under_way: Sequence[Duration] = ()) -> list[Step]:
         """The estimate of Kaplan and Meier, a step for each distinct response.
@@ -345,7 +379,7 @@ class Observations:
         Args:
             under_way: The ages of the calls under way, the oldest first.
         """
-        return [Step(*it) for it in self._observations.survival(under_way)]
+        return [Step(ns(it), *more) for it, *more in self._observations.survival(under_way)]
 
 
 class Capped(_Capping):
@@ -369,7 +403,7 @@ class Capped(_Capping):
 class Called(_Capping):
     """A plain function of situation and cap as a policy that learns nothing."""
 
-    def __init__(self, function: Callable[[Situation, int], Duration]) -> None:
+    def __init__(self, function: Callable[[Situation, ns], Duration]) -> None:
         self._function = function
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
@@ -381,11 +415,11 @@ class Called(_Capping):
         """It learns nothing."""
 
 
-def policy_of(policy: Policy | Callable[[Situation, int], Duration]) -> Policy:
+def policy_of(policy: Policy | Callable[[Situation, ns], Duration]) -> Policy:
     """What was given, or a plain function as a policy."""
     return Called(policy) if not hasattr(policy, "decide") else policy  # type: ignore[return-value]
 
 
 def _chosen(told: tuple[int, str, int | None, float | None]) -> Chosen:
     deadline, reason, case, loss = told
-    return Chosen(deadline, Reason(reason), None if case is None else Case(case), loss)
+    return Chosen(ns(deadline), Reason(reason), None if case is None else Case(case), loss)

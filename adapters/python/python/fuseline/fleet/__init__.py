@@ -1,0 +1,243 @@
+r"""Judging fleets: one function from a trace's path to rows of a table, for any engine.
+
+>>> from pathlib import Path
+>>> from tempfile import TemporaryDirectory
+>>> with TemporaryDirectory() as logs:
+...     path = Path(logs, "drive-7.jsonl")
+...     _ = path.write_text('{"fuseline":1,"operator":"lanes","window":16,"clouds":[]}\n')
+...     (row,) = judge(path)
+>>> row.drive, row.operator, row.conforms, row.lines
+('drive-7', 'lanes', True, 1)
+
+`fuseline.fleet.ray` and `fuseline.fleet.spark` give it to their engines. `SUMMARIES` asks SQL of
+the table, `report` makes a page of it.
+
+A trace has one row of its own, which has no ``rule``, and one more for each violation, up to 100. A
+trace that cannot be read, or not to its end, has one row with its ``error``. Counts stand in a
+trace's own row alone, so that sums over the table are right.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeAlias
+
+from fuseline import _fuseline
+from fuseline._errors import Error, ReadError
+from fuseline._judge import Duration
+from fuseline.fleet._summaries import FLATTEN, SUMMARIES
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["FLATTEN", "SUMMARIES", "Output", "Row", "judge", "judge_all", "report", "schema"]
+
+#: A trace's path.
+Path_: TypeAlias = str | os.PathLike[str]
+
+
+class Output(NamedTuple):
+    """How many messages one source answered so fast."""
+
+    #: The source's priority; 0 is local.
+    p: int
+    #: Its name.
+    source: str
+    #: How long the outputs took, from the message until they left: at most this, and at most a
+    #: 32nd less.
+    seconds: float
+    #: How many there are.
+    items: int
+
+
+class Row(NamedTuple):
+    """A row of the table: a trace's own, or one of its violations; what it lacks is None."""
+
+    #: The trace's path, as it was given.
+    file: str
+    #: The drive that it is of: by default the file's name up to its first dot.
+    drive: str
+    #: The operator's name, as the trace has it.
+    operator: str | None
+    #: Whether the rules explain all of it; a trace that cannot be read does not.
+    conforms: bool
+    #: How it was judged: ``strict``, or ``observed`` with its tolerance and lateness.
+    manner: str
+    #: The digest of the judge: SHA-256 of the compiled extension that judged it.
+    judge: str
+    #: Why it cannot be read.
+    error: str | None = None
+    #: How many timestamps were judged.
+    judged: int | None = None
+    #: How many lines it has.
+    lines: int | None = None
+    #: From its first instant to its last.
+    seconds: float | None = None
+    #: How many messages came.
+    messages: int | None = None
+    #: How many of them had no result in time.
+    missed: int | None = None
+    #: How many of them were not taken in.
+    refused: int | None = None
+    #: The outputs, by source and by how long they took.
+    outputs: list[Output] | None = None
+    #: How many violations it has, those without a row too.
+    violations: int | None = None
+    #: Of a violation: its line, counted from 1.
+    line: int | None = None
+    #: Its timestamp.
+    t: int | None = None
+    #: The rule or promise that is broken.
+    rule: str | None = None
+    #: What was found.
+    found: str | None = None
+    #: What the rules demand or allow.
+    expected: str | None = None
+    #: By how many seconds it came too late, of an observed trace.
+    late: float | None = None
+
+
+def judge(
+    path: Path_,
+    *,
+    tolerance: Duration | None = None,
+    lateness: Duration | None = None,
+    drive: Callable[[str], str] | None = None,
+    open: Callable[[str], BinaryIO] | None = None,  # noqa: A002
+) -> list[Row]:
+    """Judge one trace as it is read, in bounded memory, whatever its length.
+
+    Gzip, zstd and MCAP are unpacked on the way. It never raises for a trace: one that cannot be
+    read is a row that says why.
+
+    Args:
+        path: The trace's path.
+        tolerance: The error of recorded instants. With it, and ``lateness``, the trace is judged
+            as `fuseline.check_observed` does, else strictly.
+        lateness: How late timers and outputs may be.
+        drive: Which drive a path belongs to.
+        open: Opens what is at a path, in mode ``rb``: for stores that are no file system, such as
+            ``lambda path: fsspec.open(path).open()``.
+
+    Raises:
+        ValueError: if only one of tolerance and lateness is given.
+        TimeError: if one of them is none.
+    """
+    manner, slack = _manner(tolerance, lateness)
+    file = os.fspath(path)
+    named = (drive or _drive)(file)
+    try:
+        if open is None:
+            told = _fuseline.survey(file, None, slack)
+        else:
+            with open(file) as stream:
+                told = _fuseline.survey(stream, file, slack)
+    except (Error, OSError, ValueError, EOFError) as error:
+        said = _said(error, file)
+        return [Row(file, named, None, False, manner, digest(), said)]
+    operator, verdict, (span, messages, missed, refused, outputs) = told
+    _, conforms, judged, lines, violations, more = verdict
+    whole = (file, named, operator, conforms, manner, digest(), None)
+    counts = [Output(p, source, upto / 1e9, items) for p, source, upto, items in outputs]
+    found = len(violations) + more
+    own = Row(*whole, judged, lines, span / 1e9, messages, missed, refused, counts, found)
+    return [own] + [
+        Row(
+            *whole,
+            line=line,
+            t=t,
+            rule=rule,
+            found=found_,
+            expected=expected,
+            late=None if late is None else late / 1e9,
+        )
+        for line, t, rule, _, found_, expected, late, _ in violations
+    ]
+
+
+def judge_all(paths: Iterable[Path_], **how: Any) -> pa.Table:
+    """Judge traces one after the other; the table of their rows has the columns of `schema`.
+
+    Args:
+        paths: The traces' paths.
+        how: As for `judge`.
+
+    Raises:
+        ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.
+    """
+    from fuseline.fleet._arrow import table
+
+    return table(row for path in paths for row in judge(path, **how))
+
+
+def schema() -> pa.Schema:
+    """The columns of the table, for pyarrow: those of `Row`.
+
+    Raises:
+        ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.
+    """
+    from fuseline.fleet._arrow import SCHEMA
+
+    return SCHEMA
+
+
+def report(rows: Path_, page: Path_, *, title: str = "Fleet") -> None:
+    """Make a page of the rows that are kept in Parquet, for a browser; it needs no network.
+
+    Args:
+        rows: A Parquet file, a folder of them, or a pattern such as ``verdicts/*.parquet``.
+        page: The page's path.
+        title: Its title.
+
+    Raises:
+        ImportError: if duckdb is not there: ``pip install fuseline[fleet]``.
+        ValueError: if there are no such rows.
+        OSError: if the page cannot be written.
+    """
+    from fuseline.fleet._page import write
+
+    write(os.fspath(rows), Path(page), title)
+
+
+def check_how(
+    *,
+    tolerance: Duration | None = None,
+    lateness: Duration | None = None,
+    drive: Callable[[str], str] | None = None,  # noqa: ARG001
+    open: Callable[[str], BinaryIO] | None = None,  # noqa: A002, ARG001
+) -> None:
+    """Raise what `judge` would raise for these arguments, before a job begins."""
+    _manner(tolerance, lateness)
+
+
+@lru_cache(maxsize=1)
+def digest() -> str:
+    """The digest of this judge: SHA-256 of the compiled extension."""
+    return hashlib.sha256(Path(_fuseline.__file__).read_bytes()).hexdigest()
+
+
+def _manner(
+    tolerance: Duration | None, lateness: Duration | None
+) -> tuple[str, tuple[int, int] | None]:
+    if tolerance is None and lateness is None:
+        return "strict", None
+    if tolerance is None or lateness is None:
+        raise ValueError("tolerance and lateness go together; give both, or none to judge strictly")
+    slack = _fuseline.nanoseconds(tolerance), _fuseline.nanoseconds(lateness)
+    return f"observed, tolerance {slack[0]} ns, lateness {slack[1]} ns", slack
+
+
+def _drive(file: str) -> str:
+    return PurePath(file).name.split(".")[0] or file
+
+
+def _said(error: Exception, file: str) -> str:
+    """An error in a line that begins with the file."""
+    if isinstance(error, ReadError):
+        return str(error)
+    words = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return f"{file}: {words}"

@@ -1,0 +1,100 @@
+"""What is asked of the rows of a fleet, in SQL that duckdb, DataFusion and Spark all take.
+
+The rows are a table or view ``verdicts``; ``FLATTEN`` makes a view ``outputs`` of it.
+"""
+
+from __future__ import annotations
+
+#: How each engine makes a row of each output: the view ``outputs``.
+FLATTEN = {
+    "duckdb": """
+CREATE OR REPLACE TEMP VIEW outputs AS
+SELECT file, drive, operator, o.p, o.source, o.seconds, o.items
+FROM (SELECT file, drive, operator, unnest(outputs) AS o FROM verdicts)
+""",
+    "datafusion": """
+CREATE OR REPLACE VIEW outputs AS
+SELECT file, drive, operator, o['p'] AS p, o['source'] AS source, o['seconds'] AS seconds,
+  o['items'] AS items
+FROM (SELECT file, drive, operator, unnest(outputs) AS o FROM verdicts)
+""",
+    "spark": """
+CREATE OR REPLACE TEMP VIEW outputs AS
+SELECT file, drive, operator, inline(outputs) FROM verdicts
+""",
+}
+
+_SOURCES = """
+WITH bins AS (
+  SELECT {key}source, seconds, CAST(sum(items) AS BIGINT) AS n FROM outputs
+  GROUP BY {key}source, seconds
+), ranked AS (
+  SELECT {key}source, seconds, n,
+    sum(n) OVER (PARTITION BY {key}source ORDER BY seconds) AS upto,
+    sum(n) OVER (PARTITION BY {key}source) AS total,
+    sum(n) OVER ({all}) AS everything
+  FROM bins
+)
+SELECT {key}source, CAST(max(total) AS BIGINT) AS items,
+  CAST(max(total) AS DOUBLE) / max(everything) AS share,
+  min(CASE WHEN upto >= 0.5 * total THEN seconds END) AS p50,
+  min(CASE WHEN upto >= 0.9 * total THEN seconds END) AS p90,
+  min(CASE WHEN upto >= 0.99 * total THEN seconds END) AS p99,
+  max(seconds) AS greatest
+FROM ranked GROUP BY {key}source ORDER BY {key}items DESC, source
+"""
+
+#: The questions by name.
+SUMMARIES = {
+    # One row: how much there is, and how much of it is well.
+    "totals": """
+SELECT count(DISTINCT drive) AS drives, count(DISTINCT file) AS files,
+  count(error) AS unreadable,
+  count(CASE WHEN rule IS NULL AND conforms THEN 1 END) AS conforming,
+  coalesce(sum(seconds), 0) / 3600 AS hours,
+  CAST(coalesce(sum(lines), 0) AS BIGINT) AS lines,
+  CAST(coalesce(sum(messages), 0) AS BIGINT) AS messages,
+  CAST(coalesce(sum(missed), 0) AS BIGINT) AS missed,
+  CAST(coalesce(sum(refused), 0) AS BIGINT) AS refused,
+  CAST(coalesce(sum(violations), 0) AS BIGINT) AS violations,
+  count(DISTINCT judge) AS judges, count(DISTINCT manner) AS manners
+FROM verdicts
+""",
+    # Whose results went out, and how long they took, in seconds.
+    "sources": _SOURCES.format(key="", all=""),
+    "operators": _SOURCES.format(key="operator, ", all="PARTITION BY operator"),
+    # Which rules are broken; of more than 100 in a trace the rest has no rule here.
+    "rules": """
+SELECT rule, count(*) AS violations, count(DISTINCT drive) AS drives, max(late) AS latest
+FROM verdicts WHERE rule IS NOT NULL GROUP BY rule ORDER BY violations DESC, rule
+""",
+    # The drives with the most violations, then those that most often had nothing to put out.
+    "worst": """
+SELECT drive, count(DISTINCT file) AS files,
+  CAST(coalesce(sum(violations), 0) AS BIGINT) AS violations,
+  count(error) AS unreadable,
+  CAST(coalesce(sum(missed), 0) AS BIGINT) AS missed,
+  CAST(coalesce(sum(refused), 0) AS BIGINT) AS refused,
+  CAST(coalesce(sum(messages), 0) AS BIGINT) AS messages
+FROM verdicts GROUP BY drive
+ORDER BY violations DESC, unreadable DESC, (missed + refused) DESC, drive LIMIT 50
+""",
+    # How many drives had which share of their outputs from local: twentieths, the last one whole.
+    "on_board": """
+WITH shares AS (
+  SELECT drive, sum(CASE WHEN p = 0 THEN items ELSE 0 END) * 1.0 / sum(items) AS share
+  FROM outputs GROUP BY drive
+)
+SELECT CAST(floor(share * 20) AS INT) AS twentieth, count(*) AS drives
+FROM shares GROUP BY CAST(floor(share * 20) AS INT) ORDER BY twentieth
+""",
+    # How many outputs of each source took at most so many seconds.
+    "responses": """
+SELECT source, seconds, CAST(sum(items) AS BIGINT) AS items FROM outputs
+GROUP BY source, seconds ORDER BY source, seconds
+""",
+    # What could not be read, and why.
+    "unreadable": """
+SELECT file, error FROM verdicts WHERE error IS NOT NULL ORDER BY file LIMIT 50
+""",
+}

@@ -1,0 +1,88 @@
+//! What came out of an operator, counted from its trace in bounded memory.
+
+use std::collections::BTreeMap;
+
+use fuseline_traces::{Decision, Event, Header, Input};
+
+/// How many messages without an outcome are remembered: more than a window has.
+const OPEN: usize = 4096;
+/// How many leading bits of a response are told apart: bins are at most a 32nd wide.
+const BITS: u32 = 6;
+
+/// From the first instant to the last, in nanoseconds; messages, those missed, those refused; the outputs.
+pub(crate) type Counted = (u64, u64, u64, u64, Vec<Output>);
+/// A source's priority and name, the greatest response of the bin in nanoseconds, and how many outputs.
+pub(crate) type Output = (u64, String, u64, u64);
+
+/// The counts so far.
+#[derive(Default)]
+pub(crate) struct Tally {
+    /// The least and the greatest instant.
+    span: Option<(u64, u64)>,
+    messages: u64,
+    missed: u64,
+    refused: u64,
+    /// When those messages were taken in that have no outcome yet, and how often that was tried.
+    open: BTreeMap<u64, (u64, u64)>,
+    /// Outputs by source and bin.
+    outputs: BTreeMap<(u64, u64), u64>,
+}
+
+impl Tally {
+    pub(crate) fn event(&mut self, event: &Event) {
+        let at = match event {
+            Event::Input(input) => input.at(),
+            Event::Decision(decision) => decision.at(),
+        };
+        let (first, last) = self.span.unwrap_or((at, at));
+        self.span = Some((first.min(at), last.max(at)));
+        match *event {
+            Event::Input(Input::Open { at, t, .. }) => {
+                self.messages += 1;
+                self.open.entry(t).or_insert((at, 0)).1 += 1;
+                if self.open.len() > OPEN {
+                    self.open.pop_first();
+                }
+            }
+            Event::Decision(Decision::RefuseOpen { t, .. }) => {
+                self.refused += 1;
+                // Another message may be open under the same timestamp.
+                match self.open.get_mut(&t) {
+                    Some((_, tries)) if *tries > 1 => *tries -= 1,
+                    _ => drop(self.open.remove(&t)),
+                }
+            }
+            Event::Decision(Decision::Miss { t, .. }) => {
+                self.missed += 1;
+                self.open.remove(&t);
+            }
+            Event::Decision(Decision::Emit { at, t, p }) => {
+                // What no message asked for is the judge's business.
+                let Some((opened, _)) = self.open.remove(&t) else { return };
+                let response = at.saturating_sub(opened);
+                *self.outputs.entry((p, bin(response))).or_default() += 1;
+            }
+            Event::Input(_) | Event::Decision(_) => {}
+        }
+    }
+
+    pub(crate) fn counted(self, header: &Header) -> Counted {
+        let name = |p: u64| {
+            let cloud = header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
+            match cloud.and_then(|cloud| cloud.name.clone()) {
+                Some(name) => name,
+                None if p == 0 => "local".to_owned(),
+                None => format!("cloud-{p}"),
+            }
+        };
+        let outputs = self.outputs.into_iter().map(|((p, bin), count)| (p, name(p), bin, count));
+        let (first, last) = self.span.unwrap_or_default();
+        (last - first, self.messages, self.missed, self.refused, outputs.collect())
+    }
+}
+
+/// The greatest response that is told from this one by no more than its lower bits.
+const fn bin(response: u64) -> u64 {
+    let shift = (u64::BITS - response.leading_zeros()).saturating_sub(BITS);
+    response | ((1 << shift) - 1)
+}

@@ -1,0 +1,290 @@
+"""Rows of fleets: what they say, that they say it of every file, and what is asked of them."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import itertools
+import json
+import os
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import duckdb
+import fuseline
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from conftest import BAD, CORPUS
+from drives import drive, spoiled
+from fuseline import fleet
+
+COMMAND = os.environ.get("FUSELINE_COMMAND")
+README = Path(__file__).parents[1] / "README.md"
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six drives, one of which breaks a rule, and one that cannot be read."""
+    folder = tmp_path_factory.mktemp("logs")
+    for seed in range(6):
+        (folder / f"drive-{seed}.jsonl").write_bytes(drive(seed, 300))
+    (folder / "drive-4.jsonl").write_bytes(spoiled(drive(4, 300)))
+    (folder / "drive-5.jsonl").write_bytes(drive(5, 300)[:-7])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def rows(logs: Path) -> Path:
+    """Their rows in Parquet."""
+    path = logs / "rows.parquet"
+    pq.write_table(fleet.judge_all(sorted(logs.glob("*.jsonl"))), path)
+    return path
+
+
+@pytest.mark.parametrize("how", [{}, {"tolerance": 0.002, "lateness": 0.005}])
+def test_the_rows_say_what_check_says(how: dict[str, Any]) -> None:
+    for path in CORPUS + BAD:
+        own, *found = fleet.judge(path, **how)
+        verdict = fuseline.check_observed(path, **how) if how else fuseline.check(path)
+        assert (own.file, own.conforms) == (verdict.file, verdict.conforms)
+        assert (own.judged, own.lines) == (verdict.judged, verdict.lines)
+        assert (own.error, own.rule) == (None, None)
+        assert own.violations == len(verdict.violations) + verdict.more
+        said = [(it.line, it.t, it.rule, it.found, it.expected) for it in verdict.violations]
+        assert [(it.line, it.t, it.rule, it.found, it.expected) for it in found] == said
+        late = [None if it.late is None else it.late / 1e9 for it in verdict.violations]
+        assert [it.late for it in found] == late
+        assert all(it.lines is None and it.outputs is None for it in found)
+
+
+@pytest.mark.skipif(not COMMAND, reason="FUSELINE_COMMAND does not name the command")
+def test_the_rows_say_what_the_command_says() -> None:
+    assert COMMAND
+    command = [COMMAND, "check", "--json", *map(str, CORPUS + BAD)]
+    told = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert told.returncode == 1
+    for line in told.stdout.splitlines():
+        verdict = json.loads(line)
+        own, *found = fleet.judge(verdict["file"])
+        for key in ("conforms", "judged", "lines"):
+            assert getattr(own, key) == verdict[key]
+        for row, violation in zip(found, verdict["violations"], strict=True):
+            for key in ("line", "t", "rule", "found", "expected"):
+                assert getattr(row, key) == violation.get(key), violation
+
+
+def test_what_came_out_is_counted(logs: Path) -> None:
+    path = logs / "drive-1.jsonl"
+    (own,) = fleet.judge(path)
+    trace = fuseline.Trace(path)
+    opened = {line.t: line.at for line in trace.lines if line.ev == "open"}
+    emitted = [(line.p, line.at - opened[line.t]) for line in trace.lines if line.ev == "emit"]
+    assert own.outputs is not None
+    counted = Counter({p: 0 for p, _ in emitted})
+    for it in own.outputs:
+        counted[it.p] += it.items
+    assert counted == Counter(p for p, _ in emitted)
+    assert {it.source for it in own.outputs} == {"local", "west", "east"}
+    for output in own.outputs:
+        low = output.seconds * 31 / 32
+        took = [took / 1e9 for p, took in emitted if p == output.p]
+        assert sum(low <= it <= output.seconds for it in took) >= output.items
+    ats = [line.at for line in trace.lines]
+    assert own.seconds == (max(ats) - min(ats)) / 1e9
+    assert (own.messages, own.missed, own.refused) == (300, 0, 0)
+
+
+def test_a_message_that_is_refused_or_missed_is_counted() -> None:
+    lines = b"""{"fuseline":1,"window":1,"clouds":[]}
+{"ev":"open","at":0,"t":1}
+{"ev":"open","at":1,"t":1}
+{"ev":"refuse","at":1,"t":1,"why":"stale"}
+{"ev":"open","at":2,"t":2}
+{"ev":"refuse","at":2,"t":2,"why":"full"}
+{"ev":"result","at":5000,"t":1,"p":0}
+{"ev":"emit","at":5000,"t":1,"p":0}
+{"ev":"open","at":6000,"t":3}
+{"ev":"fail","at":6001,"t":3,"p":0}
+{"ev":"miss","at":6001,"t":3}
+"""
+    (own, *_) = fleet.judge("a.jsonl", open=lambda _: io.BytesIO(lines))
+    assert (own.messages, own.refused, own.missed) == (4, 2, 1)
+    assert own.outputs == [fleet.Output(0, "local", 5.055e-06, 1)]
+    assert own.conforms
+
+
+@pytest.mark.skipif(not COMMAND, reason="FUSELINE_COMMAND does not name the command")
+def test_rows_are_the_same_however_a_trace_is_packed(tmp_path: Path) -> None:
+    assert COMMAND
+    whole = spoiled(drive(3, 200))
+    plain, mcap = tmp_path / "drive.jsonl", tmp_path / "drive.mcap"
+    plain.write_bytes(whole)
+    subprocess.run([COMMAND, "export", "--mcap", plain, "-o", mcap], check=True)
+    (tmp_path / "drive.jsonl.gz").write_bytes(gzip.compress(whole))
+    (tmp_path / "drive.zst").write_bytes(pa.compress(whole, "zstd", asbytes=True))
+    said = [row._replace(file="") for row in fleet.judge(plain)]
+    assert not said[0].conforms
+    for name in ("drive.jsonl.gz", "drive.zst", "drive.mcap"):
+        assert [row._replace(file="") for row in fleet.judge(tmp_path / name)] == said, name
+        told = subprocess.run([COMMAND, "check", tmp_path / name], check=False)
+        assert told.returncode == 1, name
+
+
+def _broken(name: str) -> BinaryIO:
+    raise ConnectionError(f"{name}: the store is away")
+
+
+def test_what_cannot_be_read_is_a_row_with_its_error(tmp_path: Path) -> None:
+    whole = drive(3, 50)
+    bad = {
+        "empty.jsonl": b"",
+        "text.jsonl": b"no trace\n",
+        "cut.jsonl": whole[:-3],
+        "cut.gz": gzip.compress(whole)[:-9],
+        "cut.zst": pa.compress(whole, "zstd", asbytes=True)[:-9],
+        "junk.mcap": b"\x89MCAP0\r\n" + bytes(100),
+        "junk.zst": b"\x28" + bytes(100),
+    }
+    for name, data in bad.items():
+        (tmp_path / name).write_bytes(data)
+    names = [*bad, "nowhere.jsonl", "", "nul\0.jsonl"]
+    for name in names:
+        path = str(tmp_path / name)
+        (row,) = fleet.judge(path)
+        assert (row.file, row.conforms, row.lines, row.rule) == (path, False, None, None)
+        assert row.error is not None and row.error.startswith(path), name
+        assert "\n" not in row.error
+    (row,) = fleet.judge("s3://a", open=_broken)
+    assert row.error == "s3://a: s3://a: the store is away"
+    assert fleet.judge_all(names).num_rows == len(names)
+
+
+def test_a_mistake_in_the_call_is_no_row(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="go together"):
+        fleet.judge("a", tolerance=0.001)
+    with pytest.raises(fuseline.TimeError):
+        fleet.judge("a", tolerance=-1.0, lateness=0.1)
+    with pytest.raises(TypeError):
+        fleet.judge_all(["a"], lateless=0.1)
+
+
+def test_a_trace_of_any_length_takes_the_same_memory(tmp_path: Path) -> None:
+    script = (
+        "import resource, sys; from fuseline import fleet; (row,) = fleet.judge(sys.argv[1]);"
+        "print(row.lines, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    told = []
+    for messages in (1_000, 30_000):
+        path = tmp_path / f"{messages}.gz"
+        path.write_bytes(gzip.compress(drive(1, messages), 1))
+        words = [sys.executable, "-c", script, str(path)]
+        ran = subprocess.run(words, capture_output=True, text=True, check=True)
+        told.append([int(word) for word in ran.stdout.split()])
+    (few, least), (many, most) = told
+    assert many > 25 * few
+    assert most < least + 4 * 1024, f"{least} and {most} KiB"
+
+
+def test_the_schema_is_that_of_the_rows_and_of_the_readme() -> None:
+    names = fleet.schema().names
+    assert tuple(names) == fleet.Row._fields
+    said = README.read_text().partition("| column |")[2].partition("\n\n")[0]
+    documented = [
+        word.strip("` ") for line in said.splitlines()[2:] for word in line.split("|")[1].split(",")
+    ]
+    assert sorted(documented) == sorted(names)
+
+
+def test_the_table_keeps_every_row_and_number(tmp_path: Path) -> None:
+    lines = b"""{"fuseline":1,"window":1,"clouds":[]}
+{"ev":"open","at":0,"t":18446744073709551615}
+{"ev":"miss","at":0,"t":18446744073709551615}
+"""
+    path = tmp_path / "far.jsonl"
+    path.write_bytes(lines)
+    table = fleet.judge_all([path, *CORPUS, *BAD])
+    assert table.schema == fleet.schema()
+    assert table.column("t").to_pylist()[1] == 2**64 - 1
+    assert len(set(table.column("file").to_pylist())) == 1 + len(CORPUS) + len(BAD)
+    own = [rule is None for rule in table.column("rule").to_pylist()]
+    assert sum(own) == 1 + len(CORPUS) + len(BAD)
+
+
+def test_the_summaries_say_what_is_in_the_rows(logs: Path, rows: Path) -> None:
+    every = [row for path in sorted(logs.glob("*.jsonl")) for row in fleet.judge(path)]
+    answers = ask(rows)
+    (totals,) = answers["totals"]
+    own = [row for row in every if row.rule is None]
+    assert (totals["drives"], totals["files"], totals["unreadable"]) == (6, 6, 1)
+    assert (totals["conforming"], totals["judges"], totals["manners"]) == (4, 1, 1)
+    assert totals["lines"] == sum(row.lines or 0 for row in own)
+    assert totals["violations"] == len(every) - len(own) > 0
+    assert totals["hours"] == pytest.approx(sum(row.seconds or 0 for row in own) / 3600)
+    outputs = [it for row in own for it in row.outputs or []]
+    for said in answers["sources"]:
+        bins = sorted((it.seconds, it.items) for it in outputs if it.source == said["source"])
+        total = sum(items for _, items in bins)
+        assert said["items"] == total
+        assert said["share"] == pytest.approx(total / sum(it.items for it in outputs))
+        for name, share in (("p50", 0.5), ("p90", 0.9), ("p99", 0.99)):
+            upto = list(itertools.accumulate(items for _, items in bins))
+            place = next(i for i, it in enumerate(upto) if it >= share * total)
+            assert said[name] == bins[place][0]
+    assert answers["operators"] == [{"operator": "perception", **it} for it in answers["sources"]]
+    assert answers["worst"][0]["drive"] == "drive-4"
+    assert answers["worst"][1]["drive"] == "drive-5"
+    assert sum(it["drives"] for it in answers["on_board"]) == 5
+    assert sum(it["violations"] for it in answers["rules"]) == len(every) - len(own)
+    (unread,) = answers["unreadable"]
+    assert "does not end in LF" in unread["error"]
+
+
+def ask(rows: Path) -> dict[str, list[dict[str, Any]]]:
+    """The answers, a dict for each row."""
+    with duckdb.connect() as engine:
+        engine.execute(f"CREATE VIEW verdicts AS SELECT * FROM '{rows}'")
+        engine.execute(fleet.FLATTEN["duckdb"])
+        return {
+            name: engine.execute(sql).fetch_arrow_table().to_pylist()
+            for name, sql in fleet.SUMMARIES.items()
+        }
+
+
+def test_a_page_is_made_of_the_rows(rows: Path, tmp_path: Path) -> None:
+    page = tmp_path / "fleet.html"
+    ran = subprocess.run(
+        [sys.executable, "-m", "fuseline.fleet", rows, "-o", page, "--title", "A <fleet>"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ran.returncode, ran.stderr) == (0, "")
+    text = page.read_text()
+    assert "A &lt;fleet&gt;" in text and "<fleet>" not in text
+    assert "4 of 6 traces conform" in text
+    for word in ("drive-4", "does not end in LF", "west", "perception", "<polyline"):
+        assert word in text
+    assert [path.name for path in tmp_path.iterdir()] == ["fleet.html"]
+
+
+def test_a_page_of_nothing_is_refused(tmp_path: Path) -> None:
+    empty = tmp_path / "empty.parquet"
+    pq.write_table(fleet.judge_all([]), empty)
+    fleet.report(empty, tmp_path / "page.html")
+    assert "There are no traces" in (tmp_path / "page.html").read_text()
+    other = tmp_path / "other.parquet"
+    pq.write_table(pa.table({"a": [1]}), other)
+    for rows in (other, tmp_path / "none.parquet"):
+        ran = subprocess.run(
+            [sys.executable, "-m", "fuseline.fleet", rows, "-o", tmp_path / "none.html"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert ran.returncode == 2
+        assert ran.stderr.startswith(f"error: {rows}: no rows of a fleet: ")
+        assert not (tmp_path / "none.html").exists()
