@@ -49,7 +49,11 @@ def rows(logs: Path) -> Path:
 def test_the_rows_say_what_check_says(how: dict[str, Any]) -> None:
     for path in CORPUS + BAD:
         own, *found = fleet.judge(path, **how)
-        verdict = fuseline.check_observed(path, **how) if how else fuseline.check(path)
+        try:
+            verdict = fuseline.check_observed(path, **how) if how else fuseline.check(path)
+        except fuseline.ReadError as error:
+            assert (own.error, found) == (str(error), [])
+            continue
         assert (own.file, own.conforms) == (verdict.file, verdict.conforms)
         assert (own.judged, own.lines) == (verdict.judged, verdict.lines)
         assert (own.error, own.rule) == (None, None)
@@ -102,7 +106,7 @@ def test_a_message_that_is_refused_or_missed_is_counted() -> None:
     lines = b"""{"fuseline":1,"window":1,"clouds":[]}
 {"ev":"open","at":0,"t":1}
 {"ev":"open","at":1,"t":1}
-{"ev":"refuse","at":1,"t":1,"why":"stale"}
+{"ev":"refuse","at":1,"t":1,"why":"order"}
 {"ev":"open","at":2,"t":2}
 {"ev":"refuse","at":2,"t":2,"why":"full"}
 {"ev":"result","at":5000,"t":1,"p":0}
@@ -174,8 +178,8 @@ def test_a_mistake_in_the_call_is_no_row(tmp_path: Path) -> None:
 
 def test_a_trace_of_any_length_takes_the_same_memory(tmp_path: Path) -> None:
     script = (
-        "import resource, sys; from fuseline import fleet; (row,) = fleet.judge(sys.argv[1]);"
-        "print(row.lines, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+        "import re, sys; from fuseline import fleet; (row,) = fleet.judge(sys.argv[1]);"
+        "print(row.lines, re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1])"
     )
     told = []
     for messages in (1_000, 30_000):
@@ -249,7 +253,7 @@ def ask(rows: Path) -> dict[str, list[dict[str, Any]]]:
         engine.execute(f"CREATE VIEW verdicts AS SELECT * FROM '{rows}'")
         engine.execute(fleet.FLATTEN["duckdb"])
         return {
-            name: engine.execute(sql).fetch_arrow_table().to_pylist()
+            name: engine.execute(sql).to_arrow_table().to_pylist()
             for name, sql in fleet.SUMMARIES.items()
         }
 

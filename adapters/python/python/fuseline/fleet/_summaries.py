@@ -70,14 +70,17 @@ FROM verdicts WHERE rule IS NOT NULL GROUP BY rule ORDER BY violations DESC, rul
 """,
     # The drives with the most violations, then those that most often had nothing to put out.
     "worst": """
-SELECT drive, count(DISTINCT file) AS files,
-  CAST(coalesce(sum(violations), 0) AS BIGINT) AS violations,
-  count(error) AS unreadable,
-  CAST(coalesce(sum(missed), 0) AS BIGINT) AS missed,
-  CAST(coalesce(sum(refused), 0) AS BIGINT) AS refused,
-  CAST(coalesce(sum(messages), 0) AS BIGINT) AS messages
-FROM verdicts GROUP BY drive
-ORDER BY violations DESC, unreadable DESC, (missed + refused) DESC, drive LIMIT 50
+WITH drives AS (
+  SELECT drive, count(DISTINCT file) AS files,
+    CAST(coalesce(sum(violations), 0) AS BIGINT) AS violations,
+    count(error) AS unreadable,
+    CAST(coalesce(sum(missed), 0) AS BIGINT) AS missed,
+    CAST(coalesce(sum(refused), 0) AS BIGINT) AS refused,
+    CAST(coalesce(sum(messages), 0) AS BIGINT) AS messages
+  FROM verdicts GROUP BY drive
+)
+SELECT * FROM drives
+ORDER BY violations DESC, unreadable DESC, missed + refused DESC, drive LIMIT 50
 """,
     # How many drives had which share of their outputs from local: twentieths, the last one whole.
     "on_board": """
