@@ -117,7 +117,7 @@ def test_a_message_that_is_refused_or_missed_is_counted() -> None:
 """
     (own, *_) = fleet.judge("a.jsonl", open=lambda _: io.BytesIO(lines))
     assert (own.messages, own.refused, own.missed) == (4, 2, 1)
-    assert own.outputs == [fleet.Output(0, "local", 5.055e-06, 1)]
+    assert own.outputs == [fleet.Output(0, "local", 5.119e-06, 1)]
     assert own.conforms
 
 
