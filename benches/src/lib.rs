@@ -2,4 +2,5 @@
 
 pub mod arrivals;
 pub mod baseline;
+pub mod beside;
 pub mod machine;

@@ -1,368 +1,196 @@
-//! The open timestamps: one balanced tree, ordered by timestamp, in which each node knows the earliest due
-//! instant at or below it (P9).
+//! The open timestamps: their seats in ascending order, and a knockout of their turns to fire (P9).
 //!
-//! So a timestamp and the next timer are found in at most [`MAX_HEIGHT`] steps, the next due instant in none,
-//! and equal dues are met in the order of their timestamps (F5). It is an AVL tree (Adelson-Velsky and Landis,
-//! 1962) over a fixed array. Timestamps come in ascending order (F1), so nodes join at the right end alone.
-//! Reading beside the tree yields [`Node::NIL`] and writing there does nothing: no place can panic.
+//! What is kept of a timestamp stays in its seat; of the others a retired one moves two bytes each. The knockout is a
+//! complete binary tree in an array: its leaves are the seats' turns, and each node above has the earlier turn of the
+//! two below it. So a timestamp is found, and a turn changed, in as many steps as the window has binary digits, and
+//! the next due instant is at the top. Reading beside the arrays yields nothing and writing there does nothing: no
+//! place can panic.
 
 use crate::entry::Entry;
 use crate::slot::Slot;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
-/// The height of the sparsest AVL tree with 1024 nodes: one with 15 levels has at least 1596.
-const MAX_HEIGHT: usize = 14;
-
-/// An index into the arrays.
+/// How many of the open timestamps are less; until one is retired.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Place(pub(crate) u16);
 
-pub(crate) const NIL: Place = Place(u16::MAX);
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Side {
-    Left,
-    Right,
-}
-
-impl Side {
-    const fn other(self) -> Self {
-        match self {
-            Self::Left => Self::Right,
-            Self::Right => Self::Left,
-        }
-    }
-}
-
-#[derive(Clone, Copy)]
-pub(crate) struct Node {
+/// When a timestamp's earliest timers fire: the order of F5.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Turn {
+    /// One less than the due instant: what is armed is due after the clock's start. The greatest is never.
+    pub(crate) key: u64,
     pub(crate) timestamp: Timestamp,
-    /// The earliest due instant among this timestamp's armed timers.
-    pub(crate) due: Option<Instant>,
-    /// The earliest at or below this node.
-    pub(crate) below: Option<Instant>,
-    pub(crate) left: Place,
-    pub(crate) right: Place,
-    pub(crate) up: Place,
-    pub(crate) height: u8,
 }
 
-impl Node {
-    pub(crate) const NIL: Self = Self {
-        timestamp: Timestamp::new(0),
-        due: None,
-        below: None,
-        left: NIL,
-        right: NIL,
-        up: NIL,
-        height: 0,
-    };
-}
+impl Turn {
+    /// That of an empty seat.
+    pub(crate) const NONE: Self = Self::new(None, Timestamp::new(u64::MAX));
 
-/// The earlier of two dues; none is later than any.
-fn earlier(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
-    match (a, b) {
-        (Some(a), Some(b)) => Some(a.min(b)),
-        (due, None) | (None, due) => due,
+    pub(crate) const fn new(due: Option<Instant>, timestamp: Timestamp) -> Self {
+        let key = match due {
+            Some(due) => due.as_nanos().wrapping_sub(1),
+            None => u64::MAX,
+        };
+        Self { key, timestamp }
+    }
+
+    fn due(self) -> Option<Instant> {
+        self.key.checked_add(1).map(Instant::from_nanos)
+    }
+
+    /// The earlier one, of equal dues the lesser timestamp's.
+    fn min(self, other: Self) -> Self {
+        // One comparison of 128 bits, without a branch.
+        let number = |turn: Self| u128::from(turn.key) << 64 | u128::from(turn.timestamp.as_u64());
+        if number(other) < number(self) { other } else { self }
     }
 }
 
 #[derive(Clone)]
 pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
-    pub(crate) nodes: [Node; CAPACITY],
-    pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
-    pub(crate) root: Place,
-    /// The greatest timestamp, at the right end.
-    pub(crate) last: Place,
-    /// The first free place; the others follow by `right`.
-    pub(crate) free: Place,
+    /// Where the open timestamps are kept, in ascending order; from `len` on, the empty seats.
+    pub(crate) seats: [u16; CAPACITY],
     pub(crate) len: usize,
+    /// By seat.
+    pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
+    /// The knockout: from `CAPACITY` on by seat, before it the nodes above from 1 on; those below `i` are `2 * i` and
+    /// the one after it.
+    pub(crate) turns: [[Turn; 2]; CAPACITY],
 }
 
 impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
     pub(crate) fn new() -> Self {
-        let mut nodes = [Node::NIL; CAPACITY];
-        let mut free = NIL;
-        let mut place = 0;
-        for node in &mut nodes {
-            node.right = free;
-            free = Place(place);
-            place = place.wrapping_add(1);
+        let mut seats = [0; CAPACITY];
+        for (seat, number) in seats.iter_mut().zip(0..) {
+            *seat = number;
         }
-        Self { nodes, entries: [Entry::EMPTY; CAPACITY], root: NIL, last: NIL, free, len: 0 }
+        Self {
+            seats,
+            len: 0,
+            entries: [Entry::EMPTY; CAPACITY],
+            turns: [[Turn::NONE; 2]; CAPACITY],
+        }
     }
 
     /// Adds a timestamp greater than all present; false if there is no room.
     pub(crate) fn push(&mut self, timestamp: Timestamp, entry: Entry<CLOUDS>) -> bool {
-        let place = self.free;
-        let next_free = self.node(place).right;
-        let due = entry.next_due();
-        let (Some(node), Some(slot)) =
-            (self.nodes.get_mut(usize::from(place.0)), self.entries.get_mut(usize::from(place.0)))
-        else {
-            return false;
-        };
-        *node = Node { timestamp, due, below: due, height: 1, ..Node::NIL };
-        *slot = entry;
-        self.free = next_free;
+        let Some(seat) = self.seats.get(self.len).copied() else { return false };
+        let Some(kept) = self.entries.get_mut(usize::from(seat)) else { return false };
+        *kept = entry;
         self.len = self.len.saturating_add(1);
-        if self.root == NIL {
-            self.root = place;
-        } else {
-            self.join(self.last, Side::Right, place);
-        }
-        let parent = self.last;
-        self.last = place;
-        self.mend(parent);
+        self.put(seat, Turn::new(entry.next_due(), timestamp));
         true
     }
 
-    /// Puts the state at a place of the tree in which `source` is armed anew, and its due instant.
+    /// Puts the state at a place in which `source` is armed anew, and its due instant.
     pub(crate) fn arm(&mut self, place: Place, slot: Slot, source: Source, due: Instant) {
-        let Some(entry) = self.entries.get_mut(usize::from(place.0)) else { return };
+        let seat = self.seat(place);
+        let Some(entry) = self.entries.get_mut(usize::from(seat)) else { return };
         entry.slot = slot;
         entry.set_due(source, due);
-        if let Some(node) = self.nodes.get_mut(usize::from(place.0)) {
-            node.due = earlier(node.due, Some(due));
-        }
-        // One more due can only bring those above forward.
-        let mut at = place;
-        for _ in 0..MAX_HEIGHT {
-            let Some(node) = self.nodes.get_mut(usize::from(at.0)) else { break };
-            if node.below.is_some_and(|below| below <= due) {
-                break;
-            }
-            node.below = Some(due);
-            at = node.up;
+        let turn = self.turn(seat);
+        let armed = turn.min(Turn::new(Some(due), turn.timestamp));
+        if armed != turn {
+            self.put(seat, armed);
         }
     }
 
-    /// Puts a state at a place of the tree in which no more is armed than before.
+    /// Puts a state at a place in which no more is armed than before.
     pub(crate) fn set(&mut self, place: Place, slot: Slot) {
-        let Some(entry) = self.entries.get_mut(usize::from(place.0)) else { return };
+        let seat = self.seat(place);
+        let Some(entry) = self.entries.get_mut(usize::from(seat)) else { return };
         let armed = core::mem::replace(&mut entry.slot, slot).armed();
         if armed == slot.armed() {
             return;
         }
         let due = entry.next_due();
-        let Some(node) = self.nodes.get_mut(usize::from(place.0)) else { return };
-        if core::mem::replace(&mut node.due, due) != due {
-            self.mend(place);
+        let turn = self.turn(seat);
+        let left = Turn::new(due, turn.timestamp);
+        if left != turn {
+            self.put(seat, left);
         }
     }
 
-    /// Takes a place of the tree out of it.
+    /// Takes a place out.
     pub(crate) fn remove(&mut self, place: Place) {
-        let Node { left, right, up, height, below, .. } = *self.node(place);
-        if place == self.last {
-            // Nothing is at its right, so at most a leaf is at its left.
-            self.last = if left == NIL { up } else { left };
+        let Some(open) = self.seats.get_mut(usize::from(place.0)..self.len) else { return };
+        let Some(seat) = open.first().copied() else { return };
+        open.copy_within(1.., 0);
+        if let Some(last) = open.last_mut() {
+            *last = seat;
         }
-        if left == NIL || right == NIL {
-            self.replace(place, if left == NIL { right } else { left });
-            self.mend(up);
-        } else {
-            let heir = self.leftmost(right);
-            let mut lowest = self.node(heir).up;
-            if lowest == place {
-                lowest = heir;
-            } else {
-                self.replace(heir, self.node(heir).right);
-                self.join(heir, Side::Right, right);
-            }
-            self.join(heir, Side::Left, left);
-            self.replace(place, heir);
-            // What its ancestors know of the place still stands; mending says what changed.
-            if let Some(node) = self.nodes.get_mut(usize::from(heir.0)) {
-                node.height = height;
-                node.below = below;
-            }
-            self.mend(lowest);
-            self.mend(heir);
-        }
-        if let Some(node) = self.nodes.get_mut(usize::from(place.0)) {
-            *node = Node { right: self.free, ..Node::NIL };
-            self.free = place;
-            self.len = self.len.saturating_sub(1);
-        }
+        self.len = self.len.saturating_sub(1);
+        self.put(seat, Turn::NONE);
     }
 
     pub(crate) fn find(&self, timestamp: Timestamp) -> Option<Place> {
+        let open = self.seats.get(..self.len)?;
         // Offers follow their message's open.
-        if self.nodes.get(usize::from(self.last.0))?.timestamp == timestamp {
-            return Some(self.last);
-        }
-        let mut at = self.root;
-        for _ in 0..MAX_HEIGHT {
-            let node = self.nodes.get(usize::from(at.0))?;
-            if timestamp == node.timestamp {
-                return Some(at);
-            }
-            at = if timestamp < node.timestamp { node.left } else { node.right };
-        }
-        None
+        let last = *open.last()?;
+        let rank = if self.turn(last).timestamp == timestamp {
+            self.len.wrapping_sub(1)
+        } else {
+            open.binary_search_by_key(&timestamp, |seat| self.turn(*seat).timestamp).ok()?
+        };
+        u16::try_from(rank).ok().map(Place)
     }
 
-    /// The least open timestamp that is at least `timestamp`.
-    pub(crate) fn at_least(&self, timestamp: Timestamp) -> Option<(Timestamp, &Entry<CLOUDS>)> {
-        let mut at = self.root;
-        let mut found = None;
-        for _ in 0..MAX_HEIGHT {
-            let Some(node) = self.nodes.get(usize::from(at.0)) else { break };
-            if node.timestamp >= timestamp {
-                found = Some((node.timestamp, self.entry(at)));
-                at = node.left;
-            } else {
-                at = node.right;
-            }
-        }
-        found
+    /// The open timestamps in ascending order.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {
+        self.seats.iter().take(self.len).map(|seat| (self.turn(*seat).timestamp, self.kept(*seat)))
     }
 
     /// The earliest due instant.
     pub(crate) fn next_due(&self) -> Option<Instant> {
-        self.node(self.root).below
+        self.turns.as_flattened().get(1)?.due()
     }
 
-    /// F5: the least timestamp with a timer due at `due`, which is the next due instant.
-    pub(crate) fn first_due_at(&self, due: Instant) -> Place {
-        let mut at = self.root;
-        for _ in 0..MAX_HEIGHT {
-            let node = self.node(at);
-            if self.node(node.left).below == Some(due) {
-                at = node.left;
-            } else if node.due == Some(due) {
-                break;
-            } else {
-                at = node.right;
-            }
-        }
-        at
+    /// F5: of the timestamps with a timer at the next due instant the least.
+    pub(crate) fn first_due(&self) -> Place {
+        let first = self.turns.as_flattened().get(1).map(|turn| turn.timestamp);
+        first.and_then(|timestamp| self.find(timestamp)).unwrap_or(Place(u16::MAX))
     }
 
     pub(crate) fn entry(&self, place: Place) -> &Entry<CLOUDS> {
-        self.entries.get(usize::from(place.0)).unwrap_or(&Entry::EMPTY)
+        self.kept(self.seat(place))
     }
 
     pub(crate) fn timestamp(&self, place: Place) -> Timestamp {
-        self.node(place).timestamp
+        self.turn(self.seat(place)).timestamp
     }
 
     pub(crate) const fn len(&self) -> usize {
         self.len
     }
 
-    fn node(&self, place: Place) -> &Node {
-        self.nodes.get(usize::from(place.0)).unwrap_or(&Node::NIL)
+    fn seat(&self, place: Place) -> u16 {
+        self.seats.get(usize::from(place.0)).copied().unwrap_or(u16::MAX)
     }
 
-    fn child(&self, place: Place, side: Side) -> Place {
-        match side {
-            Side::Left => self.node(place).left,
-            Side::Right => self.node(place).right,
-        }
+    fn kept(&self, seat: u16) -> &Entry<CLOUDS> {
+        self.entries.get(usize::from(seat)).unwrap_or(&Entry::EMPTY)
     }
 
-    fn leftmost(&self, mut place: Place) -> Place {
-        for _ in 0..MAX_HEIGHT {
-            let left = self.node(place).left;
-            if left == NIL {
-                break;
-            }
-            place = left;
-        }
-        place
+    fn turn(&self, seat: u16) -> Turn {
+        let leaf = CAPACITY.wrapping_add(usize::from(seat));
+        self.turns.as_flattened().get(leaf).copied().unwrap_or(Turn::NONE)
     }
 
-    /// Makes `child` the child of `parent` on that side.
-    fn join(&mut self, parent: Place, side: Side, child: Place) {
-        if let Some(node) = self.nodes.get_mut(usize::from(parent.0)) {
-            match side {
-                Side::Left => node.left = child,
-                Side::Right => node.right = child,
+    /// Puts a seat's turn, and into each node above it the earlier of the two below that.
+    fn put(&mut self, seat: u16, turn: Turn) {
+        let turns = self.turns.as_flattened_mut();
+        let mut node = CAPACITY.wrapping_add(usize::from(seat));
+        let Some(leaf) = turns.get_mut(node) else { return };
+        *leaf = turn;
+        let mut earlier = turn;
+        while node > 1 {
+            earlier = earlier.min(turns.get(node ^ 1).copied().unwrap_or(Turn::NONE));
+            node >>= 1;
+            if let Some(above) = turns.get_mut(node) {
+                *above = earlier;
             }
         }
-        if let Some(node) = self.nodes.get_mut(usize::from(child.0)) {
-            node.up = parent;
-        }
-    }
-
-    /// Puts `new` where `old` hangs.
-    fn replace(&mut self, old: Place, new: Place) {
-        let up = self.node(old).up;
-        if up == NIL {
-            self.root = new;
-            if let Some(node) = self.nodes.get_mut(usize::from(new.0)) {
-                node.up = NIL;
-            }
-        } else {
-            let side = if self.node(up).left == old { Side::Left } else { Side::Right };
-            self.join(up, side, new);
-        }
-    }
-
-    /// Restores balance and dues from `at` upwards, until an ancestor already knows.
-    fn mend(&mut self, mut at: Place) {
-        for _ in 0..MAX_HEIGHT {
-            let Some(node) = self.nodes.get(usize::from(at.0)) else { break };
-            let (height, below) = (node.height, node.below);
-            let top = match self.lean(node) {
-                Some(side) => self.rotate_towards(at, side.other()),
-                None => at,
-            };
-            self.pull(top);
-            let node = self.node(top);
-            if node.height == height && node.below == below {
-                break;
-            }
-            at = node.up;
-        }
-    }
-
-    /// The side that is two levels higher than the other, if any.
-    fn lean(&self, node: &Node) -> Option<Side> {
-        let (left, right) = (self.node(node.left).height, self.node(node.right).height);
-        if left > right.saturating_add(1) {
-            Some(Side::Left)
-        } else if right > left.saturating_add(1) {
-            Some(Side::Right)
-        } else {
-            None
-        }
-    }
-
-    /// Computes what `at` knows from its children.
-    fn pull(&mut self, at: Place) {
-        let node = self.node(at);
-        let (left, right) = (self.node(node.left), self.node(node.right));
-        let below = earlier(node.due, earlier(left.below, right.below));
-        let height = left.height.max(right.height).saturating_add(1);
-        if let Some(node) = self.nodes.get_mut(usize::from(at.0)) {
-            node.below = below;
-            node.height = height;
-        }
-    }
-
-    /// Lowers `at` to that side, once its other child leans outwards.
-    fn rotate_towards(&mut self, at: Place, side: Side) -> Place {
-        let high = self.child(at, side.other());
-        let (outer, inner) = (self.child(high, side.other()), self.child(high, side));
-        if self.node(inner).height > self.node(outer).height {
-            self.rotate(high, side.other());
-        }
-        self.rotate(at, side)
-    }
-
-    fn rotate(&mut self, at: Place, side: Side) -> Place {
-        let riser = self.child(at, side.other());
-        let moved = self.child(riser, side);
-        self.replace(at, riser);
-        self.join(at, side.other(), moved);
-        self.join(riser, side, at);
-        self.pull(at);
-        self.pull(riser);
-        riser
     }
 }
 
