@@ -33,8 +33,8 @@ const FILES: usize = 4;
 Strictly, every decision is compared with the one that the rules demand, keys and order included.
 With --observed the trace is one that several threads or machines recorded: each timestamp is judged
 by itself, and conforms if the rules can explain what came out of it, given that each instant may be
-off by the tolerance and that timers and outputs may be late by the lateness. A trace of which
-nothing could be judged does not conform then. Memory grows with the timestamps that are open at
+off by the tolerance and that timers and outputs may be late by the lateness. A trace in which
+nothing can be judged does not conform then. Memory grows with the timestamps that are open at
 once, not with the trace: 0.5 KB for each, up to 1 KB with what came for it.
 
 Exit code 0 if all traces conform, 1 if some do not, 2 if one cannot be read. Gzipped traces are

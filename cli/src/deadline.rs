@@ -8,7 +8,7 @@ use std::time::Duration;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use csv::{Position, ReaderBuilder, StringRecord, Trim};
 use fuseline_deadline::{
-    Assessment, Case, Choice, Classes, Figure, Guard, Hazard, Impact, Invalid, Loss, Observation,
+    Assessment, Case, Choice, Classes, Guard, Hazard, Impact, Invalid, Loss, Observation,
     Parameters, Situation, Source, Span, Survival, least_loss, mean_loss,
 };
 use serde::Serialize;
@@ -17,6 +17,7 @@ use thiserror::Error;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
+use crate::remedy::options;
 use crate::sink::Sink;
 
 /// A line below the header and no other.
@@ -65,7 +66,7 @@ pub(crate) struct Args {
     /// Full braking, in m/s².
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = span)]
     deceleration: Span,
-    /// From the decision to brake until the brakes bite, in s.
+    /// From the decision to brake until the brakes act, in s.
     #[arg(long, value_name = "S", default_value = "0.1", value_parser = span)]
     brake_delay: Span,
     /// Frames of the camera, in Hz.
@@ -99,17 +100,17 @@ pub(crate) struct Args {
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Policy {
-    /// The longest that is safe.
+    /// The longest deadline that is safe.
     Guard,
-    /// The one of least mean loss among those that are safe.
+    /// The safe deadline of least mean loss.
     Expected,
 }
 
-/// Why no deadline can be told.
+/// Why there is no deadline to show.
 #[derive(Debug, Error)]
 enum DeadlineError {
-    #[error("{invalid}; change {}", options(*.invalid))]
-    Invalid { invalid: Invalid },
+    #[error("{invalid}; change {options}")]
+    Invalid { invalid: Invalid, options: &'static str },
     #[error("{file}: no calls below its first row; give some, or leave --observed out")]
     Nothing { file: String },
     #[error("{file}:{line}: {message}")]
@@ -122,7 +123,7 @@ impl From<DeadlineError> for Fault {
     }
 }
 
-/// What is told for one speed.
+/// What is shown for one speed.
 #[derive(Serialize)]
 struct Row {
     speed: f64,
@@ -136,9 +137,14 @@ struct Row {
     why: Case,
 }
 
-/// Tells a deadline for each speed.
+/// Shows a deadline for each speed.
 pub(crate) fn tell(args: &Args) -> Result<Exit, Fault> {
-    let guard = guard(args).map_err(|invalid| DeadlineError::Invalid { invalid })?;
+    let guard = guard(args).map_err(|invalid| {
+        let options = options(invalid);
+        // Classes have ranges of their own.
+        let is_class = !args.class.is_empty() && options.starts_with("--range");
+        DeadlineError::Invalid { invalid, options: if is_class { "--class" } else { options } }
+    })?;
     let observed = match &args.observed {
         Some(path) => {
             let (name, file) = open(path)?;
@@ -247,12 +253,12 @@ impl fmt::Display for Told<'_> {
         }
         writeln!(f, "{}\n", table.trim_fmt())?;
         f.write_str(
-            "Results of local and of the cloud suffice to stop until so long after capture; guard is the \
-             longest\nsafe deadline. The loss is the mean square of the speed at impact, in m²/s².",
+            "Until: how long after capture a result of local or of the cloud still suffices to stop. Guard is\n\
+            the longest safe deadline. The loss is the mean square of the speed at impact, in m²/s².",
         )?;
         if self.args.observed.is_none() {
             f.write_str(
-                " Nothing was\nobserved, so every call counts as late; --observed FILE tells more.",
+                "\nNothing was observed, so every call counts as late; give --observed FILE.",
             )?;
         }
         Ok(())
@@ -287,7 +293,7 @@ fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
             text => return Err(wrong(COLUMNS[1], text, "neither 1 nor 0").into()),
         };
         let text = cell(response);
-        let wanted = "no time in seconds that a call could take";
+        let wanted = "not a time in seconds that a call could take";
         let response = match text.parse() {
             Ok(f64::INFINITY) if !is_answered => Ok(Duration::MAX),
             Ok(seconds) => Duration::try_from_secs_f64(seconds).map_err(|_| wanted),
@@ -297,7 +303,7 @@ fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
         let count = match count.map(cell) {
             None | Some("") => 1,
             Some(text) => {
-                text.parse().map_err(|_| wrong(COLUMNS[2], text, "no number of calls"))?
+                text.parse().map_err(|_| wrong(COLUMNS[2], text, "not a number of calls"))?
             }
         };
         observed.push(Observation { response, is_answered, count });
@@ -307,27 +313,6 @@ fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
     }
     observed.sort_by_key(Observation::key);
     Ok(observed)
-}
-
-/// The options that could be at fault.
-fn options(invalid: Invalid) -> &'static str {
-    match invalid {
-        Invalid::Span(figure) | Invalid::NotAbove0(figure) | Invalid::Below0(figure) => {
-            match figure {
-                Figure::Deceleration => "--deceleration",
-                Figure::BrakeDelay => "--brake-delay",
-                Figure::PeriodLocal | Figure::PeriodCloud => "--rate",
-                Figure::LocalResponse => "--local-response",
-                Figure::RangeLocal => "--range-local or --class",
-                Figure::RangeCloud => "--range-cloud or --class",
-                Figure::Weight => "--class",
-                Figure::Lateness | Figure::Margin => "the options",
-            }
-        }
-        Invalid::CloudSeesLess => "--range-local, --range-cloud or --class",
-        Invalid::Classes(_) => "--class",
-        Invalid::NoFrames | Invalid::Probes { .. } => "the options",
-    }
 }
 
 /// `FIGURE` or `LEAST..GREATEST`.

@@ -1,4 +1,4 @@
-//! Emulation: a model on a device behind a recorded network, as the instant of its reply.
+//! Emulation: when a model on a device behind a recorded network would reply.
 
 use std::future;
 use std::sync::{Arc, OnceLock};
@@ -105,7 +105,7 @@ impl Emulation {
     }
 }
 
-/// Answers requests as the emulation says; it began when `began` says, or with the first request.
+/// Answers requests when the emulation says; it began at `began`, or with the first request.
 ///
 /// A request that is never answered waits until its caller gives up.
 pub(crate) const fn answer(emulation: Emulation, began: Arc<OnceLock<Instant>>) -> impl Infer {

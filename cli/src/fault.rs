@@ -22,6 +22,8 @@ pub(crate) enum Fault {
     Disorder(#[from] Disorder),
     #[error("{name}: {}; give a file in a directory that can be written to", plain(.source))]
     Create { name: String, source: io::Error },
+    #[error("{name}: {}; name a folder that can be written to", plain(.source))]
+    Folder { name: String, source: io::Error },
     #[error("{output}: it is what is read as {input}; name another file for the output")]
     Same { output: String, input: String },
     #[error("{name}:1: {source}; mend the header")]

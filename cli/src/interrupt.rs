@@ -1,4 +1,4 @@
-//! Ctrl-C and termination: caught once, seen by whoever polls or waits.
+//! Ctrl-C and termination: caught once, seen by all who poll or wait.
 
 use std::process;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,7 +33,7 @@ impl Interrupt {
                 let interrupt = Self::default();
                 let seen = interrupt.clone();
                 let handler = move || {
-                    // Who asks twice does not want to wait for what is under way.
+                    // A second one: do not wait for what is under way.
                     if seen.came() {
                         process::exit(INTERRUPTED);
                     }

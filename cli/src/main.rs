@@ -23,6 +23,7 @@ mod plot;
 mod policies;
 mod probe;
 mod reckoning;
+mod remedy;
 mod replay;
 mod report;
 mod run;
@@ -50,12 +51,12 @@ const EXITS: &str = "\
 Exit codes:
   0  done; every trace judged conforms
   1  a trace or an implementation does not conform
-  2  bad input, told in one line
+  2  bad input; one line says where and what is wrong
 
-Set RUST_LOG (say, RUST_LOG=info) to see what happens inside, on standard error.";
+Set RUST_LOG, for example RUST_LOG=info, to see on standard error what happens inside.";
 
-/// Each message leaves with the best result that is there by its deadline: runs such an operator,
-/// replays its inputs, and judges its trace or another implementation. Without a command it is `fuseline run`.
+/// Runs an operator that forwards the best result in hand by each message's deadline, replays its
+/// inputs, and judges its trace or another implementation. Without a command it is `fuseline run`.
 #[derive(Parser)]
 #[command(version, after_help = EXITS, max_term_width = 100)]
 #[command(override_usage = "fuseline [COMMAND]")]
@@ -76,20 +77,20 @@ enum Command {
     Replay(replay::Args),
     /// Judge traces against the rules.
     Check(check::Args),
-    /// Make a trace of what others record, as CSV or MCAP.
+    /// Make a trace from what other tools recorded, as CSV or MCAP.
     Convert(convert::Args),
     /// Write a trace for ui.perfetto.dev or for Foxglove.
     Export(export::Args),
     /// Drive another implementation through the corpus and generated runs, and judge it.
     #[cfg(unix)]
     Drive(drive::Args),
-    /// Answer the inputs that `fuseline drive` sends, as the core does.
+    /// Answer the inputs that `fuseline drive` sends, with the core.
     Impl(implementation::Args),
-    /// Tell which deadlines are safe for a vehicle at some speeds, and which is worth it.
+    /// Show which deadlines are safe for a vehicle at given speeds, and which one is worth it.
     Deadline(deadline::Args),
     /// Play the paper's evaluation in virtual time, from stated physics.
     Scenario(scenario::Args),
-    /// Make a page of traces: summary, response times, and a timeline down to one timestamp.
+    /// Make a page from traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
 }
 

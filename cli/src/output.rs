@@ -1,4 +1,4 @@
-//! What is written: files that appear whole or not at all, or standard output for `-`.
+//! Outputs: files that appear whole or not at all, or standard output for `-`.
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, BufWriter, Seek, Write};
@@ -16,7 +16,7 @@ use crate::input;
 /// Where a command writes; never one of the files that it reads.
 pub(crate) struct Output {
     name: String,
-    /// The file, links followed; none is standard output.
+    /// The file, links followed; none for standard output.
     file: Option<PathBuf>,
 }
 
@@ -58,7 +58,7 @@ impl Output {
     /// Writes by `put`; if that fails or Ctrl-C ends it, nothing was written. Once in a command.
     ///
     /// # Errors
-    /// What `put` fails with; its [`Fault::Output`] is told with the name of the output.
+    /// The error of `put`; a [`Fault::Output`] gets the name of the output.
     pub(crate) fn write(
         &self,
         put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>,
@@ -131,14 +131,14 @@ fn same(output: &Metadata, path: Option<&Path>, inputs: &[&Path]) -> Option<Stri
     inputs.iter().find(|input| is_same(input)).map(|input| input::name(input))
 }
 
-/// Whether two paths are one file, also by hard and symbolic links.
+/// Whether two paths are one file, even by hard or symbolic links.
 #[cfg(unix)]
 fn is_one(output: &Metadata, _: Option<&Path>, input: &Metadata, _: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     (output.dev(), output.ino()) == (input.dev(), input.ino())
 }
 
-/// Whether two paths are one file, also by symbolic links.
+/// Whether two paths are one file, even by symbolic links.
 #[cfg(not(unix))]
 fn is_one(_: &Metadata, output: Option<&Path>, _: &Metadata, input: &Path) -> bool {
     let [output, input] = [output, Some(input)].map(|path| path?.canonicalize().ok());

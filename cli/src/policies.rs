@@ -60,7 +60,7 @@ pub(crate) enum Policy {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Score {
     /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None
-    /// if it cannot be told: some model has no figure, or some call was ended before its deadline.
+    /// if it is not known: some model has no figure, or some call was ended before its deadline.
     pub(crate) ap: Option<f64>,
     /// Outputs whose result was there before the deadline.
     pub(crate) in_time: u64,
@@ -96,7 +96,7 @@ impl Serialize for Quantile {
     }
 }
 
-/// The quantiles told, in percent.
+/// The quantiles shown, in percent.
 pub(crate) const PERCENT: [usize; 3] = [50, 90, 99];
 
 /// What a policy does with one message.
@@ -189,7 +189,7 @@ impl Policy {
             Self::Fusion => put_out(message.forwarded),
             Self::Constant(ref constant) => {
                 let forwarded = constant.forwarded(&message.arrivals);
-                // What is unknown may have changed everything from then on.
+                // An unknown arrival may have changed everything from then on.
                 let unknown = message.arrivals.iter().filter_map(|arrival| match arrival {
                     Arrival::After(bound) => Some(*bound),
                     Arrival::At(_) | Arrival::Failed(_) | Arrival::Never => None,

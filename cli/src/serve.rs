@@ -28,8 +28,9 @@ use crate::serve::locations::Sharing;
 A reply takes the round trip that the drive had at that moment plus the runtime that the paper
 measured, up to 5 % more or less as the seed says. The drive begins with the first request.
 
-With --locations it keeps each vehicle's last report and answers with the others', at once: payloads are
-the protobuf messages fuseline.v1.Location and fuseline.v1.Locations of cli/proto/locations.proto.
+With --locations it keeps each vehicle's last report and answers at once with the
+others'. Payloads are the protobuf messages fuseline.v1.Location and
+fuseline.v1.Locations of cli/proto/locations.proto.
 
 Examples:
   fuseline serve --listen 0.0.0.0:50051 --model DINO-SWIN-Tiny

@@ -10,7 +10,7 @@ use textwrap::Options;
 
 use crate::exit::Exit;
 
-/// Rules are told within so many columns.
+/// The width of a rule's text, in columns.
 const WIDTH: usize = 96;
 
 pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
@@ -50,7 +50,7 @@ impl Found {
         if self.summary().conforms { Exit::Conforms } else { Exit::Differs }
     }
 
-    /// Prints it, without the violations told already.
+    /// Prints it, without the first violations, which were printed before.
     pub(crate) fn tell(&self, out: &mut impl Write, told: usize, json: bool) -> io::Result<()> {
         if json {
             serde_json::to_writer(&mut *out, self)?;

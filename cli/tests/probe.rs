@@ -1,5 +1,7 @@
 //! `fuseline probe`, run as a user runs it, against its server behind a relay of known delays.
 
+#[path = "common/certificates.rs"]
+mod certificates;
 mod common;
 #[path = "common/running.rs"]
 mod running;
@@ -15,6 +17,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use certificates::certificates;
 use common::{err, fuseline, out, run};
 use fuseline_tokio::grpc::{self, InferClient, Request, tonic};
 use running::{adds_up, report, run_in};
@@ -64,17 +67,14 @@ struct Seen {
 struct Relay {
     url: String,
     seen: Arc<Mutex<Vec<Seen>>>,
-    /// How much later than wanted this process was served at worst.
-    lateness: Arc<Mutex<Duration>>,
     _runtime: Runtime,
 }
 
 impl Relay {
     fn start(server: &Server, delay: fn(Duration, u64) -> Duration) -> Self {
         let runtime = Runtime::new().unwrap();
-        let (seen, lateness) =
-            (Arc::<Mutex<Vec<Seen>>>::default(), Arc::<Mutex<Duration>>::default());
-        let (saw, late) = (Arc::clone(&seen), Arc::clone(&lateness));
+        let seen = Arc::<Mutex<Vec<Seen>>>::default();
+        let saw = Arc::clone(&seen);
         let url = runtime.block_on(async {
             let client = InferClient::new(grpc::Remote::new(&server.url).connect().unwrap());
             let (start, queued) = (Instant::now(), Arc::new(Mutex::new(0_usize)));
@@ -100,17 +100,9 @@ impl Relay {
             let url = format!("http://{}", listener.local_addr().unwrap());
             let everybody = grpc::Server::default();
             tokio::spawn(grpc::serve(relay, everybody, listener, std::future::pending()));
-            tokio::spawn(async move {
-                loop {
-                    let began = Instant::now();
-                    sleep(Duration::from_millis(5)).await;
-                    let mut worst = late.lock().unwrap();
-                    *worst = worst.max(began.elapsed().saturating_sub(Duration::from_millis(5)));
-                }
-            });
             url
         });
-        Self { url, seen, lateness, _runtime: runtime }
+        Self { url, seen, _runtime: runtime }
     }
 
     /// All but the first, which does not count.
@@ -133,6 +125,10 @@ fn ms(text: &str) -> f64 {
     text.parse().unwrap()
 }
 
+fn millis(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
 #[test]
 fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_recording() {
     let dir = tempdir().unwrap();
@@ -144,21 +140,25 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
     let seen = relay.seen();
     assert_eq!(summary["answered"], seen.len(), "{summary}");
     assert_eq!(summary["failed"], 0, "{summary}");
-    let mut held: Vec<Duration> = seen.iter().map(|seen| seen.held).collect();
-    held.sort_unstable();
-    // 3 ms, and whatever this machine is late with at worst.
-    let slack = 3.0 + relay.lateness.lock().unwrap().as_secs_f64() * 1e3;
-    for (quantile, percent) in [("p50", 50), ("p90", 90), ("p99", 99)] {
-        let told = summary["answers_ms"][quantile].as_f64().unwrap();
-        let relayed = held[(held.len() * percent).div_ceil(100) - 1].as_secs_f64() * 1e3;
-        assert!(told >= relayed - 0.1, "{quantile}: {told} of {relayed}");
-        assert!(told <= relayed + slack, "{quantile}: {told} of {relayed} and {slack}");
-    }
     assert_eq!(summary["paper_ms"]["p99"], 3027.0);
 
     let rows = rows(&dir.path().join("fuseline-probe.csv"));
     assert_eq!(rows.len() as u64, summary["sent"].as_u64().unwrap());
     assert!(rows.is_sorted_by(|one, next| ms(&one[0]) < ms(&next[0])));
+    // What the relay held an answer for is in its round trip, and in the best of all little else.
+    let beyond = rows.iter().zip(&seen).map(|(row, seen)| ms(&row[1]) - millis(seen.held));
+    let least = beyond.fold(f64::INFINITY, f64::min);
+    assert!((-0.1..20.0).contains(&least), "{least}");
+    let mut trips: Vec<f64> = rows.iter().map(|row| ms(&row[1])).collect();
+    trips.sort_unstable_by(f64::total_cmp);
+    let mut held: Vec<f64> = seen.iter().map(|seen| millis(seen.held)).collect();
+    held.sort_unstable_by(f64::total_cmp);
+    for (quantile, percent) in [("p50", 50), ("p90", 90), ("p99", 99)] {
+        let told = summary["answers_ms"][quantile].as_f64().unwrap();
+        let place = (held.len() * percent).div_ceil(100) - 1;
+        assert!((told - trips[place]).abs() < 0.01, "{quantile}: {told} of {}", trips[place]);
+        assert!(told >= held[place] - 0.1, "{quantile}: {told} of {}", held[place]);
+    }
     let ran =
         run_in(dir.path(), &["--seconds", "1", "--json", "--drive", "west=fuseline-probe.csv"]);
     let report = report(&ran);
@@ -193,7 +193,8 @@ fn a_stall_of_3_s_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answere
     assert_eq!(rows.len(), seen.len() + 1);
 
     assert!(out(&probed).contains("\nThere are no positions, so there is no route.\n"));
-    assert!(out(&probed).contains("plots: round-trips.svg, round-trips.png, "), "{}", out(&probed));
+    let told = "\nplots: index.html, and as SVG and PNG: round-trips, distribution\n";
+    assert!(out(&probed).contains(told), "{}", out(&probed));
     let plots = dir.path().join("plots");
     let svg = plotted(&plots, &["round-trips", "distribution"]);
     assert!(!plots.join("route.svg").exists());
@@ -245,7 +246,7 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
     };
     let told = plot("drive.csv");
     assert_eq!(told.status.code(), Some(0), "{}", err(&told));
-    assert!(out(&told).contains("route.svg"), "{}", out(&told));
+    assert!(out(&told).contains(", route\n"), "{}", out(&told));
     let plots = dir.path().join("plots");
     let svg = plotted(&plots, &["round-trips", "distribution", "route"]);
     assert!(svg[0].contains("40 answers, 0 failed or unanswered, 0 pauses; p50 390 ms"));
@@ -282,9 +283,11 @@ fn a_plot_that_cannot_be_written_is_one_error_and_the_recording_stays() {
     assert_eq!(probed.status.code(), Some(2));
     let told = err(&probed);
     assert!(told.lines().last().unwrap().starts_with("error: plots/round-trips.svg: "), "{told}");
-    assert!(out(&probed).contains("15 sent"), "{}", out(&probed));
+    assert!(out(&probed).contains("15 slots at 30 a second"), "{}", out(&probed));
     assert_eq!(fs::read_dir(dir.path().join("plots")).unwrap().count(), 1);
-    assert_eq!(rows(&dir.path().join("fuseline-probe.csv")).len(), 15);
+    // A busy machine misses slots.
+    let recorded = rows(&dir.path().join("fuseline-probe.csv")).len();
+    assert!((1..=15).contains(&recorded), "{recorded}");
 }
 
 #[test]
@@ -375,11 +378,81 @@ fn a_token_is_asked_for_and_borne() {
     let probe = ["probe", &server.url, "--seconds", "0.2"];
     let refused = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(refused.status.code(), Some(2));
-    assert!(err(&refused).contains("a bearer token is needed; start `"), "{}", err(&refused));
+    assert!(
+        err(&refused)
+            .contains("a bearer token is needed; give the server's token with --token-file"),
+        "{}",
+        err(&refused)
+    );
     assert!(!dir.path().join("fuseline-probe.csv").exists());
     let bearing = [&probe[..], &["--token-file", "token"]].concat();
     let probed = fuseline(&bearing).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+}
+
+#[test]
+fn over_tls_only_the_right_certificates_and_token_are_answered() {
+    let dir = certificates();
+    fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
+    let locks = ["--cert", "server.pem", "--key", "server.key", "--client-ca", "ca.pem"];
+    let server = Server::start(dir.path(), &[&locks[..], &["--token-file", "token"]].concat());
+    assert!(server.url.starts_with("https://localhost:"), "{}", server.url);
+    let probe = |url: &str, keys: &str| {
+        let keys: Vec<&str> = keys.split_whitespace().collect();
+        let args = [&["probe", url, "--seconds", "0.2", "--json"], &keys[..]].concat();
+        fuseline(&args).current_dir(dir.path()).output().unwrap()
+    };
+    let plain = server.url.replace("https", "http");
+    let (client, token) = ("--cert client.pem --key client.key", "--token-file token");
+    for (url, keys, what) in [
+        (
+            &server.url,
+            format!("--ca other.pem {client} {token}"),
+            "invalid peer certificate: BadSignature; give the server's CA",
+        ),
+        (&server.url, format!("--ca ca.pem {token}"), "--cert and --key if it wants this side's"),
+        (
+            &server.url,
+            format!("--ca ca.pem --cert stranger.pem --key stranger.key {token}"),
+            "--cert and --key if it wants this side's",
+        ),
+        (&server.url, format!("--ca ca.pem {client}"), "a bearer token is needed; give"),
+        (&plain, token.to_owned(), "the connection broke; if it speaks TLS, give an https URL"),
+    ] {
+        let refused = probe(url, &keys);
+        let told = err(&refused);
+        assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{keys}: {told}");
+        assert!(
+            told.starts_with(&format!("error: {url}: ")) && told.contains(what),
+            "{keys}: {told}"
+        );
+        assert_eq!(told.lines().count(), 1, "{told}");
+        assert!(!dir.path().join("fuseline-probe.csv").exists(), "{keys}");
+    }
+    let probed = probe(&server.url, &format!("--ca ca.pem {client} {token}"));
+    assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+    let summary = report(&probed);
+    assert_eq!((&summary["answered"], &summary["failed"]), (&summary["sent"], &0.into()));
+    assert_ne!(summary["sent"], 0, "{summary}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_folder_that_takes_no_files_is_told_before_anything_is_measured() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &[]);
+    fs::write(dir.path().join("file"), "").unwrap();
+    // Nobody makes files in /proc, not even root.
+    for folder in ["/proc", "file", "file/in"] {
+        let probe = ["probe", &server.url, "--seconds", "600", "-o", folder];
+        let refused = fuseline(&probe).current_dir(dir.path()).output().unwrap();
+        let told = err(&refused);
+        assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{told}");
+        assert!(told.starts_with(&format!("error: {folder}: ")), "{told}");
+        assert!(told.ends_with("; name a folder that can be written to\n"), "{told}");
+        assert_eq!(told.lines().count(), 1, "{told}");
+        assert!(!dir.path().join("fuseline-probe.csv").exists());
+    }
 }
 
 #[test]

@@ -114,31 +114,51 @@ fn what_a_full_window_refuses_is_counted() {
 fn all_policies_have_the_same_limits() {
     let dir = tempdir().unwrap();
     let full = ["--seconds", "2", "--rate", "100", "--window", "256", "--workers", "64"];
-    let ran = run_in(
-        dir.path(),
-        &[&full[..], &["--calls", "1", "--policy", "constant", "--json"]].concat(),
-    );
-    let report = report(&ran);
-    adds_up(&report);
-    assert_eq!(report["calls"], 1);
-    assert_ne!(report["sources"][2]["requests"]["refused"], 0, "{report}");
-    // Fusion has in hand whatever comes first, so that nothing is in time without it.
-    let policies = report["policies"].as_array().unwrap();
-    let [fusion, .., first] = &policies[..] else { unreachable!() };
-    let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
-    let sent = |policy: &Value| policy["sent_bytes"].as_u64().unwrap();
-    assert!(in_time(fusion) >= in_time(first), "{report}");
-    let ap = |policy: &Value| policy["mean_ap"].as_f64().unwrap();
-    assert!(ap(fusion) >= ap(first), "{report}");
-    // No cloud answered what it was never asked.
-    for (place, cloud) in report["sources"].as_array().unwrap()[1..].iter().enumerate() {
-        let requests = cloud["requests"].as_object().unwrap();
-        let admitted = sum(requests.values()) - requests["refused"].as_u64().unwrap();
-        assert!(in_time(&report["policies"][place + 2]) <= admitted, "{report}");
-        // A request is a picture and a few bytes around it; a call may be aborted as it begins.
-        let each = sent(&report["policies"][place + 2]) / admitted;
-        assert!((30_000..33_320).contains(&each), "{report}");
+    for policy in ["constant", "expected"] {
+        let args = [&full[..], &["--calls", "1", "--policy", policy, "--json"]].concat();
+        let report = report(&run_in(dir.path(), &args));
+        adds_up(&report);
+        assert_eq!(report["calls"], 1);
+        assert_ne!(report["sources"][2]["requests"]["refused"], 0, "{report}");
+        let policies = report["policies"].as_array().unwrap();
+        let clouds = &report["sources"].as_array().unwrap()[1..];
+        // Where fusion has another deadline, the constant one stands second.
+        let constant = &policies[usize::from(policy == "expected")];
+        let [.., first] = &policies[..] else { unreachable!() };
+        let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
+        let ap = |policy: &Value| policy["mean_ap"].as_f64().unwrap();
+        // It has in hand whatever comes first, so that nothing is in time without it.
+        assert!(in_time(constant) >= in_time(first), "{report}");
+        assert!(ap(constant) >= ap(first), "{report}");
+        let alone = &policies[policies.len() - 1 - clouds.len()..];
+        for (cloud, alone) in clouds.iter().zip(alone) {
+            let count = |fate: &str| cloud["requests"][fate].as_u64().unwrap();
+            let admitted = sum(cloud["requests"].as_object().unwrap().values()) - count("refused");
+            // No cloud answered what it was never asked.
+            assert!(in_time(alone) <= admitted, "{report}");
+            // What was answered was sent whole; what was aborted, in part.
+            let sent = alone["sent_bytes"].as_u64().unwrap();
+            let answered = count("forwarded") + count("discarded");
+            assert!((33_300 * answered..33_320 * admitted).contains(&sent), "{report}");
+        }
     }
+}
+
+#[test]
+fn a_request_is_a_picture_and_a_few_bytes_around_it() {
+    let dir = tempdir().unwrap();
+    let alone = "name=east,priority=1,model=DINO-SWIN-Tiny,drive=cicv5g/rural_n8_v0";
+    let patient = ["--seconds", "1", "--policy", "constant", "--deadline", "20000", "--json"];
+    let report = report(&run_in(dir.path(), &[&patient[..], &["--cloud", alone]].concat()));
+    adds_up(&report);
+    let [_, east] = &report["sources"].as_array().unwrap()[..] else { panic!("{report}") };
+    let requests = &east["requests"];
+    let answered = requests["forwarded"].as_u64().unwrap();
+    assert_eq!(sum(requests.as_object().unwrap().values()), answered, "{requests}");
+    let [sent, policy] =
+        [&report["policies"][2], east].map(|it| it["sent_bytes"].as_u64().unwrap());
+    assert_eq!(sent, policy, "{report}");
+    assert!(answered > 5 && (33_300..33_320).contains(&(sent / answered)), "{report}");
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! `fuseline serve` and `fuseline run` against it, run as a user runs them.
 
+#[path = "common/certificates.rs"]
+mod certificates;
 mod common;
 #[path = "common/running.rs"]
 mod running;
@@ -12,13 +14,13 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Stdio};
 
+use certificates::certificates;
 use common::{err, fuseline, out, run};
 use fuseline_tokio::grpc;
-use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use running::{adds_up, report, run_in};
 use serde_json::Value;
 use signal::interrupt;
-use tempfile::{TempDir, tempdir};
+use tempfile::tempdir;
 use tokio::net::TcpListener;
 
 /// A server that was started and says where it listens; it ends with this.
@@ -75,26 +77,6 @@ fn requests(directory: &Path, cloud: &str) -> Value {
     report["sources"][1]["requests"].clone()
 }
 
-/// A directory with `ca.pem`, a server's and a client's certificate, and a stranger's.
-fn certificates() -> TempDir {
-    let dir = tempdir().unwrap();
-    let issuer = |name: &str| {
-        let mut params = CertificateParams::new(vec![name.to_owned()]).unwrap();
-        params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
-        CertifiedIssuer::self_signed(params, KeyPair::generate().unwrap()).unwrap()
-    };
-    let write = |name: &str, text: String| fs::write(dir.path().join(name), text).unwrap();
-    let (ca, other) = (issuer("ca"), issuer("other"));
-    write("ca.pem", ca.pem());
-    for (name, ca) in [("server", &ca), ("client", &ca), ("stranger", &other)] {
-        let key = KeyPair::generate().unwrap();
-        let params = CertificateParams::new(vec!["localhost".to_owned()]).unwrap();
-        write(&format!("{name}.pem"), params.signed_by(&key, ca).unwrap().pem());
-        write(&format!("{name}.key"), key.serialize_pem());
-    }
-    dir
-}
-
 #[test]
 fn a_server_elsewhere_answers_a_run() {
     let dir = tempdir().unwrap();
@@ -113,7 +95,7 @@ fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
         err(&ran).lines().next(),
         Some(
             "warning: east: its server serves DETR-ResNet-101 on A100, not DINO-SWIN-Tiny on A100; \
-             the tables tell of what it serves"
+             the tables show what it serves"
         )
     );
     let line = out(&ran).lines().find(|line| line.contains("http://")).unwrap();
@@ -143,13 +125,13 @@ fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
     let url = format!("url=http://{}", listener.local_addr().unwrap());
     runtime.spawn(grpc::serve(echo, grpc::Server::default(), listener, pending()));
     for (model, known) in [
-        ("model=DINO-SWIN-Tiny,", "its model is what --cloud tells"),
+        ("model=DINO-SWIN-Tiny,", "its model is as --cloud says"),
         ("", "nothing is known of its model"),
     ] {
         let cloud = format!("name=east,priority=2,{model}{url}");
         let ran = run_in(dir.path(), &["--seconds", "0.3", "--cloud", &cloud]);
         let note = format!(
-            "east: its server did not say what it serves (it does not know the question); {known}."
+            "east: its server did not say what it serves (it does not know this call); {known}."
         );
         assert!(out(&ran).lines().any(|line| line == note), "{}", out(&ran));
     }

@@ -48,7 +48,7 @@ pub enum OpenRefusal {
 pub enum Admission {
     /// Send the request; its result is in time before `due`.
     Admitted {
-        /// The instant that is itself too late.
+        /// The due instant; a result at this instant is late.
         due: Instant,
     },
     /// Do not send; nothing changed but the gate.
@@ -91,7 +91,7 @@ pub enum Outcome<const CLOUDS: usize> {
     Waiting,
     /// Send the result of `by` downstream; the timestamp is retired and whatever else was held for it is discarded.
     Forwarded {
-        /// Whose result it is; 0 for local.
+        /// The source of the result; 0 is local.
         by: Priority,
         /// The clouds still pending: their calls may be aborted.
         cancelled: Priorities<CLOUDS>,
@@ -126,12 +126,12 @@ pub enum DropReason {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use = "a firing may forward a result or miss a timestamp"]
 pub struct Firing<const CLOUDS: usize> {
-    /// Whose timers.
+    /// The timestamp whose timers fired.
     pub timestamp: Timestamp,
-    /// When they were due.
+    /// The instant at which they were due.
     pub due: Instant,
     /// The requests that they close; 0 is local.
     pub timers: Priorities<CLOUDS>,
-    /// What follows: waiting, forwarded or missed.
+    /// Waiting, forwarded or missed.
     pub outcome: Outcome<CLOUDS>,
 }

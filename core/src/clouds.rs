@@ -6,12 +6,12 @@ use crate::priority::{Priorities, Priority, priority_of};
 use crate::slot::Decision;
 use crate::source::{Source, Sources};
 
-/// One cloud as configured.
+/// The configuration of one cloud.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Cloud {
-    /// 1 to 65535, unlike every other cloud's.
+    /// 1 to 65535; no two clouds have the same.
     pub priority: Priority,
     /// The gate shuts at this many queued requests; at least 1.
     pub limit: u64,
@@ -89,12 +89,12 @@ impl ConfigError {
 
 /// An operator's registered clouds, up to `CLOUDS` (0 to 15) of them: which source each is, and its gate.
 ///
-/// [`Fusion`](crate::Fusion) keeps one. It is public for those who keep their open timestamps otherwise.
+/// [`Fusion`](crate::Fusion) keeps one. It is public for machines that keep their open timestamps another way.
 ///
 /// - constructor: [`new`](Self::new)
 /// - names: [`source`](Self::source), [`priority`](Self::priority), [`priorities`](Self::priorities)
 /// - gates: [`gate`](Self::gate), [`gate_mut`](Self::gate_mut)
-/// - a decision by its priorities: [`outcome`](Self::outcome)
+/// - a decision in terms of priorities: [`outcome`](Self::outcome)
 // In ascending priority; cloud `i` is source `i + 1`. Entries from `len` on mean nothing.
 #[derive(Clone, Copy)]
 pub struct Clouds<const CLOUDS: usize> {
@@ -103,14 +103,14 @@ pub struct Clouds<const CLOUDS: usize> {
     pub(crate) len: usize,
 }
 
-/// Fills entries that hold no cloud; never consulted.
+/// Fills entries that hold no cloud; never asked.
 const NO_GATE: Gate = match Gate::new(1, 0) {
     Some(gate) => gate,
     None => unreachable!(),
 };
 
 impl<const CLOUDS: usize> Clouds<CLOUDS> {
-    /// These clouds, their gates open. Their order means nothing (P10).
+    /// These clouds, with their gates open. Their order does not matter (P10).
     ///
     /// # Errors
     /// The first [`ConfigError`] that holds.
@@ -171,7 +171,7 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         None
     }
 
-    /// The priority of a source; local's for one that is not registered.
+    /// The priority of a source; 0 for one that is not registered.
     #[must_use]
     pub fn priority(&self, source: Source) -> Priority {
         priority_of(&self.priorities, source)
@@ -183,7 +183,7 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         Priorities::new(self.priorities, members)
     }
 
-    /// What the step of a timestamp decided, by the priorities of its sources.
+    /// A decision, with priorities for its sources.
     #[inline]
     pub fn outcome(&self, decision: Decision) -> Outcome<CLOUDS> {
         match decision {
@@ -212,7 +212,7 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         self.gates.get(..self.len)?.get(usize::from(source.index()).checked_sub(1)?)
     }
 
-    /// A cloud's gate, to be asked; none for local.
+    /// A cloud's gate, to ask it; none for local.
     pub fn gate_mut(&mut self, source: Source) -> Option<&mut Gate> {
         self.gates.get_mut(..self.len)?.get_mut(usize::from(source.index()).checked_sub(1)?)
     }

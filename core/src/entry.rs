@@ -7,7 +7,7 @@ use crate::time::{Deadline, Instant};
 
 /// An open timestamp's [`Slot`], and when each of its armed timers is due; for up to `CLOUDS` clouds.
 ///
-/// [`Fusion`](crate::Fusion) keeps one for each open timestamp. It is public for those who keep theirs otherwise.
+/// [`Fusion`](crate::Fusion) keeps one for each open timestamp. It is public for machines that keep theirs another way.
 #[derive(Clone, Copy)]
 pub struct Entry<const CLOUDS: usize> {
     pub(crate) slot: Slot,
@@ -24,7 +24,7 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         Self { slot, local_due: Instant::START, dues: [Instant::START; CLOUDS] }
     }
 
-    /// F1, as far as one timestamp decides it: the entry of one that is opened now. `deadline`, if any, is local's.
+    /// F1 for one timestamp: the entry of one that is opened at `now`. `deadline`, if any, is local's.
     ///
     /// # Errors
     /// [`OpenRefusal::Deadline`] if its due instant is not after now.
@@ -43,12 +43,12 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         self.slot
     }
 
-    /// Puts other sets in; the due instants stay.
+    /// Replaces the sets; the due instants stay.
     pub const fn set_slot(&mut self, slot: Slot) {
         self.slot = slot;
     }
 
-    /// The due instant of this source's timer; means something while that is armed.
+    /// The due instant of this source's timer; meaningless unless the timer is armed.
     #[must_use]
     pub fn due(&self, source: Source) -> Instant {
         match usize::from(source.index()).checked_sub(1) {
@@ -57,7 +57,7 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         }
     }
 
-    /// Says when this source's timer is due; nothing for a source that has no room here.
+    /// Sets when this source's timer is due; does nothing for a source beyond `CLOUDS`.
     pub fn set_due(&mut self, source: Source, due: Instant) {
         match usize::from(source.index()).checked_sub(1) {
             None => self.local_due = due,
@@ -69,7 +69,7 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         }
     }
 
-    /// The armed timers that are due exactly then: those that fire together (F5).
+    /// The armed timers that are due exactly at `due`: they fire together (F5).
     #[must_use]
     pub fn armed_at(&self, due: Instant) -> Sources {
         self.slot.armed().iter().filter(|source| self.due(*source) == due).collect()

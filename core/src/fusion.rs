@@ -40,9 +40,9 @@ pub enum At<'a, const CLOUDS: usize, const WINDOW: usize> {
     Ready(Ready<'a, CLOUDS, WINDOW>),
 }
 
-/// The machine with nothing due at its instant: the one place where inputs go in.
+/// The machine at an instant when nothing is due: the only way to give it an input.
 ///
-/// It may take several inputs of the same instant: whatever they arm is due later.
+/// It takes any number of inputs of this instant: whatever they arm is due later.
 pub struct Ready<'a, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) fusion: &'a mut Fusion<CLOUDS, WINDOW>,
 }
@@ -50,9 +50,9 @@ pub struct Ready<'a, const CLOUDS: usize, const WINDOW: usize> {
 impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// A machine with nothing open, its clock at [`Instant::START`] and its gates open.
     ///
-    /// `window`, 1 to `WINDOW`, bounds how many timestamps are open at once. The order of `clouds` means nothing
-    /// (P10). Capacities beyond 15 clouds or 1024 timestamps do not compile. The machine is as large as its capacities
-    /// make it, from about 100 bytes a timestamp: box great ones where stacks are small.
+    /// `window`, 1 to `WINDOW`, bounds how many timestamps are open at once. The order of `clouds` does not matter
+    /// (P10). Capacities beyond 15 clouds or 1024 timestamps do not compile. The machine's size follows from its
+    /// capacities, from about 100 bytes a timestamp: box large ones where stacks are small.
     ///
     /// # Errors
     /// The first [`ConfigError`] that holds.
@@ -69,7 +69,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
 
     /// F0: moves the clock to `now`, never back, and fires the earliest timers due by then, if any.
     ///
-    /// Call it until it is [`At::Ready`]; the number of calls is at most one more than that of the armed timers.
+    /// Call it until it is [`At::Ready`], at most once for each armed timer and once more.
     /// A tick is such a call with no input after it.
     pub fn at(&mut self, now: Instant) -> At<'_, CLOUDS, WINDOW> {
         match self.fire_next(now) {
@@ -78,10 +78,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         }
     }
 
-    /// F0: moves the clock to `now`, never back, gives whatever fires by then to `fired`, in its order, and is ready
+    /// F0: moves the clock to `now`, never back, gives each firing due by then to `fired`, in order, and is then ready
     /// for inputs.
     ///
-    /// The same as [`at`](Self::at) until it is [`At::Ready`]. There are at most as many firings as armed timers.
+    /// The same as calling [`at`](Self::at) until it is [`At::Ready`]. There are at most as many firings as armed timers.
     pub fn ready(
         &mut self,
         now: Instant,
@@ -93,13 +93,13 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         Ready { fusion: self }
     }
 
-    /// The earliest instant at which a timer is due; tick then. Constant time.
+    /// The earliest instant at which a timer is due; none if no timer is armed. Tick then. Constant time.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.open.next_due()
     }
 
-    /// The greatest instant seen, at which all decisions so far were made.
+    /// The machine's clock: the greatest instant given so far.
     #[must_use]
     pub const fn now(&self) -> Instant {
         self.now
@@ -123,7 +123,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         self.open.len() == 0
     }
 
-    /// What an open timestamp knows.
+    /// The sets of an open timestamp; none if it is not open.
     #[must_use]
     pub fn slot(&self, timestamp: Timestamp) -> Option<Slot> {
         Some(self.open.entry(self.open.find(timestamp)?).slot)
@@ -137,24 +137,24 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         entry.slot.armed().contains(source).then(|| entry.due(source))
     }
 
-    /// The open timestamps and what they know, in ascending order.
+    /// The open timestamps and their sets, in ascending order.
     pub fn open(&self) -> impl Iterator<Item = (Timestamp, Slot)> {
         self.open.iter().map(|(timestamp, entry)| (timestamp, entry.slot))
     }
 
-    /// A cloud's gate.
+    /// A cloud's gate; none if the cloud is not registered.
     #[must_use]
     pub fn gate(&self, cloud: Priority) -> Option<Gate> {
         self.clouds.gate(self.clouds.source(cloud)?).copied()
     }
 
-    /// The source that has this priority; 0 is local.
+    /// The source with this priority; 0 is local. None if no cloud is registered with it.
     #[must_use]
     pub fn source(&self, priority: Priority) -> Option<Source> {
         self.clouds.source(priority)
     }
 
-    /// The priority of a source; local's for one that is not registered.
+    /// The priority of a source; 0 for one that is not registered.
     #[must_use]
     pub fn priority(&self, source: Source) -> Priority {
         self.clouds.priority(source)
@@ -172,7 +172,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         self.window
     }
 
-    /// When the best in hand goes.
+    /// The commit rule.
     #[must_use]
     pub const fn commit(&self) -> Commit {
         self.commit
@@ -319,7 +319,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> core::hash::Hash for Fusion<CLOUD
     }
 }
 
-/// An entry without the dues of timers that are not armed.
+/// An entry without the due instants of timers that are not armed.
 fn canonical<const CLOUDS: usize>(
     (timestamp, entry): (Timestamp, &Entry<CLOUDS>),
 ) -> (Timestamp, Slot, [Option<Instant>; Source::COUNT as usize]) {

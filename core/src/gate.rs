@@ -10,13 +10,13 @@ pub struct Gate {
 }
 
 impl Gate {
-    /// An open gate, or none unless `resume < limit`.
+    /// An open gate; none unless `resume < limit`.
     #[must_use]
     pub const fn new(limit: u64, resume: u64) -> Option<Self> {
         if resume < limit { Some(Self { limit, resume, shut: false }) } else { None }
     }
 
-    /// F2g: moves the gate by the length of the queue, without the message asked for, and says whether it is now open.
+    /// F2g: opens or shuts the gate by `backlog`, the queue's length without the message asked for; true if it is open now.
     pub const fn admits(&mut self, backlog: u64) -> bool {
         if self.shut {
             self.shut = backlog > self.resume;
@@ -26,7 +26,7 @@ impl Gate {
         !self.shut
     }
 
-    /// Whether the gate was left shut.
+    /// Whether the gate is shut.
     #[must_use]
     pub const fn is_shut(&self) -> bool {
         self.shut

@@ -1,14 +1,14 @@
-//! Where the values of held results wait, beside the machine.
+//! The values of held results, kept beside the machine.
 
 use crate::answer::{Firing, Outcome};
 use crate::priority::Priority;
 use crate::time::Timestamp;
 
-/// The values of held results: one for each open timestamp, that of its best, for up to `WINDOW` timestamps.
+/// The values of held results: for each of up to `WINDOW` open timestamps, the value of its best result.
 ///
-/// Only the best result in hand can ever be forwarded (P3), so a lesser one's value is dropped when a better one is
-/// held, and what is left when its timestamp is retired. Tell it every outcome and every firing, and nothing leaks.
-/// Each call looks at all `WINDOW` places at most twice.
+/// Only the best result in hand can ever be forwarded (P3), so a value is dropped as soon as a better result is held
+/// or its timestamp is retired. Give it every outcome and every firing, and nothing leaks. Each call looks at all
+/// `WINDOW` places at most twice.
 #[derive(Debug)]
 pub struct Held<V, const WINDOW: usize> {
     places: [Option<Place<V>>; WINDOW],
@@ -28,7 +28,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         Self { places: [const { None }; WINDOW] }
     }
 
-    /// F3: what became of a result and its value. Answers the value to be sent downstream, if it is forwarded.
+    /// F3: takes a result's value and its outcome. Returns the value to send downstream, if one is forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn result<const CLOUDS: usize>(
         &mut self,
@@ -54,7 +54,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         }
     }
 
-    /// F4: what became of a failure. Answers the value to be sent downstream, if one is forwarded.
+    /// F4: takes a failure's outcome. Returns the value to send downstream, if one is forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn failure<const CLOUDS: usize>(
         &mut self,
@@ -64,7 +64,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         self.settled(timestamp, outcome)
     }
 
-    /// F5: timers fired. Answers the value to be sent downstream, if one is forwarded.
+    /// F5: timers fired. Returns the value to send downstream, if one is forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn firing<const CLOUDS: usize>(&mut self, firing: &Firing<CLOUDS>) -> Option<V> {
         self.settled(firing.timestamp, &firing.outcome)
@@ -101,7 +101,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         }
     }
 
-    /// Keeps the better one of this and what is held for its timestamp.
+    /// Keeps the better of this one and what is held for its timestamp.
     fn hold(&mut self, new: Place<V>) {
         let is_same = |held: &Place<V>| held.timestamp == new.timestamp;
         if let Some(held) = self.places.iter_mut().flatten().find(|held| is_same(held)) {

@@ -61,7 +61,7 @@ impl<const CLOUDS: usize> Priorities<CLOUDS> {
     }
 }
 
-/// The priority of `source` where clouds have these, in ascending order.
+/// The priority of `source`; `of_clouds` are the clouds' priorities in ascending order.
 pub(crate) fn priority_of(of_clouds: &[Priority], source: Source) -> Priority {
     let cloud = usize::from(source.index()).checked_sub(1);
     cloud.and_then(|cloud| of_clouds.get(cloud)).copied().unwrap_or(Priority::LOCAL)

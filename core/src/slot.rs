@@ -1,4 +1,4 @@
-//! The heart: what one timestamp knows, and the pure step that decides about it (F2–F7).
+//! The heart: the four sets of one timestamp, and the pure step that decides about it (F2–F7).
 
 use crate::answer::{Admission, DropReason, OfferRefusal};
 use crate::gate::Gate;
@@ -39,7 +39,7 @@ pub enum Cause {
     Result(Source),
     /// No result will come (F4).
     Failure(Source),
-    /// These timers, all due at one instant, fired (F5). Those that are not armed count for nothing.
+    /// These timers, all due at one instant, fired (F5). Those that are not armed are ignored.
     Timers(Sources),
 }
 
@@ -49,7 +49,7 @@ pub enum Cause {
 pub enum Decision {
     /// The input was dropped and changed nothing.
     Dropped(DropReason),
-    /// The result is in hand, something pending outranks it.
+    /// The result is in hand, but something pending outranks it.
     Held,
     /// Requests were closed and something is still pending.
     Waiting,
@@ -64,7 +64,7 @@ pub enum Decision {
     Missed,
 }
 
-/// Why four sets are no state of a timestamp.
+/// Why four sets are not a state of a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum InvalidSlot {
     /// Local is not requested (F1).
@@ -97,7 +97,7 @@ impl core::fmt::Display for InvalidSlot {
 impl core::error::Error for InvalidSlot {}
 
 impl Slot {
-    /// A timestamp that is open no more: all sets empty. What comes for it is superseded or closed.
+    /// A timestamp that is no longer open: all sets empty. What comes for it is superseded or closed.
     pub const RETIRED: Self = Self {
         requested: Sources::EMPTY,
         pending: Sources::EMPTY,
@@ -105,7 +105,7 @@ impl Slot {
         cached: Sources::EMPTY,
     };
 
-    /// F1: a timestamp just opened, waiting for local; `limited` if a deadline was given for it.
+    /// F1: a timestamp just opened, waiting for local; `limited` if local has a deadline.
     #[must_use]
     pub const fn open(limited: bool) -> Self {
         let armed = if limited { Sources::LOCAL } else { Sources::EMPTY };
@@ -154,9 +154,9 @@ impl Slot {
         Ok(slot)
     }
 
-    /// F2, as far as one timestamp decides it: the state with `source` requested, and the reason to refuse instead.
+    /// F2, as far as the sets decide it: the state with `source` requested, or this one and the first reason to refuse.
     ///
-    /// The offer's deadline and the gate come after these reasons, as [`admit`](Self::admit) has it.
+    /// [`admit`](Self::admit) checks the offer's deadline and the gate after these reasons.
     #[must_use]
     pub fn offer(self, source: Source) -> (Self, Option<OfferRefusal>) {
         if !self.is_open() {
@@ -180,7 +180,7 @@ impl Slot {
 
     /// F2 for a registered cloud: the state with `source` requested, or this one and the first reason to refuse.
     ///
-    /// `gate` is the cloud's own. It is asked last, so that a request refused anyhow does not move it (F2g).
+    /// `gate` is the cloud's own. It is asked last, so that a request refused anyway does not move it (F2g).
     #[inline]
     pub fn admit(
         self,
@@ -219,25 +219,25 @@ impl Slot {
         !self.requested.is_empty()
     }
 
-    /// Asked for; local always is while the timestamp is open.
+    /// The sources that were asked; local is one as long as the timestamp is open.
     #[must_use]
     pub const fn requested(self) -> Sources {
         self.requested
     }
 
-    /// Asked for, and no result, failure or timer yet.
+    /// The sources that were asked and still owe a result: no result, failure or firing has come.
     #[must_use]
     pub const fn pending(self) -> Sources {
         self.pending
     }
 
-    /// Those whose timer is live.
+    /// The sources whose timer is live.
     #[must_use]
     pub const fn armed(self) -> Sources {
         self.armed
     }
 
-    /// Those whose result arrived in time and is held.
+    /// The sources whose result arrived in time and is held.
     #[must_use]
     pub const fn cached(self) -> Sources {
         self.cached
@@ -282,7 +282,7 @@ impl Slot {
         self.settle(commit, !fired.clouds().is_empty())
     }
 
-    /// The reasons of F3 and F4, in their order, that a timestamp knows of.
+    /// The first reason of F3 and F4 that the sets decide, if one holds.
     fn drops(self, source: Source) -> Option<DropReason> {
         if !self.is_open() {
             Some(DropReason::Superseded)
@@ -300,8 +300,8 @@ impl Slot {
 
     /// F6: some requests were closed; forward, miss or wait.
     ///
-    /// Once the last timer fired nothing outranks what is in hand: so local's result goes by then (P5), and a timestamp
-    /// opened with a deadline is retired by then (P7). Once local arrived, requests alone are awaited (P12).
+    /// Once the last timer has fired, nothing pending outranks what is in hand: so local's result goes by then (P5), and
+    /// a timestamp opened with a deadline is retired by then (P7). Once local has arrived, only clouds are awaited (P12).
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
         // F6: whatever the cause, the greatest in hand or none (P3).
         match self.cached.greatest() {

@@ -1,7 +1,7 @@
 //! The sources of results and sets of them.
 
 /// Where a result comes from: source 0 is the local computation, sources 1 to 15 are the configured
-/// clouds in ascending priority. So a greater source always outranks a lesser one.
+/// clouds in ascending priority. So the greater of two sources outranks the other.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Source(u8);
@@ -109,7 +109,7 @@ impl Sources {
     /// Whether some member outranks `source`.
     #[must_use]
     pub const fn any_above(self, source: Source) -> bool {
-        // The bits up to the source's own are all that a number no greater than them can have.
+        // Without a member above `source`, the number is at most that of all bits up to its own.
         self.0 > source.bit() | source.bit().wrapping_sub(1)
     }
 

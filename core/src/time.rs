@@ -1,9 +1,9 @@
-//! Points and stretches of time, and the counter that is neither.
+//! Instants, deadlines, and the logical counter of messages.
 
 /// A reading of one monotonic clock, in nanoseconds from any fixed start.
 ///
-/// All of `u64` is allowed. At the end of the range nothing wraps: dues saturate and a clock that reached
-/// [`Instant::END`] stays there (A14).
+/// All of `u64` is allowed. At the end of the range nothing wraps: due instants saturate, and a clock that has
+/// reached [`Instant::END`] stays there (A14).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -33,7 +33,7 @@ impl Instant {
         Self(self.0.saturating_add(deadline.0))
     }
 
-    /// The same where a deadline may start now: none if it would be over at once (A11).
+    /// The due instant of a deadline that starts now; none if it is not after now (A11).
     #[must_use]
     pub const fn due(self, deadline: Deadline) -> Option<Self> {
         let due = self.saturating_add(deadline);

@@ -16,8 +16,8 @@ use crate::survival::{Observation, Step, Survival};
 /// to wait for, so the deadline becomes local's response, before which waiting costs no time.
 ///
 /// A call that is given up at a short deadline cannot show that its result would have come soon after. So one message in
-/// `probe_every` waits as long as the cap allows. `WINDOW` ends of calls after a cloud went or came back, all that the
-/// policy knows is from after that, a probe at least among it.
+/// `probe_every` waits as long as the cap allows. `WINDOW` ends of calls after a cloud went or came back, the policy
+/// knows only what came after that, at least one probe included.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Expected<L, const WINDOW: usize = 64> {
     loss: L,
@@ -38,13 +38,13 @@ pub struct Choice {
 }
 
 impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
-    /// A policy that has seen no call yet, for a local computation that takes so long, in seconds.
+    /// A policy that has seen no call yet; `local_response` is how long local takes, in seconds.
     ///
-    /// One message in `probe_every` is a probe, the first of all among them. None is for a driver that lets calls run on
-    /// past their due instants and tells their true ends: there is nothing to probe then.
+    /// One message in `probe_every` is a probe, beginning with the first. Give none if the driver lets calls run on
+    /// past their due instants and reports their true ends: then there is nothing to probe.
     ///
     /// # Errors
-    /// If local's response is no time above 0, or `probe_every` is 0 or greater than `WINDOW`.
+    /// If local's response is not a time above 0, or `probe_every` is 0 or greater than `WINDOW`.
     pub fn new(
         loss: L,
         local_response: impl Into<Span>,
@@ -97,9 +97,9 @@ impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
 
 /// T3: the deadline of least mean loss, from local's least response to `cap`; of several the shortest.
 ///
-/// `local_response` is the least and the greatest. What is answered before the deadline is the cloud's, all else local's:
-/// at the deadline, or at local's greatest response if that is later. It looks at local's least response and at each step
-/// once, for a result that comes at its due instant is late: nothing lies between.
+/// `local_response` is the least and the greatest. A message answered before the deadline has the cloud's result, any other
+/// has local's: at the deadline, or at local's greatest response if that is later. Only local's least response and each
+/// step need a look, once: between two steps a longer deadline gains nothing.
 pub fn least_loss<'a, I: Iterator<Item = Observation> + 'a>(
     steps: Survival<'a, I>,
     local_response: (Duration, Duration),
@@ -128,7 +128,7 @@ pub fn least_loss<'a, I: Iterator<Item = Observation> + 'a>(
     best
 }
 
-/// The mean loss under `deadline`; `local_response` is the greatest.
+/// The mean loss under `deadline`; `local_response` is local's greatest.
 pub fn mean_loss<'a, I: Iterator<Item = Observation> + 'a>(
     steps: Survival<'a, I>,
     local_response: Duration,
@@ -142,7 +142,7 @@ pub fn mean_loss<'a, I: Iterator<Item = Observation> + 'a>(
 
 /// The mean loss, step by step.
 struct Means<F> {
-    /// Of what is in time, times its share.
+    /// The loss of results in time, times their share.
     in_time: f64,
     /// The share that is late.
     survival: f64,

@@ -10,7 +10,7 @@ use crate::span::Span;
 /// The longest deadline with which fusion never hits what local alone would not have hit: T2 of the crate's
 /// documentation, under its conditions. T4 is what it does not guarantee.
 ///
-/// Any shorter deadline keeps that guarantee, so whatever policy it [`caps`](Policy::caps) has it too.
+/// Any shorter deadline keeps that guarantee, so it also holds for every policy that the guard [`caps`](Policy::caps).
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Guard {
     parameters: Parameters,
@@ -19,11 +19,11 @@ pub struct Guard {
 /// What the guard found for a situation.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Assessment {
-    /// How long after capture local's results surely suffice to stop, in seconds; of the class that decides. No number
+    /// How long after capture local's results surely suffice to stop, in seconds, for the class that decides. NaN
     /// if nothing is known.
     pub budget_local: f64,
-    /// How long after capture the cloud's results may suffice to stop, in seconds; of the class that has longest. No
-    /// number if nothing is known.
+    /// How long after capture the cloud's results may suffice to stop, in seconds, for the class with the longest time.
+    /// NaN if nothing is known.
     pub budget_cloud: f64,
     /// The case.
     pub case: Case,
@@ -31,13 +31,13 @@ pub struct Assessment {
     pub deadline: Duration,
 }
 
-/// A class of hazards in a situation, in seconds after capture. What is no number decides nothing.
+/// A class of hazards in a situation, in seconds after capture. NaN decides nothing.
 struct Sight {
-    /// Local's results by then surely suffice to stop.
+    /// Until when local's results surely suffice to stop.
     local: f64,
-    /// Local's results from then on surely do not suffice.
+    /// From when on local's results surely do not suffice.
     lost: f64,
-    /// The cloud's results until then may suffice.
+    /// Until when the cloud's results may suffice.
     cloud: f64,
 }
 
@@ -73,12 +73,12 @@ impl Guard {
         let (case, deadline) = match stops {
             _ if is_unsure => (Case::Unsure, local_response.least),
             Some(stops) => {
-                // At rest there is no end of time, and none is needed for a margin.
+                // At rest time has no end, and no margin is needed.
                 let spared =
                     if stops.is_finite() { margin / situation.speed.greatest } else { 0.0 };
                 (Case::LocalStops, local_response.greatest.max(stops - lateness - spared))
             }
-            // A result that is held goes at its due instant and the lateness after it, at the latest.
+            // A held result goes no later than its due instant and the lateness.
             None if cloud - lateness > local_response.least => (Case::CloudAlone, cloud - lateness),
             // T1: with local's least response no output is later than local's own.
             None => (Case::Unsure, local_response.least),
@@ -111,7 +111,7 @@ impl Guard {
         let time = |range: f64, speed: f64, deceleration: f64, brake_delay: f64, frames: f64| {
             range / speed - speed / (2.0 * deceleration) - brake_delay - frames
         };
-        // The range may begin just after a frame, so one frame more than those that report may be needed.
+        // The obstacle may come into range just after a frame, so one more frame may be needed.
         let local = time(
             range_local.least.min(reveal),
             speed.greatest,
@@ -122,8 +122,8 @@ impl Guard {
         let at_best = |range: f64, frames: f64| {
             time(range, speed.least, deceleration.greatest, brake_delay.least, frames)
         };
-        // Not capped by `reveal`: what came into sight a frame ago did so further away, and local may be about to stop for
-        // it, though it would not for what comes into sight from now on.
+        // Not capped by `reveal`: what came into sight a frame ago did so further away, and local may be about to stop
+        // for it, though not for what comes into sight from now on.
         let lost = at_best(range_local.greatest, (frames - 1.0) * period_local.least);
         let cloud = at_best(range_cloud.greatest.min(reveal), frames * period_cloud.least);
         Sight { local, lost, cloud }
@@ -139,11 +139,11 @@ impl Policy for Guard {
     fn ended(&mut self, _: End) {}
 }
 
-/// The speed and the nearest place behind which something may be; none if a figure is none.
+/// The speed, and the distance to the nearest place behind which something may be; none if either is not a number.
 pub(crate) fn known(situation: &Situation<'_>) -> Option<(Span, f64)> {
     let reveal = situation.reveal.unwrap_or(f64::INFINITY);
     let is_known = situation.speed.is_sound() && situation.speed.least >= 0.0 && reveal >= 0.0;
     let Span { least, greatest } = situation.speed;
-    // -0 is at rest as well, but what is divided by it has the other sign.
+    // -0 is also at rest, but dividing by it gives the other sign.
     is_known.then_some((Span::new(least.abs(), greatest.abs()), reveal))
 }

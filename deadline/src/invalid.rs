@@ -1,29 +1,29 @@
-//! Why a policy is not made.
+//! Why a policy cannot be made.
 
 use core::error::Error;
 use core::fmt::{self, Display, Formatter};
 
 use crate::parameters::Classes;
 
-/// Why figures make no policy. Nothing is refused later.
+/// Why there is no policy with these figures. Nothing is refused later.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Invalid {
-    /// An end is infinite or no number, or the least is above the greatest.
+    /// An end is infinite or not a number, or the least is above the greatest.
     Span(Figure),
-    /// It must be above 0, at its least too.
+    /// The figure must be above 0, even at its least.
     NotAbove0(Figure),
-    /// It must not be below 0.
+    /// The figure must not be below 0.
     Below0(Figure),
-    /// The planner must want at least one frame.
+    /// The planner must need at least one frame.
     NoFrames,
     /// The number of classes of hazards given; there must be at least one, and at most [`Classes::MOST`].
     Classes(usize),
-    /// The cloud sees some class less far than local: its result in time would hide what local reports, so no deadline
-    /// is safe.
+    /// The cloud sees some class from less far than local: its result in time would hide what local reports, so no
+    /// deadline is safe.
     CloudSeesLess,
-    /// A window of so many calls does not hold one probe of each round; see [`Expected::new`](crate::Expected::new).
+    /// The calls remembered need not include a probe; see [`Expected::new`](crate::Expected::new).
     Probes {
-        /// One message in so many was to be a probe.
+        /// One message in this many was to be a probe.
         every: u32,
         /// The calls that are remembered.
         window: usize,

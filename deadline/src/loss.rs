@@ -1,4 +1,4 @@
-//! What an output costs, by whose it is and when it comes.
+//! What an output costs, by its source and when it comes.
 
 use core::time::Duration;
 
@@ -6,9 +6,9 @@ use crate::guard::{Guard, known};
 use crate::parameters::{Hazard, Parameters};
 use crate::policy::Situation;
 
-/// What it costs that this source answers so long after capture. Any unit; less is better.
+/// What an output of a source costs at a time after capture. In any unit; less is better.
 ///
-/// A function of the same form is a loss too. Where it is no number, no deadline is chosen for its sake.
+/// A function of the same form is a loss too. Where it is not a number, no deadline is chosen for its sake.
 pub trait Loss {
     /// The loss of one message.
     fn loss(&self, situation: &Situation<'_>, source: Source, response: Duration) -> f64;
@@ -35,7 +35,7 @@ pub struct Impact {
 pub struct Accuracy {
     /// Local's accuracy, such as its AP.
     pub local: f64,
-    /// The cloud's.
+    /// The cloud's accuracy.
     pub cloud: f64,
     /// What a millisecond costs, in the unit of accuracy.
     pub price_per_ms: f64,

@@ -7,20 +7,20 @@ use crate::survival::Observation;
 
 /// The ends of the last `WINDOW` calls, in fixed memory, sorted for [`Survival`](crate::Survival).
 ///
-/// Nothing older has any effect, so `WINDOW` calls after a network changed it is known as it is now.
+/// Nothing older has any effect: `WINDOW` calls after a network changed, only its new state is known.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Observations<const WINDOW: usize> {
-    /// Sorted; those from `len` on mean nothing.
+    /// Sorted; entries from `len` on mean nothing.
     calls: [Call; WINDOW],
     len: usize,
-    /// How many calls ended before the next.
+    /// How many calls have ended so far.
     ended: u64,
 }
 
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Call {
     observation: Observation,
-    /// How many calls ended before it.
+    /// How many calls ended before this one.
     number: u64,
 }
 
@@ -34,11 +34,11 @@ impl<const WINDOW: usize> Observations<WINDOW> {
         Self { calls: [Call { observation: NONE, number: 0 }; WINDOW], len: 0, ended: 0 }
     }
 
-    /// Remembers how a call ended, and forgets the one `WINDOW` calls ago. Its cost is that of `WINDOW` comparisons.
+    /// Remembers how a call ended, and forgets the one `WINDOW` calls ago. It costs `WINDOW` comparisons.
     pub fn add(&mut self, end: End) {
         let (response, is_answered) = match end {
             End::Answered(response) => (response, true),
-            // T5: seen until then and no longer.
+            // T5: it was seen until then and no longer.
             End::Censored(age) => (age, false),
             // It was seen to its end: no result will ever come.
             End::Failed(_) => (Duration::MAX, false),
@@ -55,7 +55,7 @@ impl<const WINDOW: usize> Observations<WINDOW> {
         self.ended = self.ended.wrapping_add(1);
     }
 
-    /// What is remembered, in the order that [`Survival`](crate::Survival) wants.
+    /// What is remembered, in the order that [`Survival`](crate::Survival) needs.
     #[must_use]
     pub fn sorted(&self) -> impl ExactSizeIterator<Item = Observation> + Clone {
         let calls = self.calls.get(..self.len).unwrap_or_default();

@@ -5,13 +5,13 @@ use crate::span::Span;
 
 /// The vehicle, its sources and the hazards, in metres and seconds.
 ///
-/// Whatever is not known exactly is a [`Span`]; its side that keeps the guarantee is taken. The default is the vehicle
-/// of the traffic jam, whose figures are given with each.
+/// A figure that is not known exactly is a [`Span`], of which the end that keeps the guarantee counts. The default is the
+/// vehicle of the traffic jam; each field names its figure.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Parameters {
     /// Full braking, in m/s²; 7.5.
     pub deceleration: Span,
-    /// From the decision to brake until the brakes bite, in seconds; 0.1.
+    /// From the decision to brake until the brakes act, in seconds; 0.1.
     pub brake_delay: Span,
     /// How many frames in a row must report an obstacle before the vehicle brakes; 3.
     pub frames: u32,
@@ -25,16 +25,16 @@ pub struct Parameters {
     /// How much later than capture + deadline an output may leave, in seconds: late timers, and the time from capture
     /// until the request is made if the deadline counts from there. 0.005.
     pub lateness: f64,
-    /// What is to be left in front of an obstacle where local alone stops anyway, in metres; 2.
+    /// The distance to keep from an obstacle where local alone stops anyway, in metres; 2.
     pub margin: f64,
     /// What may be on the road; one class, which local sees from 39 m on and the cloud from 57 m on.
     pub classes: Classes,
 }
 
-/// A class of hazards, such as motorcycles that stand.
+/// A class of hazards, such as standing motorcycles.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Hazard {
-    /// How much it counts among the classes, above 0; for losses alone, since a guarantee counts none less.
+    /// How much it counts among the classes, above 0; only for losses, since a guarantee counts all classes alike.
     pub weight: f64,
     /// How far away local begins to report it, in metres.
     pub range_local: Span,
@@ -50,7 +50,7 @@ pub struct Classes {
 }
 
 impl Parameters {
-    /// Looks at every figure.
+    /// Checks every figure.
     pub(crate) fn check(&self) -> Result<(), Invalid> {
         above_0(Figure::Deceleration, self.deceleration)?;
         not_below_0(Figure::BrakeDelay, self.brake_delay)?;
@@ -105,7 +105,7 @@ impl Classes {
     /// How many classes there may be.
     pub const MOST: usize = 8;
 
-    /// These classes, in whatever order.
+    /// These classes, in any order.
     ///
     /// # Errors
     /// [`Invalid::Classes`] if there are none or too many.

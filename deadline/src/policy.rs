@@ -1,4 +1,4 @@
-//! What every policy answers and is told.
+//! What every policy answers and what it learns.
 
 use core::time::Duration;
 
@@ -7,18 +7,18 @@ use crate::span::Span;
 /// Chooses the deadlines of one cloud's requests.
 ///
 /// Keep one policy for each cloud. Ask it once for each message that is about to be sent, give the deadline to the
-/// machine, and tell it how each call ended. It needs no clock, allocates nothing and never fails.
+/// machine, and report to it how each call ended. It needs no clock, allocates nothing and never fails.
 pub trait Policy {
     /// The deadline of the request that is about to be made, counted from the capture of its message, and at most `cap`.
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen;
 
-    /// A call has ended so.
+    /// A call has ended.
     fn ended(&mut self, end: End);
 
     /// This policy's deadline as the cap of another's.
     ///
-    /// A cap is handed down rather than cut off afterwards: what is best below a cap may lie far below what is best
-    /// without.
+    /// The policy gets the cap rather than being cut off at it: the best deadline under a cap may be far below the best
+    /// one without.
     fn caps<P: Policy>(self, policy: P) -> Capped<Self, P>
     where
         Self: Sized,
@@ -32,33 +32,33 @@ pub trait Policy {
 pub struct Situation<'a> {
     /// The vehicle's speed from this message's capture until it could brake for it, in m/s.
     ///
-    /// With a span that is no speed, not a number or below 0 perhaps, nothing is known, and nothing is risked.
+    /// If the span is not a speed, for example not a number or below 0, nothing is known and nothing is risked.
     pub speed: Span,
     /// The distance to the nearest place from which something may have come or may come into sight, in metres, if that
     /// is known: a corner, a parked van. A place counts until [`frames`](crate::Parameters::frames) frames after
     /// whatever is behind it is in sight.
     pub reveal: Option<f64>,
-    /// How old each call under way is, the oldest first. It may be left out; policies then see an outage later.
+    /// The age of each call under way, the oldest first. It may be left empty; policies then see an outage later.
     pub under_way: &'a [Duration],
 }
 
 /// How a call ended, and how long after the capture of its message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum End {
-    /// Its result came then, in time or late.
+    /// Its result came at this age, in time or late.
     Answered(Duration),
-    /// It failed then: no result will come.
+    /// It failed at this age: no result will come.
     Failed(Duration),
-    /// It was given up then, by its timer or because its timestamp was retired: its result would have come later.
+    /// It was given up at this age, by its timer or because its timestamp was retired: its result would have come later.
     Censored(Duration),
 }
 
-/// A deadline, and why it is that one.
+/// A deadline, and why it was chosen.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Chosen {
     /// The deadline.
     pub deadline: Duration,
-    /// Why it is that one.
+    /// Why it was chosen.
     pub reason: Reason,
 }
 
@@ -69,14 +69,14 @@ pub enum Reason {
     Constant,
     /// The guard allows no more.
     Guard(Case),
-    /// It costs least, by what was observed: the mean loss is this.
+    /// It costs least, by what was observed.
     Expected {
         /// The mean loss of a message.
         loss: f64,
     },
     /// This message waits as long as allowed, to see what longer deadlines would bring.
     Probe,
-    /// The cap that was handed in is in force.
+    /// The cap is in force.
     Cap,
 }
 
@@ -103,7 +103,7 @@ pub struct Capped<C, P> {
 }
 
 impl Situation<'_> {
-    /// A vehicle at `speed`, in m/s, of which no more is known.
+    /// A vehicle at `speed`, in m/s, with nothing else known.
     #[must_use]
     pub fn at(speed: impl Into<Span>) -> Self {
         Self { speed: speed.into(), reveal: None, under_way: &[] }
@@ -111,7 +111,7 @@ impl Situation<'_> {
 }
 
 impl Chosen {
-    /// The deadline, or the cap where that is shorter.
+    /// The deadline, or the cap if that is shorter.
     pub(crate) fn within(cap: Duration, deadline: Duration, reason: Reason) -> Self {
         if deadline <= cap {
             Self { deadline, reason }
@@ -164,7 +164,7 @@ impl Case {
     }
 }
 
-/// The nanoseconds in so many seconds, rounded down: 0 for what is no time, the most there is for what is too long.
+/// A number of seconds as a duration, rounded down to nanoseconds: 0 if it is not a time, the longest if it is too long.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

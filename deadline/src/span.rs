@@ -1,8 +1,8 @@
-//! What is known of a figure.
+//! A figure that may not be known exactly.
 
 /// A figure that is not known exactly: no less than one number and no more than another.
 ///
-/// Both are in the unit that the figure's owner tells. Whoever takes one refuses those that are not in order.
+/// Both are in the unit given where the span is used. A span whose ends are not in order is refused there.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Span {
     /// What the figure is at least.

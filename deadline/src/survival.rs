@@ -3,22 +3,22 @@
 use core::iter::Peekable;
 use core::time::Duration;
 
-/// Calls that were seen until the same age.
+/// Calls seen until the same age.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Observation {
     /// The age, counted from the capture of the message.
     pub response: Duration,
-    /// Whether the results came then; otherwise they had not come until then, and nothing more is known.
+    /// Whether the results came at that age; otherwise they had not come by then, and nothing more is known.
     pub is_answered: bool,
     /// How many calls.
     pub count: u64,
 }
 
-/// The estimate of Kaplan and Meier: which share of calls is not answered by when, though some are known only not to
-/// have been answered by an age. Gives a step for each distinct response, in ascending order.
+/// The estimate of Kaplan and Meier: the share of calls not answered by an age, where some calls are known only not to
+/// have been answered by some age. Gives a step for each distinct response, in ascending order.
 ///
-/// Neither fast nor lost: a call that was given up counts as long as it was seen, then no more. Of calls that were
-/// answered and given up at the same age, those that were given up are counted as not answered by it.
+/// A call that was given up is neither fast nor lost: it counts as long as it was seen. Of calls that were answered and
+/// given up at the same age, those given up count as not answered by that age.
 #[derive(Clone, Debug)]
 pub struct Survival<'a, I: Iterator<Item = Observation>> {
     sorted: Peekable<I>,
@@ -33,14 +33,14 @@ pub struct Survival<'a, I: Iterator<Item = Observation>> {
 pub struct Step {
     /// The response.
     pub response: Duration,
-    /// The share of calls that is answered exactly then.
+    /// The share of calls answered exactly then.
     pub mass: f64,
-    /// The share of calls that is not answered by then.
+    /// The share of calls not answered by then.
     pub survival: f64,
 }
 
 impl Observation {
-    /// The order that [`Survival`] wants: by response, those answered before those given up.
+    /// The order that [`Survival`] needs: by response, answered calls before those given up.
     #[must_use]
     pub const fn key(&self) -> (Duration, bool) {
         (self.response, !self.is_answered)
@@ -49,7 +49,7 @@ impl Observation {
 
 impl<'a, I: Iterator<Item = Observation> + Clone> Survival<'a, I> {
     /// The estimate from observations in the order of their [`key`](Observation::key) and from the ages of the calls
-    /// under way, the oldest first. In another order it is some other estimate.
+    /// under way, the oldest first. In any other order the estimate is wrong.
     pub fn new(sorted: I, under_way: &'a [Duration]) -> Self {
         let counts = sorted.clone().map(|observation| observation.count);
         let at_risk = counts.fold(under_way.len() as u64, u64::saturating_add);

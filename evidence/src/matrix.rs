@@ -80,6 +80,9 @@ impl Matrix {
     pub fn build(tree: &Tree) -> Result<Self, Error> {
         let faults = fault::load(tree)?;
         let mut wrong = Vec::new();
+        for fault in &faults {
+            wrong.extend(fault.seed(&tree.text(&fault.file)?).err().map(|error| error.to_string()));
+        }
         let mut stale = Vec::new();
         let mut records = Vec::new();
         for kind in KINDS {

@@ -70,7 +70,7 @@ impl Tree {
         for name in self.files(&with)?.into_iter().filter(|name| !is_without(name)) {
             let path = self.path(&name);
             let mut content = fs::read(&path).map_err(Error::file(&path))?;
-            if name.ends_with(".rs") {
+            if path.extension().is_some_and(|extension| extension == "rs") {
                 content = code(&content);
             }
             digest.update(name.len().to_le_bytes());

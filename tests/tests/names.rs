@@ -11,19 +11,8 @@ use serde::Deserialize;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// The libraries whose names others meet: what is published, and the models.
-const LIBRARIES: [&str; 10] = [
-    "core",
-    "traces",
-    "kit",
-    "deadline",
-    "models",
-    "adapters/arbiter",
-    "adapters/operator",
-    "adapters/threads",
-    "adapters/tokio",
-    "adapters/ros2",
-];
+/// The libraries whose names others meet: what is published, and the models. Every adapter is one.
+const LIBRARIES: [&str; 5] = ["core", "traces", "kit", "deadline", "models"];
 
 /// A type, with its name. What is `pub` is reached from outside: the lint `unreachable_pub` sees to it.
 static TYPE: LazyLock<Regex> = LazyLock::new(|| {
@@ -61,7 +50,18 @@ fn defined(text: &str) -> impl Iterator<Item = &str> {
     types.chain(of_table)
 }
 
-fn sources(library: &str) -> impl Iterator<Item = PathBuf> {
+fn libraries() -> impl Iterator<Item = String> {
+    let adapters = fs::read_dir(Path::new(ROOT).join("adapters")).expect("there are adapters");
+    let folders = adapters.map(|entry| entry.expect("a readable folder").path());
+    let libraries = folders.filter(|path| path.join("src/lib.rs").is_file());
+    let names = libraries.map(|path| {
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        format!("adapters/{name}")
+    });
+    LIBRARIES.map(str::to_owned).into_iter().chain(names)
+}
+
+fn sources(library: &str) -> impl Iterator<Item = PathBuf> + use<> {
     let folder = Path::new(ROOT).join(library).join("src");
     assert!(folder.join("lib.rs").is_file(), "{library} is no library");
     let files = WalkBuilder::new(folder).require_git(false).build();
@@ -74,7 +74,7 @@ fn sources(library: &str) -> impl Iterator<Item = PathBuf> {
 
 fn names() -> Names {
     let mut names = Names::new();
-    for path in LIBRARIES.iter().flat_map(|library| sources(library)) {
+    for path in libraries().flat_map(|library| sources(&library)) {
         let text = fs::read_to_string(&path).expect("UTF-8");
         let place = path.strip_prefix(ROOT).expect("below the root").display().to_string();
         for name in defined(&text) {

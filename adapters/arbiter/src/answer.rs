@@ -1,11 +1,11 @@
-//! What the machine answers, and the decisions that a trace has for it.
+//! The machine's answers, and the decisions that a trace has for them.
 
 use fuseline_core::{Admission, Firing, Opening, Outcome, Priority};
 use fuseline_traces::Decision;
 
 use crate::reason::{drop_reason, offer_refusal, open_refusal};
 
-/// An input's own answer, with what the input was about. `p` is any number, as in a trace (A18).
+/// The answer to one input, with what the input was about. `p` is any number, as in a trace (A18).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[must_use = "a forwarded result must be sent and a missed timestamp reported"]
 pub enum Answer<const CLOUDS: usize> {
@@ -43,12 +43,12 @@ pub enum Answer<const CLOUDS: usize> {
         /// What became of it.
         outcome: Outcome<CLOUDS>,
     },
-    /// A tick has none of its own.
+    /// A tick, which has no answer of its own.
     Tick,
 }
 
 impl<const CLOUDS: usize> Answer<CLOUDS> {
-    /// Gives the decisions of the trace to `decide`, in their order; `at` is when it was answered.
+    /// Gives the trace's decisions to `decide`, in order; `at` is the instant of the answer, in ns.
     pub fn decisions(&self, at: u64, mut decide: impl FnMut(Decision)) {
         match *self {
             Self::Open { opening: Opening::Accepted, .. } | Self::Tick => {}
@@ -68,7 +68,7 @@ impl<const CLOUDS: usize> Answer<CLOUDS> {
     }
 }
 
-/// Gives the decisions of the trace that a firing (F5) leads to; `at` is when it was served.
+/// Gives the trace's decisions for a firing (F5) to `decide`; `at` is when it was served, in ns.
 pub fn decisions_of<const CLOUDS: usize>(
     at: u64,
     firing: &Firing<CLOUDS>,
@@ -78,7 +78,7 @@ pub fn decisions_of<const CLOUDS: usize>(
     for p in firing.timers.iter() {
         decide(Decision::Timer { at, t, p: number(p) });
     }
-    // Timers are never dropped and bring nothing to hold, so that no decision is about a source.
+    // A firing is never dropped or held, so no decision names a source.
     conclude(at, t, 0, &firing.outcome, decide);
 }
 

@@ -13,11 +13,11 @@ use fuseline_traces::{Decision, Header, Input};
 pub use answer::{Answer, decisions_of};
 pub use reason::{drop_reason, offer_refusal, open_refusal};
 
-/// One operator's machine, asked in the numbers of a trace and answering in the core's types.
+/// One operator's machine: takes the numbers of a trace, answers in the core's types.
 ///
-/// Instants and durations are nanoseconds. Each input first gives every firing (F5), as it fires
-/// and with the instant at which it is served, to `fired`. The default capacities hold whatever a
-/// [`Header`] may ask for. Two are equal if their machines are.
+/// Instants and durations are nanoseconds. Each input first gives every firing (F5) to `fired`, with
+/// the instant at which it is served. The default capacities suffice for any [`Header`]. Two arbiters
+/// are equal if their machines are.
 ///
 /// - constructor: [`new`](Self::new)
 /// - inputs: [`open`](Self::open), [`offer`](Self::offer), [`result`](Self::result),
@@ -26,15 +26,15 @@ pub use reason::{drop_reason, offer_refusal, open_refusal};
 /// - questions: [`next_due`](Self::next_due), [`now`](Self::now), [`fusion`](Self::fusion)
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Arbiter<const CLOUDS: usize = 15, const WINDOW: usize = 1024> {
-    /// Boxed: the greatest has 185 KiB.
+    /// Boxed: the largest takes 185 KiB.
     fusion: Box<Fusion<CLOUDS, WINDOW>>,
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
-    /// A machine so configured, with nothing open.
+    /// A machine with this configuration and nothing open.
     ///
     /// # Errors
-    /// Why the configuration is refused.
+    /// The first [`ConfigError`] that holds.
     pub fn new(header: &Header) -> Result<Self, ConfigError> {
         let cloud = |cloud: &trace::Cloud| Cloud {
             priority: Priority::new(cloud.p),
@@ -72,7 +72,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         let mut ready = self.ready(at, fired);
         match priority(p) {
             Some(p) => ready.offer(Timestamp::new(t), p, Deadline::from_nanos(deadline), backlog),
-            // F2 unknown: what does not fit 16 bits cannot be registered.
+            // F2 unknown: a priority beyond 16 bits cannot be registered.
             None => Admission::Refused(OfferRefusal::Unknown),
         }
     }
@@ -145,13 +145,13 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         answer.decisions(self.now(), decide);
     }
 
-    /// The earliest instant at which a timer is due; tick then.
+    /// The earliest instant, in ns, at which a timer is due; none if no timer is armed. Tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.fusion.next_due().map(Instant::as_nanos)
     }
 
-    /// The machine's clock, the instant of the latest decisions.
+    /// The machine's clock, in ns.
     #[must_use]
     pub fn now(&self) -> u64 {
         self.fusion.now().as_nanos()
@@ -163,7 +163,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         &self.fusion
     }
 
-    /// The machine with nothing due any more.
+    /// The machine, with everything due by `at` fired.
     fn ready(
         &mut self,
         at: u64,

@@ -47,6 +47,14 @@
 #define FUSELINE_CAST(type, value) ((type)(value))
 #endif
 
+#if defined(__cplusplus)
+#define FUSELINE_ALIGNED(bytes) alignas(bytes)
+#elif defined(__GNUC__)
+#define FUSELINE_ALIGNED(bytes) __attribute__((aligned(bytes)))
+#else
+#define FUSELINE_ALIGNED(bytes) _Alignas(bytes)
+#endif
+
 /**
  * The version of this interface. A library refuses a header of another one.
  */
@@ -76,6 +84,16 @@
  * Those for each timestamp and cloud.
  */
 #define FUSELINE_BYTES_A_TIMER 8
+
+/**
+ * Of the bytes that the storage of a machine for many threads takes: those that each machine takes.
+ */
+#define FUSELINE_SHARED_BYTES 256
+
+/**
+ * Those for each cloud.
+ */
+#define FUSELINE_SHARED_BYTES_A_CLOUD 128
 
 /**
  * What a call says of itself. From FUSELINE_STATUS_NULL on it was wrong and changed nothing.
@@ -674,8 +692,8 @@ FUSELINE_CHECKED const char *fuseline_outcome_name(uint32_t outcome);
 FUSELINE_CHECKED const char *fuseline_reason_name(uint32_t reason);
 
 /**
- * How many bytes of storage a machine for many threads takes in this library; 0 if it does not hold the capacity.
- * Align it to 64 bytes.
+ * How many bytes of storage, aligned to 64, a machine for many threads takes in this library; 0 if it does not hold the
+ * capacity.
  */
 size_t fuseline_shared_bytes(uint32_t capacity);
 
@@ -791,6 +809,14 @@ typedef FUSELINE_STORAGE(1, 4) fuseline_storage_c1w4;
 typedef FUSELINE_STORAGE(3, 16) fuseline_storage_c3w16;
 typedef FUSELINE_STORAGE(7, 64) fuseline_storage_c7w64;
 typedef FUSELINE_STORAGE(15, 1024) fuseline_storage_c15w1024;
+
+/* The same for a machine for many threads, for fuseline_shared_init; aligned to 64 bytes (from C11 on, or by GCC or clang). */
+#define FUSELINE_SHARED_STORAGE_BYTES(clouds, window) \
+  (FUSELINE_SHARED_BYTES + (FUSELINE_SHARED_BYTES_A_CLOUD * (clouds)) + \
+   ((window) * ((((8 * (clouds)) + 87) / 64) * 64)))
+
+#define FUSELINE_SHARED_STORAGE(clouds, window) \
+  struct { FUSELINE_ALIGNED(64) uint64_t opaque[FUSELINE_SHARED_STORAGE_BYTES((clouds), (window)) / 8]; }
 
 /* The sizes of what crosses the border, as this compiler lays them out. */
 #define FUSELINE_LAYOUT \

@@ -8,10 +8,11 @@
 
 use core::ffi::{c_char, c_void};
 
+use crate::head::place;
 use crate::inputs::{Asked, Inputs};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
-use crate::storage::{self, CMachine, check};
+use crate::storage::{self, CMachine};
 
 /// The version of the library: FUSELINE_ABI where its header fits.
 #[unsafe(no_mangle)]
@@ -37,20 +38,9 @@ pub unsafe extern "C" fn fuseline_init(
     config: *const CConfig,
     machine: *mut *mut CMachine,
 ) -> CStatus {
-    if let Err(status) = check(machine) {
-        return status;
-    }
-    let distance = machine.addr().wrapping_sub(storage.addr());
-    if distance < bytes || distance.wrapping_neg() < size_of::<*mut CMachine>() {
-        return CStatus::Overlap;
-    }
-    // SAFETY: the header asks for a readable configuration and a storage of that many bytes.
-    match unsafe { storage::make(storage, bytes, config) } {
-        Ok(made) => {
-            // SAFETY: not null, aligned, and the header asks that it may be written.
-            unsafe { machine.write(made) };
-            CStatus::Done
-        }
+    // SAFETY: as the header asks.
+    match unsafe { storage::make(storage, bytes, config, machine) } {
+        Ok(()) => CStatus::Done,
         Err(status) => status,
     }
 }
@@ -59,7 +49,7 @@ pub unsafe extern "C" fn fuseline_init(
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_end(machine: *mut CMachine) -> CStatus {
-    // SAFETY: the header asks for a machine, or bytes that may be read as one.
+    // SAFETY: as the header asks.
     match unsafe { storage::end(machine) } {
         Ok(()) => CStatus::Done,
         Err(status) => status,
@@ -218,9 +208,6 @@ pub extern "C" fn fuseline_reason_name(reason: u32) -> *const c_char {
 #[expect(clippy::inline_always, reason = "a tenth of what the border costs")]
 #[inline(always)]
 unsafe fn input(machine: *mut CMachine, now: u64, asked: Asked, answer: *mut CAnswer) -> CStatus {
-    if let Err(status) = check(answer) {
-        return status;
-    }
     let call = |inputs: &mut dyn Inputs| {
         // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
         unsafe { answer.write(CAnswer::EMPTY) };
@@ -229,7 +216,7 @@ unsafe fn input(machine: *mut CMachine, now: u64, asked: Asked, answer: *mut CAn
         inputs.ask(now, asked, answer)
     };
     // SAFETY: as the header asks.
-    let entered = unsafe { storage::enter(machine, (answer.cast(), size_of::<CAnswer>()), call) };
+    let entered = unsafe { storage::enter(machine, &[place(answer)], call) };
     entered.unwrap_or_else(|status| status)
 }
 
@@ -242,9 +229,6 @@ unsafe fn question<T>(
     answer: *mut T,
     ask: impl FnOnce(&mut dyn Inputs) -> Option<T>,
 ) -> CStatus {
-    if let Err(status) = check(answer) {
-        return status;
-    }
     let call = |inputs: &mut dyn Inputs| {
         let Some(found) = ask(inputs) else { return CStatus::None };
         // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
@@ -252,6 +236,6 @@ unsafe fn question<T>(
         CStatus::Done
     };
     // SAFETY: as the header asks.
-    let entered = unsafe { storage::enter(machine, (answer.cast(), size_of::<T>()), call) };
+    let entered = unsafe { storage::enter(machine, &[place(answer)], call) };
     entered.unwrap_or_else(|status| status)
 }

@@ -4,6 +4,9 @@
 #[cfg(test)]
 extern crate std;
 
+#[cfg(feature = "threads")]
+mod hall;
+mod head;
 mod inputs;
 mod names;
 mod plain;
@@ -15,10 +18,13 @@ pub mod cost;
 #[cfg(feature = "threads")]
 pub mod shared;
 
+#[cfg(feature = "threads")]
+pub use hall::CShared;
 pub use plain::{
     CAnswer, CCapacity, CCloud, CCommit, CConfig, CMessage, COutcome, CReason, CState, CStatus,
     CTicket, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
-    FUSELINE_BYTES_A_TIMESTAMP, FUSELINE_SOURCES,
+    FUSELINE_BYTES_A_TIMESTAMP, FUSELINE_SHARED_BYTES, FUSELINE_SHARED_BYTES_A_CLOUD,
+    FUSELINE_SOURCES,
 };
 pub use storage::CMachine;
 

@@ -14,6 +14,11 @@ pub const FUSELINE_BYTES_A_TIMESTAMP: usize = 96;
 /// Those for each timestamp and cloud.
 pub const FUSELINE_BYTES_A_TIMER: usize = 8;
 
+/// Of the bytes that the storage of a machine for many threads takes: those that each machine takes.
+pub const FUSELINE_SHARED_BYTES: usize = 256;
+/// Those for each cloud.
+pub const FUSELINE_SHARED_BYTES_A_CLOUD: usize = 128;
+
 /// What a call says of itself. From FUSELINE_STATUS_NULL on it was wrong and changed nothing.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -1,28 +1,27 @@
 //! A machine in its caller's storage, and the one way into it.
 
 use core::ffi::c_void;
-use core::ptr::{addr_of_mut, null_mut};
-use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
+use core::ptr::addr_of_mut;
+use core::sync::atomic::{Ordering, compiler_fence};
 
-use fuseline_core::{Cloud, Commit, ConfigError, Fusion, Gate, Priority};
+use fuseline_core::{Cloud, Fusion};
 
+use crate::head::{Head, Kind, NO_CLOUDS, Written, asked, rule, status_of};
 use crate::inputs::Inputs;
 use crate::plain::{
-    CCloud, CCommit, CConfig, CStatus, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD,
-    FUSELINE_BYTES_A_TIMER, FUSELINE_BYTES_A_TIMESTAMP, LAYOUT,
+    CConfig, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
+    FUSELINE_BYTES_A_TIMESTAMP,
 };
 
 /// What a machine's storage begins with. Opaque to the caller.
 #[repr(C, align(8))]
 #[derive(Debug)]
 pub struct CMachine {
-    /// The seal of the address at which it was initialised: a copy of the bytes elsewhere is no machine.
-    seal: u64,
-    /// The bytes that belong to it.
-    bytes: usize,
-    capacity: u32,
-    /// 1 while a call is under way.
-    busy: AtomicU32,
+    head: Head,
+}
+
+impl Kind for CMachine {
+    const SEAL: u64 = 0x4675_7365_6c69_6e65; // "Fuseline"
 }
 
 /// The whole storage.
@@ -31,11 +30,6 @@ struct Room<const CLOUDS: usize, const WINDOW: usize> {
     head: CMachine,
     fusion: Fusion<CLOUDS, WINDOW>,
 }
-
-const SEAL: u64 = 0x4675_7365_6c69_6e65; // "Fuseline"
-const MOST_CLOUDS: usize = 15;
-/// Where the clouds of a configuration are read to.
-pub(crate) const NO_CLOUDS: [Cloud; MOST_CLOUDS] = [Cloud::new(Priority::LOCAL, 1); MOST_CLOUDS];
 
 /// The capacity that the library was built for.
 #[cfg(feature = "capacity-own")]
@@ -108,12 +102,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
         const { Self::FITS };
         let (window, commit) = rule(config);
         let fusion = Fusion::new(window, commit, clouds).map_err(|error| status_of(&error))?;
-        let head = CMachine {
-            seal: seal(storage.cast()),
-            bytes: size_of::<Self>(),
-            capacity,
-            busy: AtomicU32::new(0),
-        };
+        let head = CMachine { head: Head::new::<CMachine, Self>(storage, capacity) };
         // SAFETY: that many bytes may be written, by the caller's promise; nothing was there that would have to be
         // dropped.
         unsafe { storage.write(Self { head, fusion }) };
@@ -139,34 +128,32 @@ pub(crate) const fn bytes(capacity: u32) -> usize {
     with_room!(capacity, R = Room => size_of::<R>(), else 0)
 }
 
-/// Makes a machine. Nothing is written unless all is well.
+/// Makes a machine and says where it is. Nothing is written unless all is well.
 ///
 /// # Safety
 /// `config` may be read, with the clouds that it names; `bytes` bytes from `storage` may be written and belong to
-/// nobody else.
+/// nobody else; `machine` may be written.
 #[expect(unsafe_code, reason = "reads the caller's configuration and writes to its storage")]
 pub(crate) unsafe fn make(
     storage: *mut c_void,
     bytes: usize,
     config: *const CConfig,
-) -> Result<*mut CMachine, CStatus> {
-    check(storage.cast::<CMachine>())?;
+    machine: *mut *mut CMachine,
+) -> Result<(), CStatus> {
     let mut clouds = NO_CLOUDS;
     // SAFETY: by the caller's promise.
-    let (config, clouds) = unsafe { configured(config, &mut clouds) }?;
-    let needed = self::bytes(config.capacity);
-    if needed > 0 && bytes < needed {
-        return Err(CStatus::Size);
-    }
+    let (config, clouds) =
+        unsafe { asked((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
     with_room!(config.capacity, R = Room => {
-        // SAFETY: aligned as checked, large enough as checked, and the caller's to give.
+        // SAFETY: aligned and large enough, as was asked, and the caller's to give.
         unsafe { R::fill(storage.cast(), config.capacity, &config, clouds) }?;
     }, else return Err(CStatus::Capacity));
-    Ok(storage.cast())
+    // SAFETY: not null, aligned, and may be written by the caller's promise.
+    unsafe { machine.write(storage.cast()) };
+    Ok(())
 }
 
-/// Runs `call` with the machine, if there is one and no other call is under way. `answers` says where the answer will
-/// be written, with its length.
+/// Runs `call` with the machine, if there is one, no other call is under way and the answers lie outside of it.
 ///
 /// # Safety
 /// `machine` came from [`make`] or may be read as a [`CMachine`] at least; no other thread calls at the same time.
@@ -175,19 +162,11 @@ pub(crate) unsafe fn make(
 #[inline(always)]
 pub(crate) unsafe fn enter(
     machine: *mut CMachine,
-    answers: (*const u8, usize),
+    answers: &[Written],
     call: impl FnOnce(&mut dyn Inputs) -> CStatus,
 ) -> Result<CStatus, CStatus> {
-    check(machine)?;
-    // SAFETY: not null, aligned, and may be read by the caller's promise. The machine lies beside it, not in it.
-    let head = unsafe { &*machine };
-    if head.seal != seal(machine) {
-        return Err(CStatus::Foreign);
-    }
-    let distance = answers.0.addr().wrapping_sub(machine.addr());
-    if distance < head.bytes || distance.wrapping_neg() < answers.1 {
-        return Err(CStatus::Overlap);
-    }
+    // SAFETY: by the caller's promise.
+    let head = unsafe { Head::of(machine, answers) }?;
     // A load and a store are enough for whoever interrupts: between the two its whole call fits. Acquire and Release:
     // what the last call wrote, should the caller go from thread to thread.
     if head.busy.load(Ordering::Acquire) != 0 {
@@ -211,98 +190,10 @@ pub(crate) unsafe fn enter(
 #[expect(unsafe_code, reason = "writes to the caller's storage")]
 pub(crate) unsafe fn end(machine: *mut CMachine) -> Result<(), CStatus> {
     // SAFETY: as the caller promised.
-    unsafe { enter(machine, (null_mut(), 0), |_| CStatus::Done) }?;
-    // SAFETY: the machine is one, so that its head may be written.
-    let seal = unsafe { addr_of_mut!((*machine).seal) };
-    // SAFETY: as above.
-    unsafe { seal.write(0) };
+    unsafe { enter(machine, &[], |_| CStatus::Done) }?;
+    // SAFETY: it is one, and no other call uses it.
+    unsafe { Head::end(machine) };
     Ok(())
-}
-
-/// That a pointer can be one to a `T`.
-pub(crate) fn check<T>(pointer: *mut T) -> Result<(), CStatus> {
-    if pointer.is_null() {
-        return Err(CStatus::Null);
-    }
-    if !pointer.is_aligned() {
-        return Err(CStatus::Alignment);
-    }
-    Ok(())
-}
-
-/// Reads a configuration of this version, with its clouds.
-///
-/// # Safety
-/// `config` may be read, with the clouds that it names.
-#[expect(unsafe_code, reason = "reads the caller's configuration")]
-pub(crate) unsafe fn configured(
-    config: *const CConfig,
-    clouds: &mut [Cloud; MOST_CLOUDS],
-) -> Result<(CConfig, &[Cloud]), CStatus> {
-    check(config.cast_mut())?;
-    // SAFETY: not null, aligned, and may be read by the caller's promise.
-    let config = unsafe { config.read() };
-    if config.abi != FUSELINE_ABI || config.layout != LAYOUT {
-        return Err(CStatus::Abi);
-    }
-    if config.commit > CCommit::Patient as u32 {
-        return Err(CStatus::Commit);
-    }
-    // SAFETY: the clouds may be read, by the caller's promise.
-    let clouds = unsafe { registered(&config, clouds) }?;
-    Ok((config, clouds))
-}
-
-/// The window and the commit rule of a configuration.
-pub(crate) fn rule(config: &CConfig) -> (usize, Commit) {
-    let commit =
-        if config.commit == CCommit::Patient as u32 { Commit::Patient } else { Commit::Eager };
-    (usize::try_from(config.window).unwrap_or(usize::MAX), commit)
-}
-
-fn seal(machine: *const CMachine) -> u64 {
-    // An address has at most 64 bits.
-    SEAL ^ machine.addr() as u64
-}
-
-/// The clouds of a configuration, each within its ranges.
-///
-/// # Safety
-/// They may be read.
-#[expect(unsafe_code, reason = "reads the caller's configuration")]
-unsafe fn registered<'a>(
-    config: &CConfig,
-    places: &'a mut [Cloud; MOST_CLOUDS],
-) -> Result<&'a [Cloud], CStatus> {
-    let len = usize::try_from(config.clouds_len).unwrap_or(usize::MAX);
-    let places = places.get_mut(..len).ok_or(CStatus::Clouds)?;
-    if !places.is_empty() {
-        check(config.clouds.cast_mut())?;
-    }
-    for (i, place) in places.iter_mut().enumerate() {
-        // SAFETY: within the clouds, by the caller's promise.
-        let cloud = unsafe { config.clouds.add(i) };
-        // SAFETY: not null, aligned, and may be read by the caller's promise.
-        let cloud: CCloud = unsafe { cloud.read() };
-        let priority = u16::try_from(cloud.priority).map_err(|_| CStatus::Priority)?;
-        let priority = Priority::new(priority);
-        // Told here what `Fusion::new` would tell, which looks at the capacity first.
-        if Gate::new(cloud.limit, cloud.resume).is_none() {
-            return Err(CStatus::Gate);
-        }
-        *place = Cloud { priority, limit: cloud.limit, resume: cloud.resume };
-    }
-    Ok(places)
-}
-
-pub(crate) const fn status_of(error: &ConfigError) -> CStatus {
-    match error {
-        ConfigError::Window { .. } => CStatus::Window,
-        ConfigError::TooManyClouds { .. } => CStatus::Clouds,
-        ConfigError::LocalPriority => CStatus::Priority,
-        ConfigError::DuplicatePriority(_) => CStatus::Twice,
-        ConfigError::Gate(_) => CStatus::Gate,
-    }
 }
 
 /// A number from the environment of the build.

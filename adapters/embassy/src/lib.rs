@@ -11,12 +11,12 @@ use fuseline_core::{
     Admission, At, Deadline, Firing, Fusion, Instant, Opening, Outcome, Priority, Ready, Timestamp,
 };
 
-/// What comes to the operator: an input without its instant, which is that of its receipt.
+/// What comes to the operator: an input without its instant, which is when it is received.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Arrival {
     /// F1: a message, and how long local may take for it.
     Message(Timestamp, Option<Deadline>),
-    /// F2: may it be sent to this cloud, which may take so long, and in whose queue so many others wait?
+    /// F2: may it be sent to this cloud, which may take this long and in whose queue this many others wait?
     Request(Timestamp, Priority, Deadline, u64),
     /// F3: a result of this source.
     Result(Timestamp, Priority),
@@ -24,10 +24,10 @@ pub enum Arrival {
     Failure(Timestamp, Priority),
 }
 
-/// What an operator tells, in its order: what it took, then what fired, then what became of what it took.
+/// What an operator reports, in order: what it took in, then what fired, then what became of what it took in.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Told<const CLOUDS: usize> {
-    /// It took this in, or time alone went by.
+    /// It took this in; none if only time went by.
     Took(Option<Arrival>),
     /// Timers fired (F5).
     Fired(Firing<CLOUDS>),
@@ -39,10 +39,10 @@ pub enum Told<const CLOUDS: usize> {
     Concluded(Timestamp, Priority, Outcome<CLOUDS>),
 }
 
-/// Drives the machine for ever: takes what comes from `inbox`, ticks at each due instant, and gives everything to `tell`
+/// Drives the machine for ever: takes what comes from `inbox`, ticks at each due instant, and reports everything to `tell`
 /// with the instant at which it was decided.
 ///
-/// Instants are nanoseconds of embassy's clock. May be dropped at any await: then what was received is told already.
+/// Instants are nanoseconds of embassy's clock. It may be dropped at any await: whatever was received is reported by then.
 pub async fn operate<M: RawMutex, const LEN: usize, const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
     inbox: Receiver<'_, M, Arrival, LEN>,

@@ -1,4 +1,4 @@
-//! The cells that are counted in: written by the engine, read from anywhere (D11 one account).
+//! The cells that hold the counts: written by the engine, read from anywhere (D11 one account).
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,8 +15,8 @@ use crate::tally::{InForce, SourceTally, Tally};
 
 /// The tally's cells and the meters of one operator, counted together.
 ///
-/// Each count is a word of its own: a tally read in the midst of an input may have one count of it
-/// and not the next. What is seldom and no number stands behind a lock.
+/// Each count is a word of its own: a tally read during an input may show one of its counts and not
+/// the next. What changes seldom and is not a number is behind a lock.
 pub(crate) struct Counts {
     messages: AtomicU64,
     refused: [AtomicU64; OpenRefusal::ALL.len()],
@@ -43,17 +43,17 @@ struct SourceCounts {
     in_force: Mutex<Option<InForce>>,
 }
 
-/// One cell for all counts, to be read from anywhere while the operator runs.
+/// The counts of a running operator, to be read from anywhere.
 #[derive(Clone)]
 pub struct Counting(Arc<Counts>);
 
-/// What there is to count about one source.
+/// What is counted about one source.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Event {
     Admitted,
     Refused(OfferRefusal),
     Output(Trigger),
-    /// The result that just came goes at once; its message is counted by `Output`.
+    /// A result was forwarded as it came; its message is counted by `Output`.
     Forwarded,
     Held,
     Dropped(DropReason),
@@ -104,14 +104,14 @@ impl Counts {
         self.meters.missed.increment(1);
     }
 
-    /// Counts what a call to cloud `p` sent.
+    /// Counts the bytes that a call to cloud `p` sent.
     pub(crate) fn sent(&self, p: u16, bytes: u64) {
         if let Some(at) = self.sources.iter().position(|counts| counts.source.priority == p) {
             self.source(at, Event::Sent { bytes });
         }
     }
 
-    /// Keeps why the source at `index` sent no result.
+    /// Counts why the source at `index` sent no result.
     pub(crate) fn reason(&self, index: usize, why: &str) -> Arc<str> {
         match self.sources.get(index) {
             Some(counts) => lock(&counts.reasons).count(why),
@@ -119,7 +119,7 @@ impl Counts {
         }
     }
 
-    /// Keeps the deadline of the source's latest offer; to be called when it changed.
+    /// Keeps the deadline of the source's latest offer; call it when that has changed.
     pub(crate) fn in_force(&self, index: usize, in_force: InForce) {
         if let Some(counts) = self.sources.get(index) {
             *lock(&counts.in_force) = Some(in_force);
@@ -129,7 +129,7 @@ impl Counts {
         }
     }
 
-    /// Tells that a recording ends here.
+    /// Notes that a recording ends here.
     pub(crate) fn unrecorded(&self, why: &str) {
         error!(why, "the recording ends here; the operator goes on");
         lock(&self.unrecorded).get_or_insert_with(|| why.into());
@@ -163,7 +163,7 @@ impl Counting {
         self.0.tally()
     }
 
-    /// Counts bytes that a call to cloud `p` sends; nothing if there is no such cloud.
+    /// Counts bytes that a call to cloud `p` sends; does nothing if there is no such cloud.
     pub fn sent(&self, p: u16, bytes: u64) {
         self.0.sent(p, bytes);
     }
@@ -240,12 +240,12 @@ fn read(cell: &AtomicU64) -> u64 {
     cell.load(Ordering::Relaxed)
 }
 
-/// Those that were counted at all.
+/// Only those that are not zero.
 fn by_reason<K: Ord, const N: usize>(all: [K; N], cells: &[AtomicU64; N]) -> BTreeMap<K, u64> {
     all.into_iter().zip(cells.iter().map(read)).filter(|(_, count)| *count > 0).collect()
 }
 
-/// Nothing panics midway while it is held.
+/// Nothing panics while it is held.
 fn lock<T>(cell: &Mutex<T>) -> MutexGuard<'_, T> {
     cell.lock().unwrap_or_else(PoisonError::into_inner)
 }

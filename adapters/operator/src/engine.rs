@@ -1,5 +1,5 @@
-//! One operator without its clock, its threads and its network: what happened goes in, what to do
-//! comes out.
+//! One operator without its clock, its threads and its network: what happened goes in, what is to be
+//! done comes out.
 
 use std::fmt;
 use std::io;
@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_arbiter::{Answer, Arbiter};
-use fuseline_core::{Admission, ConfigError, Opening};
+use fuseline_core::{Admission, ConfigError, Opening, Priority, Timestamp};
 use fuseline_deadline::{End, Policy, Situation};
 use fuseline_traces::{Header, Input};
 use tracing::warn;
@@ -21,15 +21,15 @@ use crate::lane::{Lane, Waiting};
 use crate::reasons::words;
 use crate::tape::{Sink, Tape};
 
-/// As many clouds as a header may have.
+/// The most clouds that a header may have.
 const CLOUDS: usize = 15;
 
 /// One operator: the core, the values it holds, the queues to its sources, its counts and its
 /// recording.
 ///
-/// `V` is what sources compute, `R` what is sent to them; neither is looked at. Instants are
-/// nanoseconds of the adapter's monotonic clock. After each input, take the effects by
-/// [`next_effect`](Self::next_effect) until there are none.
+/// `V` is what sources compute, `R` what is sent to them; the engine looks into neither. Instants are
+/// nanoseconds of the adapter's monotonic clock. After each input, call
+/// [`next_effect`](Self::next_effect) until it returns none.
 ///
 /// - before the first input: [`set_policy`](Self::set_policy), [`set_linger`](Self::set_linger),
 ///   [`take_hints`](Self::take_hints), [`record`](Self::record)
@@ -45,11 +45,11 @@ pub struct Engine<V, R> {
 }
 
 impl<V, R> Engine<V, R> {
-    /// An operator so configured; `at_once[i]` bounds the calls under way to the header's cloud
-    /// `i`, and is 1 where there is none.
+    /// An operator with this configuration; `at_once[i]` bounds the calls under way to the header's
+    /// cloud `i`, which is 1 if it is not given.
     ///
     /// # Errors
-    /// Why the configuration is refused.
+    /// The first [`ConfigError`] that holds.
     pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
         let arbiter = Arbiter::new(header)?;
         let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
@@ -64,64 +64,64 @@ impl<V, R> Engine<V, R> {
             lanes.push(Lane::new(Source { priority: cloud.p, name }, at_once));
         }
         let hands = Hands::new(operator, lanes, local);
-        // Until it is told, nothing is known, and policies risk nothing.
+        // Unknown until it is set: policies risk nothing.
         Ok(Self { arbiter, hands, situation: Situation::at(f64::NAN) })
     }
 
-    /// Lets `policy` choose the deadlines of cloud `p`, each up to the one that is offered, and tells
-    /// it how each of its requests ended; nothing if there is no such cloud.
+    /// Lets `policy` choose the deadlines of cloud `p`, each at most the one offered, and reports to it
+    /// how each request ended. Does nothing if there is no such cloud.
     ///
-    /// A request that was given up is censored, also if it waited in the queue until then. Ages count
-    /// from taking the message in. If the policy panics nothing is asked.
+    /// A request that was given up is censored, even if it never left the queue. Ages count from when
+    /// the message was taken in. If the policy panics, the cloud is not asked.
     pub fn set_policy(&mut self, p: u16, policy: Box<dyn Policy + Send>) {
         if let Some(place) = self.cloud(p) {
             self.hands.lanes[place].policy = Some(policy);
         }
     }
 
-    /// Lets calls to cloud `p` run on until so long after they were due, so that their true ends are
-    /// seen; nothing if there is no such cloud.
+    /// Lets calls to cloud `p` run on for up to `linger` after they were due, to see how long they really
+    /// take. Does nothing if there is no such cloud.
     ///
-    /// They take no place of calls that are waited for. At most as many linger as calls may be under
-    /// way; one more ends the oldest.
+    /// They take no place from calls still waited for. At most as many linger as calls may be under way;
+    /// one more ends the oldest.
     pub fn set_linger(&mut self, p: u16, linger: Duration) {
         if let Some(place) = self.cloud(p) {
             self.hands.lanes[place].linger = nanos(linger);
         }
     }
 
-    /// Gives results that came too late back as [hints](Effect::Hint), if they are of the last 1024
-    /// messages.
+    /// Gives back results that came too late as [hints](Effect::Hint), if their message is one of the
+    /// last 1024.
     pub fn take_hints(&mut self) {
         self.hands.stories.remember();
     }
 
-    /// Tells policies of the vehicle, for messages from now on. Until then nothing is known.
+    /// Sets what policies know of the vehicle, for messages from now on; at first nothing.
     pub const fn set_situation(&mut self, situation: Situation<'static>) {
         self.situation = situation;
     }
 
-    /// Records everything from here on; to be called before the first input, once for each file.
+    /// Records everything from here on; call it before the first input, once for each file.
     ///
-    /// A file is written by a thread of its own: twice a second, and at once when a message is
+    /// Each file has a thread of its own that writes it: twice a second, and at once when a message is
     /// missed or refused, or more often as [`Recording`](fuseline_traces::Recording) says. If the
-    /// disk falls far behind or refuses what is written, the recording ends early, whole:
+    /// disk fails or falls far behind, the recording ends early, with a whole input:
     /// [`Tally::unrecorded`](crate::Tally::unrecorded) and the log say so at once, and
     /// [`finish`](Self::finish) at the end. The operator goes on.
     ///
     /// # Errors
-    /// If the system has no thread left.
+    /// If the thread cannot be started.
     pub fn record(&mut self, sink: impl Into<Sink>) -> io::Result<()> {
         let counts = Arc::clone(&self.hands.counts);
         self.hands.tapes.push(Tape::new(sink.into(), counts)?);
         Ok(())
     }
 
-    /// F1: a message came. If it is taken on, `job` goes to local, whose deadline is `deadline`, and it is
-    /// offered to clouds (F2); `offers` is looked at only then. Says whether it was.
+    /// F1: a message came; true if it is taken on. Then `job` goes to local, whose deadline is `deadline`,
+    /// and clouds are offered `offers` (F2), which is not looked at otherwise.
     ///
-    /// If too many computations wait for local already, local fails (F4) after the offers, so that
-    /// the clouds alone can answer it.
+    /// If too many computations already wait for local, local fails (F4) after the offers, and only
+    /// clouds can answer the message.
     pub fn open(
         &mut self,
         at: u64,
@@ -158,19 +158,20 @@ impl<V, R> Engine<V, R> {
 
     /// F2: a message handler wants `request` sent to cloud `p`.
     ///
-    /// If the cloud has a policy, that chooses the deadline, at most `deadline`.
+    /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. It is asked only
+    /// if the request will be admitted.
     pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
         self.begin(at);
         let place = self.hands.place(p);
-        let mut deadline = deadline;
-        if let Some(place) = place.filter(|place| *place != LOCAL) {
-            let Some(chosen) = self.hands.deadline(at, t, place, self.situation, deadline) else {
-                return;
-            };
-            deadline = chosen;
-        }
-        let deadline = nanos(deadline);
         let backlog = place.map_or(0, |place| self.hands.lanes[place].backlog() as u64);
+        let is_cloud = |place: &usize| *place != LOCAL && !deadline.is_zero();
+        let asked = place.filter(is_cloud).filter(|place| self.asks(t, *place, backlog));
+        let deadline = match asked {
+            None => Some(deadline),
+            Some(place) => self.hands.deadline(at, t, place, self.situation, deadline),
+        };
+        let Some(deadline) = deadline else { return };
+        let deadline = nanos(deadline);
         let Self { arbiter, hands, .. } = self;
         let p = p.into();
         let admission =
@@ -180,7 +181,7 @@ impl<V, R> Engine<V, R> {
         hands.record::<CLOUDS>(&input, now, &Answer::Offer { t, p, admission });
         match (admission, place) {
             (Admission::Refused(why), _) => hands.refuse_offer(t, place, why),
-            // The core admits requests to registered clouds alone.
+            // The core admits only requests to registered clouds.
             (Admission::Admitted { .. }, None) => {}
             (Admission::Admitted { due }, Some(place)) => {
                 hands.counts.source(place, Event::Admitted);
@@ -207,7 +208,7 @@ impl<V, R> Engine<V, R> {
         hands.send(now);
     }
 
-    /// F4: a source will send no result; `why` is logged, counted, and told with the message's item.
+    /// F4: a source will send no result; `why` is logged, counted, and given with the message's item.
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
         self.begin(at);
         let Self { arbiter, hands, .. } = self;
@@ -239,20 +240,20 @@ impl<V, R> Engine<V, R> {
     /// does the same.
     ///
     /// # Errors
-    /// The first error met while recording; the trace is whole up to there.
+    /// The first error while recording; the trace is whole up to there.
     pub fn finish(&mut self) -> io::Result<()> {
-        // All are ended, whatever became of the first.
+        // All of them, even if the first fails.
         let written: Vec<_> = self.hands.tapes.drain(..).map(|mut tape| tape.finish()).collect();
         written.into_iter().collect()
     }
 
-    /// The next thing to be done, in the order of the decisions.
+    /// The next thing to do, in the order of the decisions.
     pub fn next_effect(&mut self) -> Option<Effect<V, R>> {
         self.hands.effects.pop_front()
     }
 
-    /// The earliest instant at which a timer is due, a call has lingered long enough, or a lost
-    /// computation gives its place to one that waits; tick then.
+    /// The earliest instant, in ns, at which a timer is due, a call has lingered long enough, or a lost
+    /// computation frees its place for one that waits; none if there is none. Tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         let lanes = &self.hands.lanes;
@@ -266,7 +267,7 @@ impl<V, R> Engine<V, R> {
         self.arbiter.fusion().is_empty()
     }
 
-    /// The counts, as they go on.
+    /// The counts, which go on counting.
     #[must_use]
     pub fn counts(&self) -> Counting {
         Counting::new(&self.hands.counts)
@@ -279,6 +280,22 @@ impl<V, R> Engine<V, R> {
             lag.record(Duration::from_nanos(at - due));
         }
         self.hands.lapse(at);
+    }
+
+    /// T6: a policy is asked about what is admitted alone, or it would count probes that never were sent.
+    fn asks(&self, t: u64, place: usize, backlog: u64) -> bool {
+        let lane = &self.hands.lanes[place];
+        if lane.policy.is_none() {
+            return true;
+        }
+        let (fusion, p) = (self.arbiter.fusion(), Priority::new(lane.source.priority));
+        let (Some(slot), Some(cloud), Some(mut gate)) =
+            (fusion.slot(Timestamp::new(t)), fusion.source(p), fusion.gate(p))
+        else {
+            return false;
+        };
+        // F2: the gate of the machine itself moves when it is offered.
+        slot.offer(cloud).1.is_none() && gate.admits(backlog)
     }
 
     /// The place of cloud `p`.

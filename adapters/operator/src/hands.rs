@@ -1,4 +1,4 @@
-//! All of an operator but its machine: what follows from the machine's answers is done here (D3).
+//! All of an operator but its machine: carries out what the machine decides (D3).
 
 use std::collections::VecDeque;
 use std::mem;
@@ -59,12 +59,12 @@ impl<V, R> Hands<V, R> {
         }
     }
 
-    /// The place of the lane of priority `p`.
+    /// The index of the lane of priority `p`.
     pub(crate) fn place(&self, p: u16) -> Option<usize> {
         self.lanes.iter().position(|lane| lane.source.priority == p)
     }
 
-    /// An input was applied and so answered, after what fired.
+    /// Records an input, what fired before it, and its answer.
     pub(crate) fn record<const CLOUDS: usize>(
         &mut self,
         input: &Input,
@@ -151,7 +151,7 @@ impl<V, R> Hands<V, R> {
         }
     }
 
-    /// F4: what became of a failure, for a reason in words.
+    /// F4: what became of a failure; `why` in words.
     pub(crate) fn failed<const CLOUDS: usize>(
         &mut self,
         at: u64,
@@ -196,7 +196,7 @@ impl<V, R> Hands<V, R> {
         }
     }
 
-    /// The message is open no more: the best in hand goes, if there is any.
+    /// The message is no longer open: the best in hand goes, if there is any.
     fn retire(&mut self, at: u64, t: u64, trigger: Trigger) {
         if self.local.skip_answered {
             self.lanes[LOCAL].withdraw(t);
@@ -220,7 +220,7 @@ impl<V, R> Hands<V, R> {
         self.output(t, story.opened, at, Ending::Forwarded(forwarded), story.failures);
     }
 
-    /// D1 one item: the only way out of a message that was taken in.
+    /// D1 one item: the only way out for a message that was taken in.
     fn output(
         &mut self,
         timestamp: u64,
@@ -304,7 +304,7 @@ impl<V, R> Hands<V, R> {
         }
     }
 
-    /// Ends the calls that have lingered until `at`.
+    /// Ends the calls that have lingered long enough by `at`.
     pub(crate) fn lapse(&mut self, at: u64) {
         for place in 0..self.lanes.len() {
             while let Some(given_up) = self.lanes[place].lapse(at) {
@@ -322,7 +322,7 @@ impl<V, R> Hands<V, R> {
         self.tell(place, End::Censored(since(asked, at)));
     }
 
-    /// Tells the policy how a call ended.
+    /// Reports to the policy how a call ended.
     fn tell(&mut self, place: usize, end: End) {
         let Some(policy) = &mut self.lanes[place].policy else { return };
         if catch_unwind(AssertUnwindSafe(|| policy.ended(end))).is_err() {
@@ -335,7 +335,7 @@ impl<V, R> Hands<V, R> {
         }
     }
 
-    /// Starts what waits and has room, and shows how much there is.
+    /// Starts what waits while there is room, and updates the gauges.
     pub(crate) fn send(&mut self, now: u64) {
         if self.local.lossy {
             while let Some(t) = self.lanes[LOCAL].give_up(now) {
@@ -373,7 +373,7 @@ fn since(then: u64, at: u64) -> Duration {
     Duration::from_nanos(at.saturating_sub(then))
 }
 
-/// For gauges; what queues hold is far from 2³².
+/// For gauges; queues hold far fewer than 2³².
 fn count(len: usize) -> f64 {
     u32::try_from(len).unwrap_or(u32::MAX).into()
 }

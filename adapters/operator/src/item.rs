@@ -1,4 +1,4 @@
-//! What goes downstream: one item for each message, whatever became of it.
+//! What goes downstream: one item for each message.
 
 use std::fmt;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use fuseline_traces::OpenRefusal;
 
-/// What became of one message. Every message taken in leads to exactly one (P1, P11).
+/// What became of one message. Every message taken in leads to exactly one item (P1, P11).
 ///
 /// Instants are readings of the operator's clock: time since the operator started.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -15,20 +15,20 @@ pub struct Item<V> {
     pub timestamp: u64,
     /// When the message was taken in.
     pub opened: Duration,
-    /// When this was decided.
+    /// When its ending was decided.
     pub decided: Duration,
-    /// What was decided.
+    /// How the message left.
     pub ending: Ending<V>,
-    /// Why sources sent no result, as far as that was known and mattered by then (F4).
+    /// The sources whose failure was accepted by then, and why they failed (F4).
     pub failures: Vec<Failure>,
 }
 
 /// A source that sent no result for a message, and why.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Failure {
-    /// Whose.
+    /// The source.
     pub source: Source,
-    /// In words, at most 200 bytes of them.
+    /// The reason in words, at most 200 bytes.
     pub why: Arc<str>,
 }
 
@@ -50,16 +50,16 @@ pub struct Forwarded<V> {
     pub value: V,
     /// Who computed it.
     pub source: Source,
-    /// When it arrived, which is before it was decided if it was held.
+    /// When the result arrived; earlier than the decision if it was held.
     pub arrived: Duration,
-    /// What made it go.
+    /// What made the result go.
     pub trigger: Trigger,
 }
 
 /// Local or a cloud.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Source {
-    /// 0 is local; of the others the greater wins.
+    /// 0 is local; clouds have 1 to 65535, the greater wins.
     pub priority: u16,
     /// `local`, or the cloud's name.
     pub name: Arc<str>,
@@ -80,7 +80,7 @@ impl Trigger {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Arrival, Self::Failure, Self::Timer];
 
-    /// Its word, as metrics and logs bear it.
+    /// Its word in metrics and logs.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -123,7 +123,7 @@ impl<V> Item<V> {
         }
     }
 
-    /// How long the message took, from being taken in to the decision.
+    /// The time from taking the message in to the decision.
     #[must_use]
     pub const fn took(&self) -> Duration {
         self.decided.saturating_sub(self.opened)

@@ -13,13 +13,13 @@ pub(crate) struct Lane<R> {
     pub(crate) source: Source,
     waiting: VecDeque<Waiting<R>>,
     flying: Vec<Flight>,
-    /// Calls that were closed and run on, so that their true ends are seen; at most `at_once`.
+    /// Calls that were given up and run on, to see how long they really take; at most `at_once`.
     lingering: VecDeque<Flight>,
     at_once: usize,
     /// How long a call may run on past its due instant, in ns.
     pub(crate) linger: u64,
     pub(crate) policy: Option<Box<dyn Policy + Send>>,
-    /// That of the latest offer.
+    /// The deadline of the latest offer.
     pub(crate) in_force: Option<InForce>,
     /// What the gauges show: how many wait, and how many are under way.
     pub(crate) shown: (usize, usize),
@@ -30,7 +30,7 @@ pub(crate) struct Waiting<R> {
     pub(crate) t: u64,
     pub(crate) asked: u64,
     pub(crate) due: Option<u64>,
-    /// How long after its start it counts as lost; none if it is sure to end.
+    /// How long after its start it counts as lost, in ns; none if it always ends.
     pub(crate) lost_after: Option<u64>,
     pub(crate) request: R,
 }
@@ -44,16 +44,16 @@ struct Flight {
     lost: Option<u64>,
 }
 
-/// A request that ends unanswered: it is not waited for any longer.
+/// A request that is no longer waited for and has no answer.
 pub(crate) struct GivenUp {
     pub(crate) t: u64,
     pub(crate) asked: u64,
-    /// Whether it is a call that may be aborted; otherwise it was never sent.
+    /// Whether it is under way and may be aborted; otherwise it was never sent.
     pub(crate) was_sent: bool,
 }
 
 impl<R> Lane<R> {
-    /// An empty lane with at most `at_once` calls under way, at least one.
+    /// An empty lane for up to `at_once` calls at a time, at least one.
     pub(crate) fn new(source: Source, at_once: usize) -> Self {
         Self {
             source,
@@ -83,7 +83,7 @@ impl<R> Lane<R> {
         Some(next)
     }
 
-    /// The request has ended by itself, perhaps before it was sent; says when it was asked for.
+    /// The request has ended by itself, perhaps before it was sent; returns when it was asked for.
     pub(crate) fn end(&mut self, t: u64) -> Option<u64> {
         self.land(t)
             .map(|flight| flight.asked)
@@ -91,7 +91,7 @@ impl<R> Lane<R> {
             .or_else(|| self.withdraw(t))
     }
 
-    /// The result is no longer wanted. A call that may linger goes on; says what ends instead, if
+    /// The result is no longer wanted. A call that may linger goes on; returns what ends instead, if
     /// anything does.
     pub(crate) fn close(&mut self, t: u64) -> Option<GivenUp> {
         let Some(flight) = self.land(t) else {
@@ -100,7 +100,7 @@ impl<R> Lane<R> {
         if self.linger == 0 {
             return Some(flight.given_up());
         }
-        // A dead cloud must not have ever more of them.
+        // Else a dead cloud would gather more and more of them.
         let oldest = if self.lingering.len() >= self.at_once {
             self.lingering.pop_front().map(Flight::given_up)
         } else {
@@ -110,7 +110,7 @@ impl<R> Lane<R> {
         oldest
     }
 
-    /// Ends a call that has lingered until `now`, if there is one.
+    /// Ends a call that has lingered long enough by `now`, if there is one.
     pub(crate) fn lapse(&mut self, now: u64) -> Option<GivenUp> {
         let place = self.lingering.iter().position(|flight| self.until(flight) <= now)?;
         self.lingering.remove(place).map(Flight::given_up)
@@ -121,14 +121,14 @@ impl<R> Lane<R> {
         self.lingering.iter().map(|flight| self.until(flight)).min()
     }
 
-    /// Takes back the place of one that is lost by `now`, if there is one; says whose it was.
+    /// Frees the place of a call that is lost by `now`, if there is one; returns its timestamp.
     pub(crate) fn give_up(&mut self, now: u64) -> Option<u64> {
         let is_lost = |flight: &Flight| flight.lost.is_some_and(|lost| lost <= now);
         let place = self.flying.iter().position(is_lost)?;
         Some(self.flying.remove(place).t)
     }
 
-    /// When one that waits would find the place of one that is lost; none if nothing waits.
+    /// When the next lost call frees its place for one that waits; none if nothing waits.
     pub(crate) fn next_lost(&self) -> Option<u64> {
         if self.waiting.is_empty() {
             return None;
@@ -136,13 +136,13 @@ impl<R> Lane<R> {
         self.flying.iter().filter_map(|flight| flight.lost).min()
     }
 
-    /// Takes it out of the queue if it waits; says when it was asked for.
+    /// Takes the request out of the queue if it waits; returns when it was asked for.
     pub(crate) fn withdraw(&mut self, t: u64) -> Option<u64> {
         let place = self.waiting.iter().position(|waiting| waiting.t == t)?;
         self.waiting.remove(place).map(|waiting| waiting.asked)
     }
 
-    /// How old each unanswered request is at `now`, the oldest first, those that linger included.
+    /// The age of each unanswered request at `now`, the oldest first, with those that linger.
     pub(crate) fn ages(&self, now: u64, ages: &mut Vec<Duration>) {
         let flying = self.flying.iter().chain(&self.lingering).map(|flight| flight.asked);
         let asked = flying.chain(self.waiting.iter().map(|waiting| waiting.asked));

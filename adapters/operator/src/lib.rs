@@ -1,5 +1,5 @@
-//! What every adapter shares: the core driven in the words of the trace, the queues to the sources,
-//! recording and counting. An adapter adds its clock, its threads and its network.
+//! What every adapter shares: the core, the queues to the sources, the values of held results, recording
+//! and counting. An adapter adds its clock, its threads and its network.
 
 mod counts;
 mod effect;

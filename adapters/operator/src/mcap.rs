@@ -1,4 +1,4 @@
-//! A run as MCAP: lines of the trace as JSON messages, for Foxglove and everything that reads MCAP.
+//! A run as MCAP: lines of the trace as JSON messages, for Foxglove and other readers of MCAP.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -13,8 +13,8 @@ use mcap::records::MessageHeader;
 /// What a message holds.
 const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"}}}"#;
 
-/// An MCAP file that is being written: the topic `/fuseline/trace` has each line, the header first,
-/// and `/fuseline/outputs` what was forwarded or missed.
+/// An MCAP file being written: the topic `/fuseline/trace` has every line, the header first, and
+/// `/fuseline/outputs` what was forwarded or missed.
 pub struct Mcap<W: Write + Seek> {
     inner: mcap::Writer<W>,
     epoch: u64,
@@ -35,7 +35,7 @@ impl Mcap<BufWriter<File>> {
 }
 
 impl<W: Write + Seek> Mcap<W> {
-    /// A recording into `out`; `epoch` is what viewers see as the instant 0, in nanoseconds: since
+    /// A recording into `out`. `epoch`, in nanoseconds, is the time that viewers show for instant 0: since
     /// 1970 if they are to show the time of day.
     ///
     /// # Errors
@@ -54,7 +54,7 @@ impl<W: Write + Seek> Mcap<W> {
         Ok(mcap)
     }
 
-    /// Writes one line, and once more if it is an output.
+    /// Writes one line; twice if it is an output, once for each topic.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -72,7 +72,7 @@ impl<W: Write + Seek> Mcap<W> {
         Ok(())
     }
 
-    /// Writes what was gathered, so that it can be recovered if the process is killed.
+    /// Writes what is buffered, so that it can be recovered if the process is killed.
     ///
     /// # Errors
     /// If it cannot be written.

@@ -38,13 +38,13 @@ pub(crate) struct SourceMeters {
     pub(crate) output: Histogram,
     pub(crate) backlog: Gauge,
     pub(crate) calls: Gauge,
-    /// That of the latest offer.
+    /// The deadline of the latest offer.
     pub(crate) deadline: Gauge,
     deadlines: [Counter; InForce::WHYS.len()],
 }
 
 impl Meters {
-    /// Registers with the recorder that is installed now; with none, counting costs next to
+    /// Registers with the recorder installed now; without one, counting costs next to
     /// nothing.
     pub(crate) fn new(operator: &str, sources: &[Source]) -> Self {
         let operator = operator.to_owned();

@@ -8,28 +8,28 @@ use std::time::Duration;
 pub struct Pace {
     /// Messages a second.
     pub rate: f64,
-    /// The longest deadline that clouds may get: the cap of their policies.
+    /// The longest deadline that a cloud may get: the cap of its policy.
     pub longest_deadline: Duration,
-    /// How long a local computation takes at most.
+    /// The longest that a local computation takes.
     pub local_response: Duration,
 }
 
 /// What keeps a configuration from keeping up, and what to do about it.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Shortfall {
-    /// The rate is no number above 0.
+    /// The rate is not a number above 0.
     Rate(f64),
-    /// The window is too small for the messages that are open at once: some would be refused, for
-    /// which no deadline is safe.
+    /// The window is too small for the messages open at once: some would be refused, and for those no
+    /// deadline is safe.
     Window {
         /// What is to be kept up with.
         pace: Pace,
-        /// The window.
+        /// The window as configured.
         has: usize,
-        /// What it should be.
+        /// The least window that suffices.
         needs: usize,
     },
-    /// A cloud may have too few calls under way at once: requests would wait, which looks as if it were
+    /// A cloud may have too few calls under way at once: requests would wait, and the cloud would look
     /// slow.
     Calls {
         /// What is to be kept up with.
@@ -38,16 +38,16 @@ pub enum Shortfall {
         cloud: String,
         /// How many it may have.
         has: usize,
-        /// How many it should.
+        /// How many it needs.
         needs: usize,
     },
     /// Local can compute too few messages at once: more and more would wait.
     Workers {
         /// What is to be kept up with.
         pace: Pace,
-        /// How many it can.
+        /// How many it can compute.
         has: usize,
-        /// How many it should.
+        /// How many it must.
         needs: usize,
     },
 }
@@ -56,14 +56,14 @@ pub enum Shortfall {
 #[derive(Clone, PartialEq, Debug)]
 pub struct Shortfalls(pub Vec<Shortfall>);
 
-/// How much later than due an output may leave, in seconds: timers are of 1 ms, on busy machines more.
+/// How long after its due instant an output may leave, in seconds: timers take 1 ms, more on busy machines.
 const LATENESS: f64 = 0.005;
 
 impl Pace {
-    /// Whether a window, so many local computations at once and each cloud's calls, by name, suffice.
+    /// Whether the window, local's computations at once and each cloud's calls, by name, suffice.
     ///
     /// # Errors
-    /// With all that does not.
+    /// Everything that does not.
     pub fn check<'a>(
         &self,
         window: usize,
@@ -76,7 +76,7 @@ impl Pace {
         }
         let mut all = Vec::new();
         let open = pace.longest_deadline.max(pace.local_response).as_secs_f64() + LATENESS;
-        // The one that comes as the oldest is due, and the one after.
+        // The message that comes as the oldest is due, and the next one.
         let needs = whole((open * pace.rate).ceil()).saturating_add(2);
         if window < needs {
             all.push(Shortfall::Window { pace, has: window, needs });
@@ -158,7 +158,7 @@ impl fmt::Display for Shortfalls {
 
 impl std::error::Error for Shortfalls {}
 
-/// How many of what takes so long are under way at once, with one to spare at the seam.
+/// How many computations of this length are under way at once, and one to spare.
 fn at_once(rate: f64, takes: Duration) -> usize {
     whole((rate * takes.as_secs_f64()).floor()).saturating_add(1)
 }

@@ -1,16 +1,16 @@
-//! Why results did not come, counted by their words.
+//! Why results did not come, counted by reason.
 
 use std::fmt;
 use std::sync::Arc;
 
-/// How many reasons are told apart.
+/// How many reasons are counted separately.
 const KINDS: usize = 8;
 /// How many bytes of a reason are kept.
 const BYTES: usize = 200;
 
 /// The reasons of a source's accepted failures (F4), with how often each was given.
 ///
-/// The first eight are told apart; what fails for yet other reasons is counted together.
+/// The first eight are counted separately, all others together.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Reasons {
     known: Vec<(Arc<str>, u64)>,
@@ -18,7 +18,7 @@ pub struct Reasons {
 }
 
 impl Reasons {
-    /// Counts a reason; answers its words, shared.
+    /// Counts a reason; returns its words, shared.
     pub(crate) fn count(&mut self, why: &str) -> Arc<str> {
         if let Some((known, count)) = self.known.iter_mut().find(|(known, _)| **known == *why) {
             *count += 1;
@@ -33,7 +33,7 @@ impl Reasons {
         why
     }
 
-    /// The reasons that are told apart, in the order in which they first came.
+    /// The reasons counted separately, in the order in which they first came.
     pub fn iter(&self) -> impl Iterator<Item = (&str, u64)> {
         self.known.iter().map(|(why, count)| (&**why, *count))
     }
@@ -59,7 +59,7 @@ impl fmt::Display for Reasons {
     }
 }
 
-/// The first words of a reason.
+/// The beginning of a reason's words.
 pub(crate) fn words(why: &dyn fmt::Display) -> String {
     let mut words = why.to_string();
     if words.len() > BYTES {

@@ -1,4 +1,4 @@
-//! What each open message has.
+//! What is kept of each open message.
 
 use std::collections::VecDeque;
 
@@ -7,15 +7,15 @@ use crate::item::Failure;
 /// The open messages, by ascending timestamp, and when the last ones were opened.
 pub(crate) struct Stories<V> {
     open: VecDeque<Story<V>>,
-    /// Timestamps and instants of the last [`REMEMBERED`], answered ones too; none is for an
-    /// operator that takes no hints.
+    /// Timestamps and instants of the last [`REMEMBERED`] messages, answered ones too; none if the
+    /// operator takes no hints.
     last: Option<VecDeque<(u64, u64)>>,
 }
 
 pub(crate) struct Story<V> {
     t: u64,
     pub(crate) opened: u64,
-    /// The best that was held; only that can ever go (P3).
+    /// The best result held; no other can go (P3).
     pub(crate) held: Option<Held<V>>,
     pub(crate) failures: Vec<Failure>,
 }
@@ -26,7 +26,7 @@ pub(crate) struct Held<V> {
     pub(crate) value: V,
 }
 
-/// Of how many messages it is known how old their results are. It is the greatest window.
+/// For how many messages the age of a result is known: the greatest window.
 const REMEMBERED: usize = 1024;
 
 impl<V> Stories<V> {
@@ -34,7 +34,7 @@ impl<V> Stories<V> {
         Self { open: VecDeque::new(), last: None }
     }
 
-    /// Remembers from now on when messages were opened.
+    /// From now on, remembers when messages were opened.
     pub(crate) fn remember(&mut self) {
         self.last.get_or_insert_default();
     }
@@ -64,7 +64,7 @@ impl<V> Stories<V> {
         self.open.get_mut(place)
     }
 
-    /// The message is open no more.
+    /// The message is no longer open.
     pub(crate) fn close(&mut self, t: u64) -> Option<Story<V>> {
         let place = self.place(t)?;
         self.open.remove(place)

@@ -1,4 +1,4 @@
-//! What was counted: a plain tally to look at, and the same through the `metrics` facade.
+//! The counts: a plain tally, and the same through the `metrics` facade.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,14 +21,14 @@ pub struct Tally {
     pub missed: u64,
     /// Local first, then the clouds as they were registered.
     pub sources: Vec<SourceTally>,
-    /// Why a recording ended before the operator did, if one did: the first reason.
+    /// Why a recording ended before the operator, if one did; the first reason.
     pub unrecorded: Option<Arc<str>>,
 }
 
 /// One source's counts.
 #[derive(Clone, PartialEq, Debug)]
 pub struct SourceTally {
-    /// Whose they are.
+    /// The source.
     pub source: Source,
     /// Requests admitted (F2); local's are the messages taken on.
     pub admitted: u64,
@@ -42,28 +42,28 @@ pub struct SourceTally {
     pub dropped: BTreeMap<DropReason, u64>,
     /// Failures accepted (F4).
     pub failed: u64,
-    /// Why they were.
+    /// Why they failed.
     pub reasons: Reasons,
-    /// Computations of which no word came: they gave their places back.
+    /// Computations that counted as lost: no result or failure came, and their places are free again.
     pub lost: u64,
-    /// Failures that no longer mattered, by reason (F4).
+    /// Failures dropped, by reason (F4).
     pub failures_dropped: BTreeMap<DropReason, u64>,
-    /// Timers that fired (F5); local's is its deadline's.
+    /// Timers that fired (F5); for local, those of its deadline.
     pub timers: u64,
     /// Requests cancelled because something better or timelier was forwarded (F7).
     pub cancelled: u64,
-    /// Bytes that its calls say they sent.
+    /// Bytes that its calls report as sent.
     pub sent_bytes: u64,
-    /// The deadline in force: that of its latest offer. None before the first, and for local.
+    /// The deadline in force, of its latest offer. None before the first offer, and for local.
     pub in_force: Option<InForce>,
 }
 
-/// A deadline, and why it is that one.
+/// A deadline, and what chose it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct InForce {
     /// The deadline.
     pub deadline: Duration,
-    /// Why, if a policy chose it; none is as it was offered.
+    /// Why a policy chose it; none if it is as it was offered.
     pub reason: Option<Reason>,
 }
 
@@ -84,17 +84,17 @@ impl SourceTally {
 }
 
 impl InForce {
-    /// Why a deadline can be in force, as [`why`](Self::why) says it.
+    /// All words that [`why`](Self::why) may return.
     pub const WHYS: [&str; 8] =
         ["offered", "constant", "local-stops", "cloud-alone", "unsure", "expected", "probe", "cap"];
 
-    /// Why, in a word.
+    /// Why it is in force, in one word.
     #[must_use]
     pub const fn why(&self) -> &'static str {
         Self::WHYS[self.index()]
     }
 
-    /// The word's place.
+    /// The word's index in [`WHYS`](Self::WHYS).
     pub(crate) const fn index(&self) -> usize {
         match self.reason {
             None => 0,

@@ -1,4 +1,4 @@
-//! The way from the operator to its recorder, which writes files and may wait for the disk (D10 whole trace).
+//! From the operator to its recorder, which writes files and may wait for the disk (D10 whole trace).
 
 use std::io;
 use std::mem;
@@ -15,14 +15,14 @@ use crate::counts::Counts;
 #[cfg(feature = "mcap")]
 use crate::mcap::Mcap;
 
-/// How long a line waits at most before it is written.
+/// The longest that a line waits before it is written.
 const PERIOD: Duration = Duration::from_millis(500);
-/// So many lines are written at once, whenever there are as many.
+/// As soon as this many lines wait, they are written.
 const LINES: usize = 512;
-/// How many lines may wait for the disk.
+/// The most lines that may wait for the disk.
 const WAITING: usize = 64 * LINES;
 
-/// What a run is recorded as.
+/// What a run is recorded in.
 pub enum Sink {
     /// The trace's own format.
     Lines(Box<Recorder>),
@@ -33,9 +33,9 @@ pub enum Sink {
 
 /// Hands lines to a recorder on its own thread, so that a slow disk does not delay the operator.
 ///
-/// What waits is written twice a second, at once when a message is missed or refused, and after each
-/// input if the recorder is told so. When too many lines wait for the disk, or it refuses them, the
-/// recording ends there, whole, with an error; the operator goes on.
+/// Lines are written twice a second, at once when a message is missed or refused, and after each
+/// input if the recorder is set so. When too many lines wait for the disk, or it refuses them, the
+/// recording ends there, after a whole input, with an error; the operator goes on.
 pub(crate) struct Tape {
     waiting: Arc<Mutex<Waiting>>,
     writer: Option<JoinHandle<io::Result<()>>>,
@@ -54,7 +54,7 @@ struct Waiting {
 
 impl Tape {
     /// # Errors
-    /// If the system has no thread left.
+    /// If the thread cannot be started.
     pub(crate) fn new(sink: Sink, counts: Arc<Counts>) -> io::Result<Self> {
         let waiting = Arc::<Mutex<Waiting>>::default();
         let every_input = sink.every_input();
@@ -72,7 +72,7 @@ impl Tape {
         // The writer holds the lock only while it exchanges two vectors.
         let mut waiting = lock(&self.waiting);
         if waiting.lines.len() >= WAITING {
-            // A gap would make the trace a false one: what comes later is not recorded either.
+            // A gap would make the trace false: what comes later is not recorded either.
             self.is_over = true;
             self.counts.unrecorded("the disk is too slow");
             return;
@@ -90,7 +90,7 @@ impl Tape {
     /// Waits until all is written.
     ///
     /// # Errors
-    /// What the recorder met, or that the disk was too slow.
+    /// The recorder's error, or that the disk was too slow.
     pub(crate) fn finish(&mut self) -> io::Result<()> {
         lock(&self.waiting).is_end = true;
         self.wake();
@@ -115,7 +115,7 @@ impl Tape {
 impl Drop for Tape {
     fn drop(&mut self) {
         if self.writer.is_some() {
-            // It was told when it happened.
+            // The error was reported when it happened.
             let _ = self.finish();
         }
     }
@@ -147,7 +147,7 @@ fn write(mut sink: Sink, waiting: &Mutex<Waiting>, counts: &Counts) -> io::Resul
     failed.map_or_else(|| sink.finish(), Err)
 }
 
-/// What one wants to read of even if the process is killed.
+/// What must be in the file even if the process is killed.
 const fn is_loss(decision: &Decision) -> bool {
     matches!(decision, Decision::Miss { .. } | Decision::RefuseOpen { .. })
 }
@@ -192,7 +192,7 @@ impl Sink {
     }
 }
 
-/// The error once more, with the file that it is about.
+/// The same error, with the file that it is about.
 fn again(error: &io::Error, file: &Path) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", file.display()))
 }

@@ -11,15 +11,15 @@ use crate::parameters::{Assignment, ParameterError};
 
 /// What `--help` prints.
 pub const HELP: &str = "\
-Adds cloud assistance to a ROS 2 graph: forwards one result for each message, the best that is
-there by its deadline.
+Adds cloud assistance to a ROS 2 graph: forwards one result for each message, the best that has
+come by its deadline.
 
 Usage: fuseline-ros2 [OPTION]... [--ros-args [ROS ARGUMENT]... [--]]...
 
 Options:
-      --check    Print the settings as they are resolved, and exit
-  -h, --help     Print this, and exit
-  -V, --version  Print the version, and exit
+      --check    Print the resolved settings, or what the start would refuse, and exit
+  -h, --help     Print this and exit
+  -V, --version  Print the version and exit
 
 ROS arguments:
   -r, --remap [NODE:]FROM:=TO       Rename a topic, the node (__node) or its namespace (__ns)
@@ -27,15 +27,16 @@ ROS arguments:
       --params-file FILE            Set the parameters in a file; -p and later files win
       --log-level [LOGGER:=]LEVEL   debug, info, warn, error or fatal
       --enable-rosout-logs, --disable-rosout-logs
-                                    Whether logs are published, too; they are by default
+                                    Whether logs are also published; they are by default
 
 Exit codes:
     0  done, or ended by a signal
-    2  bad arguments or settings, told in one line
+    1  the network or the system refuses; the log says what
+    2  bad arguments or settings; one line says what, and nothing was started
   130  ended by a second signal
 ";
 
-/// What the command line says.
+/// The command line.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Arguments {
     /// What to do.
@@ -48,7 +49,7 @@ pub struct Arguments {
     pub assignments: Vec<Assignment>,
     /// Levels and the loggers that they are for, in order; none is all loggers.
     pub log_levels: Vec<(Option<String>, Level)>,
-    /// Whether logs are published, too.
+    /// Whether logs are also published.
     pub rosout: bool,
 }
 
@@ -68,37 +69,37 @@ pub enum Action {
 /// How severe what is logged must be.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Level {
-    /// Everything.
+    /// Debug and above: everything.
     Debug,
-    /// What is of interest.
+    /// Info and above.
     Info,
-    /// What is not as it should be.
+    /// Warnings and above.
     Warn,
-    /// What cannot be done.
+    /// Errors and above.
     Error,
-    /// What ends the node.
+    /// Only what ends the node.
     Fatal,
 }
 
-/// Why the command line is of no use.
+/// What is wrong with the command line.
 #[derive(Debug, Error)]
 pub enum ArgumentError {
     /// There is no such option.
     #[error(
-        "{0}: there is no such option; take --check, --help or --version, and put what is ROS's \
-         after --ros-args"
+        "{0}: there is no such option; use --check, --help or --version, and put ROS arguments \
+        after --ros-args"
     )]
     Option(String),
     /// There is no such ROS argument.
-    #[error("{0}: there is no such ROS argument; take -r, -p, --params-file or --log-level")]
+    #[error("{0}: there is no such ROS argument; use -r, -p, --params-file or --log-level")]
     RosArgument(String),
-    /// Nothing comes after an argument that needs it.
+    /// An argument's value is missing.
     #[error("{0}: its value is missing; give {1}")]
     Value(String, &'static str),
-    /// An argument is no UTF-8.
-    #[error("{0:?}: not UTF-8; use names that are")]
+    /// An argument is not UTF-8.
+    #[error("{0:?}: not UTF-8; use a name that is")]
     Text(OsString),
-    /// A remapping rule is none.
+    /// A remapping rule cannot be read.
     #[error("{argument}: {source}")]
     Remap {
         /// The argument.
@@ -106,11 +107,11 @@ pub enum ArgumentError {
         /// Why.
         source: RemapError,
     },
-    /// A parameter is none.
+    /// A parameter cannot be read.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
     /// There is no such level.
-    #[error("{0}: there is no such level; take debug, info, warn, error or fatal")]
+    #[error("{0}: there is no such level; use debug, info, warn, error or fatal")]
     Level(String),
 }
 
@@ -118,7 +119,7 @@ impl Arguments {
     /// Reads the arguments, without the program's name.
     ///
     /// # Errors
-    /// With the first that is of no use, unless `--help` or `--version` comes before it.
+    /// The first bad argument, unless `--help` or `--version` comes before it.
     pub fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Self, ArgumentError> {
         let mut args = args.into_iter().map(|arg| arg.into_string().map_err(ArgumentError::Text));
         let mut all = Self {
@@ -178,7 +179,7 @@ impl Arguments {
             }
             "--enable-rosout-logs" => self.rosout = true,
             "--disable-rosout-logs" => self.rosout = false,
-            // There is one log beside rosout, and it stays; other nodes' launch files have these.
+            // Launch files made for other nodes have these. The log on standard error stays on.
             "--enable-stdout-logs"
             | "--disable-stdout-logs"
             | "--enable-external-lib-logs"
@@ -192,7 +193,7 @@ impl Arguments {
 impl FromStr for Level {
     type Err = ();
 
-    /// As rcl, whatever the case of the letters.
+    /// As in rcl, in any case of letters.
     fn from_str(name: &str) -> Result<Self, ()> {
         let levels = [
             ("debug", Self::Debug),
@@ -270,12 +271,12 @@ mod tests {
         let cases: [(&[&str], &str); 13] = [
             (
                 &["input:=/image"],
-                "input:=/image: there is no such option; take --check, --help or --version, and \
-                 put what is ROS's after --ros-args",
+                "input:=/image: there is no such option; use --check, --help or --version, and \
+                 put ROS arguments after --ros-args",
             ),
             (
                 &["--ros-args", "--enclave", "/a"],
-                "--enclave: there is no such ROS argument; take -r, -p, --params-file or \
+                "--enclave: there is no such ROS argument; use -r, -p, --params-file or \
                  --log-level",
             ),
             (&["--ros-args", "-r"], "-r: its value is missing; give FROM:=TO"),
@@ -289,16 +290,17 @@ mod tests {
             (&["--ros-args", "-p", ":=1"], "-p :=1: give NAME:=VALUE"),
             (
                 &["--ros-args", "-p", "/a:window:=1"],
-                "-p /a:window:=1: \"/a\" is no node's name: '/' is no letter, digit or underscore",
+                "-p /a:window:=1: \"/a\" is not a node's name: '/' is not a letter, digit or \
+                 underscore",
             ),
             (
                 &["--ros-args", "-p", "trace.file:="],
-                "-p trace.file:=: trace.file has no value; give one, '' for an empty text",
+                "-p trace.file:=: trace.file has no value; give one, '' for an empty string",
             ),
             (
                 &["--ros-args", "-p", "clouds:=[a, 1]"],
-                "-p clouds:=[a, 1]: clouds is a list of other than booleans, integers, numbers or \
-                 texts alone",
+                "-p clouds:=[a, 1]: clouds must be a list of only booleans, only integers, only \
+                 numbers or only strings",
             ),
             (
                 &["--ros-args", "-p", "clouds:={a: 1}"],
@@ -307,7 +309,7 @@ mod tests {
             ),
             (
                 &["--ros-args", "--log-level", "a:=loud"],
-                "--log-level a:=loud: there is no such level; take debug, info, warn, error or \
+                "--log-level a:=loud: there is no such level; use debug, info, warn, error or \
                  fatal",
             ),
         ];
@@ -321,7 +323,7 @@ mod tests {
     fn an_argument_that_is_no_text_is_refused() {
         use std::os::unix::ffi::OsStringExt;
         let error = Arguments::parse([OsString::from_vec(vec![b'a', 0xff])]).unwrap_err();
-        assert_eq!(error.to_string(), "\"a\\xFF\": not UTF-8; use names that are");
+        assert_eq!(error.to_string(), "\"a\\xFF\": not UTF-8; use a name that is");
     }
 
     proptest! {

@@ -1,4 +1,4 @@
-//! The node's ends of topics: serialized messages in and out, and who is at the other end.
+//! The node's ends of topics: serialized messages in and out, and the peers at the other end.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::{IpAddr, Ipv4Addr};
@@ -23,16 +23,16 @@ use crate::raw::{Cdr, Payload};
 use crate::rhythm::Rhythm;
 use crate::settings::Qos;
 
-/// How many samples a reliable publisher keeps for subscribers that have not acknowledged them; with
-/// so many, none is written.
+/// How many samples a reliable publisher keeps for subscribers that have not acknowledged them; when
+/// it keeps that many, it writes no more.
 ///
-/// One that was killed acknowledges nothing until its lease ends, 10 s or 20 s by the habit of other
+/// A subscriber that was killed acknowledges nothing until its lease ends, 10 s or 20 s in other
 /// implementations, and the others must not wait for it: this is half a minute at 30 Hz.
 const UNACKNOWLEDGED: i32 = 1024;
 
-/// The deadline that publishers offer, five times as long as `rustdds` waits between two repairs of
-/// 8 KiB each: with its own choice an image of which some datagrams were lost holds up its topic for
-/// ten seconds and more. Nothing watches it, and it fits whatever deadline a subscriber requests.
+/// The deadline that publishers offer: five times as long as `rustdds` waits between two repairs of
+/// 8 KiB each. With the default of `rustdds`, an image with lost datagrams holds up its topic for
+/// ten seconds and more. Nothing watches it, and it suits any deadline that a subscriber requests.
 const REPAIRS: Deadline = Deadline(Duration::from_millis(5));
 
 /// The node in its domain.
@@ -40,7 +40,7 @@ pub(crate) struct Domain {
     pub(crate) participant: DomainParticipant,
     publisher: Publisher,
     subscriber: Subscriber,
-    /// What looks at the endpoints; ends with this.
+    /// The tasks that serve the endpoints; they end with this.
     tasks: JoinSet<()>,
 }
 
@@ -51,14 +51,14 @@ pub(crate) struct Outlet {
     pub(crate) end: Arc<End>,
 }
 
-/// The source timestamps of one writer: the time of day that never goes back.
+/// One writer's source timestamps: the time of day, but never going back.
 ///
-/// DDS refuses a time before that of the last sample, and Fast DDS drops such a sample from a history
-/// that is full; but the time of day is set back.
+/// DDS refuses a time before the last sample's, and Fast DDS drops such a sample from a full
+/// history; but clocks are set back.
 #[derive(Debug, Default)]
 struct Stamper(AtomicU64);
 
-/// Who is at the other end of a topic.
+/// The node's end of a topic, and its peers.
 #[derive(Debug)]
 pub(crate) struct End {
     pub(crate) topic: String,
@@ -71,16 +71,16 @@ pub(crate) struct End {
 #[derive(Default, Debug)]
 struct Peers {
     matched: BTreeSet<GUID>,
-    /// Those with messages of another type, which `rustdds` does not look at.
+    /// Peers with messages of another type, which `rustdds` does not check.
     strangers: BTreeMap<GUID, String>,
     incompatible: Option<Incompatible>,
 }
 
-/// Peers of the topic that want or offer another quality of service.
+/// Peers whose quality of service does not fit.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Incompatible {
     pub(crate) count: i32,
-    /// What the last of them differs in.
+    /// The policy in which the last of them differs.
     pub(crate) policy: String,
 }
 
@@ -98,7 +98,7 @@ impl Domain {
         Ok(Self { participant, publisher, subscriber, tasks: JoinSet::new() })
     }
 
-    /// Leaves it: readers and writers end before their participant does.
+    /// Leaves the domain: readers and writers end before their participant does.
     pub(crate) async fn leave(mut self) {
         self.tasks.shutdown().await;
     }
@@ -126,7 +126,7 @@ impl Domain {
         Ok(Outlet { writer, stamper: Stamper::default(), end })
     }
 
-    /// Subscribes to a topic; `take` gets each message, in the order of its publisher.
+    /// Subscribes to a topic; `take` gets each message, in its publisher's order.
     pub(crate) fn inlet<F>(
         &mut self,
         topic: &str,
@@ -170,7 +170,7 @@ impl Domain {
 }
 
 impl Outlet {
-    /// Publishes without waiting. False if that cannot be: a reliable subscriber is too far behind.
+    /// Publishes without waiting; false if it cannot, as a reliable subscriber is too far behind.
     pub(crate) fn publish(&self, payload: Payload) -> bool {
         match self.writer.write(payload, Some(self.stamper.stamp(Timestamp::now()))) {
             Ok(()) => true,
@@ -196,7 +196,7 @@ impl End {
         Self { topic: topic.into(), type_name: dds_type(ty), peers, rhythm }
     }
 
-    /// Says what is silence; none is for the gaps between messages to say.
+    /// Sets how long counts as silence; none leaves it to the gaps between messages.
     pub(crate) fn patience(&self, patience: Option<std::time::Duration>) {
         *self.rhythm() = Rhythm::new(patience);
     }
@@ -206,22 +206,22 @@ impl End {
         self.rhythm().beat(now);
     }
 
-    /// How long nothing came, if that is too long with a publisher there.
+    /// How long nothing has come, if that is too long and a publisher is there.
     pub(crate) fn silence(&self) -> Option<std::time::Duration> {
         if self.matched() == 0 { None } else { self.rhythm().silence(Instant::now()) }
     }
 
-    /// How many there are.
+    /// How many peers there are.
     pub(crate) fn matched(&self) -> usize {
         self.peers().matched.len()
     }
 
-    /// Those that were met and want or offer another quality of service.
+    /// The peers found whose quality of service does not fit.
     pub(crate) fn incompatible(&self) -> Option<Incompatible> {
         self.peers().incompatible.clone()
     }
 
-    /// The type of one whose messages are of another, if there is one.
+    /// The message type of a peer that has another one, if there is such a peer.
     pub(crate) fn other_type(&self) -> Option<String> {
         self.peers().strangers.values().next().cloned()
     }
@@ -290,7 +290,7 @@ impl End {
         self.peers().incompatible = Some(Incompatible { count, policy });
     }
 
-    /// What is changed is changed whole, so that a poisoned lock holds nothing strange.
+    /// Changes are made whole, so even a poisoned lock holds a sound state.
     fn peers(&self) -> MutexGuard<'_, Peers> {
         self.peers.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -300,7 +300,7 @@ impl End {
     }
 }
 
-/// The name that a message type has in DDS: `pkg/msg/Type` is `pkg::msg::dds_::Type_`.
+/// A message type's name in DDS: `pkg/msg/Type` is `pkg::msg::dds_::Type_`.
 fn dds_type(ty: &str) -> String {
     match ty.rsplit_once('/') {
         Some((package, name)) => format!("{}::dds_::{name}_", package.replace('/', "::")),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use fuseline_deadline::Invalid;
-use fuseline_operator::{ConfigError, Shortfalls};
+use fuseline_operator::ConfigError;
 use rustdds::dds::CreateError;
 use thiserror::Error;
 
@@ -12,18 +12,13 @@ use crate::source::GrpcError;
 /// Why a node does not run, or did not end well.
 #[derive(Debug, Error)]
 pub enum NodeError {
-    /// What its parameters make is no machine.
+    /// There is no machine with these parameters.
     #[error("the parameters are refused: {0}")]
     Config(#[from] ConfigError),
-    /// It could not keep up with what comes.
-    #[error(
-        "the node could not keep up: {0} (by window, <cloud>.in_flight, local.in_flight and deadline)"
-    )]
-    Pace(#[from] Shortfalls),
     /// Figures that make no policy.
     #[error("the policy's parameters are refused: {0}")]
     Policy(#[from] Invalid),
-    /// A file of a recording cannot be made.
+    /// A recording's file cannot be created.
     #[error("{path} cannot be written: {error}", path = path.display())]
     Recording {
         /// The file.
@@ -45,8 +40,8 @@ pub enum NodeError {
     /// ROS refuses the node or an end of a topic.
     #[error("ROS: {0}")]
     Ros(String),
-    /// The system refuses what every program has.
-    #[error("the system refuses: {0}")]
+    /// The system refuses something basic, such as a thread.
+    #[error("the operating system: {0}")]
     System(std::io::Error),
     /// The run was not recorded whole.
     #[error("the trace is not whole: {0}")]

@@ -4,11 +4,11 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Counting, Ending, Item, Offer, Situation};
+use fuseline_operator::{Counting, Ending, Hint, Item, Offer, Situation};
 use fuseline_tokio::Call;
 use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
 use tokio::time::Instant;
-use tracing::error;
+use tracing::{debug, error};
 
 use crate::dds::End;
 use crate::key::{Key, Stamp};
@@ -35,11 +35,11 @@ pub(crate) struct Fusion<'a> {
     /// Local, then the clouds in their order.
     pub(crate) sources: Vec<Source>,
     pub(crate) output: Box<dyn Publish>,
-    /// Of input and output, to tell what does not fit.
+    /// The ends of input and output, to report peers that do not fit.
     pub(crate) ends: Vec<Arc<End>>,
     pub(crate) input_key: Key,
     pub(crate) output_key: Key,
-    /// Of clouds without one of their own.
+    /// The deadline of clouds without one of their own.
     pub(crate) deadline: Duration,
     pub(crate) node: String,
     pub(crate) voice: Box<dyn Speak>,
@@ -47,11 +47,11 @@ pub(crate) struct Fusion<'a> {
     pub(crate) heard: Heard,
     pub(crate) stop: &'a mut Stop,
     pub(crate) memory: Memory,
-    /// If a topic tells it.
+    /// The vehicle's speed, if a topic gives it.
     pub(crate) speed: Option<Speed>,
 }
 
-/// How many take turns in [`Heard`].
+/// How many parties take turns in [`Heard`].
 const TURNS: usize = 6;
 
 /// What is kept from one event to the next.
@@ -76,7 +76,7 @@ impl Transport for Fusion<'_> {
     type Value = Payload;
     type Message = Payload;
 
-    /// Topics, parameters and reports take turns, so that a flood on one keeps no other from its.
+    /// Topics, parameters and reports take turns, so that a flood on one does not keep another from its turn.
     fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<Payload, Payload>> {
         if self.stop.poll_next(context).is_ready() {
             return Poll::Ready(if self.stop.is_urgent() {
@@ -161,6 +161,17 @@ impl Transport for Fusion<'_> {
                 let handle = Arc::clone(handle);
                 Sent::Call(Box::pin(async move { handle(request, call).await }))
             }
+        }
+    }
+
+    /// What came too late may help with the next messages. It never goes to the output's topic.
+    fn hint(&mut self, hint: Hint<Payload>) {
+        let Hint { source, value, timestamp, why, .. } = hint;
+        let of = self.sources.iter().find(|it| it.priority == source.priority);
+        if let Some(hints) = of.and_then(|source| source.hints.as_ref())
+            && !hints.publish(value)
+        {
+            debug!(timestamp, %source, %why, "hint not sent: a subscriber is too far behind");
         }
     }
 

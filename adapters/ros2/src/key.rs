@@ -86,7 +86,7 @@ pub enum Key {
     /// The stamp of a `std_msgs/Header` at the very beginning. It fits whatever begins with a
     /// `builtin_interfaces/Time` as well.
     Header,
-    /// An integer of a fixed place.
+    /// An integer at a fixed place.
     Integer {
         /// Bytes from the first after the encapsulation header.
         offset: u32,
@@ -127,8 +127,8 @@ pub enum KeyError {
 
 /// Whether the type `package/msg/Type` is known to begin with a `std_msgs/Header`.
 ///
-/// The table holds the common interfaces of Humble to Kilted and some packages beside them. What is
-/// not there may well have one.
+/// The table has the common interfaces of Humble to Kilted and some other packages. A type that is
+/// not in it may still begin with one.
 #[must_use]
 pub fn has_header(type_name: &str) -> bool {
     WITH_HEADER.binary_search(&type_name).is_ok()
@@ -138,7 +138,7 @@ impl Key {
     /// Reads the key of a message's body, the bytes after the encapsulation header.
     ///
     /// # Errors
-    /// If the body is too short, or a header's stamp is none.
+    /// If the body is too short, or a header's stamp is not valid.
     pub fn read(self, body: &[u8], big_endian: bool) -> Result<Stamp, KeyError> {
         let stamp = match self {
             Self::Header => {
@@ -188,7 +188,7 @@ impl fmt::Display for Stamp {
     }
 }
 
-/// As many bytes as the integer has, in this machine's order.
+/// The integer's bytes, in this machine's order.
 fn bytes<const N: usize>(body: &[u8], offset: u32, big_endian: bool) -> Result<[u8; N], KeyError> {
     let offset = usize::try_from(offset).map_err(|_| KeyError::Short)?;
     let found = body.get(offset..).and_then(<[u8]>::first_chunk::<N>);

@@ -22,7 +22,7 @@ mod voice;
 pub use arguments::Arguments;
 pub use error::NodeError;
 pub use fuseline_operator::{Commit, Tally};
-pub use node::run;
+pub use node::{check, run};
 pub use raw::Payload;
 pub use rosout::{Lines, Rosout};
 pub use settings::Settings;

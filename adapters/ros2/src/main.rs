@@ -4,8 +4,10 @@ use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 
 use fuseline_ros2::arguments::{Action, Arguments, HELP, Level};
+use fuseline_ros2::settings::PolicyKind;
 use fuseline_ros2::{Lines, NodeError, Rosout, Settings, Stop};
-use tracing::error;
+use tokio::runtime::{Builder, Runtime};
+use tracing::{error, warn};
 use tracing_subscriber::filter::{EnvFilter, LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
@@ -27,23 +29,32 @@ fn main() -> ExitCode {
         Action::Check | Action::Run => {}
     }
     let settings = match Settings::from(&arguments, |name| {
-        // What is no text is wrong where it is read, not missing.
+        // A value that is not UTF-8 is an error where it is read, not missing.
         std::env::var_os(name).map(|value| value.to_string_lossy().into_owned())
     }) {
         Ok(settings) => settings,
         Err(error) => return told(&error),
     };
     if arguments.action == Action::Check {
-        return print(&format!("{settings}\n"));
+        return match check(&settings) {
+            Ok(()) => print(&format!("{settings}\n")),
+            Err(error) => told(&error),
+        };
     }
     let lines = log(settings.log_level);
     for given in &settings.ignored {
-        tracing::warn!("{}: {} is of no effect here", given.place, given.name);
+        warn!("{}: {} is of no effect here", given.place, given.name);
+    }
+    if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
+        warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");
     }
     match serve(&settings, lines) {
         Ok(code) => code,
         Err(
-            error @ (NodeError::Config(_) | NodeError::Recording { .. } | NodeError::Grpc { .. }),
+            error @ (NodeError::Config(_)
+            | NodeError::Policy(_)
+            | NodeError::Recording { .. }
+            | NodeError::Grpc { .. }),
         ) => told(&error),
         Err(error) => {
             error!(%error, "the node ended");
@@ -52,13 +63,21 @@ fn main() -> ExitCode {
     }
 }
 
+/// What the start of the node would refuse.
+fn check(settings: &Settings) -> Result<(), NodeError> {
+    runtime()?.block_on(async { fuseline_ros2::check(settings) })
+}
+
 /// Runs the node until it is told to end.
 fn serve(settings: &Settings, lines: Lines) -> Result<ExitCode, NodeError> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let runtime = runtime.map_err(NodeError::System)?;
+    let runtime = runtime()?;
     let mut stop = runtime.block_on(async { Stop::watch() }).map_err(NodeError::System)?;
     runtime.block_on(fuseline_ros2::run(settings, &mut stop, Some(lines)))?;
     Ok(if stop.is_urgent() { ExitCode::from(130) } else { ExitCode::SUCCESS })
+}
+
+fn runtime() -> Result<Runtime, NodeError> {
+    Builder::new_current_thread().enable_all().build().map_err(NodeError::System)
 }
 
 /// Logs to standard error and to what it returns; `RUST_LOG` says more than a level can.
@@ -69,8 +88,8 @@ fn log(level: Option<Level>) -> Lines {
         Some(Level::Warn) => "warn",
         Some(Level::Error | Level::Fatal) => "error",
     };
-    // What the libraries have to say is for those who look for it; where there is no multicast, as
-    // on loopback alone, that is an error to one of them, and none to us.
+    // The libraries' logs are for those who ask for them: one of them logs an error where there is
+    // no multicast, as on loopback alone, and that is none to us.
     let ours =
         format!("error,fuseline_ros2={level},fuseline_operator={level},rustdds::network=off");
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(ours));
@@ -85,7 +104,7 @@ fn log(level: Option<Level>) -> Lines {
 }
 
 fn print(text: &str) -> ExitCode {
-    // A reader that has seen enough is no error.
+    // A reader that closes early is no error.
     drop(std::io::stdout().write_all(text.as_bytes()));
     ExitCode::SUCCESS
 }

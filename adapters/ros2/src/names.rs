@@ -7,7 +7,7 @@ use thiserror::Error;
 /// The most characters of a topic's full name, as in rmw.
 const TOPIC_CHARS: usize = 247;
 
-/// A node's name within its namespace; relative and private names begin there.
+/// A node's name and namespace, from which relative and private names are resolved.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct NodeName {
     /// `/`, or `/a/b`.
@@ -19,9 +19,9 @@ pub struct NodeName {
 /// One remapping rule, `[node:]from:=to`.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Remap {
-    /// The node that it is for, a name without namespace; none is any node.
+    /// The node that it is for, a name without namespace; none means any node.
     pub node: Option<String>,
-    /// What it replaces, and by what.
+    /// What it replaces, and with what.
     pub rule: RemapRule,
 }
 
@@ -32,32 +32,32 @@ pub enum RemapRule {
     Node(String),
     /// `__ns:=/name`: the node's namespace.
     Namespace(String),
-    /// A topic whose full name is that of the first by the full name of the second.
+    /// A topic with the full name of the first by the full name of the second.
     Topic(String, String),
 }
 
-/// Why a name is not one.
+/// Why a name is not valid.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 pub enum NameError {
-    /// There is no name.
+    /// The name is empty.
     #[error("it is empty")]
     Empty,
     /// A slash at the end, or two in a row.
     #[error("a part between slashes is empty")]
     Slash,
-    /// ROS names have few characters.
-    #[error("{0:?} is no letter, digit or underscore")]
+    /// A character that ROS names cannot have.
+    #[error("{0:?} is not a letter, digit or underscore")]
     Character(char),
-    /// A part must begin with a letter or an underscore.
+    /// A part begins with a digit; it must begin with a letter or an underscore.
     #[error("a part begins with a digit")]
     Digit,
-    /// DDS keeps them for itself.
-    #[error("two underscores follow each other")]
+    /// Two underscores in a row, which DDS reserves.
+    #[error("it has two underscores in a row")]
     Underscores,
-    /// A topic is too long for DDS.
-    #[error("in full it has more than {TOPIC_CHARS} characters")]
+    /// A topic's full name is too long for DDS.
+    #[error("its full name has more than {TOPIC_CHARS} characters")]
     Long,
-    /// A namespace is relative.
+    /// A namespace that is relative.
     #[error("it does not begin with a slash")]
     Relative,
     /// A type is not `package/msg/Type`.
@@ -74,8 +74,8 @@ pub enum RemapError {
     /// Schemes such as `rostopic://`.
     #[error("schemes such as rostopic:// are not supported; give the topic's name alone")]
     Scheme,
-    /// A name in it is none.
-    #[error("{name:?} is no name: {source}")]
+    /// A name in it is not valid.
+    #[error("{name:?} is not a valid name: {source}")]
     Name {
         /// The name.
         name: String,
@@ -88,7 +88,7 @@ impl NodeName {
     /// A node of that name in that namespace.
     ///
     /// # Errors
-    /// If one is no name, or the namespace does not begin with a slash.
+    /// If one of them is not valid, or the namespace does not begin with a slash.
     pub fn new(namespace: &str, name: &str) -> Result<Self, NameError> {
         check_token(name)?;
         check_namespace(namespace)?;
@@ -120,7 +120,7 @@ impl NodeName {
     /// The full name of a topic: relative, private (`~/x`) or already full.
     ///
     /// # Errors
-    /// If it is no name, or too long.
+    /// If it is not a valid name, or too long.
     pub fn expand(&self, topic: &str) -> Result<String, NameError> {
         let full = if let Some(private) = topic.strip_prefix("~/") {
             format!("{}/{private}", self.full())
@@ -135,11 +135,11 @@ impl NodeName {
         if full.len() > TOPIC_CHARS { Err(NameError::Long) } else { Ok(full) }
     }
 
-    /// The full name of a topic after the first rule that matches it, as rcl has it: both sides of
-    /// a rule are expanded, and rules are not applied to what another one made.
+    /// The full name of a topic after the first rule that matches it, as in rcl: both sides of
+    /// a rule are expanded, and no rule is applied to the result of another.
     ///
     /// # Errors
-    /// If it is no name, or too long before or after.
+    /// If it is not a valid name, or too long before or after.
     pub fn topic(&self, topic: &str, remaps: &[Remap]) -> Result<String, NameError> {
         let full = self.expand(topic)?;
         for rule in self.rules(remaps) {
@@ -178,7 +178,7 @@ impl FromStr for Remap {
         let check = |name: &str, checked: Result<(), NameError>| {
             checked.map_err(|source| RemapError::Name { name: name.to_owned(), source })
         };
-        // Whether it is a name does not depend on whose it is.
+        // Whether a name is valid does not depend on the node.
         let anyone = NodeName { namespace: "/".to_owned(), name: "node".to_owned() };
         let topic = |name: &str| check(name, anyone.expand(name).map(|_| ()));
         if let Some(node) = node {
@@ -203,7 +203,7 @@ impl FromStr for Remap {
     }
 }
 
-/// Checks one part of a name: letters, digits and single underscores, a digit not first.
+/// Checks one part of a name: letters, digits and single underscores, not beginning with a digit.
 ///
 /// # Errors
 /// If it is something else.
@@ -222,7 +222,7 @@ pub fn check_token(token: &str) -> Result<(), NameError> {
     }
 }
 
-/// Checks the name of a message's type, `package/msg/Type`, as rosidl has it.
+/// Checks a message type's name, `package/msg/Type`, as in rosidl.
 ///
 /// # Errors
 /// If it is something else.
@@ -328,11 +328,11 @@ mod tests {
                 "rostopic://a:=b",
                 "schemes such as rostopic:// are not supported; give the topic's name alone",
             ),
-            ("input:=", "\"\" is no name: it is empty"),
-            ("a/*:=b", "\"a/*\" is no name: '*' is no letter, digit or underscore"),
-            ("/car:a:=b", "\"/car\" is no name: '/' is no letter, digit or underscore"),
-            ("__ns:=car", "\"car\" is no name: it does not begin with a slash"),
-            ("__node:=1", "\"1\" is no name: a part begins with a digit"),
+            ("input:=", "\"\" is not a valid name: it is empty"),
+            ("a/*:=b", "\"a/*\" is not a valid name: '*' is not a letter, digit or underscore"),
+            ("/car:a:=b", "\"/car\" is not a valid name: '/' is not a letter, digit or underscore"),
+            ("__ns:=car", "\"car\" is not a valid name: it does not begin with a slash"),
+            ("__node:=1", "\"1\" is not a valid name: a part begins with a digit"),
         ];
         for (rule, error) in cases {
             assert_eq!(rule.parse::<Remap>().unwrap_err().to_string(), error);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use fuseline_operator::{self as shared, Engine, Header, Local, Mcap, Recorder, Recording, Tally};
 use fuseline_tokio::drive::{Driver, finish};
@@ -12,33 +12,36 @@ use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::Payload;
-use crate::dds::Domain;
+use crate::dds::{Domain, End};
 use crate::error::NodeError;
 use crate::fusion::{Fusion, Heard, Memory, Sample};
 use crate::report::Reporter;
 use crate::rosout::Lines;
-use crate::settings::{self, Role, Settings};
-use crate::source::{Source, Strays, Way, call};
+use crate::settings::{self, Role, Settings, SpeedTopic};
+use crate::source::{Handle, Publish, Source, Strays, Way, call};
 use crate::speed::Speed;
 use crate::stop::Stop;
 use crate::voice::Voice;
 
-/// How many results may wait for the node at once; more stay in the readers, the oldest drop out.
+/// How many results may wait for the node at once; more stay in the readers, which drop the oldest.
 const RESULTS: usize = 64;
 
-/// Runs the node until told to stop; answers its counts. What is in `lines`, if anything, goes to
+/// Runs the node until it is stopped; returns its counts. What comes on `lines`, if anything, goes to
 /// `/rosout`.
 ///
-/// To be called within a tokio runtime.
+/// Call it within a tokio runtime.
 ///
 /// # Errors
-/// If it cannot be started as it is set, or its trace could not be written whole.
+/// If it cannot be started with these settings, or its trace could not be written whole.
 pub async fn run(
     settings: &Settings,
     stop: &mut Stop,
     lines: Option<Lines>,
 ) -> Result<Tally, NodeError> {
+    // What is refused is refused before anybody notices the node.
+    check(settings)?;
     let mut engine = engine(settings)?;
+    record(&mut engine, settings)?;
     let counting = engine.counts();
     let mut domain = Domain::join(settings.domain, settings.localhost_only)?;
     let (setter, changes) = mpsc::unbounded_channel();
@@ -57,31 +60,21 @@ pub async fn run(
         async move { drop(taken.send(sample).await) }
     })?;
     input_end.patience(settings.silence);
+    let mut ends = vec![input_end, Arc::clone(&output.end)];
     let (decided, deadlines) = mpsc::channel(1);
     if let Some(topic) = &settings.deadline_topic {
-        let qos = settings.qos(topic, Role::Subscription);
-        domain.inlet(topic, "std_msgs/msg/Float64", qos, move |sample| {
-            let decided = decided.clone();
-            async move { drop(decided.send(sample).await) }
-        })?;
+        ends.push(latest(&mut domain, settings, topic, "std_msgs/msg/Float64", decided)?);
     }
-
     let (told, speeds) = mpsc::channel(1);
-    if let Some(speed) = &settings.deadlines.speed {
-        let qos = settings.qos(&speed.topic, Role::Subscription);
-        domain.inlet(&speed.topic, &speed.type_name, qos, move |sample| {
-            let told = told.clone();
-            async move { drop(told.send(sample).await) }
-        })?;
+    if let Some(SpeedTopic { topic, type_name, .. }) = &settings.deadlines.speed {
+        ends.push(latest(&mut domain, settings, topic, type_name, told)?);
     }
-
-    record(&mut engine, settings)?;
     let node = settings.node.full();
     let mut report = interval(settings.diagnostics_period);
     report.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let fusion = Fusion {
         sources,
-        ends: vec![input_end, Arc::clone(&output.end)],
+        ends,
         output: Box::new(output),
         input_key: settings.input.key,
         output_key: settings.output.key,
@@ -114,9 +107,30 @@ pub async fn run(
     Ok(tally)
 }
 
+/// Whether the node could start, as far as that can be told without starting it: whether its
+/// parameters make an operator, and the files of its secrets can be read.
+///
+/// To be called within a tokio runtime. Nothing is opened, joined or written.
+///
+/// # Errors
+/// With the first thing that is wrong; [`run`] refuses the same.
+pub fn check(settings: &Settings) -> Result<(), NodeError> {
+    engine(settings)?;
+    for cloud in &settings.clouds {
+        if let settings::Way::Grpc(grpc) = &cloud.way {
+            handle(cloud, grpc)?;
+        }
+    }
+    Ok(())
+}
+
+/// How a cloud behind gRPC is called.
+fn handle(cloud: &settings::Cloud, grpc: &settings::Grpc) -> Result<Handle, NodeError> {
+    call(grpc).map_err(|error| NodeError::Grpc { cloud: cloud.name.clone(), error })
+}
+
 /// The operator, with nothing open.
 pub(crate) fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, NodeError> {
-    settings.keep_pace()?;
     let at_once: Vec<usize> = settings.clouds.iter().map(|cloud| cloud.in_flight.into()).collect();
     let local = Local {
         at_once: settings.local.in_flight.into(),
@@ -129,6 +143,9 @@ pub(crate) fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, No
         engine.set_linger(cloud.priority, cloud.linger);
         if let Some(policy) = settings.deadlines.policy()? {
             engine.set_policy(cloud.priority, policy);
+        }
+        if cloud.hints.is_some() {
+            engine.take_hints();
         }
     }
     Ok(engine)
@@ -170,7 +187,7 @@ fn record<V, R>(engine: &mut Engine<V, R>, settings: &Settings) -> Result<(), No
     Ok(())
 }
 
-/// Local and the clouds, with their ends of topics or their servers.
+/// Local and the clouds, with their topics or their servers.
 fn sources(
     settings: &Settings,
     domain: &mut Domain,
@@ -183,6 +200,7 @@ fn sources(
         way: topics(domain, settings, &local.input, &local.output, arrived, 0)?,
         enabled: true,
         deadline: Some(local.deadline),
+        hints: None,
         strays: Strays::default(),
     }];
     for (place, cloud) in (1..).zip(&settings.clouds) {
@@ -190,10 +208,14 @@ fn sources(
             settings::Way::Topics { input, output } => {
                 topics(domain, settings, input, output, arrived, place)?
             }
-            settings::Way::Grpc(grpc) => {
-                let name = &cloud.name;
-                let wrong = |error| NodeError::Grpc { cloud: name.clone(), error };
-                Way::Grpc(call(grpc).map_err(wrong)?)
+            settings::Way::Grpc(grpc) => Way::Grpc(handle(cloud, grpc)?),
+        };
+        let hints = match &cloud.hints {
+            None => None,
+            Some(topic) => {
+                let qos = settings.qos(topic, Role::Publisher);
+                let hints = domain.outlet(topic, &settings.output.type_name, qos)?;
+                Some(Box::new(hints) as Box<dyn Publish>)
             }
         };
         sources.push(Source {
@@ -202,6 +224,7 @@ fn sources(
             way,
             enabled: cloud.enabled,
             deadline: cloud.deadline,
+            hints,
             strays: Strays::default(),
         });
     }
@@ -225,4 +248,21 @@ fn topics(
         async move { drop(arrived.send((place, sample)).await) }
     })?;
     Ok(Way::Topics { requests: Box::new(requests), results })
+}
+
+/// Subscribes to a topic that says how something is; it may say so seldom.
+fn latest(
+    domain: &mut Domain,
+    settings: &Settings,
+    topic: &str,
+    type_name: &str,
+    heard: mpsc::Sender<Sample>,
+) -> Result<Arc<End>, CreateError> {
+    let qos = settings.qos(topic, Role::Subscription);
+    let end = domain.inlet(topic, type_name, qos, move |sample| {
+        let heard = heard.clone();
+        async move { drop(heard.send(sample).await) }
+    })?;
+    end.patience(Some(Duration::MAX));
+    Ok(end)
 }

@@ -28,14 +28,14 @@ pub struct Given {
     pub value: Value,
     /// Where it was given.
     pub place: Place,
-    /// Whether it was given for other nodes, too, under a name with a wildcard in a file.
+    /// Whether it is for other nodes as well: given in a file under a name with a wildcard.
     pub is_shared: bool,
 }
 
 /// Where a value comes from.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Place {
-    /// Nobody gave it.
+    /// It was not given.
     Default,
     /// A variable of the environment.
     Environment(&'static str),
@@ -48,16 +48,16 @@ pub enum Place {
 /// A parameter of the command line, `[node:]name:=value`.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Assignment {
-    /// The node that it is for, a name without namespace; none is any node.
+    /// The node that it is for, a name without namespace; none means any node.
     pub node: Option<String>,
     /// What it gives.
     pub given: Given,
 }
 
-/// Why a file or an assignment is of no use.
+/// Why a file or an assignment is refused.
 #[derive(Debug, Error)]
 pub enum ParameterError {
-    /// The file cannot be read, or is no UTF-8.
+    /// The file cannot be read, or is not UTF-8.
     #[error("{path}: {source}; give a parameter file that can be read")]
     Read {
         /// The file.
@@ -87,27 +87,27 @@ pub enum Flaw {
     /// It is not the YAML of parameters.
     #[error(transparent)]
     Yaml(#[from] YamlError),
-    /// Something other than nodes' names where those are expected.
-    #[error("a node's name and below it ros__parameters are expected")]
+    /// Something other than a node's name.
+    #[error("expected a node's name with ros__parameters below it")]
     Node,
-    /// A node's name that can match none.
-    #[error("{name:?} is no node's name: {source}")]
+    /// A node's name that can match no node.
+    #[error("{name:?} is not a node's name: {source}")]
     Pattern {
         /// The name.
         name: String,
         /// Why not.
         source: NameError,
     },
-    /// Something other than parameters where those are expected.
-    #[error("parameters are expected, each as name: value")]
+    /// Something other than parameters.
+    #[error("expected parameters, each as name: value")]
     Parameters,
     /// No value.
-    #[error("{0} has no value; give one, '' for an empty text")]
+    #[error("{0} has no value; give one, '' for an empty string")]
     Empty(String),
     /// A list of lists, of mappings, or of values of several types.
-    #[error("{0} is a list of other than booleans, integers, numbers or texts alone")]
+    #[error("{0} must be a list of only booleans, only integers, only numbers or only strings")]
     List(String),
-    /// An assignment of a mapping.
+    /// A mapping where a value belongs.
     #[error("{0} is a mapping; give each of its values as a parameter of its own")]
     Mapping(String),
     /// An assignment without name or `:=`.
@@ -115,15 +115,15 @@ pub enum Flaw {
     Shape,
 }
 
-/// What the files and then the assignments give to a node, by name; later ones win.
+/// The parameters that files and then assignments give to a node, by name; later ones win.
 ///
-/// In a file what is under `/**` comes first, then what is under other names with wildcards, then
-/// what is under the node's own name. `*` matches one part of a name, `**` any number, as in rcl.
+/// In a file, parameters under `/**` come first, then those under other names with wildcards, then
+/// those under the node's own name. `*` matches one part of a name, `**` any number, as in rcl.
 /// A node's name in an assignment matches in every namespace.
 ///
 /// # Errors
-/// If a file cannot be read or is not made of nodes with parameters. What it holds for other nodes
-/// is not looked at.
+/// If a file cannot be read or does not consist of nodes with parameters. Parameters of other nodes
+/// are not checked.
 pub fn given(
     files: &[PathBuf],
     assignments: &[Assignment],
@@ -144,7 +144,7 @@ pub fn given(
 }
 
 impl Assignment {
-    /// Reads `[node:]name:=value` with a value in YAML; `argument` is how to call it in errors.
+    /// Reads `[node:]name:=value` with a value in YAML; `argument` is its name in errors.
     ///
     /// # Errors
     /// If it is something else.

@@ -1,4 +1,4 @@
-//! Messages as they are on the wire: CDR that nobody here looks into.
+//! Messages as they are on the wire: CDR, passed on without a look inside.
 
 use std::cell::Cell;
 use std::convert::Infallible;
@@ -16,19 +16,19 @@ pub struct Payload {
     pub body: Bytes,
 }
 
-/// Takes payloads out of DDS samples and puts them in, as they are.
+/// Takes payloads out of DDS samples and puts them into samples, unchanged.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cdr;
 
-/// The encapsulations that are taken: plain CDR of either byte order, which is what ROS 2 sends.
+/// The encapsulations that are accepted: plain CDR of either byte order, which is what ROS 2 sends.
 const ENCODINGS: [Encoding; 2] = [Encoding::CDR_BE, Encoding::CDR_LE];
 
 /// How long an encapsulation header is, in bytes.
 const ENCAPSULATION: usize = 4;
 
 thread_local! {
-    /// The byte order of what `to_bytes` was last given. The encoding is asked of the adapter, not of
-    /// the value, right after the value's bytes and on the same thread.
+    /// The byte order of the payload last given to `to_bytes`. The library asks the adapter, not the
+    /// value, for the encoding, right after the value's bytes and on the same thread.
     static BIG_ENDIAN: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -44,7 +44,7 @@ impl Payload {
         bytes.into()
     }
 
-    /// The message behind an encapsulation header; none if that is missing or not of plain CDR.
+    /// The message behind an encapsulation header; none if the header is missing or not plain CDR.
     #[must_use]
     pub fn from_serialized(bytes: &Bytes) -> Option<Self> {
         let header = bytes.get(..ENCAPSULATION)?;

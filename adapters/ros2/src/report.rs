@@ -1,4 +1,4 @@
-//! What the node says of itself: `/diagnostics` once a period, and a status for each message (D15 told).
+//! What the node reports: `/diagnostics` once a period, and a status for each message (D15 told).
 
 use std::time::Duration;
 
@@ -53,7 +53,7 @@ const OK: u8 = 0;
 const WARN: u8 = 1;
 const ERROR: u8 = 2;
 
-/// What the node counts beside the operator, since its start.
+/// The node's counts since its start that the operator does not have.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Intake {
     /// Inputs too short for their key.
@@ -64,13 +64,13 @@ pub(crate) struct Intake {
     pub(crate) encoding: u64,
     /// Inputs with the stamp of an open message.
     pub(crate) duplicate_stamp: u64,
-    /// Messages taken on with a stamp that is not greater than all before.
+    /// Messages taken on whose stamp is not greater than all before.
     pub(crate) stamp_backwards: u64,
-    /// Outputs that a reliable subscriber was too far behind for.
+    /// Outputs not sent because a reliable subscriber was too far behind.
     pub(crate) unsent: u64,
 }
 
-/// Tells each period from the last.
+/// Reports each period by its difference from the one before.
 pub(crate) struct Reporter {
     node: String,
     told: Tally,
@@ -79,22 +79,23 @@ pub(crate) struct Reporter {
 }
 
 impl Reporter {
-    /// Of a node that has counted nothing yet.
+    /// The reporter of a node that has counted nothing yet.
     pub(crate) fn new(node: &str, tally: Tally) -> Self {
         let strays = vec![Strays::default(); tally.sources.len()];
         Self { node: node.into(), told: tally, intake: Intake::default(), strays }
     }
 
     /// The state of the node, of local and of each cloud in the period that ends now. Counts are
-    /// since the start.
+    /// since the start; `blind` says that policies know no speed.
     pub(crate) fn period(
         &mut self,
         tally: Tally,
         intake: Intake,
         sources: &[Source],
         ends: &[&End],
+        blind: Option<String>,
     ) -> Vec<DiagnosticStatus> {
-        let mut statuses = vec![self.fusion(&tally, intake, ends)];
+        let mut statuses = vec![self.fusion(&tally, intake, ends, blind)];
         for (i, source) in sources.iter().enumerate() {
             if let (Some(now), Some(before)) = (tally.sources.get(i), self.told.sources.get(i)) {
                 let stray = self.strays.get(i).copied().unwrap_or_default();
@@ -107,7 +108,13 @@ impl Reporter {
         statuses
     }
 
-    fn fusion(&self, tally: &Tally, intake: Intake, ends: &[&End]) -> DiagnosticStatus {
+    fn fusion(
+        &self,
+        tally: &Tally,
+        intake: Intake,
+        ends: &[&End],
+        blind: Option<String>,
+    ) -> DiagnosticStatus {
         let missed = tally.missed - self.told.missed;
         let refused = total(&tally.refused) - total(&self.told.refused);
         let unread = intake.unread() - self.intake.unread();
@@ -124,11 +131,13 @@ impl Reporter {
         } else if refused > 0 {
             (WARN, format!("{refused} messages refused"))
         } else if unread > 0 {
-            (WARN, format!("{unread} inputs not taken: no key, or one that is taken"))
+            (WARN, format!("{unread} inputs not taken in: no key, or an open message's key"))
         } else if let Some(unfit) = unfit {
             (WARN, unfit)
         } else if let Some(silent) = silent {
             (WARN, silent)
+        } else if let Some(blind) = blind {
+            (WARN, blind)
         } else if let Some(end) = nobody {
             (OK, format!("nobody on {}", end.topic))
         } else {
@@ -168,15 +177,15 @@ impl Reporter {
         } else if asked > 0 && without >= asked && heard == 0 {
             (ERROR, format!("missing: no result to {without} requests"))
         } else if lost > 0 && heard == 0 {
-            (ERROR, format!("missing: no word of {lost} computations"))
+            (ERROR, format!("missing: nothing from {lost} computations"))
         } else if without > 0 {
             (WARN, format!("falling back: {without} requests without a result in time"))
         } else if lost > 0 {
-            (WARN, format!("no word of {lost} computations"))
+            (WARN, format!("nothing from {lost} computations"))
         } else if refused > 0 {
             (WARN, format!("falling back: {refused} requests refused"))
         } else if strange > 0 {
-            (WARN, format!("{strange} results of no message"))
+            (WARN, format!("{strange} results that match no message"))
         } else if let Some(unfit) = unfit {
             (WARN, unfit)
         } else {
@@ -270,7 +279,7 @@ fn unfit(end: &End) -> Option<String> {
     quality.or_else(|| Some(format!("another type on {topic}: {}", end.other_type()?)))
 }
 
-/// That messages came on a topic and come no longer.
+/// A topic's silence in words, if messages have stopped coming.
 fn silent(end: &End) -> Option<String> {
     let (topic, silence) = (&end.topic, end.silence()?);
     let (matched, silence) = (end.matched(), silence.as_secs_f64());

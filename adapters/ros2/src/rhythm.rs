@@ -1,36 +1,36 @@
-//! Whether the messages of a topic go on coming.
+//! Whether messages keep coming on a topic.
 
 use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// So many usual gaps in a row without a message are silence.
+/// How many usual gaps without a message are a silence.
 const GAPS: u32 = 10;
-/// Less than this is none: what comes in bursts, or often, may rest so long.
+/// The shortest silence: what comes often or in bursts may pause this long.
 const LEAST: Duration = Duration::from_secs(2);
-/// A gap is so many times as much worth for the usual one as what was usual before it.
+/// The newest gap counts for one part in this many of the usual gap.
 const WEIGHT: u32 = 8;
 
 /// When messages came, and how far apart they usually do.
 #[derive(Debug, Default)]
 pub(crate) struct Rhythm {
-    /// What is silence; none is for the gaps to say.
+    /// How long counts as silence; none leaves it to the gaps.
     patience: Option<Duration>,
-    /// The last message, or the coming of a publisher after it.
+    /// When the last message came, or a publisher after it.
     last: Option<Instant>,
-    /// The mean gap, of which the last ones are most.
+    /// The mean gap, in which recent gaps count most.
     usual: Option<Duration>,
 }
 
 impl Rhythm {
-    /// Of a topic on which nothing came yet.
+    /// The rhythm of a topic on which nothing has come yet.
     pub(crate) fn new(patience: Option<Duration>) -> Self {
         Self { patience, ..Self::default() }
     }
 
     /// A message came.
     pub(crate) fn beat(&mut self, now: Instant) {
-        // A silence is no gap, or the next would be told too late.
+        // A silence is not a gap, or the next silence would be reported too late.
         if let Some(last) = self.last
             && self.silence(now).is_none()
         {
@@ -42,14 +42,14 @@ impl Rhythm {
         self.last = Some(now);
     }
 
-    /// A publisher came, who needs time to begin.
+    /// A publisher came and needs time to begin.
     pub(crate) fn rest(&mut self, now: Instant) {
         if let Some(last) = &mut self.last {
             *last = now;
         }
     }
 
-    /// How long nothing came, if it is too long. What never came twice has no rhythm.
+    /// How long nothing has come, if that is too long. A topic with less than two messages has no rhythm.
     pub(crate) fn silence(&self, now: Instant) -> Option<Duration> {
         let patience = self.patience.or_else(|| Some((self.usual? * GAPS).max(LEAST)))?;
         let silence = now.duration_since(self.last?);

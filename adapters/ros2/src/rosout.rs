@@ -1,4 +1,4 @@
-//! What the node logs, on `/rosout` as well.
+//! Publishes what the node logs on `/rosout` as well.
 
 use std::fmt::{Debug, Write};
 
@@ -9,7 +9,7 @@ use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::Context;
 
-/// How many lines may wait; more are in the log on standard error alone.
+/// How many lines may wait; more are only in the log on standard error.
 const LINES: usize = 256;
 
 /// A layer of `tracing` that keeps what is logged for the node to publish.
@@ -47,7 +47,7 @@ impl<S: Subscriber> Layer<S> for Rosout {
         event.record(&mut text);
         let file = event.metadata().file().unwrap_or_default();
         let line = event.metadata().line().unwrap_or_default();
-        // Nobody takes it when there is no node, and too much of it is not worth waiting for.
+        // Without a node nobody takes the line; when too many wait, it is not worth waiting for.
         drop(self.0.try_send(Said { level, text: text.0, file, line }));
     }
 }

@@ -27,61 +27,61 @@ pub use crate::settings::reader::Parameter;
 use crate::settings::reader::{Placed, Reader};
 pub use crate::settings::seconds::seconds;
 
-/// Names of types that are always the same.
+/// Types of topics that do not depend on parameters.
 const FLOAT64: &str = "std_msgs/msg/Float64";
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
 const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
 
-/// A node's settings. All names are full ones, and all values are as the node can use them.
+/// A node's settings. All names are full names, and all values have been checked.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Settings {
     /// The node's namespace and name.
     pub node: NodeName,
     /// The DDS domain, 0 to 232.
     pub domain: u16,
-    /// Whether other machines are left out.
+    /// Whether to talk to this machine only.
     pub localhost_only: bool,
     /// The messages.
     pub input: Stream,
-    /// How long no input may come until that is told; none is for their usual gap to say.
+    /// After how long without an input to warn; none leaves it to the usual gap.
     pub silence: Option<Duration>,
     /// Their results.
     pub output: Stream,
     /// How many messages may be open at once, 1 to 1024.
     pub window: u16,
-    /// When the best result in hand goes (F6).
+    /// The commit rule (F6).
     pub commit: Commit,
-    /// How long a cloud may take, if it has no deadline of its own.
+    /// How long a cloud without a deadline of its own may take.
     pub deadline: Duration,
     /// The topic that changes `deadline`, if any.
     pub deadline_topic: Option<String>,
-    /// How deadlines are chosen, up to `deadline`.
+    /// How deadlines are chosen, at most `deadline`.
     pub deadlines: Deadlines,
     /// The computation on this robot.
     pub local: Local,
     /// The clouds, in the order of the parameter `clouds`; up to 15.
     pub clouds: Vec<Cloud>,
-    /// The topic of one status a message.
+    /// The topic of the statuses, one for each message.
     pub status: String,
     /// The topic of the diagnostics.
     pub diagnostics: String,
     /// How often the diagnostics are published.
     pub diagnostics_period: Duration,
-    /// The trace's file, if it is recorded.
+    /// The file to record a trace in, if any.
     pub trace: Option<PathBuf>,
-    /// The trace's file in MCAP, if it is recorded.
+    /// The file to record a trace in as MCAP, if any.
     pub mcap: Option<PathBuf>,
-    /// Whether stamps of what the node itself publishes follow `/clock`.
+    /// Whether the stamps of the node's own messages follow `/clock`.
     pub use_sim_time: bool,
-    /// How severe what is logged must be, if it was given.
+    /// The least severe level that is logged, if it was given.
     pub log_level: Option<Level>,
-    /// Whether logs are published, too.
+    /// Whether logs are also published.
     pub rosout: bool,
     /// All topics, with their quality of service.
     pub topics: Vec<Topic>,
     /// All parameters, with their values.
     pub declared: Vec<Parameter>,
-    /// What was given to all nodes or some and is no parameter of this one.
+    /// What was given to all or several nodes and is no parameter of this one.
     pub ignored: Vec<Given>,
 }
 
@@ -92,16 +92,16 @@ pub struct Stream {
     pub topic: String,
     /// Its messages' type, `package/msg/Type`.
     pub type_name: String,
-    /// Where its messages say which input they are for.
+    /// Where a message says which input it is for.
     pub key: Key,
 }
 
 /// The computation on this robot (priority 0).
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Local {
-    /// The topic that it gets messages by.
+    /// The topic on which it gets messages.
     pub input: String,
-    /// The topic that it gives results by.
+    /// The topic on which it sends results.
     pub output: String,
     /// How long it may take (F1).
     pub deadline: Duration,
@@ -116,20 +116,22 @@ pub struct Local {
 pub struct Cloud {
     /// Its name; one part of a ROS name.
     pub name: String,
-    /// Its priority, 1 to 65535 and no other cloud's; the greater wins.
+    /// Its priority, 1 to 65535, different for each cloud; the greater wins.
     pub priority: u16,
-    /// How long it may take; none is [`Settings::deadline`].
+    /// How long it may take; none means [`Settings::deadline`].
     pub deadline: Option<Duration>,
-    /// Whether it is asked.
+    /// Whether the cloud is asked.
     pub enabled: bool,
     /// The gate shuts when this many requests wait (F2g); at least 1.
     pub limit: u64,
     /// The shut gate opens when this many or fewer wait; less than `limit`.
     pub resume: u64,
-    /// How many requests may be sent and unanswered, 1 to 1024.
+    /// How many requests may be under way, 1 to 1024.
     pub in_flight: u16,
     /// How long a request may run on after it was due, so that its policy learns how long it takes.
     pub linger: Duration,
+    /// The topic on which its late results are published, for whom they help with what comes next.
+    pub hints: Option<String>,
     /// How it is reached.
     pub way: Way,
 }
@@ -139,21 +141,21 @@ pub struct Cloud {
 pub enum Way {
     /// By two topics.
     Topics {
-        /// The topic that it gets messages by.
+        /// The topic on which it gets messages.
         input: String,
-        /// The topic that it gives results by.
+        /// The topic on which it sends results.
         output: String,
     },
     /// By gRPC, as a server of `fuseline.v1.Infer`.
     Grpc(Grpc),
 }
 
-/// A gRPC server and what it takes to be let in.
+/// A gRPC server, and the credentials for it.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Grpc {
     /// `https://host:port`, or `http://host:port` without TLS.
     pub url: String,
-    /// The file of the CA's certificate; always there with `https`.
+    /// The file of the CA's certificate; required with `https`.
     pub ca: Option<PathBuf>,
     /// The file of our certificate; there if `key` is.
     pub certificate: Option<PathBuf>,
@@ -166,14 +168,14 @@ pub struct Grpc {
 }
 
 impl Settings {
-    /// Resolves the arguments and the files that they name; `environment` looks a variable up.
+    /// Resolves the arguments and the files that they name; `environment` looks up a variable.
     ///
     /// Arguments win over files, later ones over earlier ones, and all of them over the
-    /// environment. An integer is taken where a number is expected: in ROS 2 it is an error, but
-    /// it is what was meant.
+    /// environment. An integer is accepted where a number is expected: ROS 2 refuses it, but
+    /// its meaning is clear.
     ///
     /// # Errors
-    /// With the first thing that is wrong, where it is, and what to do about it.
+    /// The first thing that is wrong, where it is, and what to do about it.
     pub fn from(
         arguments: &Arguments,
         environment: impl Fn(&str) -> Option<String>,
@@ -192,6 +194,10 @@ impl Settings {
         settings.declared = reader.declared;
         settings.log_level = log_level;
         settings.rosout = arguments.rosout;
+        if let Err(why) = settings.keep_pace() {
+            let place = settings.place("policy.rate");
+            return Err(SettingsError::Pace { place, why });
+        }
         for at in 0..settings.declared.len() {
             let is_fixed = settings.dynamic(&settings.declared[at].name).is_none();
             settings.declared[at].at_run_time = !is_fixed;
@@ -208,13 +214,21 @@ impl Settings {
     }
 }
 
+impl Settings {
+    /// Where a parameter comes from.
+    fn place(&self, name: &str) -> Place {
+        let found = self.declared.iter().find(|parameter| parameter.name == name);
+        found.map_or(Place::Default, |parameter| parameter.place.clone())
+    }
+}
+
 /// Reads all parameters but those of quality of service.
 fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
     let input = stream(r, "input", Role::Subscription)?;
     let silence = r.read(
         "input.silence",
         Value::Double(0.0),
-        "How long no input may come until diagnostics tell it, in seconds; 0 for ten usual gaps",
+        "How long without an input until diagnostics warn, in seconds; 0 for ten usual gaps",
         "seconds, at most 1e9, or 0 for ten usual gaps between inputs",
         seconds::own_seconds,
     )?;
@@ -243,11 +257,11 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         r.path("trace.mcap", "The file to record a trace in, as MCAP; empty for none")?,
     );
     let domain = r.integer("domain_id", 0..=232, 0, "The DDS domain")?;
-    let about = "Whether other machines are left out";
+    let about = "Whether to talk to this machine only";
     let localhost_only = r.flag("localhost_only", false, about)?;
     let about = "How often diagnostics are published, in seconds";
     let diagnostics_period = r.seconds("diagnostics.period", 1.0, about)?;
-    let about = "Whether stamps of what the node itself publishes follow /clock";
+    let about = "Whether the stamps of the node's own messages follow /clock";
     let use_sim_time = r.flag("use_sim_time", false, about)?;
     Ok(Settings {
         node,
@@ -286,7 +300,7 @@ fn stream(r: &mut Reader, name: &'static str, role: Role) -> Result<Stream, Sett
         &of("type"),
         Value::String(String::new()),
         "The messages' type",
-        "a type as sensor_msgs/msg/Image",
+        "a type such as sensor_msgs/msg/Image",
         |value| match value {
             Value::String(name) if check_type(name).is_ok() => Some(name.clone()),
             _ => None,
@@ -312,7 +326,7 @@ fn key(
     let kind = r.read(
         key,
         Value::String("header".to_owned()),
-        "What says which input a message is for",
+        "The part of a message that says which input it is for",
         "header, uint32, int32, uint64 or int64",
         |value| match value {
             Value::String(key) if key == "header" => Some(None),
@@ -349,8 +363,8 @@ fn topics(r: &mut Reader, name: &str, types: [&str; 2]) -> Result<[String; 2], S
     let mut topic = |side: &str, about, type_name, role| {
         r.topic(&format!("{name}.{side}_topic"), &format!("{name}/{side}"), about, type_name, role)
     };
-    let input = topic("input", "The topic that it gets messages by", types[0], Role::Publisher)?;
-    let about = "The topic that it gives results by";
+    let input = topic("input", "The topic on which it gets messages", types[0], Role::Publisher)?;
+    let about = "The topic on which it sends results";
     let output = topic("output", about, types[1], Role::Subscription)?;
     Ok([input, output])
 }

@@ -19,8 +19,10 @@ pub(crate) struct Source {
     pub(crate) way: Way,
     /// Whether it is asked at all; local always is.
     pub(crate) enabled: bool,
-    /// How long it may take; none is the node's deadline.
+    /// How long it may take; none means the node's deadline.
     pub(crate) deadline: Option<Duration>,
+    /// Where its late results go, for whom they help with what comes next.
+    pub(crate) hints: Option<Box<dyn Publish>>,
     pub(crate) strays: Strays,
 }
 
@@ -28,13 +30,13 @@ pub(crate) struct Source {
 pub(crate) enum Way {
     /// Over two topics.
     Topics { requests: Box<dyn Publish>, results: Arc<End> },
-    /// By a call each.
+    /// One call for each message.
     Grpc(Handle),
 }
 
 /// Sends serialized messages to a topic's subscribers.
 pub(crate) trait Publish: Send {
-    /// Publishes without waiting. False if that cannot be: a reliable subscriber is too far behind.
+    /// Publishes without waiting; false if it cannot, as a reliable subscriber is too far behind.
     fn publish(&self, payload: Payload) -> bool;
 
     /// How many subscribers there are.
@@ -58,23 +60,23 @@ impl Publish for Outlet {
     }
 }
 
-/// Makes a call with a serialized message, and answers with a serialized result.
+/// Makes a call with a serialized message, and returns a serialized result.
 pub(crate) type Handle =
     Arc<dyn Fn(Payload, Call) -> BoxFuture<'static, Result<Payload, Error>> + Send + Sync>;
 
-/// What came on its topic and is no result of any message.
+/// Counts what came on a source's topic and is no message's result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Strays {
-    /// Its key is of no message that is remembered.
+    /// Those whose key is of no remembered message.
     pub(crate) unknown_stamp: u64,
-    /// It has no key.
+    /// Those without a key.
     pub(crate) malformed: u64,
 }
 
 /// Why a cloud's server cannot be called.
 #[derive(Debug, thiserror::Error)]
 pub enum GrpcError {
-    /// A file that a parameter names.
+    /// A file that a parameter names cannot be read.
     #[error("{path} cannot be read: {error}")]
     File {
         /// The file.
@@ -82,7 +84,7 @@ pub enum GrpcError {
         /// Why not.
         error: std::io::Error,
     },
-    /// The token in the file.
+    /// The file has no valid token.
     #[error("{path} has no token: {error}")]
     Token {
         /// The file.
@@ -90,18 +92,18 @@ pub enum GrpcError {
         /// Why not.
         error: grpc::InvalidToken,
     },
-    /// The server's address and what secures it.
+    /// The server's address, certificates or key are not valid.
     #[error(transparent)]
     Remote(#[from] RemoteError),
 }
 
-/// What a reply must be.
+/// A reply is not plain CDR.
 #[derive(Debug, thiserror::Error)]
-#[error("the reply is no message serialized as plain CDR")]
+#[error("the reply is not a message serialized as plain CDR")]
 struct NotCdr;
 
 impl Source {
-    /// Who should be there and is not.
+    /// Who should be there and is missing, in words.
     pub(crate) fn missing(&self) -> Option<String> {
         match &self.way {
             Way::Topics { requests, .. } if requests.matched() == 0 => {
@@ -122,21 +124,20 @@ impl Source {
         }
     }
 
-    /// The topics' ends, to tell what does not fit.
+    /// The topics' ends, to report peers that do not fit.
     pub(crate) fn ends(&self) -> impl Iterator<Item = &End> {
-        match &self.way {
+        let ends = match &self.way {
             Way::Topics { requests, results } => [Some(requests.end()), Some(&**results)],
             Way::Grpc(_) => [None, None],
-        }
-        .into_iter()
-        .flatten()
+        };
+        ends.into_iter().flatten().chain(self.hints.iter().map(|hints| hints.end()))
     }
 }
 
 /// The handle of a cloud that offers `fuseline.v1.Infer`.
 ///
 /// # Errors
-/// If a file cannot be read or the address is none.
+/// If a file cannot be read or the address is not valid.
 pub(crate) fn call(grpc: &Grpc) -> Result<Handle, GrpcError> {
     let mut remote = Remote::new(&grpc.url);
     remote.ca = grpc.ca.as_deref().map(read).transpose()?;
@@ -178,7 +179,7 @@ mod tests {
 
     use super::*;
 
-    /// What a server wants of its clients, and the files that a client has it in.
+    /// The credentials that a server asks for, and a client's files of them.
     struct Secrets {
         folder: tempfile::TempDir,
         server: Server,

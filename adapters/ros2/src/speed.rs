@@ -8,8 +8,9 @@ use tokio::time::Instant;
 use crate::raw::Payload;
 use crate::settings::SpeedTopic;
 
-/// The last speed that was told.
+/// The last speed that came.
 pub(crate) struct Speed {
+    topic: String,
     is_odometry: bool,
     age: Duration,
     last: Option<(Instant, f64)>,
@@ -18,28 +19,44 @@ pub(crate) struct Speed {
 impl Speed {
     pub(crate) fn new(topic: &SpeedTopic) -> Self {
         let is_odometry = topic.type_name == "nav_msgs/msg/Odometry";
-        Self { is_odometry, age: topic.age, last: None }
+        Self { topic: topic.topic.clone(), is_odometry, age: topic.age, last: None }
     }
 
-    /// Takes a message; says whether it tells a speed. One that does not makes the speed unknown.
+    /// Takes a message; true if it has a speed. A message without one makes the speed unknown.
     pub(crate) fn take(&mut self, now: Instant, payload: &Payload) -> bool {
         let told = if self.is_odometry { odometry(payload) } else { number(payload, 0) };
-        // Backwards it is as fast.
+        // Going backwards is as fast.
         let speed = told.map(f64::abs).filter(|speed| speed.is_finite());
         self.last = speed.map(|speed| (now, speed));
         speed.is_some()
     }
 
-    /// What policies are told: nothing known, if nothing was told for too long.
+    /// What policies are to know: nothing, if the last speed is too old.
     pub(crate) fn situation(&self, now: Instant) -> Situation<'static> {
+        Situation::at(self.fresh(now).unwrap_or(f64::NAN))
+    }
+
+    /// That nothing is known, if that is so.
+    pub(crate) fn missing(&self, now: Instant) -> Option<String> {
+        match self.last {
+            _ if self.fresh(now).is_some() => None,
+            None => Some(format!("no speed on {}", self.topic)),
+            Some((then, _)) => {
+                let silence = now.duration_since(then).as_secs_f64();
+                Some(format!("no speed on {} for {silence:.1} s", self.topic))
+            }
+        }
+    }
+
+    fn fresh(&self, now: Instant) -> Option<f64> {
         let fresh = self.last.filter(|(then, _)| now.duration_since(*then) <= self.age);
-        Situation::at(fresh.map_or(f64::NAN, |(_, speed)| speed))
+        fresh.map(|(_, speed)| speed)
     }
 }
 
 /// The length of the twist's linear part.
 fn odometry(payload: &Payload) -> Option<f64> {
-    // The header's stamp, then two names of frames, each with its length before it.
+    // The header's stamp, then two frames' names, each with its length before it.
     let mut at = 8;
     for _ in 0..2 {
         let place = aligned(at, 4)?;
@@ -122,11 +139,14 @@ mod tests {
         let start = Instant::now();
         assert!(speed.take(start, &told(-18.0)));
         assert_eq!(speed.situation(start + AGE), Situation::at(18.0));
+        assert_eq!(speed.missing(start + AGE), None);
         let old = start + AGE + Duration::from_nanos(1);
         assert!(speed.situation(old).speed.least.is_nan());
+        assert_eq!(speed.missing(old).unwrap(), "no speed on /odom for 0.5 s");
         for none in [f64::NAN, f64::INFINITY] {
             assert!(speed.take(start, &told(1.0)));
             assert!(!speed.take(start, &told(none)));
+            assert_eq!(speed.missing(start).unwrap(), "no speed on /odom");
             assert!(speed.situation(start).speed.least.is_nan());
         }
     }

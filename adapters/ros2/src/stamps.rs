@@ -2,12 +2,12 @@
 
 use std::collections::{HashMap, VecDeque};
 
-/// So many answered messages are remembered, for their late results to be told apart from strangers'.
+/// How many answered messages are remembered, to tell their late results from results of no message.
 const ANSWERED: usize = 1024;
 
-/// The timestamps of the messages that are open and of the last that were answered, by key.
+/// The timestamps of the open messages and of those answered last, by key.
 ///
-/// `K` is what inputs and results have in common: the stamp, or an integer.
+/// `K` is the key that inputs and results have in common: the stamp, or an integer.
 #[derive(Debug)]
 pub(crate) struct Stamps<K> {
     by_key: HashMap<K, u64>,
@@ -18,14 +18,14 @@ pub(crate) struct Stamps<K> {
     newest: Option<K>,
 }
 
-/// What a key of an input is to those before it.
+/// How an input's key compares with the keys before it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Order {
     /// Greater than all before.
     Forwards,
-    /// Not greater; the message is as good as any.
+    /// Not greater; the message is taken on all the same.
     Backwards,
-    /// An open message has it: results of the two could not be told apart.
+    /// An open message has this key: their results could not be told apart.
     Taken,
 }
 
@@ -39,7 +39,7 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
         }
     }
 
-    /// What this key would be.
+    /// How this key would compare.
     pub(crate) fn order(&self, key: K) -> Order {
         if self.by_key.get(&key).is_some_and(|t| self.open.contains_key(t)) {
             Order::Taken
@@ -50,14 +50,14 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
         }
     }
 
-    /// A message with this key is open now. If an answered one had it, the key is the new one's.
+    /// A message with this key is open now. If an answered one had the key, it is now the new one's.
     pub(crate) fn open(&mut self, key: K, t: u64) {
         self.by_key.insert(key, t);
         self.open.insert(t, key);
         self.newest = self.newest.max(Some(key));
     }
 
-    /// The message was answered; its key, if it was open.
+    /// The message was answered; returns its key, if it was open.
     pub(crate) fn answer(&mut self, t: u64) -> Option<K> {
         let key = self.open.remove(&t)?;
         self.answered.push_back((key, t));
@@ -69,7 +69,7 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
         Some(key)
     }
 
-    /// The message was not taken on; its key, if it was open.
+    /// The message was not taken on; returns its key, if it was open.
     pub(crate) fn refuse(&mut self, t: u64) -> Option<K> {
         let key = self.open.remove(&t)?;
         self.forget(key, t);

@@ -5,7 +5,7 @@ use std::task::{Context, Poll};
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-/// How often the node was told to stop.
+/// How often the node was asked to stop.
 #[derive(Debug)]
 pub struct Stop {
     signals: Option<[Signal; 2]>,
@@ -13,36 +13,36 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// From now on these signals no longer end the process but are counted.
+    /// From now on, counts these signals; they no longer end the process.
     ///
     /// # Errors
-    /// If the system refuses handlers.
+    /// If the system refuses a handler.
     pub fn watch() -> io::Result<Self> {
         let signals = [signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?];
         Ok(Self { signals: Some(signals), times: 0 })
     }
 
-    /// Never told.
+    /// Never asked.
     #[must_use]
     pub const fn never() -> Self {
         Self { signals: None, times: 0 }
     }
 
-    /// Whether it was told at least once.
+    /// Whether it was asked at least once.
     pub(crate) const fn came(&self) -> bool {
         self.times > 0
     }
 
-    /// Whether it was told more than once.
+    /// Whether it was asked more than once.
     #[must_use]
     pub const fn is_urgent(&self) -> bool {
         self.times > 1
     }
 
-    /// Whether it was told again.
+    /// Ready when it is asked again.
     pub(crate) fn poll_next(&mut self, context: &mut Context<'_>) -> Poll<()> {
         let signals = self.signals.iter_mut().flatten();
-        // Each is looked at, so that each will wake.
+        // All are polled, so that each will wake.
         let told = signals.filter_map(|signal| match signal.poll_recv(context) {
             Poll::Ready(told) => told,
             Poll::Pending => None,

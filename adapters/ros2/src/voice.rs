@@ -1,4 +1,4 @@
-//! The node as ROS sees it: its parameters, and what it says of itself.
+//! The node as ROS sees it: its parameters, and what it reports.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,16 +19,16 @@ use crate::report::{self, DiagnosticArray, DiagnosticStatus, Time};
 use crate::rosout::Lines;
 use crate::settings::{Change, Settings};
 
-/// What the node says of itself.
+/// Publishes what the node reports.
 pub(crate) trait Speak: Send {
-    /// Says what became of a message.
+    /// Publishes what became of a message.
     fn status(&self, status: DiagnosticStatus);
 
-    /// Says how the node is.
+    /// Publishes the state of the node.
     fn diagnostics(&self, status: Vec<DiagnosticStatus>);
 }
 
-/// How the node speaks of itself.
+/// The node's publishers of reports.
 pub(crate) struct Voice {
     ros: ros2_client::Node,
     diagnostics: Publisher<DiagnosticArray>,
@@ -36,7 +36,7 @@ pub(crate) struct Voice {
 }
 
 impl Voice {
-    /// The node as ROS sees it: its parameters and what it says of itself; and the tasks that serve the
+    /// The node as ROS sees it: its parameters and what it reports; and the tasks that serve the
     /// parameters and publish the log.
     pub(crate) fn new(
         settings: &Settings,
@@ -71,7 +71,7 @@ impl Voice {
         Ok((Self { ros, diagnostics, status }, tasks))
     }
 
-    /// The time of day, or of the simulation.
+    /// The time of day, or simulated time.
     fn stamp(&self) -> Time {
         let nanos = self.ros.time_now().to_nanos();
         let sec = nanos.div_euclid(1_000_000_000);
@@ -109,14 +109,14 @@ async fn publish(mut lines: Lines, log: Publisher<Log>, name: String) {
             function: String::new(),
             line: line.line,
         };
-        // Its place is on standard error, too.
+        // The log is on standard error, too.
         drop(log.publish(message));
     }
 }
 
-/// What ROS is told of the node: its parameters, and which of them may be set.
+/// The options with which the node joins ROS: its parameters, and which of them may be set.
 ///
-/// Declaring sets each parameter once, to what it is anyway: nothing is looked at until `is_declared`.
+/// Declaring sets each parameter once, to its own value: changes are ignored until `is_declared`.
 fn options(
     settings: &Settings,
     setter: mpsc::UnboundedSender<Change>,

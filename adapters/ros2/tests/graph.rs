@@ -86,7 +86,7 @@ async fn parameters_are_read_and_those_that_may_are_set() {
         let set = timeout(LONG, setter.async_call_service(ask)).await?.unwrap();
         let told: Vec<_> = set.results.iter().map(|set| (set.successful, &*set.reason)).collect();
         let range = "deadline cannot be -1.0; give seconds, more than 0 and at most 1e9";
-        let fixed = "window is fixed while the node runs; start it anew with another value";
+        let fixed = "window is fixed while the node runs; restart it with another value";
         assert_eq!(told, [(true, ""), (false, range), (false, fixed), (true, "")]);
 
         let ask = GetParametersRequest { names };

@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = Clock::now();
     let (output, outputs) = channel();
     thread::scope(|scope| {
-        // Usually each is in time.
+        // With the milliseconds that each usually takes: usually all are in time.
         let sources =
             [("local", 8), ("near cloud", 11), ("far cloud", 18)].map(|(name, millis)| {
                 let (sender, work) = channel();
@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Opens each frame and sends it to all sources; tells the timer when to look at it.
+/// Opens each frame, sends it to all sources, and asks the timer to look at it when it is due.
 fn owner<'a>(
     mut intake: Intake<'a, &'static str, CLOUDS, WINDOW>,
     start: Clock,
@@ -67,7 +67,7 @@ fn owner<'a>(
             }
         };
         for p in [1, 2] {
-            // Just opened, so that no timer can be due.
+            // Just opened, so no timer can be due.
             let (_, call) = intake.offer(now, &frame, Priority::new(p), DEADLINE, 0);
             if let Ok((call, due)) = call {
                 timers.send((due, frame.clone())).expect("the timer listens");

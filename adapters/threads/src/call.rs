@@ -1,4 +1,4 @@
-//! What threads have in their hands: the calls on a message, and its timers.
+//! What threads hold: a message, for its timers, and the calls to its sources.
 
 use std::fmt;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use crate::cells::Cells;
 use crate::desk::Desk;
 use crate::ticket::Ticket;
 
-/// An open message, for its timers; any number of threads may have it.
+/// An open message, to serve its timers; any number of threads may share it.
 pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) desk: &'a Desk<CLOUDS, WINDOW>,
     pub(crate) ticket: Ticket,
@@ -18,7 +18,7 @@ pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
 
 /// One source asked for one message: it gives one result or one failure.
 ///
-/// Dropped, it gives neither: a cloud's timer closes its request then, and local's deadline, if it has one.
+/// If it is dropped it gives neither: the request's timer closes it then, or local's deadline, if there is one.
 #[must_use = "the message waits for it"]
 pub struct Call<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) message: Message<'a, T, CLOUDS, WINDOW>,
@@ -29,30 +29,30 @@ pub struct Call<'a, T, const CLOUDS: usize, const WINDOW: usize> {
 #[derive(Clone, PartialEq, Eq, Debug)]
 #[must_use = "a forwarded value must be sent"]
 pub struct Answered<T, const CLOUDS: usize> {
-    /// The timers of the message that were due before.
+    /// The message's timers that were due first.
     pub fired: Option<Firing<CLOUDS>>,
     /// What became of the result or the failure.
     pub outcome: Outcome<CLOUDS>,
-    /// The value to be sent downstream, if the timers or the outcome say forwarded.
+    /// The value to send downstream, if the timers or the outcome say forwarded.
     pub forwarded: Option<T>,
     /// The call's own value, if its result was dropped.
     pub unused: Option<T>,
 }
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW> {
-    /// Its timestamp.
+    /// The message's timestamp.
     #[must_use]
     pub const fn timestamp(&self) -> Timestamp {
         self.ticket.timestamp()
     }
 
-    /// The earliest due instant of its timers, as [`Desk::next_due`] answers it.
+    /// The earliest due instant of its timers, as from [`Desk::next_due`].
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.desk.next_due(self.ticket)
     }
 
-    /// F5: time went by. Answers the timers that were due, if any, and the value to be sent downstream if they say
+    /// F5: time went by. Returns the timers that were due, if any, and the value to send downstream if they say
     /// forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn expire(&self, now: Instant) -> Option<(Firing<CLOUDS>, Option<T>)> {
@@ -60,7 +60,7 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
         Some((firing, self.forwarded(&firing.outcome)))
     }
 
-    /// The winner's value, for whoever was told to forward it.
+    /// The winner's value, if this outcome is to forward it.
     pub(crate) fn forwarded(&self, outcome: &Outcome<CLOUDS>) -> Option<T> {
         match outcome {
             Outcome::Forwarded { by, .. } => self.cells.take(self.desk.source(*by)?),
@@ -80,7 +80,7 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Call<'_, T, CLOUDS, WINDOW> {
     pub fn result(self, now: Instant, value: T) -> Answered<T, CLOUDS> {
         let Self { message, source } = self;
         let Message { desk, ticket, cells } = &message;
-        // Before the machine knows of it: once it is held, any thread may forward it.
+        // Before the machine knows of it: as soon as it is held, any thread may forward it.
         cells.put(source, value);
         let (fired, outcome) = desk.result(now, *ticket, desk.priority(source));
         let unused = matches!(outcome, Outcome::Dropped(_)).then(|| cells.take(source)).flatten();
@@ -103,7 +103,7 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
         outcome: Outcome<CLOUDS>,
         unused: Option<T>,
     ) -> Answered<T, CLOUDS> {
-        // A message is forwarded once, so at most one of them says so.
+        // A message is forwarded once, so at most one of the two says so.
         let by_timers = fired.and_then(|firing| self.forwarded(&firing.outcome));
         let forwarded = by_timers.or_else(|| self.forwarded(&outcome));
         Answered { fired, outcome, forwarded, unused }

@@ -1,4 +1,4 @@
-//! Where the values of one message wait.
+//! The cells in which one message's values wait.
 
 use std::sync::PoisonError;
 #[cfg(not(loom))]
@@ -32,7 +32,7 @@ impl<T, const CLOUDS: usize> Cells<T, CLOUDS> {
         alone(self.cell(source)?).take()
     }
 
-    /// Drops what was discarded.
+    /// Drops the values that were discarded.
     pub(crate) fn clear(&mut self) {
         for cell in std::iter::once(&mut self.local).chain(&mut self.clouds) {
             *cell.get_mut().unwrap_or_else(PoisonError::into_inner) = None;

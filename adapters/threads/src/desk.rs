@@ -15,11 +15,11 @@ use fuseline_core::{
 use crate::ticket::Ticket;
 use crate::word::Word;
 
-/// Where any thread gives results and failures, and lets time go by.
+/// Where any thread gives results, failures and ticks.
 ///
-/// Each call names its message and says when it is, by the caller's own clock. It answers first which timers of that
-/// message were due by then and what they decided, several due instants told as one firing with the last of them.
-/// Whoever is told `Forwarded`, by a firing or an outcome, forwards; nobody else is.
+/// Each call names its message and bears an instant of the caller's own clock. It first returns which timers of that
+/// message were due by then and what they decided; several due instants are one firing, with the last of them.
+/// The caller that gets `Forwarded`, in a firing or an outcome, forwards; exactly one does.
 ///
 /// - inputs: [`result`](Self::result), [`fail`](Self::fail), [`expire`](Self::expire)
 /// - questions: [`next_due`](Self::next_due), [`source`](Self::source), [`priority`](Self::priority)
@@ -30,7 +30,7 @@ pub struct Desk<const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) places: [Place<CLOUDS>; WINDOW],
 }
 
-/// One place of the window. Places do not share cache lines: their messages have different callers.
+/// One place of the window. Places share no cache lines: their messages have different callers.
 #[repr(align(64))]
 pub(crate) struct Place<const CLOUDS: usize> {
     pub(crate) word: AtomicU64,
@@ -67,7 +67,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
         self.close(now, ticket, source, Cause::Failure)
     }
 
-    /// F5: time went by. Answers none if no timer of this message was due, as when it is open no more.
+    /// F5: time went by. None if no timer of this message was due, as when it is no longer open.
     #[must_use = "a firing may forward a result"]
     pub fn expire(&self, now: Instant, ticket: Ticket) -> Option<Firing<CLOUDS>> {
         let fired = self.exchange(ticket, |_, mut entry| {
@@ -77,19 +77,19 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
         fired.flatten()
     }
 
-    /// The earliest due instant of this message's timers, if one is armed; another thread's call may move it at once.
+    /// The earliest due instant of this message's timers, if one is armed; another thread's call may change it at any time.
     #[must_use]
     pub fn next_due(&self, ticket: Ticket) -> Option<Instant> {
         self.exchange(ticket, |_, entry| (entry.slot(), entry.next_due())).flatten()
     }
 
-    /// The source that has this priority; 0 is local.
+    /// The source with this priority; 0 is local. None if no cloud is registered with it.
     #[must_use]
     pub fn source(&self, priority: Priority) -> Option<Source> {
         self.clouds.source(priority)
     }
 
-    /// The priority of a source; local's for one that is not registered.
+    /// The priority of a source; 0 for one that is not registered.
     #[must_use]
     pub fn priority(&self, source: Source) -> Priority {
         self.clouds.priority(source)
@@ -144,11 +144,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
         })
     }
 
-    /// Lets `decide` turn the message's entry into its next state and an answer, as if nothing happened meanwhile; none
-    /// if the message is open no more.
+    /// Lets `decide` turn the message's entry into its next state and an answer, as one atomic step; none if the
+    /// message is no longer open.
     ///
-    /// Within a generation a state never comes back, and the due instant of a requested source stays. So if the word is
-    /// still what it was, what `decide` saw was still so.
+    /// Within a generation no state comes back, and the due instant of a requested source stays. So if the word is
+    /// unchanged, so is all that `decide` saw.
     pub(crate) fn exchange<A>(
         &self,
         ticket: Ticket,
@@ -156,14 +156,14 @@ impl<const CLOUDS: usize, const WINDOW: usize> Desk<CLOUDS, WINDOW> {
     ) -> Option<A> {
         let place = self.places.get(ticket.place())?;
         for _ in 0..Self::CHANGES {
-            // Acquire: the due instants of those requested in it, and what was done before results were held.
+            // Acquire: the due instants of the sources requested in it, and what was done before results were held.
             let word = Word::<CLOUDS>::from_bits(place.word.load(Ordering::Acquire));
             if word.generation() != ticket.generation {
                 return None;
             }
             let (slot, answer) = decide(place, place.entry(word.slot(self.commit)));
             let next = word.stepped(slot);
-            // Also when nothing changes: the place may have been reused since, and the due instants be another one's.
+            // Even if nothing changes: the place may be in use again, with the due instants of another message.
             // Release: what the caller did before, to whoever forwards or opens next. The word of a failed exchange is
             // not used, so its load may be relaxed; the next load sees no older one.
             let exchanged = place.word.compare_exchange(
@@ -190,7 +190,7 @@ impl<const CLOUDS: usize> Place<CLOUDS> {
         }
     }
 
-    /// For a source that is not requested: the word that makes it so publishes this, hence relaxed.
+    /// For a source that is not yet requested: the word that requests it publishes this, hence relaxed.
     pub(crate) fn set_due(&self, source: Source, due: Instant) {
         if let Some(cell) = self.due(source) {
             cell.store(due.as_nanos(), Ordering::Relaxed);

@@ -13,17 +13,17 @@ use crate::word::Word;
 
 /// Where the one owner opens timestamps and offers requests, while other threads use the [`Desk`].
 ///
-/// There is one at a time and it cannot be cloned: with two, both might write one request's due instant.
+/// There is one at a time and it cannot be cloned: two might both write one request's due instant.
 #[derive(Debug)]
 pub struct Owner<'a, const CLOUDS: usize, const WINDOW: usize> {
     desk: &'a Desk<CLOUDS, WINDOW>,
     kept: &'a mut Kept<CLOUDS>,
 }
 
-/// What nobody else needs.
+/// What only the owner needs.
 #[derive(Debug)]
 pub(crate) struct Kept<const CLOUDS: usize> {
-    /// For their gates, which the desk's do not follow.
+    /// For their gates; the gates of the desk's copy are not used.
     clouds: Clouds<CLOUDS>,
     newest: Option<Timestamp>,
     /// The place that was opened last.
@@ -43,10 +43,10 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
 
     /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
     ///
-    /// Looks at no place twice, and only once where messages leave in the order in which they came.
+    /// Looks at each place at most once; at a single one where messages leave in the order in which they came.
     ///
     /// # Errors
-    /// The first [`OpenRefusal`] that holds. `Full` held when the call began.
+    /// The first [`OpenRefusal`] that holds. `Full` may no longer hold at the return.
     pub fn open(
         &mut self,
         now: Instant,
@@ -64,7 +64,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
             place.set_due(Source::LOCAL, entry.due(Source::LOCAL));
         }
         let word = word.opened(entry.slot());
-        // No exchange: nobody else writes a free place. Relaxed: who has the ticket got it after this.
+        // No exchange: nobody else writes a free place. Relaxed: others get the ticket after this.
         place.word.store(word.bits(), Ordering::Relaxed);
         self.kept.newest = Some(timestamp);
         self.kept.last = index;
@@ -72,7 +72,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
     }
 
     /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
-    /// the cloud's outgoing queue without this message. Answers first which timers were due, as the desk does.
+    /// the cloud's outgoing queue without this message. Returns first which timers were due, as the desk does.
     pub fn offer(
         &mut self,
         now: Instant,
@@ -90,7 +90,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         };
         let answer = desk.exchange(ticket, |place, mut entry| {
             let fired = desk.fire(now, ticket, &mut entry);
-            // F2g: each look asks the gate as it was, so that an offer moves it once at most.
+            // F2g: each look asks the gate as it was, so that an offer moves it at most once.
             let mut asked = *gate;
             let (slot, admission) = entry.slot().admit(source, &mut asked, now, deadline, backlog);
             if let Admission::Admitted { due } = admission {
@@ -106,13 +106,13 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         (fired, admission)
     }
 
-    /// A place where nothing is open, from the one after the last that was opened, with its word.
+    /// The first free place after the one opened last, with its word.
     fn free_place(&self) -> Option<(usize, &'a Place<CLOUDS>, Word<CLOUDS>)> {
         let places = self.desk.places.iter().take(self.desk.window).enumerate();
         let from = self.kept.last.wrapping_add(1);
         let free = |(index, place): (usize, &'a Place<CLOUDS>)| {
-            // An exchange that changes nothing: a load might not hear of a retirement that is long past.
-            // Acquire: what was done before it, the reads of the due instants that are now written anew among it.
+            // An exchange that changes nothing: a load might not see a retirement that is long past.
+            // Acquire: what was done before it, including reads of the due instants that are now overwritten.
             let word = Word::from_bits(place.word.fetch_or(0, Ordering::Acquire));
             (!word.is_open()).then_some((index, place, word))
         };

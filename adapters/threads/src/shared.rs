@@ -1,4 +1,4 @@
-//! What is shared, and its two halves.
+//! The shared machine, and its two halves.
 
 use fuseline_core::{Cloud, Clouds, Commit, ConfigError};
 
@@ -6,9 +6,9 @@ use crate::desk::Desk;
 use crate::owner::{Kept, Owner};
 
 /// One operator's machine for many threads, for up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open
-/// timestamps. The [crate](crate) says what it guarantees.
+/// timestamps. The [crate](crate)'s documentation says what it guarantees.
 ///
-/// Threads that outlive the function that made it need it for ever: `Box::leak`, or a static cell.
+/// For threads that outlive the function that made it, use `Box::leak` or a static cell.
 ///
 /// ```
 /// use fuseline_core::{Admission, Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
@@ -25,7 +25,7 @@ use crate::owner::{Kept, Owner};
 /// // Any thread may give what came, at the instant that its own clock reads.
 /// let (fired, outcome) = desk.result(now, ticket, Priority::LOCAL);
 /// assert_eq!((fired, outcome), (None, Outcome::Held));
-/// // Exactly one call is told to forward.
+/// // Exactly one call gets `Forwarded`.
 /// let fired = desk.expire(due, ticket).expect("its timer is due");
 /// assert!(matches!(fired.outcome, Outcome::Forwarded { by: Priority::LOCAL, .. }));
 /// # Ok::<(), fuseline_core::ConfigError>(())
@@ -47,7 +47,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
         Ok(Self { desk: Desk::new(window, commit, clouds), kept: Kept::new(clouds) })
     }
 
-    /// The one owner's half, and the desk for all threads. What is open stays so when it is split again.
+    /// The one owner's half, and the desk for all threads. Splitting again leaves what is open as it is.
     pub fn split(&mut self) -> (Owner<'_, CLOUDS, WINDOW>, &Desk<CLOUDS, WINDOW>) {
         let Self { desk, kept } = self;
         (Owner::new(desk, kept), desk)

@@ -1,8 +1,8 @@
-//! What names an open message.
+//! The name of an open message.
 
 use fuseline_core::Timestamp;
 
-/// Names one open message to the machine that opened it. Using it with another machine is not detected.
+/// Names one open message for the machine that opened it. Using it with another machine is not detected.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Ticket {
     pub(crate) timestamp: Timestamp,
@@ -17,7 +17,7 @@ impl Ticket {
         self.timestamp
     }
 
-    /// The message's place, less than the window: no other open message has it.
+    /// The message's place, less than the window; no other open message has it.
     #[must_use]
     pub const fn place(self) -> usize {
         self.place

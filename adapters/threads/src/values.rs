@@ -14,18 +14,18 @@ use crate::desk::Desk;
 use crate::owner::Owner;
 use crate::shared::Shared;
 
-/// The [`Owner`] of a machine whose calls bring values of type `T`, and those values.
+/// The [`Owner`] of a machine, with the values, of type `T`, of its results.
 ///
-/// Threads that outlive the function that made it need the machine for ever: `Box::leak`.
+/// For threads that outlive the function that made the machine, use `Box::leak`.
 pub struct Intake<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     owner: Owner<'a, CLOUDS, WINDOW>,
     desk: &'a Desk<CLOUDS, WINDOW>,
-    /// Those of the last message of each place.
+    /// The cells of the last message of each place.
     cells: Vec<Arc<Cells<T, CLOUDS>>>,
 }
 
 impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WINDOW> {
-    /// The values of this machine.
+    /// The owner of this machine, with no value kept yet.
     pub fn new(shared: &'a mut Shared<CLOUDS, WINDOW>) -> Self {
         let (owner, desk) = shared.split();
         let cells = std::iter::repeat_with(|| Arc::new(Cells::new())).take(WINDOW).collect();
@@ -34,7 +34,7 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WIND
 
     /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
     ///
-    /// Answers the message, and the call for local.
+    /// Returns the message, and the call for local.
     ///
     /// # Errors
     /// The first [`OpenRefusal`] that holds.
@@ -48,7 +48,7 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WIND
         let cells = &mut self.cells[ticket.place()];
         match Arc::get_mut(cells) {
             Some(cells) => cells.clear(),
-            // A call of the place's last message is still under way, and may fill its cell now.
+            // A call of the place's last message is still under way and may still fill its cell.
             None => *cells = Arc::new(Cells::new()),
         }
         let message = Message { desk: self.desk, ticket, cells: Arc::clone(cells) };
@@ -59,10 +59,10 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WIND
     /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
     /// the cloud's outgoing queue without this message.
     ///
-    /// Answers first which timers were due, as [`Message::expire`] does; then the call and its due instant.
+    /// Returns first which timers were due, as [`Message::expire`] does; then the call and its due instant.
     ///
     /// # Errors
-    /// Inside: the first [`OfferRefusal`] that holds.
+    /// The inner result is the first [`OfferRefusal`] that holds.
     #[expect(clippy::type_complexity, reason = "each part is another type's answer")]
     pub fn offer(
         &mut self,

@@ -1,8 +1,8 @@
-//! What one place knows, in one word: the four sets, and how often it was opened and retired.
+//! One place's state in one word: the four sets, and how often the place was opened and retired.
 
 use fuseline_core::{Commit, Slot, Sources};
 
-/// From below: two bits for each source, all first ones before all second ones, then the generation, odd while open.
+/// From the lowest bit: two bits a source, all first bits before all second ones, then the generation, odd while open.
 ///
 /// | bits | a cloud is | local is |
 /// |---|---|---|
@@ -16,7 +16,7 @@ use fuseline_core::{Commit, Slot, Sources};
 pub(crate) struct Word<const CLOUDS: usize>(u64);
 
 impl<const CLOUDS: usize> Word<CLOUDS> {
-    /// How many sources there are.
+    /// Local and the clouds.
     #[expect(clippy::cast_possible_truncation, reason = "there are at most 15 clouds")]
     const SOURCES: u32 = (CLOUDS as u32).wrapping_add(1);
     const FIRST_BITS: u64 = 1_u64.wrapping_shl(Self::SOURCES).wrapping_sub(1);
@@ -38,12 +38,12 @@ impl<const CLOUDS: usize> Word<CLOUDS> {
         self.generation() & 1 == 1
     }
 
-    /// The word of a free place once it is opened with this state.
+    /// The word of this free place after it is opened with this state.
     pub(crate) fn opened(self, slot: Slot) -> Self {
         self.next_generation().with(slot)
     }
 
-    /// The word of an open place once it has this state.
+    /// The word of this open place after a step to this state.
     pub(crate) fn stepped(self, slot: Slot) -> Self {
         if slot.is_open() { self.with(slot) } else { self.next_generation() }
     }

@@ -1,4 +1,4 @@
-//! Calls beside the rules: their answers change what is shared and become no output.
+//! Calls beside the rules: their answers change shared state and never become an output.
 
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -28,7 +28,7 @@ pub struct Aside {
     pub limit: u64,
     /// The shut gate opens when this many or fewer wait; less than `limit`, 0 by default.
     pub resume: u64,
-    /// How many calls may be under way; at least 1, 8 by default. Only what is beyond waits.
+    /// How many calls may be under way; at least 1, 8 by default. Further requests wait.
     pub calls: usize,
 }
 
@@ -39,22 +39,22 @@ pub struct AsideTally {
     pub name: String,
     /// Requests that the gate let pass.
     pub asked: u64,
-    /// Requests that it did not, or that had no time.
+    /// Requests that the gate refused, or whose deadline was zero.
     pub refused: u64,
-    /// Answers that came in time and that the response handler took.
+    /// Answers that came in time and that the response handler accepted.
     pub answered: u64,
     /// Calls and response handlers that failed.
     pub failed: u64,
-    /// Requests given up when they were due.
+    /// Requests that were due before an answer came.
     pub expired: u64,
-    /// Bytes that its calls say they sent.
+    /// Bytes that its calls report as sent.
     pub sent_bytes: u64,
 }
 
 /// A request that knows its handle and its response handler.
 pub(crate) type Question =
     Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<Answered, Error>> + Send>;
-/// The answer on its way into the response handler.
+/// The answer on its way to the response handler.
 pub(crate) type Answered = Box<dyn FnOnce() -> Result<(), Error> + Send>;
 /// The message handler.
 pub(crate) type Wonder<I> = Box<dyn FnMut(&I, u64) -> Option<(Question, Duration)> + Send>;
@@ -74,7 +74,7 @@ pub(crate) struct Asker<I> {
     calls: JoinSet<()>,
 }
 
-/// What an aside counts, to be read from anywhere.
+/// An aside's counts, to be read from anywhere.
 pub(crate) struct AsideCounts {
     name: String,
     /// Requests that wait for a place.
@@ -89,11 +89,11 @@ pub(crate) struct AsideCounts {
 
 struct Count(AtomicU64, Counter);
 
-/// A request that waits, as long as this lives.
+/// Counts a request as waiting as long as it lives.
 struct Waits(Arc<AsideCounts>);
 
 impl<I> Asker<I> {
-    /// Ready to ask; none unless `resume < limit`.
+    /// An aside ready to ask; none unless `resume < limit`.
     pub(crate) fn new(operator: &str, Beside { aside, wonder }: Beside<I>) -> Option<Self> {
         let gate = Gate::new(aside.limit, aside.resume)?;
         let places = aside.calls.clamp(1, Semaphore::MAX_PERMITS);
@@ -131,7 +131,7 @@ impl<I> Asker<I> {
         }
         self.counts.asked.add(1);
         let (asked, counts) = (Instant::now(), Arc::clone(&self.counts));
-        // What finds a place at once does not wait.
+        // A request that finds a place at once does not wait.
         let place = Arc::clone(&self.places).try_acquire_owned().ok();
         let places = Arc::clone(&self.places);
         let waits = place.is_none().then(|| Waits::new(&counts));
@@ -145,7 +145,7 @@ impl<I> Asker<I> {
             let bill = Bill::Aside(Arc::clone(&counts));
             let answer = guarded(question(Call { timestamp, deadline: left, bill })).await;
             drop(place);
-            // As everywhere, what comes when it is due is late.
+            // As everywhere, an answer at the due instant is late.
             if asked.elapsed() < deadline {
                 counts.settle(timestamp, answer);
             } else {

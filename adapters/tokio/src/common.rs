@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct Common<T>(Arc<Mutex<T>>);
 
 impl<T> Common<T> {
-    /// State that begins so.
+    /// Shared state that begins as `state`.
     #[must_use]
     pub fn new(state: T) -> Self {
         Self(Arc::new(Mutex::new(state)))
@@ -23,10 +23,10 @@ impl<T> Common<T> {
 
     /// Looks at the state or changes it, while nobody else does.
     ///
-    /// Others wait meanwhile, the operator among them if its message handlers use it: take out what is
-    /// needed and compute elsewhere. What panics in here leaves the state as it is then, for the next.
+    /// Others wait meanwhile, among them the operator if its message handlers use the state: copy what is
+    /// needed and compute outside. A panic leaves the state as it is at that moment.
     ///
-    /// It must not be called within itself: that would wait for ever.
+    /// Do not call it from within `use_it`: it would wait for ever.
     pub fn with<R>(&self, use_it: impl FnOnce(&mut T) -> R) -> R {
         use_it(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -44,7 +44,7 @@ impl<T: Default> Default for Common<T> {
     }
 }
 
-/// Without a look inside, which might wait.
+/// Does not show the state, since reading it might wait.
 impl<T> fmt::Debug for Common<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Common(…)")

@@ -1,23 +1,23 @@
-//! The event loop that every adapter on tokio shares: the one place where an operator's clock is
-//! read and its engine is driven.
+//! The event loop that every adapter on tokio shares: the only place that reads an operator's clock
+//! and drives its engine.
 //!
-//! A [`Transport`] says what differs: where messages come from, where requests and outputs go, and
-//! what else is to be seen to. What is decided once, for all of them:
+//! A [`Transport`] covers what differs: where messages come from, where requests and outputs go, and
+//! its own affairs. What is the same for all of them:
 //!
-//! - **Turns** (D9 served in time). What comes from calls, what comes from the transport and the timer take turns
-//!   whenever several are ready, so that a flood of one keeps no other from its turn. Which is taken
-//!   first changes no decision about time: the core expires what is due before anything else (A2).
+//! - **Turns** (D9 served in time). Calls, the transport and the timer take turns when several are
+//!   ready, so that a flood of one does not keep another from its turn. Which is taken first changes
+//!   no decision about time: the core expires what is due before anything else (A2).
 //!   The order of turns is fixed, so that a run on a paused clock can be repeated.
-//! - **The timer** is set to the nearest due instant and never moved further away: it may find
-//!   nothing due, which is cheaper than to move it with each message. It is set again after each
-//!   time that it went off, also where the system's clock ends before the due instant.
-//! - **Calls** (D6 aborted) run in tasks of their own, since what they do may take long; on a runtime of one
-//!   thread within the driver, where that makes no difference and costs half. They are aborted when
-//!   they are no longer wanted, or when they have lingered long enough after that, and all of them
+//! - **The timer** is set to the nearest due instant and never moved further away: now and then it finds
+//!   nothing due, which is cheaper than moving it with each message. It is set again each time it
+//!   goes off, even if the due instant lies beyond the end of the system's clock.
+//! - **Calls** (D6 aborted) run in tasks of their own, since they may compute for long; on a runtime of
+//!   one thread they run within the driver, where that makes no difference and costs half. They are
+//!   aborted when they are no longer wanted, or have lingered long enough after that, and all of them
 //!   when the loop ends or is dropped. Local's computations never are (F7).
 //! - **The clock** is read once for each event.
 //! - **Panics** of a call or a computation are failures (F4).
-//! - **What could not be sent** fails once the message was offered to every cloud (A30).
+//! - **A request that could not be sent** fails after the message was offered to every cloud (A30).
 
 mod bell;
 mod calls;
@@ -50,8 +50,8 @@ pub trait Transport {
     /// What comes in.
     type Message;
 
-    /// What happens next, if anything: the driver calls this until nothing is ready, and again once the
-    /// context's waker is called. The transport's own affairs are seen to in here.
+    /// What happens next, if anything: the driver calls this until nothing is ready, and again when the
+    /// context's waker is called. The transport sees to its own affairs in here.
     fn poll_incoming(
         &mut self,
         context: &mut Context<'_>,
@@ -72,7 +72,7 @@ pub trait Transport {
         let _ = (timestamp, message);
     }
 
-    /// What policies are told of the vehicle with this message; none is what they were told before.
+    /// What policies learn of the vehicle with this message; none leaves it as it was.
     fn situation(&mut self, timestamp: u64, message: &Self::Message) -> Option<Situation<'static>> {
         let _ = (timestamp, message);
         None
@@ -81,82 +81,82 @@ pub trait Transport {
     /// Sends a request to a source.
     fn send(&mut self, start: Start<Self::Request>) -> Sent<Self::Value>;
 
-    /// What became of a message goes out.
+    /// Sends out what became of a message.
     fn output(&mut self, item: Item<Self::Value>);
 
-    /// A result came too late for its message. There are such only if the engine
-    /// [takes them](Engine::take_hints).
+    /// A result came too late for its message. Called only if the engine
+    /// [takes hints](Engine::take_hints).
     fn hint(&mut self, hint: Hint<Self::Value>) {
         drop(hint);
     }
 
-    /// Whether all outputs are on their way; until then the driver does not end by itself.
+    /// Whether all outputs have been handed on; until then the driver does not end by itself.
     fn is_delivered(&self) -> bool {
         true
     }
 }
 
-/// What comes in by a transport.
+/// What comes in through a transport.
 #[derive(Debug)]
 pub enum Incoming<M, V> {
     /// A message came.
     Message {
-        /// Greater than that of each before it.
+        /// Greater than the timestamp of every earlier message.
         timestamp: u64,
-        /// What came.
+        /// The message.
         message: M,
     },
-    /// A source's word came by another way than as the end of a call.
+    /// A result or failure that is not the end of a call.
     Word(Word<V>),
-    /// No message will come any more: the driver ends once all are answered.
+    /// No more messages will come: the driver ends once all are answered.
     Last,
     /// The driver ends at once.
     Stop,
 }
 
-/// A result, or why there will be none.
+/// A source's result for a message, or why there will be none.
 #[derive(Debug)]
 pub struct Word<V> {
-    /// Whose; 0 is local's.
+    /// The source's priority; 0 is local.
     pub priority: u16,
-    /// For which message.
+    /// The message's timestamp.
     pub timestamp: u64,
-    /// What it says.
+    /// The result, or why there is none.
     pub result: Result<V, Error>,
 }
 
 /// A request to be sent.
 #[derive(Debug)]
 pub struct Start<R> {
-    /// To whom; 0 is local.
+    /// The source's priority; 0 is local.
     pub priority: u16,
-    /// For which message.
+    /// The message's timestamp.
     pub timestamp: u64,
-    /// D5: how much time is left, that to linger included; local has any.
+    /// D5: the time left, with the time to linger; for local 2⁶⁴ − 1 ns.
     pub left: Duration,
-    /// What was offered.
+    /// What the message handler offered.
     pub request: R,
 }
 
 /// What became of a request.
 pub enum Sent<V> {
-    /// Its end is the source's word. It runs in a task of its own; dropping it must abort it.
+    /// A call: its end is the source's result or failure. Dropping the future must abort the call.
     Call(BoxFuture<'static, Result<V, Error>>),
-    /// It is on its way, and a word may come back.
+    /// It was sent; its result may come by [`Incoming::Word`].
     Away,
-    /// It could not be sent, and why.
+    /// Why it could not be sent.
     Failed(Error),
 }
 
-/// An operator that is driven.
+/// An operator with its event loop.
 pub struct Driver<T: Transport> {
     engine: Engine<T::Value, T::Request>,
     transport: T,
     start: Instant,
-    /// The clock's reading when the event at hand was taken in.
+    /// The clock's reading for the event at hand.
     now: u64,
     calls: Calls<T::Value>,
-    /// What could not be sent for the message at hand.
+    /// Requests of the message at hand that could not be sent.
     unsent: Vec<(u16, u64, Error)>,
     /// Who has the next turn.
     turn: usize,
@@ -184,9 +184,9 @@ enum Turn<M, V> {
     Timer,
 }
 
-/// How many take turns.
+/// How many parties take turns.
 const TURNS: usize = 3;
-/// Their places.
+/// Their indices.
 const CALLS: usize = 0;
 const TRANSPORT: usize = 1;
 const TIMER: usize = 2;
@@ -210,8 +210,8 @@ impl<T: Transport> Driver<T> {
         }
     }
 
-    /// Runs until the transport says stop, or no message will come and all are answered; then
-    /// aborts the calls. The engine that it answers is to be [finished](finish).
+    /// Runs until the transport says stop, or no more messages will come and all are answered; then
+    /// aborts the calls. [Finish](finish) the engine that it returns.
     pub async fn run(mut self) -> (T, Engine<T::Value, T::Request>) {
         let mut timer = pin!(sleep_until(self.start));
         let mut armed = None;
@@ -247,7 +247,7 @@ impl<T: Transport> Driver<T> {
         (self.transport, self.engine)
     }
 
-    /// Whoever is ready, beginning with the one after who was last. Only who was woken is asked.
+    /// The next party that is ready, starting after the last one. Only those that were woken are polled.
     fn poll_turn(
         &mut self,
         context: &mut Context<'_>,
@@ -269,7 +269,7 @@ impl<T: Transport> Driver<T> {
             }
         }
         self.waker.register(context.waker());
-        // Somebody may have rung before that.
+        // One may have rung before the waker was registered.
         if bells.iter().any(Bell::is_rung) {
             context.waker().wake_by_ref();
         }
@@ -278,7 +278,7 @@ impl<T: Transport> Driver<T> {
 
     /// A message came (F1); each cloud is offered it (F2).
     fn message(&mut self, timestamp: u64, message: &T::Message) {
-        // One instant for all of it: deadlines count from the message, and equal ones end together.
+        // One instant for the open and all offers: equal deadlines end together.
         let now = self.now;
         if let Some(situation) = self.transport.situation(timestamp, message) {
             self.engine.set_situation(situation);
@@ -299,11 +299,11 @@ impl<T: Transport> Driver<T> {
         }
     }
 
-    /// Does what the engine says, and lets fail what could not be sent.
+    /// Does what the engine says, and fails what could not be sent.
     fn act(&mut self) {
         loop {
             while let Some(effect) = self.engine.next_effect() {
-                // What it is given may make it wait for something new.
+                // With a new request the transport may have something new to wait for.
                 self.bells[TRANSPORT].set();
                 match effect {
                     Effect::Output(item) => self.transport.output(item),
@@ -345,7 +345,7 @@ impl<T: Transport> Driver<T> {
         u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
     }
 
-    /// When the clock reads `nanos`; what is too far for the system's is looked at again in a day.
+    /// When the clock reads `nanos`, but at most a day from now: the system's clock may end before.
     fn instant(&self, nanos: u64) -> Instant {
         let day = Duration::from_secs(24 * 60 * 60);
         let far = self.start.elapsed() + day;

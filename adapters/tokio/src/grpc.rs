@@ -2,8 +2,8 @@
 //! to use.
 //!
 //! A [`Remote`] says where a cloud is and makes a [`Connection`], which connects when it is first
-//! used and again whenever it was lost. Any client that `tonic` generates takes it, and [`unary`]
-//! makes a method of such a client a handle. For bytes in and bytes out there is [`infer`], with
+//! used and again after it was lost. Any client that `tonic` generates takes it, and [`unary`]
+//! turns a method of such a client into a handle. For bytes in and bytes out there is [`infer`], with
 //! [`serve`] as its other side; the protocol is `proto/fuseline.proto`.
 //!
 //! ```no_run
@@ -39,8 +39,8 @@ pub use infer::{Description, Infer, InferClient, InferServer, Reply, Request};
 pub use remote::{Connection, Identity, Remote, RemoteError};
 pub use server::{ServeError, Server, serve};
 pub use token::{InvalidToken, Token};
-/// The gRPC library, for clients and services of one's own.
+/// The gRPC library, for your own clients and services.
 pub use tonic;
 
-/// The most bytes that a message of [`infer`] and [`serve`] may have, encoded.
+/// The most bytes of an encoded message of [`infer`] and [`serve`].
 pub const MESSAGE_BYTES: usize = 32 * 1024 * 1024;

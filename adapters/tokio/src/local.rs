@@ -17,18 +17,18 @@ use crate::panics::panicked;
 
 /// How messages are computed locally (priority 0). An error or a panic is a failure (F4).
 ///
-/// A computation that began is never aborted (F7), and each message taken on is computed, in order,
-/// unless [`skip_answered`](Self::skip_answered) says otherwise.
+/// A computation that has begun is never aborted (F7), and each message taken on is computed, in
+/// order, unless [`skip_answered`](Self::skip_answered) says otherwise.
 pub struct Local<I, O> {
-    /// How long a computation may take from when its message was taken in; none by default.
+    /// How long a computation may take, counted from when its message was taken in; none by default.
     ///
     /// Without it a message whose computation never ends stays open (A9).
     pub deadline: Option<Duration>,
-    /// How many messages may wait for a computation to end, as many as the window by default. For a
-    /// message beyond, local fails (F4), so that the clouds alone can answer it.
+    /// How many messages may wait for a computation; by default as many as the window. For one more,
+    /// local fails (F4), and only the clouds can answer it.
     pub waiting: Option<usize>,
-    /// Whether a computation that has not begun is skipped once its message was answered. Off by
-    /// default, since it may keep state.
+    /// Whether a computation that has not begun is skipped once its message is answered. Off by
+    /// default, since local may keep state.
     pub skip_answered: bool,
     pub(crate) at_once: usize,
     pub(crate) kind: Kind<I, O>,
@@ -70,10 +70,10 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
         Self::new(1, Kind::Threads(vec![Box::new(compute)]))
     }
 
-    /// A blocking function on each of `at_once` (at least 1) threads; `make` gives each its own,
-    /// with its own state.
+    /// A blocking function on each of `at_once` (at least 1) threads; `make` makes one for each
+    /// thread, with its own state.
     ///
-    /// A computation of 300 ms needs four of them to keep pace with ten messages a second.
+    /// A computation of 300 ms needs four threads to keep pace with ten messages a second.
     #[must_use]
     pub fn threads<F>(at_once: usize, make: impl FnMut() -> F) -> Self
     where
@@ -95,7 +95,7 @@ pub(crate) enum Workers<I, O> {
     Threads {
         /// The threads end when this is dropped and their computations are done.
         jobs: mpsc::Sender<(Arc<I>, u64)>,
-        /// One for each computation that was begun, so no more are on the way.
+        /// At most one for each computation that was begun, so bounded.
         words: UnboundedReceiver<Word<O>>,
     },
 }
@@ -104,7 +104,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
     /// Starts what `kind` says.
     ///
     /// # Errors
-    /// If the system has no thread left.
+    /// If a thread cannot be started.
     pub(crate) fn start(kind: Kind<I, O>) -> io::Result<Self> {
         let computes = match kind {
             Kind::Future(spawn) => return Ok(Self::Future(spawn)),

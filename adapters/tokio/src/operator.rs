@@ -1,4 +1,4 @@
-//! An operator: what a user writes, and how it is started.
+//! An operator: what users write, and how it is started.
 
 use std::io;
 use std::path::PathBuf;
@@ -21,14 +21,14 @@ use crate::run::{Outbox, Streams};
 use crate::setup::{Registered, Setup};
 use crate::stream::{Reader, stream};
 
-/// A typed operator: for each input message it forwards one result, the best there is in time.
+/// A typed operator: for each input message it forwards one result, the best that is in time.
 pub trait Operator {
-    /// What comes in; shared among local and the handlers.
+    /// A message; shared by local and the handlers.
     type Input: Send + Sync + 'static;
-    /// What goes out.
+    /// A result.
     type Output: Send + Sync + 'static;
 
-    /// Registers the clouds and answers how messages are computed locally.
+    /// Registers the clouds and returns how messages are computed locally.
     fn setup(
         self,
         setup: &mut Setup<Self::Input, Self::Output>,
@@ -46,17 +46,17 @@ pub struct Config {
     /// How many messages may be open at once, 1 to 1024; 16 by default. One more is refused `full`
     /// (F1).
     pub window: u16,
-    /// When the best in hand goes (F6); eager by default.
+    /// The commit rule (F6); eager by default.
     pub commit: Commit,
-    /// How many items each reader of the output may lag behind; at least 1, 16 by default. When one
-    /// lags further, no message is taken in until it caught up; what is open goes on. An output that
-    /// is neither read nor dropped so holds up the operator, and what waits for its end.
+    /// How many items a reader of the output may lag behind; at least 1, 16 by default. While one lags
+    /// further, no message is taken in; what is open goes on. So an output that is neither read nor
+    /// dropped holds up the operator and whatever waits for its end.
     pub output_len: usize,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
-    /// What the operator is to keep up with; not said by default. Said, one whose window, calls or local
-    /// computations are too few is not started, for then neither its policies nor local can do as they
-    /// promise.
+    /// What the operator must keep up with; not checked by default. If given, an operator with too
+    /// small a window or too few calls or local computations is not started: its policies and local
+    /// could not do what they promise.
     pub pace: Option<Pace>,
 }
 
@@ -81,10 +81,10 @@ pub struct Running {
 /// Why an operator was not started.
 #[derive(Debug, Error)]
 pub enum SpawnError {
-    /// Nobody would drive it.
+    /// There is no tokio runtime to run it.
     #[error("an operator must be started within a tokio runtime")]
     NoRuntime,
-    /// What its configuration and its clouds make is no machine.
+    /// There is no machine with this configuration and these clouds.
     #[error("the operator's configuration is refused: {0}")]
     Config(#[from] ConfigError),
     /// It could not keep up with its [pace](Config::pace).
@@ -96,12 +96,12 @@ pub enum SpawnError {
         /// The aside's name.
         name: String,
     },
-    /// No reader could ever read an item.
+    /// [`output_len`](Config::output_len) is 0: no item could ever be written.
     #[error(
         "an output of which readers may lag 0 items behind has no room for any; give at least 1"
     )]
     NoOutput,
-    /// The trace's file cannot be made.
+    /// The trace's file cannot be created.
     #[error("the trace {path} cannot be written: {error}", path = path.display())]
     Trace {
         /// The file.
@@ -109,15 +109,15 @@ pub enum SpawnError {
         /// Why not.
         error: io::Error,
     },
-    /// The system has no thread left for local.
+    /// A thread for local cannot be started.
     #[error("no thread for the local computation: {0}")]
     Threads(io::Error),
 }
 
-/// Why an operator did not end well; what it counted is there all the same.
+/// Why an operator did not end well; its counts are kept all the same.
 #[derive(Debug, Error)]
 pub enum JoinError {
-    /// It ended, and its trace ends before it did. [`Tally::unrecorded`] said so when it happened.
+    /// It ended, but its trace ended earlier. [`Tally::unrecorded`] said so when it happened.
     #[error("the trace ends early: {error}")]
     Trace {
         /// Why.
@@ -128,19 +128,19 @@ pub enum JoinError {
     /// The runtime was shut down first.
     #[error("the runtime was shut down before the operator ended")]
     Stopped {
-        /// Its counts up to there.
+        /// Its counts up to that point.
         tally: Box<Tally>,
     },
 }
 
-/// Starts an operator on the current runtime, reading `input`; answers its output stream.
+/// Starts an operator on the current runtime, reading `input`; returns its output stream.
 ///
 /// When `input` ends, the operator runs on until every open message is answered, then ends its
 /// output and its trace. Timers see to that, except for a message whose local computation never
 /// ends and has no deadline.
 ///
 /// # Errors
-/// If the operator cannot be started as it is configured; nothing was started then.
+/// If the operator cannot be started as configured; then nothing was started.
 pub fn spawn<P: Operator>(
     operator: P,
     config: Config,
@@ -158,7 +158,7 @@ pub fn spawn<P: Operator>(
         at_once: local.at_once,
         waiting: local.waiting.unwrap_or(config.window.into()),
         skip_answered: local.skip_answered,
-        // Tasks and threads end, or are still running.
+        // A task or thread that has not ended is still running.
         lossy: false,
     };
     let mut engine = Engine::new(&header, &calls, bounds)?;
@@ -210,30 +210,30 @@ pub fn spawn<P: Operator>(
 }
 
 impl Running {
-    /// Its counts so far.
+    /// The operator's counts so far.
     #[must_use]
     pub fn tally(&self) -> Tally {
         self.counting.tally()
     }
 
-    /// The counts of its asides so far, as they were registered.
+    /// The counts of its asides so far, in the order of registration.
     #[must_use]
     pub fn asides(&self) -> Vec<AsideTally> {
         self.asides.iter().map(|counts| counts.tally()).collect()
     }
 
-    /// Lets the operator end at once: calls are aborted, open messages stay unanswered, the output
-    /// ends. The trace is whole up to there.
+    /// Ends the operator at once: calls are aborted, open messages stay unanswered, the output
+    /// ends. The trace is whole up to that point.
     pub fn stop(&self) {
         let stop = self.stop.lock().unwrap_or_else(PoisonError::into_inner).take();
-        // It may have been told before, or have ended.
+        // It may have been stopped before, or have ended.
         let _ = stop.map(|stop| stop.send(()));
     }
 
-    /// Waits until the operator has ended and its trace is written; answers its counts.
+    /// Waits until the operator has ended and its trace is written; returns its counts.
     ///
-    /// It ends once its input has and every item found room, so the output is to be read meanwhile,
-    /// or dropped.
+    /// It ends after its input has ended and every item has found room, so read the output meanwhile
+    /// or drop it.
     ///
     /// # Errors
     /// If the trace could not be written whole, or the runtime was shut down first.

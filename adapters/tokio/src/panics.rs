@@ -1,4 +1,4 @@
-//! Words for a panic that was caught.
+//! Panics that were caught, in words.
 
 use std::any::Any;
 use std::panic::AssertUnwindSafe;
@@ -20,7 +20,7 @@ pub(crate) fn panicked(panic: &(dyn Any + Send)) -> Error {
     format!("it panicked: {}", reason(panic)).into()
 }
 
-/// What the panic said, if it said it in words.
+/// The panic's message, if it is text.
 pub(crate) fn reason(panic: &(dyn Any + Send)) -> &str {
     if let Some(words) = panic.downcast_ref::<&str>() {
         return words;

@@ -28,11 +28,11 @@ pub(crate) struct Streams<I, O> {
     pub(crate) asides: Vec<Asker<I>>,
     pub(crate) hints: Option<TakeHint<O>>,
     pub(crate) workers: Workers<I, O>,
-    /// Local's.
+    /// Local's deadline.
     pub(crate) deadline: Option<Duration>,
     pub(crate) output: Outbox<O>,
     pub(crate) counting: Counting,
-    /// None once nobody can stop it any more.
+    /// None once nobody can stop the operator any more.
     pub(crate) stop: Option<oneshot::Receiver<()>>,
     pub(crate) is_open: bool,
 }
@@ -46,9 +46,9 @@ pub(crate) enum Work<I, O> {
 /// The way out: items go straight to the readers, and wait here only while one lags.
 pub(crate) struct Outbox<O> {
     writer: Writer<Item<O>>,
-    /// At most what was open when the reader began to lag.
+    /// At most one for each message that was open when the reader began to lag.
     waiting: VecDeque<Item<O>>,
-    /// Until every reader has room again.
+    /// Ready when every reader has room again.
     room: Option<BoxFuture<'static, ()>>,
 }
 
@@ -75,7 +75,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
             return Poll::Pending;
         }
         if !self.is_open {
-            // The driver waits for what was just delivered before it ends.
+            // The driver ends only when it hears that what waited has been delivered.
             return if was_waiting { Poll::Ready(Incoming::Last) } else { Poll::Pending };
         }
         self.input.poll_numbered(context).map(|message| {
@@ -162,7 +162,7 @@ impl<O: Send + Sync + 'static> Outbox<O> {
         }
     }
 
-    /// Hands on what waits while there is room.
+    /// Hands on the items that wait while there is room.
     fn poll_delivered(&mut self, context: &mut Context<'_>) -> Poll<()> {
         while let Some(item) = self.waiting.pop_front() {
             match self.writer.write(item) {

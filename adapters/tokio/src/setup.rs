@@ -1,4 +1,4 @@
-//! What an operator's `setup` says about its clouds.
+//! What an operator's `setup` registers.
 
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -14,7 +14,7 @@ use crate::Error;
 use crate::aside::{Answered, Aside, AsideCounts, Beside, Question};
 use crate::panics::reason;
 
-/// Takes an operator's clouds, in any number up to 15.
+/// Registers an operator's clouds, up to 15, and what goes with them.
 pub struct Setup<I, O> {
     pub(crate) clouds: Vec<Registered<I, O>>,
     pub(crate) situation: Option<Assess<I>>,
@@ -30,17 +30,17 @@ pub struct Cloud {
     pub limit: u64,
     /// The shut gate opens when this many or fewer wait; less than `limit`, 0 by default.
     pub resume: u64,
-    /// How many calls may be under way; at least 1, 8 by default. Only what is beyond waits.
+    /// How many calls may be under way; at least 1, 8 by default. Further requests wait.
     pub calls: usize,
-    /// Chooses how long each request may take, up to what the message handler says, and is told how
-    /// each ended; none by default, so that it is what the message handler says.
+    /// Chooses how long each request may take, at most what the message handler says, and learns how
+    /// each ended; none by default: then the message handler alone decides.
     ///
-    /// It is asked in the operator's task and must not block. One that panics asks nothing.
+    /// It is asked in the operator's task and must not block. If it panics, the cloud is not asked.
     pub policy: Option<Box<dyn Policy + Send>>,
     /// How long a call may run on after it was due, so that `policy` learns how long it really
-    /// takes; not at all by default. What comes then is dropped all the same (F3).
+    /// takes; 0 by default. What comes then is still dropped (F3).
     ///
-    /// As many may linger as `calls` says, besides those; one more ends the oldest.
+    /// Up to `calls` more calls may linger; one more ends the oldest.
     pub linger: Duration,
 }
 
@@ -49,12 +49,12 @@ pub struct Cloud {
 pub struct Call {
     /// The message's timestamp.
     pub timestamp: u64,
-    /// How much time is left, what was spent in the queue taken off, the time to linger added.
+    /// The time left: without what was spent in the queue, with the time to linger.
     pub deadline: Duration,
     pub(crate) bill: Bill,
 }
 
-/// Where the bytes are counted that a call sends.
+/// Where the bytes that a call sends are counted.
 #[derive(Clone)]
 pub(crate) enum Bill {
     Cloud(u16, Counting),
@@ -68,9 +68,9 @@ pub(crate) struct Registered<I, O> {
     pub(crate) offer: Offer<I, O>,
 }
 
-/// What becomes of late results.
+/// Takes late results.
 pub(crate) type TakeHint<O> = Box<dyn FnMut(Hint<O>) + Send>;
-/// What policies are to know of the vehicle.
+/// Says what policies are to know of the vehicle.
 pub(crate) type Assess<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
 /// The message handler: what to send, if anything, and how long the cloud may take.
 pub(crate) type Offer<I, O> = Box<dyn FnMut(&I, u64) -> Option<(Request<O>, Duration)> + Send>;
@@ -82,18 +82,18 @@ impl<I, O: Send + 'static> Setup<I, O> {
         Self { clouds: Vec::new(), situation: None, asides: Vec::new(), hints: None }
     }
 
-    /// Registers a cloud; what it answers can be given a name and bounds.
+    /// Registers a cloud; set its name and bounds in the [`Cloud`] returned.
     ///
     /// - `handle` makes the call, in a task of its own. Dropping its future must abort the call:
-    ///   that happens when the timer fires and when something better goes (F5, F7). An error or a
+    ///   that happens when its timer fires or another result goes (F5, F7). An error or a
     ///   panic is a failure (F4).
     /// - `message_handler` looks at each message that was taken on, in the operator's task, and may
-    ///   keep state. It must not block; costly encoding belongs into `handle`. `None` asks nothing
-    ///   of this cloud. A panic asks nothing; the handler is called again with the next message.
+    ///   keep state. It must not block; costly encoding belongs in `handle`. `None` does not ask
+    ///   this cloud, nor does a panic; the handler is called again with the next message.
     /// - `response_handler` turns the response into the output, in the call's task, when it
-    ///   arrives. An error or a panic is a failure (F4). The result counts as arrived when this is
-    ///   done.
-    /// - `priority` is from 1 to 65535 and no other cloud's; the greater wins.
+    ///   arrives. An error or a panic is a failure (F4). The result counts as arrived when the
+    ///   handler is done.
+    /// - `priority` is from 1 to 65535, different for each cloud; the greater wins.
     pub fn use_cloud<Req, Res, Fut>(
         &mut self,
         handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
@@ -128,8 +128,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
         &mut self.clouds[last].cloud
     }
 
-    /// Says what the clouds' policies are told of the vehicle, with each message that was taken in: its
-    /// speed above all. Without it they know nothing, and the guard risks nothing.
+    /// Sets what the clouds' policies learn of the vehicle with each message taken in, above all its
+    /// speed. Without it they know nothing, and the guard risks nothing.
     ///
     /// It is called in the operator's task and must not block. After a panic nothing is known.
     pub fn use_situation(
@@ -143,16 +143,16 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// Registers calls beside the rules: for what helps local with later messages and is no result of
     /// this one, such as a plan for what may happen.
     ///
-    /// The machine does not know of them, so that no output waits for an answer, and no answer becomes
-    /// an output. What one asks by [`use_cloud`](Self::use_cloud) holds local's result back until it
-    /// comes, fails or times out (F3).
+    /// The machine does not know of them: no output waits for an answer, and no answer becomes
+    /// an output. A request by [`use_cloud`](Self::use_cloud) holds local's result back until it
+    /// is answered, fails or times out (F3).
     ///
-    /// - `handle` makes the call as for a cloud, within the time that is left. When that is over, or
+    /// - `handle` makes the call as for a cloud, within the time left. When that is over, or
     ///   the operator ends, its future is dropped.
-    /// - `message_handler` looks at each message that was taken on, after those of the clouds, and must
+    /// - `message_handler` looks at each message that was taken on, after the clouds' handlers, and must
     ///   not block. `None` asks nothing.
-    /// - `response_handler` is given each answer that comes in time, in the call's task; it changes what
-    ///   is [common](crate::Common). What it does counts as answered, or as failed with an error.
+    /// - `response_handler` gets each answer that comes in time, in the call's task, and changes
+    ///   [common](crate::Common) state. `Ok` counts as answered, an error as failed.
     ///
     /// Requests are gated and bounded like a cloud's.
     pub fn use_aside<Req, Res, Fut>(
@@ -187,10 +187,10 @@ impl<I, O: Send + 'static> Setup<I, O> {
     }
 
     /// Hands on results that came too late for their messages, with their age, so that local can use
-    /// them for the next ones. A hint never becomes an output.
+    /// them for later ones. A hint never becomes an output.
     ///
-    /// Results that were dropped `late` or `superseded` come, local's too, if their message is one of the
-    /// last 1024. Calls that are aborted have none: let clouds [linger](Cloud::linger).
+    /// These are results dropped as `late` or `superseded`, local's too, if their message is one of the
+    /// last 1024. Aborted calls have no result: let clouds [linger](Cloud::linger).
     /// `take_hint` is called in the operator's task and must not block.
     pub fn use_hints(&mut self, take_hint: impl FnMut(Hint<O>) + Send + 'static) -> &mut Self {
         self.hints = Some(Box::new(take_hint));
@@ -226,7 +226,7 @@ impl fmt::Debug for Cloud {
 }
 
 impl Call {
-    /// A call for a handle that is driven by hand; what it sends is counted for cloud `priority`.
+    /// A call for a handle that you drive yourself; what it sends is counted for cloud `priority`.
     #[must_use]
     pub const fn new(
         timestamp: u64,
@@ -237,7 +237,7 @@ impl Call {
         Self { timestamp, deadline, bill: Bill::Cloud(priority, counting) }
     }
 
-    /// Counts bytes sent; speculation is paid for.
+    /// Counts bytes sent, the price of speculation.
     pub fn sent(&self, bytes: usize) {
         match &self.bill {
             Bill::Cloud(priority, counting) => counting.sent(*priority, bytes as u64),

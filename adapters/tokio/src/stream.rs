@@ -1,4 +1,4 @@
-//! Typed streams: what joins operators to one another and to the rest of a program (D8 bounded).
+//! Typed streams, which join operators to one another and to the rest of a program (D8 bounded).
 
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,7 +16,7 @@ use tokio::sync::{Semaphore, mpsc};
 #[must_use]
 pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     assert!(capacity > 0, "a stream needs room for at least 1 message");
-    // More than a channel can have is as good as that.
+    // More than a channel can hold is no different.
     let capacity = capacity.min(Semaphore::MAX_PERMITS);
     let (sender, receiver) = mpsc::channel(capacity);
     let joining = Arc::new(Joining { is_any: AtomicBool::new(false), readers: Mutex::default() });
@@ -28,10 +28,10 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
 ///
 /// A message's timestamp is its place in the stream, from 0, and the same for all readers.
 ///
-/// One message is [written](Self::write) at once or not at all, never after a wait: who waits for
-/// an operator to take a message in, and meanwhile does not read that operator's output, waits for
-/// ever once the output is full. [`write_all`](Self::write_all) waits, but takes the writer along,
-/// so that it can only run beside whatever reads.
+/// A message is [written](Self::write) at once or not at all, never after a wait: a task that waits
+/// for an operator to take a message in, and does not read the operator's output meanwhile, would
+/// wait for ever once the output is full. [`write_all`](Self::write_all) waits, but takes the writer,
+/// so that it can only run beside the task that reads.
 #[derive(Debug)]
 pub struct Writer<T> {
     readers: Vec<mpsc::Sender<Numbered<T>>>,
@@ -39,7 +39,7 @@ pub struct Writer<T> {
     count: u64,
 }
 
-/// A reading end of a stream; messages are shared among the readers, not copied.
+/// A reading end of a stream; readers share the messages, without copies.
 #[derive(Debug)]
 pub struct Reader<T> {
     receiver: mpsc::Receiver<Numbered<T>>,
@@ -52,7 +52,7 @@ type Numbered<T> = (u64, Arc<T>);
 /// Readers made since the last message.
 #[derive(Debug)]
 struct Joining<T> {
-    /// Whether there are any, to be asked with each message.
+    /// Whether there are any; asked with each message.
     is_any: AtomicBool,
     readers: Mutex<Vec<mpsc::Sender<Numbered<T>>>>,
 }
@@ -63,7 +63,7 @@ impl<T> Joining<T> {
     }
 }
 
-/// A message was not written.
+/// Why a message was not written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 pub enum WriteError<T> {
     /// Some reader lags its whole capacity behind; here is the message.
@@ -75,7 +75,7 @@ pub enum WriteError<T> {
 }
 
 impl<T> Writer<T> {
-    /// Writes a message if every reader has room for it now; answers its timestamp.
+    /// Writes a message if every reader has room for it now; returns its timestamp.
     ///
     /// # Errors
     /// If some reader has no room, or there is none; the message comes back.
@@ -90,16 +90,16 @@ impl<T> Writer<T> {
         let (timestamp, message) = (self.count, Arc::new(message));
         self.count += 1;
         for reader in &self.readers {
-            // It has room, and no one else writes; it may have closed since, which is no loss.
+            // It has room, and nobody else writes; if it closed meanwhile, nothing is lost.
             drop(reader.try_send((timestamp, Arc::clone(&message))));
         }
         Ok(timestamp)
     }
 
-    /// Writes each message as soon as every reader has room for it, then ends the stream; answers
-    /// how many it has had.
+    /// Writes each message as soon as every reader has room for it, then ends the stream; returns
+    /// how many messages the stream has had.
     ///
-    /// It is made for a task of its own, or to be joined with what reads:
+    /// Run it in a task of its own, or join it with the reader:
     ///
     /// ```
     /// # use fuseline_tokio::stream;
@@ -114,7 +114,7 @@ impl<T> Writer<T> {
     /// ```
     ///
     /// # Errors
-    /// [`WriteError::Closed`] alone.
+    /// Only [`WriteError::Closed`].
     pub async fn write_all(
         mut self,
         messages: impl Stream<Item = T>,
@@ -140,7 +140,7 @@ impl<T> Writer<T> {
         }
     }
 
-    /// Lets go of readers that closed and takes on those that joined.
+    /// Removes readers that closed and adds those that joined.
     fn admit(&mut self) {
         self.readers.retain(|reader| !reader.is_closed());
         if self.joining.is_any.swap(false, Ordering::Acquire) {
@@ -159,7 +159,7 @@ impl<T> Reader<T> {
         self.receiver.recv().await.map(|(_, message)| message)
     }
 
-    /// Another reader of the stream, for what is written from now on.
+    /// Another reader of the stream, for messages written from now on.
     #[must_use]
     pub fn another(&self) -> Self {
         let (sender, receiver) = mpsc::channel(self.capacity);

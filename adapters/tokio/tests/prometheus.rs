@@ -1,9 +1,12 @@
-//! Metrics as Prometheus sees them. One test, since a program has one metrics recorder.
+//! Metrics as Prometheus sees them. A program has one metrics recorder.
 #![cfg(feature = "prometheus")]
 
 use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::OnceLock;
+use std::time::Duration;
 
+use fuseline_tokio::deadline::{Guard, Parameters, Situation};
 use fuseline_tokio::{Config, Local, Operator, Setup, prometheus, spawn, stream};
 
 struct Double;
@@ -17,28 +20,43 @@ impl Operator for Double {
     }
 }
 
+/// Where the metrics of this program are served.
+fn served() -> SocketAddr {
+    static ADDRESS: OnceLock<SocketAddr> = OnceLock::new();
+    *ADDRESS.get_or_init(|| {
+        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = taken.local_addr().unwrap();
+        // Outside of a test's runtime, which ends with the test.
+        let serve = move || prometheus(address).is_ok();
+        assert!(!std::thread::spawn(serve).join().unwrap(), "the address is taken");
+        drop(taken);
+        assert!(std::thread::spawn(serve).join().unwrap());
+        address
+    })
+}
+
+/// What is served now.
+async fn scrape() -> String {
+    let page = tokio::task::spawn_blocking(|| {
+        let mut socket = TcpStream::connect(served()).unwrap();
+        socket.write_all(b"GET /metrics HTTP/1.0\r\n\r\n").unwrap();
+        let mut page = String::new();
+        socket.read_to_string(&mut page).unwrap();
+        page
+    });
+    page.await.unwrap()
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn counters_and_histograms_are_served_over_http() {
-    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = taken.local_addr().unwrap();
-    assert!(prometheus(address).is_err());
-    drop(taken);
-    prometheus(address).unwrap();
-
+    served();
     let (mut writer, input) = stream(8);
     let (running, _) = spawn(Double, Config::default(), input).unwrap();
     writer.write(21).unwrap();
     drop(writer);
     running.join().await.unwrap();
 
-    let page = tokio::task::spawn_blocking(move || {
-        let mut socket = TcpStream::connect(address).unwrap();
-        socket.write_all(b"GET /metrics HTTP/1.0\r\n\r\n").unwrap();
-        let mut page = String::new();
-        socket.read_to_string(&mut page).unwrap();
-        page
-    });
-    let page = page.await.unwrap();
+    let page = scrape().await;
     for line in [
         "fuseline_messages_total{operator=\"operator\"} 1",
         "fuseline_outputs_total{operator=\"operator\",source=\"local\",outcome=\"arrival\"} 1",
@@ -47,4 +65,54 @@ async fn counters_and_histograms_are_served_over_http() {
     ] {
         assert!(page.contains(line), "no {line} in\n{page}");
     }
+}
+
+/// Its messages are speeds, in m/s.
+struct Vehicle;
+
+impl Operator for Vehicle {
+    type Input = f64;
+    type Output = f64;
+
+    fn setup(self, setup: &mut Setup<f64, f64>) -> Local<f64, f64> {
+        setup.use_situation(|speed, _| Situation::at(*speed));
+        let message_handler = |speed: &f64, _| Some((*speed, Duration::from_secs(2)));
+        let cloud = setup.use_cloud(|speed, _| async move { Ok(speed) }, message_handler, Ok, 1);
+        cloud.name = "west".into();
+        cloud.policy = Some(Box::new(Guard::new(Parameters::default()).unwrap()));
+        Local::blocking(|speed, _| Ok(*speed))
+    }
+}
+
+/// D11: the deadline in force and why, as the speed changes while the operator runs.
+#[tokio::test(flavor = "multi_thread")]
+async fn d11_the_deadline_in_force_and_why_follow_the_speed_from_one_scrape_to_the_next() {
+    served();
+    let (mut writer, input) = stream(8);
+    let config = Config { name: "vehicle".into(), ..Config::default() };
+    let (running, mut output) = spawn(Vehicle, config, input).unwrap();
+    let of = |page: &str, metric: &str, labels: &str| -> f64 {
+        let name = format!("{metric}{{operator=\"vehicle\",source=\"west\"{labels}}} ");
+        let value = page.lines().find_map(|line| line.strip_prefix(&name));
+        value.unwrap_or_else(|| panic!("no {name} in\n{page}")).parse().unwrap()
+    };
+    let steps = [
+        (18.0, 0.6506, "local-stops", 1.0),
+        (22.0, 0.9192, "cloud-alone", 1.0),
+        (20.0, 0.3117, "local-stops", 2.0),
+        (f64::NAN, 0.3017, "unsure", 1.0),
+        (18.0, 0.6506, "local-stops", 3.0),
+    ];
+    for (speed, deadline, why, count) in steps {
+        writer.write(speed).unwrap();
+        output.read().await.unwrap();
+        let page = scrape().await;
+        let in_force = of(&page, "fuseline_deadline_seconds", "");
+        assert!((in_force - deadline).abs() < 1e-4, "{in_force} s at {speed} m/s");
+        let why = format!(",why=\"{why}\"");
+        let chosen: f64 = of(&page, "fuseline_deadlines_total", &why);
+        assert!((chosen - count).abs() < 0.1, "{chosen} deadlines{why}");
+    }
+    drop(writer);
+    running.join().await.unwrap();
 }

@@ -152,7 +152,7 @@ impl<'a, R: Read> Rows<'a, R> {
                 _ => text.parse().ok().map(|number: u64| number.to_string()),
             };
             let value = value.ok_or_else(|| {
-                self.fault(format!("column {column:?}: {text:?} is no number that fits"))
+                self.fault(format!("column {column:?}: {text:?} is not a number that fits"))
             })?;
             // To a string: it cannot fail.
             let _ = write!(line, ",\"{key}\":{value}");

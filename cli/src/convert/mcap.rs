@@ -104,7 +104,8 @@ impl<R: Read> Recorded for Messages<'_, R> {
                 Ok(None)
             }
             None => {
-                let message = format!("no message of topic {}; say --topic", self.topic);
+                let message =
+                    format!("no message of topic {}; name another with --topic", self.topic);
                 Err(self.fault(message).into())
             }
         }

@@ -16,7 +16,7 @@ pub(super) trait Recorded {
 /// Why something recorded cannot be converted.
 #[derive(Debug, Error)]
 pub(super) enum ConvertError {
-    #[error("{file}: is it CSV or MCAP? Name it so, or say --from")]
+    #[error("{file}: neither .csv nor .mcap; say which it is with --from")]
     Format { file: String },
     #[error(
         "{file}: no header; give one with --header FILE, a file that begins with {{\"fuseline\":1,…}}"

@@ -9,8 +9,8 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use crate::plot::Theme;
 use crate::plot::png::FONT;
+use crate::plot::{Theme, pieces};
 
 /// A sheet to draw on.
 pub(crate) type Sheet<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -160,18 +160,19 @@ impl Axes {
 }
 
 impl Line {
-    /// Draws it; what lies outside the chart is cut off at its edge.
-    pub(crate) fn draw<X, Y>(&self, chart: &mut Chart<'_, '_, X, Y>)
+    /// Draws it on a chart with these axes; what lies outside is cut off at the edge.
+    pub(crate) fn draw<X, Y>(&self, chart: &mut Chart<'_, '_, X, Y>, axes: &Axes)
     where
         X: Ranged<ValueType = f64>,
         Y: Ranged<ValueType = f64>,
     {
         let style = self.colour.stroke_width(self.width);
-        let points = self.points.iter().copied();
-        if self.is_dashed {
-            chart.draw_series(DashedLineSeries::new(points, 6, 4, style)).expect(DRAWN);
-        } else {
-            chart.draw_series(LineSeries::new(points, style)).expect(DRAWN);
+        for piece in pieces(&self.points, [&axes.x, &axes.y]) {
+            if self.is_dashed {
+                chart.draw_series(DashedLineSeries::new(piece, 6, 4, style)).expect(DRAWN);
+            } else {
+                chart.draw_series(LineSeries::new(piece, style)).expect(DRAWN);
+            }
         }
     }
 
@@ -193,9 +194,9 @@ impl Line {
     }
 }
 
-/// About how wide a text of 13 units is.
-fn width(text: &str) -> i32 {
-    i32::try_from(text.chars().count()).unwrap_or(i32::MAX / 8) * 7
+/// About how wide a text of 13 units is, whatever the viewer's font.
+pub(crate) fn width(text: &str) -> i32 {
+    i32::try_from(text.chars().count()).unwrap_or(i32::MAX / 8) * 6
 }
 
 /// A figure without needless digits.

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anstream::adapter::strip_str;
-use tempfile::Builder;
+use tempfile::{Builder, NamedTempFile};
 
 use crate::fault::Fault;
 use crate::plot::{DARK, LIGHT, Page, Plot, png};
@@ -17,11 +17,13 @@ impl Folder {
     /// The folder at `path`, if one is wanted.
     ///
     /// # Errors
-    /// If it is not there and cannot be made.
+    /// If it is not there and cannot be made, or takes no files: that is told before the work.
     pub(crate) fn open(path: Option<&Path>) -> Result<Option<Self>, Fault> {
         let Some(path) = path else { return Ok(None) };
-        fs::create_dir_all(path).map_err(|source| fault(path, source))?;
-        Ok(Some(Self(path.to_owned())))
+        let folder = Self(path.to_owned());
+        let takes_files = fs::create_dir_all(path).and_then(|()| folder.unfinished().map(drop));
+        takes_files.map_err(|source| Fault::Folder { name: path.display().to_string(), source })?;
+        Ok(Some(folder))
     }
 
     /// Writes a file.
@@ -34,13 +36,18 @@ impl Folder {
     }
 
     fn persist(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        let mut builder = Builder::new();
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = builder.prefix(".").suffix(".tmp").tempfile_in(&self.0)?;
+        let mut file = self.unfinished()?;
         file.write_all(bytes)?;
         file.persist(path)?;
         Ok(())
+    }
+
+    /// A file with a temporary name, which is gone unless it is persisted.
+    fn unfinished(&self) -> io::Result<NamedTempFile> {
+        let mut builder = Builder::new();
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        builder.prefix(".").suffix(".tmp").tempfile_in(&self.0)
     }
 }
 

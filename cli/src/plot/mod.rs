@@ -1,12 +1,14 @@
 //! Plots: one drawing, on light and on dark ground, as SVG and as PNG, and a page that holds them.
 
 mod chart;
+mod cut;
 mod folder;
 mod page;
 mod png;
 mod theme;
 
-pub(crate) use chart::{Axes, DRAWN, Label, Line, Sheet, logarithmic, sheet};
+pub(crate) use chart::{Axes, DRAWN, Label, Line, Sheet, logarithmic, sheet, width};
+pub(crate) use cut::{inside, pieces};
 pub(crate) use folder::{Folder, Shown, show};
 pub(crate) use page::Page;
 pub(crate) use png::png;

@@ -22,8 +22,10 @@ impl Live {
         let bar = io::stderr().is_terminal().then(|| {
             let total =
                 args.seconds.map(|span| u64::try_from(span.as_millis()).unwrap_or(u64::MAX));
-            let template = if total.is_some() { "{bar:24.cyan/dim} {msg}" } else { "{msg}" };
-            let style = ProgressStyle::with_template(template);
+            // The words on a line of their own, which is cut at the terminal's edge.
+            let bar = if total.is_some() { "{bar:24.cyan/dim} {prefix}" } else { "{prefix}" };
+            let template = format!("{bar}\n{{wide_msg}}");
+            let style = ProgressStyle::with_template(&template);
             let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
             total.map_or_else(ProgressBar::no_length, ProgressBar::new).with_style(style)
         });
@@ -40,13 +42,14 @@ impl Live {
 
     /// Shows how things are, `now` since the beginning.
     pub(crate) fn show<W: Write>(&self, log: &Log<W>, now: Duration) {
-        let line = self.line(log, now);
+        let (time, state) = (self.time(now), state(log));
         match &self.bar {
             Some(bar) => {
                 bar.set_position(u64::try_from(now.as_millis()).unwrap_or(u64::MAX));
-                bar.set_message(line);
+                bar.set_prefix(time);
+                bar.set_message(state);
             }
-            None => complain(line),
+            None => complain(format!("{time}: {state}")),
         }
     }
 
@@ -57,21 +60,23 @@ impl Live {
         }
     }
 
-    fn line<W: Write>(&self, log: &Log<W>, now: Duration) -> String {
-        let counts = log.figures.counts;
-        let seconds = now.as_secs();
+    fn time(&self, now: Duration) -> String {
         let of = self.span.map_or_else(String::new, |span| format!(" of {}", span.as_secs()));
-        let queued = log.pace.queued();
-        let state = if log.pace.is_paused() { "paused, " } else { "" };
-        let latest = log.latest.map_or_else(String::new, |latest| {
-            format!(", latest {:.0} ms", latest.as_secs_f64() * 1e3)
-        });
-        let median = quantile(log.figures.answers.quantile(50));
-        let pauses = counted(counts.pauses, "pause");
-        let (sent, failed) = (counts.sent, counts.failed);
-        format!(
-            "{seconds}{of} s: {state}{sent} sent, {queued} unanswered, {failed} failed, {pauses}; \
-             p50 {median}{latest}"
-        )
+        format!("{}{of} s", now.as_secs())
     }
+}
+
+fn state<W: Write>(log: &Log<W>) -> String {
+    let counts = log.figures.counts;
+    let queued = log.pace.queued();
+    let state = if log.pace.is_paused() { "paused, " } else { "" };
+    let latest = log.latest.map_or_else(String::new, |latest| {
+        format!(", latest {:.0} ms", latest.as_secs_f64() * 1e3)
+    });
+    let median = quantile(log.figures.answers.quantile(50));
+    let pauses = counted(counts.pauses, "pause");
+    let (sent, failed) = (counts.sent, counts.failed);
+    format!(
+        "{state}{sent} sent, {queued} unanswered, {failed} failed, {pauses}; p50 {median}{latest}"
+    )
 }

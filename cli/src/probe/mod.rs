@@ -49,8 +49,8 @@ const PATIENCE: Duration = Duration::from_secs(10);
 enum ProbeError {
     #[error("{url}: {}", chain(.source))]
     Remote { url: String, source: RemoteError },
-    #[error("{url}: {why}; start `fuseline probe --serve` there first")]
-    Silent { url: String, why: String },
+    #[error("{url}: {why}; {remedy}")]
+    Silent { url: String, why: String, remedy: &'static str },
     #[error("--gpsd {address}: {}; start gpsd there, or leave it out", plain(.source))]
     Gpsd { address: String, source: io::Error },
     #[error("--plot -: it is read twice; name a file")]
@@ -112,8 +112,8 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let client = InferClient::new(connection);
     let payload = Bytes::from(vec![0; REQUEST_BYTES]);
     tokio::select! {
-        reached = reach(client.clone(), payload.clone()) => {
-            reached.map_err(|why| ProbeError::Silent { url: url.to_owned(), why })?;
+        reached = reach(client.clone(), payload.clone(), url.starts_with("https:")) => {
+            reached.map_err(|(why, remedy)| ProbeError::Silent { url: url.to_owned(), why, remedy })?;
         }
         () = interrupt.wait() => return Ok(()),
     }
@@ -168,12 +168,37 @@ fn check_csv(csv: &Path, args: &Args) -> Result<(), Fault> {
     output::file(csv, &args.files()).map(|_| ())
 }
 
-/// Makes a call that does not count; says why it has no answer.
-async fn reach(client: InferClient, payload: Bytes) -> Result<(), String> {
+/// Makes a call that does not count; says why it has no answer, and a remedy.
+async fn reach(
+    client: InferClient,
+    payload: Bytes,
+    is_secret: bool,
+) -> Result<(), (String, &'static str)> {
     match timeout(PATIENCE, call(client, 0, payload)).await {
         Ok(Ok(())) => Ok(()),
-        Ok(Err(status)) => Err(CallError::from(status).to_string()),
-        Err(_) => Err(format!("no answer within {} s", PATIENCE.as_secs())),
+        Ok(Err(status)) => {
+            let is_stranger = status.code() == tonic::Code::Unauthenticated;
+            let why = CallError::from(status).to_string();
+            let remedy = if is_stranger { TOKEN } else { remedy(is_secret, &why) };
+            Err((why, remedy))
+        }
+        Err(_) => Err((format!("no answer within {} s", PATIENCE.as_secs()), START)),
+    }
+}
+
+const START: &str = "start `fuseline probe --serve` there first";
+const TOKEN: &str = "give the server's token with --token-file";
+
+/// What to do about a failure, by its words and whether it was over TLS.
+fn remedy(is_secret: bool, why: &str) -> &'static str {
+    if why.contains("does not speak TLS") {
+        "give an http URL"
+    } else if why == CallError::BROKE && !is_secret {
+        "if it speaks TLS, give an https URL and --ca"
+    } else if why == CallError::BROKE || why.contains("certificate") || why.contains("alert") {
+        "give the server's CA with --ca, and --cert and --key if it wants this side's"
+    } else {
+        START
     }
 }
 

@@ -12,14 +12,21 @@ use crate::seconds::seconds;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-A request of 33.3 KB is due 30 times a second, whether or not replies of 1 KB came: calls overlap. A
-request that is due with more than 30 unanswered starts a pause until none is; what is skipped is
-recorded and not made up. So did the paper's drive through San Francisco, and its figures stand beside.
+A request of 33.3 KB is due 30 times a second, whether or not replies of 1 KB
+have come: calls overlap. If more than 30 requests are unanswered when one is
+due, a pause begins, and it ends when none is. Skipped slots are recorded and
+not made up. The paper's drive through San Francisco did the same, and its
+figures stand beside.
 
-The recording is CSV with the columns sent_ms, rtt_ms (-1: it failed, or a pause began), lat, lon,
-speed_mps, queued and utc_ms (milliseconds since 1970), for fuseline run as it stands. Positions are
-those of gpsd, or of the RMC sentences that an NMEA file has or gets, nearest by the time of day.
-Without a position the cells are empty. Ctrl-C ends the probe with its recording and its summary.
+The recording is CSV with the columns sent_ms, rtt_ms (-1: the call failed, or a
+pause began), lat, lon, speed_mps, queued and utc_ms (milliseconds since 1970).
+fuseline run takes it as it is. Positions come from gpsd, or from the RMC
+sentences of an NMEA file; the nearest by the time of day is taken. Without one
+the cells are empty.
+
+Ctrl-C ends the probe: it waits up to 1 s for answers, completes the recording,
+draws the plots and prints the summary. Exit code 0 when done, also after
+Ctrl-C; 2 if an option or a file is of no use, or the server does not answer.
 
 Examples:
   fuseline probe --serve --listen 0.0.0.0:50051
@@ -53,8 +60,8 @@ pub(crate) struct Args {
     /// Where the recording is written, from the start on.
     #[arg(long, value_name = "FILE", default_value = "fuseline-probe.csv")]
     pub(crate) csv: PathBuf,
-    /// Write plots, as SVG and PNG on light and on dark ground, and a page that holds them to this
-    /// folder once the probe has ended: round trips over time, their distribution, the route.
+    /// Write plots to this folder once the probe has ended, as SVG and PNG on light and dark ground,
+    /// and a page that holds them: round trips over time, their distribution, the route.
     #[arg(short, long, value_name = "DIR", conflicts_with = "serve")]
     pub(crate) output: Option<PathBuf>,
     /// Measure nothing, but plot this recording.

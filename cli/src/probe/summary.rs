@@ -91,15 +91,17 @@ impl fmt::Display for Summary {
         }
         writeln!(
             f,
-            "{} at {} a second: {sent} sent, {answered} answered, {failed} failed, {unanswered} \
-             unanswered at the end.\n{}, {:.1} s in all, skipped {skipped} slots.",
+            "{} at {} a second.\n\
+             {sent} sent: {answered} answered, {failed} failed, {unanswered} unanswered at the end.\n\
+             {}, {:.1} s in all; {skipped} skipped.",
             counted(slots, "slot"),
             self.rate,
             counted(pauses, "pause"),
             self.paused_ms / 1000.0,
+            skipped = counted(skipped, "slot"),
         )?;
         if missed > 0 {
-            writeln!(f, "This machine was busy elsewhere and missed {missed} slots.")?;
+            writeln!(f, "This machine was busy elsewhere and missed {}.", counted(missed, "slot"))?;
         }
         let mut table = Table::new();
         table.load_style(STYLE).set_header(["round trip", "p50", "p90", "p99", "max", "in time"]);
@@ -119,8 +121,8 @@ impl fmt::Display for Summary {
         writeln!(f, "\n{}\n", table.trim_fmt())?;
         writeln!(
             f,
-            "Of slots, one that was skipped took until its pause's end, and what failed never ended.\n\
-             In time is what leaves {} ms to compute within {} ms. Lost: {} of what was sent.\n\
+            "Slots: a skipped one counts until its pause ends, and a failed one never ends.\n\
+             In time: {} ms are left to compute within {} ms. Lost: {} of what was sent.\n\
              {}: the recording, for fuseline run --drive west={}",
             self.runtime_ms,
             self.deadline_ms,
@@ -135,7 +137,9 @@ impl fmt::Display for Summary {
 pub(crate) fn plotted(folder: &Path, files: &[String]) -> String {
     let has_route = files.iter().any(|file| file == "route.svg");
     let none = if has_route { "" } else { "There are no positions, so there is no route.\n" };
-    format!("{}: {}\n{none}", folder.display(), files.join(", "))
+    let svgs = files.iter().filter_map(|file| file.strip_suffix(".svg"));
+    let names: Vec<&str> = svgs.filter(|name| !name.ends_with("-dark")).collect();
+    format!("{}: index.html, and as SVG and PNG: {}\n{none}", folder.display(), names.join(", "))
 }
 
 /// A quantile in whole milliseconds.

@@ -23,7 +23,7 @@ pub(crate) struct Wanted {
 pub(crate) enum Place {
     /// In this process, behind a recorded network.
     Emulated { model: Model, drive: String, start: Duration },
-    /// A server elsewhere; what it runs is told only for the report.
+    /// A server elsewhere; what it runs is given only for the report.
     Remote { model: Option<Model>, remote: Remote },
 }
 
@@ -61,11 +61,11 @@ pub(crate) enum CloudError {
     Twice(String),
     #[error("{0} is missing")]
     Missing(&'static str),
-    #[error("{key} {value:?} is none; it must be {wanted}")]
+    #[error("{key} {value:?} is not valid; it must be {wanted}")]
     Value { key: &'static str, value: String, wanted: &'static str },
-    #[error("{0} does not go with url; give it to fuseline serve there")]
+    #[error("{0} cannot be given with url; give it to fuseline serve there")]
     Remote(&'static str),
-    #[error("{0} goes with url alone")]
+    #[error("{0} needs url")]
     Emulated(&'static str),
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -91,7 +91,7 @@ pub(crate) const DEFAULTS: [&str; 2] = [
 ];
 
 impl Wanted {
-    /// The files that tell of it, as far as they are there.
+    /// The files that its keys name, if they are given.
     pub(crate) fn files(&self) -> Vec<&Path> {
         match &self.place {
             Place::Emulated { drive, .. } => {
@@ -328,8 +328,8 @@ mod tests {
             ("name=a,priority=1,model=yolo", "no model \"yolo\""),
             ("name=a,priority=1,model=DETR-ResNet-50", "drive or url is missing"),
             ("name=a,priority=1,model=DETR-ResNet-50,drive=x,start=-1", "start \"-1\""),
-            ("name=a,priority=1,model=DETR-ResNet-50,drive=x,ca=y", "ca goes with url alone"),
-            ("name=a,priority=1,url=http://h,drive=x", "drive does not go with url"),
+            ("name=a,priority=1,model=DETR-ResNet-50,drive=x,ca=y", "ca needs url"),
+            ("name=a,priority=1,url=http://h,drive=x", "drive cannot be given with url"),
         ] {
             assert!(fault(text).contains(what), "{text}: {}", fault(text));
         }

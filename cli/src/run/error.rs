@@ -17,7 +17,7 @@ pub(super) enum RunError {
     Spawn(#[from] SpawnError),
     #[error("no port on 127.0.0.1: {}; free some", plain(.0))]
     Loopback(io::Error),
-    #[error("{trace}: {why}; the tables tell what was written: make room, or name another --trace")]
+    #[error("{trace}: {why}; the tables show what was written: make room, or name another --trace")]
     Unrecorded { trace: String, why: String },
 }
 

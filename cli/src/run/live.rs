@@ -21,7 +21,7 @@ pub(crate) struct Live<'a> {
     view: View,
     /// By source: how long its latest output took.
     latest: Vec<Option<Duration>>,
-    /// Whether it was told that the trace has ended.
+    /// Whether the trace's end was reported.
     is_warned: bool,
 }
 
@@ -87,7 +87,7 @@ impl<'a> Live<'a> {
         }
     }
 
-    /// Tells once that the trace has ended before its run.
+    /// Reports once that the trace has ended before its run.
     fn warn(&mut self, tally: &Tally) {
         let Some(why) = tally.unrecorded.as_deref().filter(|_| !self.is_warned) else { return };
         self.is_warned = true;

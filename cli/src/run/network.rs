@@ -21,7 +21,7 @@ use crate::run::plan::{Plan, Server};
 pub(crate) struct Network {
     /// In the plan's order.
     pub(crate) connections: Vec<Connection>,
-    /// Those of the emulated clouds, each on a port of its own; they end with this.
+    /// The servers of the emulated clouds, each on its own port; they end with this.
     pub(crate) servers: JoinSet<Result<(), grpc::ServeError>>,
     /// When the emulated drives began.
     pub(crate) began: Arc<OnceLock<Instant>>,
@@ -59,7 +59,7 @@ impl Network {
         Ok(Self { connections, servers, began })
     }
 
-    /// Asks the servers elsewhere what they serve, and warns where the user told otherwise.
+    /// Asks the servers elsewhere what they serve, and warns where the user said otherwise.
     pub(crate) async fn ask(&self, plan: &mut Plan) {
         for (cloud, connection) in plan.clouds.iter_mut().zip(&self.connections) {
             if matches!(cloud.server, Server::Remote(_))

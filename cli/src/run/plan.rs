@@ -51,7 +51,7 @@ pub(crate) struct Args {
         allow_negative_numbers = true,
         value_parser = clap::value_parser!(u64).range(1..=60_000))]
     deadline: u64,
-    /// How much of that the requests get.
+    /// How much of that a request gets.
     #[arg(long, value_enum, default_value = "expected")]
     policy: DeadlinePolicy,
     /// What a second of waiting costs, in points of AP, where --policy expected weighs it: 0 to 1000.
@@ -66,7 +66,7 @@ pub(crate) struct Args {
         allow_negative_numbers = true,
         value_parser = clap::value_parser!(u16).range(1..=1024))]
     window: u16,
-    /// Decides how the emulated runtimes stray.
+    /// The seed of the emulated runtimes' spread.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
     /// The model computed locally, as NAME@orin or NAME@a100.
@@ -80,9 +80,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value = "8", value_parser = workers,
         allow_negative_numbers = true)]
     calls: NonZero<usize>,
-    /// A cloud instead of the two there are; repeatable. Keys: name, priority and model with drive
-    /// and start, or with url, ca, cert, key and token (the last four are files) for a server
-    /// elsewhere.
+    /// A cloud, in place of the two default ones; repeatable. Keys: name, priority, and model, drive
+    /// and start for an emulated cloud, or url, ca, cert, key and token (the last four are files)
+    /// for a server elsewhere.
     #[arg(long = "cloud", value_name = "KEY=VALUE,…", default_values = cloud::DEFAULTS)]
     clouds: Vec<Wanted>,
     /// Another drive for a cloud; repeatable.
@@ -91,10 +91,10 @@ pub(crate) struct Args {
     /// Where a cloud's drive begins, in seconds; repeatable.
     #[arg(long = "start", value_name = "CLOUD=S")]
     starts: Vec<Named<Duration>>,
-    /// Where the trace is written, from the start of the run on.
+    /// The trace's file, written from the start of the run.
     #[arg(long, value_name = "FILE", default_value = "fuseline-trace.jsonl")]
     trace: PathBuf,
-    /// Make the trace's page too, as fuseline report does, and tell where it is.
+    /// Also make the trace's page, as fuseline report does, and print where it is.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true,
         default_missing_value = "report.html")]
     report: Option<PathBuf>,

@@ -90,7 +90,7 @@ pub(crate) struct SourceReport {
 #[derive(Debug, Serialize)]
 pub(crate) struct PolicyReport {
     pub(crate) policy: String,
-    /// None if it cannot be told.
+    /// None if it is not known.
     pub(crate) mean_ap: Option<f64>,
     pub(crate) in_time: u64,
     /// p50, p90 and p99; null without messages.
@@ -101,7 +101,7 @@ pub(crate) struct PolicyReport {
     pub(crate) sent_bytes: u64,
 }
 
-/// What the trace tells and what the judge says of it.
+/// What the trace shows and what the judge says of it.
 pub(crate) struct Reading {
     pub(crate) reckoning: Reckoning,
     pub(crate) queues: Queues,

@@ -1,4 +1,4 @@
-//! What a cloud serves: as this process emulates it, as its server says, or else as the user told.
+//! What a cloud serves: as this process emulates it, as its server says, or else as the user said.
 
 use std::time::Duration;
 
@@ -25,12 +25,12 @@ pub(crate) struct Served {
     pub(crate) drive: Option<String>,
     /// Whether its runtime is emulated.
     pub(crate) emulated: bool,
-    /// Why its server did not say so; then it is what the user told.
+    /// Why its server did not say so; then it is what the user said.
     pub(crate) unsaid: Option<String>,
 }
 
 impl Served {
-    /// What the user told of a server elsewhere, before it was asked.
+    /// What the user said of a server elsewhere, before it was asked.
     pub(crate) fn told(model: Option<&Model>) -> Self {
         let Some(model) = model else { return Self::default() };
         let (name, runtime) = (Some(model.to_string()), Some(model.runtime));
@@ -42,13 +42,13 @@ impl Served {
         Self { emulated: true, ..Self::told(Some(model)) }
     }
 
-    /// Asks the server; says what the user told otherwise.
+    /// Asks the server; returns a warning where the user said otherwise.
     pub(crate) async fn ask(&mut self, connection: Connection) -> Option<String> {
         let mut client = InferClient::new(connection);
         let description = match timeout(PATIENCE, client.describe(Request::new(()))).await {
             Ok(Ok(said)) => said.into_inner(),
             Ok(Err(status)) if status.code() == Code::Unimplemented => {
-                self.unsaid = Some("it does not know the question".to_owned());
+                self.unsaid = Some("it does not know this call".to_owned());
                 return None;
             }
             Ok(Err(status)) => {
@@ -63,9 +63,8 @@ impl Served {
         let said = Self::from(description);
         let told = std::mem::replace(self, said).model?;
         let is = self.model.as_deref().unwrap_or("a model without a name");
-        (is != told).then(|| {
-            format!("its server serves {is}, not {told}; the tables tell of what it serves")
-        })
+        (is != told)
+            .then(|| format!("its server serves {is}, not {told}; the tables show what it serves"))
     }
 }
 

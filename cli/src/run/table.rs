@@ -15,14 +15,14 @@ use crate::run::report::{PolicyReport, Report, SourceReport, share};
 const OUTAGE: Duration = Duration::from_secs(1);
 /// The column of requests that are open as the run ends.
 const OPEN: usize = 6;
-/// How many outages of one cloud are told.
+/// How many outages of one cloud are shown.
 const OUTAGES: usize = 4;
 
 /// A line below the header and no other.
 const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
-/// What is about to run.
+/// The plan of a run, in words.
 pub(crate) struct Introduction<'a>(pub(crate) &'a Plan);
 
 impl fmt::Display for Introduction<'_> {
@@ -81,13 +81,13 @@ impl fmt::Display for Cloud {
     }
 }
 
-/// Which clouds run what the user told and nobody confirmed, a line each.
+/// The clouds whose models only the user named, a line each.
 fn unsaid(plan: &Plan) -> String {
     let mut lines = String::new();
     for Cloud { name, served, .. } in &plan.clouds {
         let Some(why) = &served.unsaid else { continue };
         let known = match served.model {
-            Some(_) => "its model is what --cloud tells",
+            Some(_) => "its model is as --cloud says",
             None => "nothing is known of its model",
         };
         // Writing to a string does not fail.
@@ -99,7 +99,7 @@ fn unsaid(plan: &Plan) -> String {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.interrupted {
-            writeln!(f, "Ended early; this is what there was.\n")?;
+            writeln!(f, "Ended early; this is the run so far.\n")?;
         }
         let name = |row: &Row| {
             let source = self.sources.iter().find(|source| u64::from(source.priority) == row.p);
@@ -137,7 +137,7 @@ impl fmt::Display for Report {
         if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
             writeln!(
                 f,
-                "? cannot be told: a model has no figure, or calls were ended or never made."
+                "? is not known: a model has no figure, or calls were ended or never made."
             )?;
         }
         if let Some(lag) = self.timer_lag_ms {
@@ -227,7 +227,7 @@ pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&Row) -> String) -> T
     table
 }
 
-/// When which clouds are out of reach, in one line; nothing if none is known to be.
+/// When clouds are out of reach, in one line; nothing if none is known to be.
 fn outages(plan: &Plan) -> String {
     let of = |cloud: &Cloud| {
         let emulation = cloud.emulation()?;

@@ -15,11 +15,12 @@ mod shape;
 mod tests;
 mod traffic_jam;
 
-use fuseline_deadline::{Figure, Invalid};
+use fuseline_deadline::Invalid;
 use thiserror::Error;
 
 use crate::exit::Exit;
 use crate::fault::Fault;
+use crate::remedy::options;
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
@@ -42,7 +43,7 @@ enum Scenario {
 /// Why a scenario cannot be told.
 #[derive(Debug, Error)]
 pub(crate) enum ScenarioError {
-    #[error("{invalid}; change {}", options_of(*.invalid))]
+    #[error("{invalid}; change {}", options(*.invalid))]
     Invalid { invalid: Invalid },
     #[error(
         "at {speed} m/s more than 1024 frames are open at once; lower --rate or the deadline, or raise --speed"
@@ -70,24 +71,4 @@ pub(crate) fn play(args: &Args) -> Result<Exit, Fault> {
         Scenario::Networks(args) => networks::play(args)?,
     }
     Ok(Exit::Conforms)
-}
-
-/// The options that could be at fault.
-const fn options_of(invalid: Invalid) -> &'static str {
-    match invalid {
-        Invalid::Span(figure) | Invalid::NotAbove0(figure) | Invalid::Below0(figure) => {
-            match figure {
-                Figure::Deceleration => "--deceleration",
-                Figure::BrakeDelay => "--brake-delay",
-                Figure::PeriodLocal | Figure::PeriodCloud => "--rate",
-                Figure::LocalResponse => "--local-response",
-                Figure::RangeLocal => "--range-local",
-                Figure::RangeCloud => "--range-cloud",
-                Figure::Weight | Figure::Lateness | Figure::Margin => "the options",
-            }
-        }
-        Invalid::CloudSeesLess => "--range-local or --range-cloud, or give --deadline in seconds",
-        Invalid::NoFrames => "--frames",
-        Invalid::Classes(_) | Invalid::Probes { .. } => "the options",
-    }
 }

@@ -19,7 +19,7 @@ pub(crate) struct Leave {
     /// Leave the trace of each run in this folder, for fuseline check.
     #[arg(long, value_name = "DIR")]
     pub(crate) trace: Option<PathBuf>,
-    /// Write plots, as SVG and PNG on light and on dark ground, and a page that holds them to this folder.
+    /// Write plots to this folder, as SVG and PNG on light and dark ground, and a page that holds them.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
 }
@@ -55,10 +55,10 @@ pub(crate) struct VehicleArgs {
     /// Full braking, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
     deceleration: f64,
-    /// From the decision to brake until the brakes bite, in s †.
+    /// How long after the decision the brakes bite, in s †.
     #[arg(long, value_name = "S", default_value = "0.1", value_parser = not_below_0)]
     brake_delay: f64,
-    /// Frames of the camera, in Hz.
+    /// How many frames the camera captures a second, in Hz.
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate)]
     rate: f64,
     /// How many consecutive frames must report the obstacle before the vehicle brakes.
@@ -80,10 +80,10 @@ pub(crate) struct VehicleArgs {
     /// From a frame's capture until local's result, in s.
     #[arg(long, value_name = "S", default_value = "0.3017", value_parser = above_0)]
     local_response: f64,
-    /// Local computes one frame at a time and passes over those that come meanwhile.
+    /// Local computes one frame at a time and skips those that come meanwhile.
     #[arg(long)]
     local_serial: bool,
-    /// The obstacle comes into sight so far away and no sooner, in m, which the guard knows [default: none].
+    /// The obstacle comes into sight only at this distance, in m, and the guard knows it [default: none].
     #[arg(long, value_name = "M", value_parser = not_below_0)]
     reveal: Option<f64>,
 }

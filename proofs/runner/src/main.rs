@@ -31,16 +31,16 @@ use crate::tools::{Limits, STOP};
 #[command(name = "prove", version)]
 #[expect(clippy::struct_excessive_bools, reason = "each is an option of the command line")]
 struct Cli {
-    /// Only these harnesses; no faults then unless asked for.
+    /// Only these harnesses; then no faults unless asked for.
     #[arg(long, value_name = "NAME")]
     harness: Vec<String>,
-    /// Which harnesses.
+    /// Which harnesses to prove.
     #[arg(long, value_enum, default_value_t = Tier::Fast)]
     tier: Tier,
-    /// Only the seeded faults, or with --harness these too.
+    /// Only the seeded faults; with --harness, the faults as well.
     #[arg(long)]
     faults: bool,
-    /// Look anew which harnesses, or those named, catch each fault, and record it.
+    /// Search again for the harnesses, or those named, that catch each fault, and record them.
     #[arg(long)]
     search: bool,
     /// With --search, only these faults.
@@ -49,10 +49,10 @@ struct Cli {
     /// Record the harnesses, assertions and covers that there are now.
     #[arg(long)]
     record: bool,
-    /// Keep what is proved of the slow tier in its committed ledger.
+    /// Keep the slow tier's verdicts in its committed ledger.
     #[arg(long)]
     keep: bool,
-    /// Say what there is to prove, and stop.
+    /// List what there is to prove, and stop.
     #[arg(long)]
     list: bool,
     /// Print JSON, one object a line.
@@ -61,10 +61,10 @@ struct Cli {
     /// Run a harness here on the values of a counterexample.
     #[arg(long, num_args = 1.., value_names = ["NAME", "VALUE"])]
     replay: Vec<String>,
-    /// How many at once.
+    /// How many questions to ask at once.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     jobs: u8,
-    /// How many seconds the checker has for one question; 600, or 3600 for the slow tier, unless given.
+    /// How many seconds the checker has for one question; by default 600, or 3600 for the slow tier.
     #[arg(long, value_name = "SECONDS")]
     time: Option<u64>,
     /// How much memory the checker has for one question.

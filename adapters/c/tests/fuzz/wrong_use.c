@@ -3,58 +3,14 @@
  * in between. Each wrong call must be told by its status, and must change neither the machine nor the answer: so the
  * two answer alike for ever.
  *
- * With libFuzzer: clang -fsanitize=fuzzer. Without: -DWITHOUT_LIBFUZZER gives a main that makes its own bytes, for
- * valgrind and gcc; its argument says how many cases.
+ * With libFuzzer: clang -fsanitize=fuzzer. Without: -DWITHOUT_LIBFUZZER.
  */
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "fuseline.h"
-
-#define HOLDS(condition) \
-  do { \
-    if (!(condition)) { \
-      fprintf(stderr, "line %d does not hold: %s\n", __LINE__, #condition); \
-      abort(); \
-    } \
-  } while (0)
+#include "fuzz.h"
 
 typedef fuseline_storage_c3w16 storage_type;
 
-static const uint8_t *bytes;
-static size_t left;
-
-static unsigned byte(void) {
-  if (left == 0) return 0;
-  --left;
-  return *bytes++;
-}
-
-/* Small numbers mostly, and the ends of the range. */
-static uint64_t number(void) {
-  unsigned b = byte();
-  return b < 250U ? b % 40U : UINT64_MAX - (uint64_t)(b - 250U);
-}
-
 static storage_type misused, clean, other;
 static fuseline_machine *machine, *twin;
-static unsigned wrong_uses, inputs;
-
-static fuseline_cloud clouds[16];
-
-static fuseline_config valid(unsigned commit) {
-  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, 0, 4, 3, clouds};
-  unsigned i;
-  for (i = 0; i < 16U; ++i) {
-    clouds[i].priority = i + 1U;
-    clouds[i].limit = 4;
-    clouds[i].resume = 2;
-  }
-  config.commit = commit & 1U;
-  return config;
-}
 
 static fuseline_status input(fuseline_machine *m, unsigned kind, const uint64_t *n, fuseline_answer *a) {
   switch (kind % 6U) {
@@ -117,34 +73,21 @@ static void wrong_call(void) {
   ++wrong_uses;
   HOLDS(input(m, kind, n, a) == expected);
   HOLDS(memcmp(&place, &before, sizeof place) == 0);
-  HOLDS(memcmp(&was, &misused, sizeof was) == 0);
+  HOLDS(same(&was, &misused, sizeof was));
 }
 
 static void wrong_init(void) {
   fuseline_config config = valid(0);
   fuseline_machine *made = NULL;
   size_t size = sizeof other;
-  fuseline_status expected;
+  fuseline_status expected = spoil(&config, &size, fuseline_bytes(FUSELINE_CAPACITY_C3W16));
   storage_type was;
   memset(&other, 0x44, sizeof other);
   was = other;
-  switch (byte() % 11U) {
-    case 0: config.abi += 1U + byte(); expected = FUSELINE_STATUS_ABI; break;
-    case 1: config.layout ^= 1U << (byte() % 32U); expected = FUSELINE_STATUS_ABI; break;
-    case 2: config.capacity = 5U + byte(); expected = FUSELINE_STATUS_CAPACITY; break;
-    case 3: config.commit = 2U + byte(); expected = FUSELINE_STATUS_COMMIT; break;
-    case 4: config.window = byte() % 2U == 0U ? 0U : 17U + byte(); expected = FUSELINE_STATUS_WINDOW; break;
-    case 5: config.clouds_len = 4U + byte(); expected = FUSELINE_STATUS_CLOUDS; break;
-    case 6: clouds[byte() % 3U].priority = byte() % 2U == 0U ? 0U : 65536U + number() % 1000U; expected = FUSELINE_STATUS_PRIORITY; break;
-    case 7: clouds[1].priority = clouds[byte() % 2U * 2U].priority; expected = FUSELINE_STATUS_TWICE; break;
-    case 8: clouds[byte() % 3U].resume = 4U + number() % 1000U; expected = FUSELINE_STATUS_GATE; break;
-    case 9: size = byte() % fuseline_bytes(FUSELINE_CAPACITY_C3W16); expected = FUSELINE_STATUS_SIZE; break;
-    default: config.clouds = NULL; expected = FUSELINE_STATUS_NULL; break;
-  }
   ++wrong_uses;
   HOLDS(fuseline_init(&other, size, &config, &made) == expected);
   HOLDS(made == NULL);
-  HOLDS(memcmp(&was, &other, sizeof was) == 0);
+  HOLDS(same(&was, &other, sizeof was));
 }
 
 static void questions(void) {
@@ -162,7 +105,6 @@ static void questions(void) {
   HOLDS(strlen(fuseline_reason_name((uint32_t)number())) > 0U);
 }
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   fuseline_config config;
   bytes = data;
@@ -183,20 +125,3 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   HOLDS(fuseline_end(twin) == FUSELINE_STATUS_DONE);
   return 0;
 }
-
-#ifdef WITHOUT_LIBFUZZER
-int main(int argc, char **argv) {
-  static uint8_t data[512];
-  uint64_t state = 1;
-  long cases = argc > 1 ? strtol(argv[1], NULL, 10) : 1000;
-  for (long i = 0; i < cases; ++i) {
-    for (size_t k = 0; k < sizeof data; ++k) {
-      state = state * 6364136223846793005U + 1442695040888963407U;
-      data[k] = (uint8_t)(state >> 56);
-    }
-    LLVMFuzzerTestOneInput(data, sizeof data);
-  }
-  printf("%ld cases: %u inputs to both machines, %u wrong uses told\n", cases, inputs, wrong_uses);
-  return wrong_uses > 0U && inputs > 0U ? 0 : 1;
-}
-#endif

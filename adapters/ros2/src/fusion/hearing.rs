@@ -15,10 +15,10 @@ use crate::raw::Payload;
 use crate::settings::{Change, seconds};
 use crate::stamps::Order;
 
-/// Where it hears from.
+/// The channels on which the node hears.
 pub(crate) struct Heard {
     pub(crate) inputs: mpsc::Receiver<Sample>,
-    /// With the place of the source.
+    /// Results, each with the index of its source.
     pub(crate) results: mpsc::Receiver<(usize, Sample)>,
     pub(crate) deadlines: mpsc::Receiver<Sample>,
     pub(crate) speeds: mpsc::Receiver<Sample>,
@@ -26,11 +26,11 @@ pub(crate) struct Heard {
     pub(crate) report: Interval,
 }
 
-/// What comes on a topic.
+/// What came on a topic.
 pub(crate) type Sample = Result<Payload, ReadError>;
 
 impl Fusion<'_> {
-    /// Something came on the input topic: a message, if it has a key that no open one has.
+    /// Something came on the input topic: a message, if it has a key that no open message has.
     pub(super) fn take(&mut self, sample: Sample) -> Option<Incoming<Payload, Payload>> {
         let Memory { stamps, next, intake, .. } = &mut self.memory;
         let Ok(message) = sample.inspect_err(|error| debug!(%error, "input not read")) else {
@@ -63,7 +63,7 @@ impl Fusion<'_> {
         Some(Incoming::Message { timestamp, message })
     }
 
-    /// Something came on a source's topic: its result, if it has the key of a message.
+    /// Something came on a source's topic: a result, if it has the key of a message.
     pub(super) fn result(
         &mut self,
         place: usize,
@@ -101,7 +101,7 @@ impl Fusion<'_> {
         }
     }
 
-    /// The vehicle tells its speed.
+    /// The vehicle's speed came.
     pub(super) fn take_speed(&mut self, sample: Sample) {
         let Some(speed) = &mut self.speed else { return };
         if !sample.is_ok_and(|payload| speed.take(Instant::now(), &payload)) {
@@ -121,7 +121,7 @@ impl Fusion<'_> {
             Change::CloudEnabled(cloud, enabled) => {
                 self.sources[LOCAL + 1 + cloud].enabled = enabled;
             }
-            // ROS's own, which stamps what the voice says.
+            // ROS sees to it: it stamps what the voice publishes.
             Change::SimTime(_) => {}
         }
     }
@@ -129,7 +129,8 @@ impl Fusion<'_> {
     pub(crate) fn report(&mut self) {
         let Memory { intake, reporter, .. } = &mut self.memory;
         let ends: Vec<&End> = self.ends.iter().map(|end| &**end).collect();
-        let statuses = reporter.period(self.counting.tally(), *intake, &self.sources, &ends);
+        let blind = self.speed.as_ref().and_then(|speed| speed.missing(Instant::now()));
+        let statuses = reporter.period(self.counting.tally(), *intake, &self.sources, &ends, blind);
         self.voice.diagnostics(statuses);
     }
 }

@@ -1,4 +1,4 @@
-//! A parameter file's sections: nodes' names, and what is given below them.
+//! A parameter file's sections: nodes' names, and the parameters below them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,7 +8,7 @@ use crate::parameters::value::{self, Flawed, Value};
 use crate::parameters::yaml::{self, Content, Entry, Mark, Node, YamlError};
 use crate::parameters::{Flaw, Given, ParameterError, Place};
 
-/// What holds a node's parameters.
+/// The key above a node's parameters.
 const PARAMETERS: &str = "ros__parameters";
 
 /// What a file gives to a node, in order.
@@ -43,13 +43,13 @@ pub(super) fn given(
     Ok(all)
 }
 
-/// The parts of a node's name, with wildcards, and what is given to it.
+/// The parts of a node's name, with wildcards, and its parameters.
 type Section<'a> = (Vec<&'a str>, &'a [Entry]);
 
-/// Values and where their names are, by names with dots.
+/// Values and the places of their names, by dotted name.
 type Flat = BTreeMap<String, (Mark, Value)>;
 
-/// Finds what holds parameters; the keys on the way there make the node's name.
+/// Finds the keys above parameters; the keys on the way there make up the node's name.
 fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) -> Flawed<()> {
     let Content::Mapping(entries) = &node.content else { return Err((node.mark, Flaw::Node)) };
     for Entry { mark, key, value } in entries {
@@ -68,7 +68,7 @@ fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) 
         } else {
             match &value.content {
                 Content::Mapping(parameters) => sections.push((above.to_owned(), parameters)),
-                // All of them may be commented out.
+                // All parameters may be commented out.
                 Content::Scalar { text, is_plain: true } if text.is_empty() => {}
                 Content::Scalar { .. } | Content::List(_) => {
                     return Err((value.mark, Flaw::Parameters));
@@ -79,10 +79,10 @@ fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) 
     Ok(())
 }
 
-/// Whether `*` as one part and `**` as any number of them make the pattern the name.
+/// Whether the pattern matches the name: `*` stands for one part and `**` for any number of parts.
 fn matches(pattern: &[&str], name: &[&str]) -> bool {
     let (mut part, mut at) = (0, 0);
-    // The last ** and where the name goes on after what it stands for; earlier ones need no change.
+    // The last ** and where the name goes on after it; earlier ones need no second try.
     let mut wild = None;
     while let Some(&next) = name.get(at) {
         match (pattern.get(part), wild) {
@@ -103,7 +103,7 @@ fn matches(pattern: &[&str], name: &[&str]) -> bool {
     pattern[part..].iter().all(|part| *part == "**")
 }
 
-/// 0 for all nodes, 1 for some, 2 for one.
+/// 0 for a pattern of all nodes, 1 for some nodes, 2 for one.
 fn specificity(pattern: &[&str]) -> u8 {
     if pattern.iter().all(|part| *part == "**") {
         0

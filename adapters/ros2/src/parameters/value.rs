@@ -5,7 +5,7 @@ use std::fmt;
 use crate::parameters::Flaw;
 use crate::parameters::yaml::{Content, Mark, Node};
 
-/// A parameter's value, of a type that ROS has for it.
+/// A parameter's value, of one of ROS's types.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Value {
     /// `true` or `false`.
@@ -22,12 +22,12 @@ pub enum Value {
     Integers(Vec<i64>),
     /// A list of numbers.
     Doubles(Vec<f64>),
-    /// A list of texts; the empty list, too.
+    /// A list of texts; also the empty list.
     Strings(Vec<String>),
 }
 
 impl Value {
-    /// The number that it is; an integer will do.
+    /// The value as a number, if it is a double or an integer.
     #[must_use]
     pub fn number(&self) -> Option<f64> {
         match self {
@@ -41,7 +41,7 @@ impl Value {
 
 pub(super) type Flawed<T> = Result<T, (Mark, Flaw)>;
 
-/// The value of that parameter.
+/// Reads the value of the parameter `name`.
 pub(super) fn read(name: &str, node: &Node) -> Flawed<Value> {
     let read = match &node.content {
         Content::Scalar { text, is_plain: false } => return Ok(Value::String(text.clone())),
@@ -72,9 +72,9 @@ impl fmt::Display for Value {
     }
 }
 
-/// What text without quotes is; none if it is null.
+/// The value of text without quotes; none for null.
 ///
-/// The words for true and false are those of YAML 1.1, and `0x` and `0` lead hexadecimal and octal
+/// The words for true and false are as in YAML 1.1; `0x` and `0` begin hexadecimal and octal
 /// integers.
 fn plain(text: &str) -> Option<Value> {
     match text {
@@ -95,7 +95,7 @@ fn plain(text: &str) -> Option<Value> {
     if let Some(integer) = integer(text) {
         return Some(Value::Integer(integer));
     }
-    // Words that Rust takes for numbers, such as nan, are names here.
+    // Words that Rust reads as numbers, such as nan, are text here.
     let double = text.parse().ok().filter(|_| text.contains(|c: char| c.is_ascii_digit()));
     Some(double.map_or_else(|| Value::String(text.to_owned()), Value::Double))
 }
@@ -119,7 +119,7 @@ fn integer(text: &str) -> Option<i64> {
     i64::from_str_radix(&format!("{sign}{digits}"), radix).ok()
 }
 
-/// A list if all values are of one type that is no list itself.
+/// A list, if all values are of one type and are not lists themselves.
 fn list_of(values: Vec<Value>) -> Option<Value> {
     let mut values = values.into_iter();
     let mut list = match values.next() {

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use saphyr_parser::{Event, Parser, ScalarStyle, ScanError, Span, StrInput};
 use thiserror::Error;
 
-/// Mappings and lists within each other.
+/// The most levels of mappings and lists.
 const NESTING: usize = 32;
 
 /// A line and a column, both from 1.
@@ -21,7 +21,7 @@ pub(super) struct Node {
 /// What a node holds.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) enum Content {
-    /// Text, whose type is open only if it is plain.
+    /// Text; only plain text may be something other than a string.
     Scalar {
         text: String,
         is_plain: bool,
@@ -38,36 +38,36 @@ pub(super) struct Entry {
     pub(super) value: Node,
 }
 
-/// Why text is not such a tree.
+/// Why text is refused as YAML.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
 pub enum YamlError {
-    /// It is no YAML.
-    #[error("no YAML: {0}")]
+    /// It is not YAML.
+    #[error("not YAML: {0}")]
     Syntax(String),
     /// An anchor or an alias, which could make a small file a huge one.
-    #[error("anchors and aliases are not taken; write the value out")]
+    #[error("anchors and aliases are not supported; write the value out")]
     Alias,
     /// A tag other than `!!str`.
-    #[error("tags other than !!str are not taken; leave it out")]
+    #[error("tags other than !!str are not supported; leave it out")]
     Tag,
-    /// Too deep.
+    /// Too many levels.
     #[error("more than {NESTING} levels; flatten the names with dots")]
     Deep,
     /// A key that is a list or a mapping.
     #[error("a key must be a name")]
     Key,
     /// A key twice in one mapping.
-    #[error("{0} is there twice; leave one out")]
+    #[error("{0} is given twice; leave one out")]
     Twice(String),
     /// A second document.
     #[error("a second document; leave it out, or make it a file of its own")]
     Documents,
 }
 
-/// The only document in the text, if there is any.
+/// The document in the text, if there is one.
 ///
 /// # Errors
-/// If it is not as described, with the place.
+/// The first thing that is wrong, with its place.
 pub(super) fn read(text: &str) -> Result<Option<Node>, (Mark, YamlError)> {
     let mut reader = Reader { events: Parser::new_from_str(text) };
     let mut root = None;
@@ -199,12 +199,12 @@ mod tests {
     #[test]
     fn what_parameter_files_do_not_need_is_refused() {
         let cases = [
-            ("a: &x 1", "1:4: anchors and aliases are not taken; write the value out"),
-            ("a: &x [1]", "1:4: anchors and aliases are not taken; write the value out"),
-            ("a: !!int 1", "1:4: tags other than !!str are not taken; leave it out"),
-            ("a: !x [1]", "1:4: tags other than !!str are not taken; leave it out"),
+            ("a: &x 1", "1:4: anchors and aliases are not supported; write the value out"),
+            ("a: &x [1]", "1:4: anchors and aliases are not supported; write the value out"),
+            ("a: !!int 1", "1:4: tags other than !!str are not supported; leave it out"),
+            ("a: !x [1]", "1:4: tags other than !!str are not supported; leave it out"),
             ("? [a]\n: 1", "1:3: a key must be a name"),
-            ("a: 1\nb: 2\na: 3", "3:1: a is there twice; leave one out"),
+            ("a: 1\nb: 2\na: 3", "3:1: a is given twice; leave one out"),
             (
                 "a: 1\n---\nb: 2",
                 "2:1: a second document; leave it out, or make it a file of its own",
@@ -213,8 +213,8 @@ mod tests {
         for (text, expected) in cases {
             assert_eq!(error(text), expected, "{text}");
         }
-        assert!(error("a: [1").contains("no YAML: "), "{}", error("a: [1"));
-        assert!(error("a: *x").contains("no YAML: "), "{}", error("a: *x"));
+        assert!(error("a: [1").contains("not YAML: "), "{}", error("a: [1"));
+        assert!(error("a: *x").contains("not YAML: "), "{}", error("a: *x"));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Which level each state has, and what is said of it.
+//! The level and the words of each state.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use tokio::time::Instant;
 use super::*;
 use crate::source::Way;
 
-/// What happened to the node, then the level and the message of it.
+/// What happened to the node, and its level and message then.
 type NodeCase = (fn(&mut Tally, &mut Intake), u8, &'static str);
 /// The same of a source.
 type SourceCase = (fn(&mut SourceTally, &mut Source), u8, &'static str);
@@ -30,7 +30,7 @@ fn none() -> Tally {
 fn source(priority: u16, name: &str) -> Source {
     let way = Way::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
     let (deadline, strays) = (None, Strays::default());
-    Source { priority, name: name.into(), way, enabled: true, deadline, strays }
+    Source { priority, name: name.into(), way, enabled: true, deadline, hints: None, strays }
 }
 
 fn sources() -> [Source; 2] {
@@ -46,7 +46,7 @@ fn ends() -> [End; 2] {
     ends
 }
 
-/// What is said of a part of the node after a period in which this happened.
+/// The report of a part of the node after a period in which this happened.
 fn said(
     part: usize,
     happened: impl FnOnce(&mut Tally, &mut Intake, &mut [Source; 2], &[End; 2]),
@@ -55,9 +55,9 @@ fn said(
     let mut reporter = Reporter::new("/fuseline", none());
     happened(&mut tally, &mut intake, &mut sources, &ends);
     let ends = ends.each_ref();
-    let mut first = reporter.period(tally.clone(), intake, &sources, &ends);
+    let mut first = reporter.period(tally.clone(), intake, &sources, &ends, None);
     // What happened once is told once.
-    let mut next = reporter.period(tally, intake, &sources, &ends);
+    let mut next = reporter.period(tally, intake, &sources, &ends, None);
     let (status, next) = (first.swap_remove(part), next.swap_remove(part));
     assert_eq!(status.name, format!("/fuseline: {}", ["fusion", "local", "west"][part]));
     assert_eq!(status.values, next.values, "counts are since the start");
@@ -83,13 +83,25 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
             "3 outputs not sent: a subscriber is too far behind",
         ),
         (|tally, _| tally.refused = [(OpenRefusal::Full, 4)].into(), WARN, "4 messages refused"),
-        (|_, intake| intake.short = 1, WARN, "1 inputs not taken: no key, or one that is taken"),
-        (|_, intake| intake.nanosec = 1, WARN, "1 inputs not taken: no key, or one that is taken"),
-        (|_, intake| intake.encoding = 1, WARN, "1 inputs not taken: no key, or one that is taken"),
+        (
+            |_, intake| intake.short = 1,
+            WARN,
+            "1 inputs not taken in: no key, or an open message's key",
+        ),
+        (
+            |_, intake| intake.nanosec = 1,
+            WARN,
+            "1 inputs not taken in: no key, or an open message's key",
+        ),
+        (
+            |_, intake| intake.encoding = 1,
+            WARN,
+            "1 inputs not taken in: no key, or an open message's key",
+        ),
         (
             |_, intake| intake.duplicate_stamp = 1,
             WARN,
-            "1 inputs not taken: no key, or one that is taken",
+            "1 inputs not taken in: no key, or an open message's key",
         ),
         (|_, intake| intake.stamp_backwards = 1, OK, "each message answered"),
     ];
@@ -112,6 +124,22 @@ fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
 
 /// D15.
 #[test]
+fn the_node_warns_of_a_speed_that_is_not_known_after_what_is_worse() {
+    let said = |missed| {
+        let blind = Some("no speed on /odom for 0.7 s".to_owned());
+        let (tally, ends) = (Tally { missed, ..none() }, ends());
+        let mut reporter = Reporter::new("/fuseline", none());
+        let mut said =
+            reporter.period(tally, Intake::default(), &sources(), &ends.each_ref(), blind);
+        let status = said.swap_remove(0);
+        (status.level, status.message)
+    };
+    assert_eq!(said(0), (WARN, "no speed on /odom for 0.7 s".to_owned()));
+    assert_eq!(said(1), (ERROR, "1 messages missed".to_owned()));
+}
+
+/// D15.
+#[test]
 fn the_node_warns_of_inputs_that_come_no_longer() {
     let [input, output] = ends();
     let hour = Duration::from_secs(3600);
@@ -119,7 +147,7 @@ fn the_node_warns_of_inputs_that_come_no_longer() {
     input.patience(Some(hour));
     let said = || {
         let mut said = Reporter::new("/fuseline", none());
-        let said = said.period(none(), Intake::default(), &sources(), &[&input, &output]);
+        let said = said.period(none(), Intake::default(), &sources(), &[&input, &output], None);
         (said[0].level, said[0].message.clone())
     };
     let well = (OK, "each message answered".to_owned());
@@ -180,7 +208,7 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
             WARN,
             "falling back: 2 requests refused",
         ),
-        (|_, west| west.strays.unknown_stamp = 2, WARN, "2 results of no message"),
+        (|_, west| west.strays.unknown_stamp = 2, WARN, "2 results that match no message"),
     ];
     for (happened, level, message) in cases {
         assert_eq!(west(happened), (level, message.to_owned()));

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use fuseline_operator::Shortfalls;
 use thiserror::Error;
 
 use crate::parameters::Value;
@@ -16,7 +17,7 @@ pub enum Change {
     Deadline(Duration),
     /// `local.deadline`.
     LocalDeadline(Duration),
-    /// A cloud's `deadline`, by its place in [`Settings::clouds`]; none is `deadline`.
+    /// A cloud's `deadline`, by its place in [`Settings::clouds`]; none means `deadline`.
     CloudDeadline(usize, Option<Duration>),
     /// A cloud's `enabled`, by its place in [`Settings::clouds`].
     CloudEnabled(usize, bool),
@@ -24,18 +25,21 @@ pub enum Change {
     SimTime(bool),
 }
 
-/// Why a parameter stays as it is.
+/// Why a parameter was not changed.
 #[derive(Clone, PartialEq, Debug, Error)]
 pub enum ChangeError {
-    /// There is none.
+    /// There is no such parameter.
     #[error("there is no parameter {0}; the nearest is {1}")]
     Unknown(String, String),
-    /// It is read when the node starts.
-    #[error("{0} is fixed while the node runs; start it anew with another value")]
+    /// It is read only when the node starts.
+    #[error("{0} is fixed while the node runs; restart it with another value")]
     Fixed(String),
-    /// The value is not what it must be.
+    /// The value is not valid.
     #[error("{0} cannot be {1}; give {2}")]
     Value(String, Value, &'static str),
+    /// With it the node could not keep up.
+    #[error("{0} cannot be {1}: {2}")]
+    Pace(String, Value, Shortfalls),
 }
 
 /// A parameter that may be changed.
@@ -52,7 +56,7 @@ impl Settings {
     /// What a new value of a parameter changes. The settings themselves stay as they are.
     ///
     /// # Errors
-    /// If there is no such parameter, it is fixed, or the value is not one for it.
+    /// If there is no such parameter, it is fixed, or the value is not valid.
     pub fn check_change(&self, name: &str, value: &Value) -> Result<Change, ChangeError> {
         let Some(dynamic) = self.dynamic(name) else {
             let names = self.declared.iter().map(|known| known.name.as_str());
@@ -77,10 +81,27 @@ impl Settings {
             }
             Dynamic::SimTime => (flag_of(value).map(Change::SimTime), "true or false"),
         };
-        change.ok_or_else(|| ChangeError::Value(name.to_owned(), value.clone(), expected))
+        let Some(change) = change else {
+            return Err(ChangeError::Value(name.to_owned(), value.clone(), expected));
+        };
+        match self.keeps_pace_with(change) {
+            Ok(()) => Ok(change),
+            Err(why) => Err(ChangeError::Pace(name.to_owned(), value.clone(), why)),
+        }
     }
 
-    /// Which of those that may be changed the parameter is, if any.
+    /// Whether the node can keep up after this change to what it was at its start.
+    fn keeps_pace_with(&self, change: Change) -> Result<(), Shortfalls> {
+        let mut changed = self.clone();
+        match change {
+            Change::Deadline(deadline) => changed.deadline = deadline,
+            Change::CloudDeadline(at, deadline) => changed.clouds[at].deadline = deadline,
+            Change::LocalDeadline(_) | Change::CloudEnabled(..) | Change::SimTime(_) => {}
+        }
+        changed.keep_pace()
+    }
+
+    /// The parameter, if it is one that may be changed.
     pub(super) fn dynamic(&self, name: &str) -> Option<Dynamic> {
         match name.split_once('.') {
             None if name == "deadline" => Some(Dynamic::Deadline),

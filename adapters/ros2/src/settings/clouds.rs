@@ -1,13 +1,15 @@
 //! The clouds' parameters.
 
+use std::time::Duration;
+
 use crate::names::check_token;
 use crate::parameters::{Place, Value};
 use crate::settings::reader::{Placed, Reader};
-use crate::settings::{Cloud, Grpc, SettingsError, Way, seconds, topics};
+use crate::settings::{Cloud, Grpc, Role, SettingsError, Way, seconds, topics};
 
-/// The most clouds; the core has as many.
+/// The most clouds, as in the core.
 const CLOUDS: usize = 15;
-/// What the parameters that are no cloud's begin with.
+/// The first parts of the node's own parameters.
 const RESERVED: [&str; 15] = [
     "input",
     "output",
@@ -26,7 +28,7 @@ const RESERVED: [&str; 15] = [
     "qos_overrides",
 ];
 /// What a cloud's parameters are called, below its name.
-const PARTS: [&str; 15] = [
+const PARTS: [&str; 16] = [
     "priority",
     "deadline",
     "enabled",
@@ -34,6 +36,7 @@ const PARTS: [&str; 15] = [
     "resume",
     "in_flight",
     "linger",
+    "hints",
     "input_topic",
     "output_topic",
     "grpc.url",
@@ -53,9 +56,9 @@ pub(super) fn read(r: &mut Reader, types: [&str; 2]) -> Result<Vec<Cloud>, Setti
         } else if check_token(cloud).is_err() {
             "give a name of letters, digits and single underscores"
         } else if RESERVED.contains(&cloud.as_str()) {
-            "parameters of the node begin like that; give another name"
+            "the node's own parameters begin like that; give another name"
         } else if names[..at].contains(cloud) {
-            "it is there twice; leave one out"
+            "it is given twice; leave one out"
         } else {
             continue;
         };
@@ -87,16 +90,16 @@ fn cloud(
     let deadline = r.read(
         &of("deadline"),
         Value::Double(0.0),
-        "How long it may take, in seconds; 0 for deadline",
+        "How long the cloud may take, in seconds; 0 means deadline",
         seconds::OWN_SECONDS,
         seconds::own_seconds,
     )?;
-    let enabled = r.flag(&of("enabled"), true, "Whether it is asked")?;
+    let enabled = r.flag(&of("enabled"), true, "Whether the cloud is asked")?;
     let about = "The gate shuts when this many requests wait";
     let limit: i64 = r.integer(&of("limit"), 1..=i64::MAX, 31, about)?.value;
     let about = "The shut gate opens when this many or fewer wait";
     let resume = r.integer(&of("resume"), 0..=limit - 1, 0, about)?.value;
-    let about = "How many requests may be sent and unanswered";
+    let about = "How many requests may be under way";
     let in_flight = r.integer(&of("in_flight"), 1..=1024, 8, about)?.value;
     let linger = r.read(
         &of("linger"),
@@ -112,9 +115,31 @@ fn cloud(
         let [input, output] = topics(r, &name, types)?;
         Way::Topics { input, output }
     };
+    let hints = hints(r, &name, types[1], &way, linger)?;
     let limit = limit.unsigned_abs();
     let deadline = seconds::none_if_zero(deadline.value);
-    Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, linger, way })
+    Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, linger, hints, way })
+}
+
+/// The topic of its late results, if there is to be one.
+fn hints(
+    r: &mut Reader,
+    cloud: &str,
+    type_name: &str,
+    way: &Way,
+    linger: Duration,
+) -> Result<Option<String>, SettingsError> {
+    let name = format!("{cloud}.hints");
+    let place = r.place(&name);
+    let about = "The topic on which its late results are published; empty for none";
+    let topic = r.topic(&name, "", about, type_name, Role::Publisher)?;
+    match (way, place) {
+        _ if topic.is_empty() => Ok(None),
+        (Way::Grpc(_), Some(place)) if linger.is_zero() => {
+            Err(SettingsError::Hints { place, name, linger: format!("{cloud}.linger") })
+        }
+        (Way::Grpc(_) | Way::Topics { .. }, _) => Ok(Some(topic)),
+    }
 }
 
 fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
@@ -123,7 +148,7 @@ fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
     let Placed { value: url, place } = r.read(
         &of("url"),
         Value::String(String::new()),
-        "The URL of the gRPC server that it is; empty if it has topics",
+        "The URL of the cloud's gRPC server; empty if it has topics",
         "http://host:port or https://host:port",
         |value| match value {
             Value::String(url)
@@ -176,7 +201,7 @@ fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
         key: r.path(key, "The file of our key")?,
         token_file: r.path(token_file, "The file of our token")?,
         server_name: r
-            .text(server_name, "", "The name that its certificate must be for")?
+            .text(server_name, "", "The name that the server's certificate must be for")?
             .map(|name| Some(name).filter(|name| !name.is_empty()))
             .value,
     }))

@@ -1,42 +1,43 @@
-//! Why settings are of no use.
+//! What is wrong with settings.
 
+use fuseline_operator::Shortfalls;
 use thiserror::Error;
 
 use crate::names::NameError;
 use crate::parameters::{ParameterError, Place, Value};
 
-/// Why there are no settings: where, what, and what to do about it, in one line.
+/// What is wrong with settings, where, and what to do about it, in one line.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the line that each prints says what its fields are")]
 pub enum SettingsError {
     /// A file cannot be read.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
-    /// A value is not what it must be.
+    /// A value is not valid.
     #[error("{place}: {name} is {value}; give {expected}")]
     Value { place: Place, name: String, value: Value, expected: String },
-    /// A type that must be given is not.
+    /// A required type is missing.
     #[error(
         "{name} is not given; add -p {name}:=sensor_msgs/msg/Image, say, or write it into a \
          parameter file"
     )]
     Type { name: String },
-    /// Where a type has its key is not known.
+    /// It is not known where messages of a type have their key.
     #[error(
         "{place}: {type_name} is not known to begin with a std_msgs/Header; give {name}: header \
          if it does, or else the type of its integer"
     )]
     Key { place: Place, type_name: String, name: String },
     /// A header has a fixed place.
-    #[error("{place}: {name} is for integers, and the key is a header; leave it out")]
+    #[error("{place}: {name} is for integer keys, but the key is a header; leave it out")]
     Offset { place: Place, name: String },
-    /// A topic's name is none.
-    #[error("{place}: {name} is {topic:?}, which is no name of a topic: {source}; rename it")]
+    /// A topic's name is not valid.
+    #[error("{place}: {name} is {topic:?}, which is not a topic name: {source}; rename it")]
     Topic { place: Place, name: String, topic: String, source: NameError },
     /// A topic twice.
     #[error("{place}: {name} is {topic}, and so is {other}; give each a topic of its own")]
     Shared { place: Place, name: String, topic: String, other: String },
-    /// A cloud's name is of no use.
+    /// A cloud's name cannot be used.
     #[error("{place}: the cloud {cloud:?}: {why}")]
     Cloud { place: Place, cloud: String, why: &'static str },
     /// Two clouds of one priority.
@@ -45,18 +46,36 @@ pub enum SettingsError {
     /// One of two parameters that belong together.
     #[error("{place}: {name} is given without {other}; give both or none")]
     Alone { place: Place, name: String, other: String },
-    /// Topics of a gRPC server.
+    /// Topics for a gRPC server.
     #[error("{place}: {name} is given, but {cloud} is a gRPC server without topics; leave it out")]
     Topics { place: Place, name: String, cloud: String },
     /// TLS without a certificate to trust.
-    #[error("{place}: {name} is https; give the CA's certificate by {ca}")]
+    #[error("{place}: {name} is https; give the CA's certificate with {ca}")]
     Ca { place: Place, name: String, ca: String },
     /// Certificates without TLS.
-    #[error("{place}: {name} is given, but {url} is http; leave it out, or make that https")]
+    #[error("{place}: {name} is given, but {url} is http; leave it out, or use https")]
     Plain { place: Place, name: String, url: String },
-    /// Figures that make no policy.
-    #[error("{place}: the policy cannot be made of its parameters: {why}")]
+    /// There is no policy with these figures.
+    #[error("{place}: the policy's parameters are refused: {why}")]
     Policy { place: Place, why: fuseline_deadline::Invalid },
+    /// A guard that could not guard.
+    #[error(
+        "{place}: policy is {policy}, which goes by the speed, and nothing tells it; give \
+         policy.speed_topic, or another policy"
+    )]
+    Speed { place: Place, policy: &'static str },
+    /// The node could not keep up with what comes.
+    #[error(
+        "{place}: policy.rate is more than the node can keep up with: {why} (by window, \
+         <cloud>.in_flight, local.in_flight and deadline)"
+    )]
+    Pace { place: Place, why: Shortfalls },
+    /// Hints that would never come.
+    #[error(
+        "{place}: {name} is given, but calls end when they are due, and nothing comes late; give \
+         {linger}, too"
+    )]
+    Hints { place: Place, name: String, linger: String },
     /// A parameter of a cloud that is not there.
     #[error("{place}: {name} is given, but there is no cloud {cloud}; add it to clouds")]
     NoCloud { place: Place, name: String, cloud: String },

@@ -1,5 +1,6 @@
 //! How deadlines are chosen.
 
+use std::fmt;
 use std::time::Duration;
 
 use fuseline_deadline::{Accuracy, Expected, Guard, Hazard, Impact, Invalid, Parameters, Span};
@@ -9,36 +10,36 @@ use crate::parameters::Value;
 use crate::settings::reader::{Placed, Reader};
 use crate::settings::{FLOAT64, Role, Settings, SettingsError, seconds};
 
-/// Messages with the vehicle's twist.
+/// The type of messages with the vehicle's twist.
 const ODOMETRY: &str = "nav_msgs/msg/Odometry";
 
-/// How the deadline of each request is chosen, up to the one that it would have without a policy.
+/// How the deadline of each request is chosen, at most the one that it would have without a policy.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Deadlines {
-    /// What chooses it.
+    /// What chooses deadlines.
     pub kind: PolicyKind,
     /// The vehicle and its sources, for guard and impact.
     pub parameters: Parameters,
     /// What an output is worth.
     pub accuracy: Accuracy,
-    /// One message in so many looks how long a cloud takes.
+    /// One message in this many measures how long a cloud takes.
     pub probe_every: u32,
-    /// Where the speed comes from, if it does.
+    /// Where the speed comes from, if it is known.
     pub speed: Option<SpeedTopic>,
-    /// Messages a second, if that is known.
+    /// Messages a second, if known.
     pub rate: Option<f64>,
 }
 
 /// What chooses deadlines.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum PolicyKind {
-    /// Nothing: they are as they are set.
+    /// Nothing: deadlines stay as set.
     Set,
-    /// The longest that is safe.
+    /// The longest deadline that is safe.
     Guard,
-    /// What costs least by accuracy and time.
+    /// The deadline that costs least, by accuracy and time.
     Expected,
-    /// What costs least by impacts, and is safe.
+    /// The safe deadline that costs least, by impacts.
     Guarded,
 }
 
@@ -49,15 +50,38 @@ pub struct SpeedTopic {
     pub topic: String,
     /// `nav_msgs/msg/Odometry` or `std_msgs/msg/Float64`.
     pub type_name: String,
-    /// How long a speed is believed.
+    /// How long a speed stays valid.
     pub age: Duration,
 }
 
+impl PolicyKind {
+    const ALL: [Self; 4] = [Self::Set, Self::Guard, Self::Expected, Self::Guarded];
+
+    /// Its name among the parameters.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Set => "set",
+            Self::Guard => "guard",
+            Self::Expected => "expected",
+            Self::Guarded => "guarded",
+        }
+    }
+
+    /// Whether without a speed it never waits longer than local takes.
+    const fn goes_by_speed(self) -> bool {
+        match self {
+            Self::Set | Self::Expected => false,
+            Self::Guard | Self::Guarded => true,
+        }
+    }
+}
+
 impl Deadlines {
-    /// A policy for one cloud; none if deadlines are as they are set.
+    /// A policy for one cloud; none if deadlines stay as set.
     ///
     /// # Errors
-    /// If the figures make none.
+    /// If there is no policy with these figures.
     pub fn policy(&self) -> Result<Option<Box<dyn Policy + Send>>, Invalid> {
         let local = self.parameters.local_response;
         let every = Some(self.probe_every);
@@ -77,10 +101,7 @@ impl Deadlines {
 
 impl Settings {
     /// Whether the node can keep up, as far as the rate of messages is known and a policy is to work.
-    ///
-    /// # Errors
-    /// With all that falls short.
-    pub fn keep_pace(&self) -> Result<(), Shortfalls> {
+    pub(super) fn keep_pace(&self) -> Result<(), Shortfalls> {
         let Deadlines { kind, parameters, rate, .. } = &self.deadlines;
         let (Some(rate), true) = (*rate, *kind != PolicyKind::Set) else { return Ok(()) };
         let clouds = || self.clouds.iter();
@@ -92,28 +113,38 @@ impl Settings {
     }
 }
 
+impl fmt::Display for Deadlines {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.kind == PolicyKind::Set {
+            return f.write_str("as they are set");
+        }
+        f.write_str(self.kind.as_str())?;
+        if let Some(speed) = &self.speed {
+            write!(f, " by the speed on {}", speed.topic)?;
+        }
+        match self.rate {
+            Some(rate) => write!(f, "; the node keeps up with {rate} messages a second"),
+            None => f.write_str("; whether the node keeps up is not checked without policy.rate"),
+        }
+    }
+}
+
 /// Reads the parameters of policies.
 pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
     let Placed { value: kind, place } = r.read(
         "policy",
         Value::String("set".to_owned()),
-        "What chooses deadlines, up to the one that is set",
+        "What chooses deadlines, at most the one that is set",
         "set, guard, expected or guarded",
         |value| match value {
-            Value::String(kind) => match kind.as_str() {
-                "set" => Some(PolicyKind::Set),
-                "guard" => Some(PolicyKind::Guard),
-                "expected" => Some(PolicyKind::Expected),
-                "guarded" => Some(PolicyKind::Guarded),
-                _ => None,
-            },
+            Value::String(name) => PolicyKind::ALL.into_iter().find(|kind| kind.as_str() == name),
             _ => None,
         },
     )?;
     let rate = r.read(
         "policy.rate",
         Value::Double(0.0),
-        "How many messages come a second; 0 if that is not known",
+        "Messages a second; 0 if unknown",
         "a number above 0, or 0",
         |value| value.number().filter(|rate| rate.is_finite() && *rate >= 0.0),
     )?;
@@ -125,8 +156,8 @@ pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
     let mut figure =
         |name: &str, default: f64, about| figure(r, &format!("policy.{name}"), default, about);
     let deceleration = figure("deceleration", 7.5, "Full braking, in m/s²")?;
-    let brake_delay = figure("brake_delay", 0.1, "Until the brakes bite, in seconds")?;
-    let margin = figure("margin", 2.0, "What is to be left in front of an obstacle, in metres")?;
+    let brake_delay = figure("brake_delay", 0.1, "Time until the brakes act, in seconds")?;
+    let margin = figure("margin", 2.0, "Distance to keep from an obstacle, in metres")?;
     let lateness = figure("lateness", 0.005, "How late an output may leave, in seconds")?;
     let range_local = figure("range_local", 39.0, "How far local sees, in metres")?;
     let range_cloud = figure("range_cloud", 57.0, "How far clouds see, in metres")?;
@@ -135,7 +166,7 @@ pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
         cloud: figure("accuracy_cloud", 58.0, "The clouds' accuracy")?,
         price_per_ms: figure("price_per_ms", 0.01, "What a millisecond costs, in accuracy")?,
     };
-    let about = "One message in so many looks how long a cloud takes";
+    let about = "One message in this many measures how long a cloud takes";
     let probe_every = r.integer("policy.probe_every", 1..=64, 16, about)?.value;
     let parameters = Parameters {
         deceleration: deceleration.into(),
@@ -155,10 +186,13 @@ pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
     };
     let speed = speed(r)?;
     let deadlines = Deadlines { kind, parameters, accuracy, probe_every, speed, rate };
-    match deadlines.policy() {
-        Ok(_) => Ok(deadlines),
-        Err(why) => Err(SettingsError::Policy { place, why }),
+    if let Err(why) = deadlines.policy() {
+        return Err(SettingsError::Policy { place, why });
     }
+    if kind.goes_by_speed() && deadlines.speed.is_none() {
+        return Err(SettingsError::Speed { place, policy: kind.as_str() });
+    }
+    Ok(deadlines)
 }
 
 fn figure(
@@ -189,7 +223,7 @@ fn speed(r: &mut Reader) -> Result<Option<SpeedTopic>, SettingsError> {
     let type_name = r.read(
         "policy.speed_type",
         Value::String(ODOMETRY.to_owned()),
-        "The type of what tells the speed",
+        "The type of the speed's topic",
         "nav_msgs/msg/Odometry or std_msgs/msg/Float64",
         |value| match value {
             Value::String(name) if [ODOMETRY, FLOAT64].contains(&name.as_str()) => {
@@ -199,9 +233,9 @@ fn speed(r: &mut Reader) -> Result<Option<SpeedTopic>, SettingsError> {
         },
     )?;
     let type_name = type_name.value;
-    let about = "The topic that tells the speed, in m/s; empty for none";
+    let about = "The topic of the speed, in m/s; empty for none";
     let topic = r.topic("policy.speed_topic", "", about, &type_name, Role::Subscription)?;
-    let about = "How long a speed is believed, in seconds";
+    let about = "How long a speed stays valid, in seconds";
     let age = r.read(
         "policy.speed_age",
         Value::Double(0.5),

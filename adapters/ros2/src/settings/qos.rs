@@ -6,16 +6,12 @@ use crate::parameters::{Given, Place, Value};
 use crate::settings::SettingsError;
 use crate::settings::nearest::nearest;
 
-/// What the parameters of quality of service begin with.
+/// The beginning of the parameters of quality of service.
 pub(super) const PREFIX: &str = "qos_overrides.";
-/// What can be set, with a description and what is expected.
+/// The policies that can be set, with a description and the values expected.
 const POLICIES: [(&str, &str, &str); 4] = [
-    ("reliability", "Whether what is lost is sent again", "reliable or best_effort"),
-    (
-        "durability",
-        "Whether late subscriptions get earlier messages",
-        "volatile or transient_local",
-    ),
+    ("reliability", "Whether lost messages are sent again", "reliable or best_effort"),
+    ("durability", "Whether late subscribers get earlier messages", "volatile or transient_local"),
     ("history", "Which messages are kept", "keep_last"),
     ("depth", "How many messages are kept", "an integer from 1 to 1024"),
 ];
@@ -49,17 +45,17 @@ pub enum Role {
 /// What a topic asks of DDS; the history is always the last `depth` messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Qos {
-    /// Whether what is lost is sent again.
+    /// Whether lost messages are sent again.
     pub reliable: bool,
-    /// Whether late subscriptions get earlier messages.
+    /// Whether late subscribers get earlier messages.
     pub transient_local: bool,
     /// How many messages are kept, 1 to 1024.
     pub depth: u16,
 }
 
 impl Qos {
-    /// The default: subscriptions take what comes, as sensor data; publishers are reliable, which
-    /// suits either.
+    /// The default: subscriptions are best effort, as for sensor data; publishers are reliable, which
+    /// suits any subscriber.
     #[must_use]
     pub const fn of(role: Role) -> Self {
         Self { reliable: matches!(role, Role::Publisher), transient_local: false, depth: 5 }
@@ -83,7 +79,7 @@ impl fmt::Display for Qos {
     }
 }
 
-/// Applies `<topic>.<role>.<policy>` to one of the topics; the answer is a description.
+/// Applies `<topic>.<role>.<policy>` to one of the topics; returns the policy's description.
 pub(super) fn apply(
     topics: &mut [Topic],
     name: &str,

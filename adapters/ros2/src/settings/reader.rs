@@ -1,4 +1,4 @@
-//! Reading parameters one by one; what is left in the end has no such parameter.
+//! Reads parameters one by one; what is left at the end is no parameter of the node.
 
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -28,7 +28,7 @@ pub struct Parameter {
     pub place: Place,
 }
 
-/// What was given and not read yet, and what was read.
+/// The parameters given and not read yet, and those read.
 pub(super) struct Reader<'a> {
     given: BTreeMap<String, Given>,
     node: NodeName,
@@ -50,7 +50,7 @@ impl<'a> Reader<'a> {
         Self { given, node, remaps, declared: Vec::new(), topics: Vec::new() }
     }
 
-    /// Reads a parameter that `convert` makes sense of, or else tells what is `expected`.
+    /// Reads a parameter with `convert`; the error says what is `expected`.
     pub(super) fn read<T>(
         &mut self,
         name: &str,
@@ -89,7 +89,7 @@ impl<'a> Reader<'a> {
             name,
             default,
             about,
-            "a text, in quotes if it looks like something else",
+            "a string, in quotes if it looks like something else",
             |value| match value {
                 Value::String(text) => Some(text.clone()),
                 _ => None,
@@ -104,7 +104,8 @@ impl<'a> Reader<'a> {
         about: &'static str,
     ) -> Result<Placed<Vec<String>>, SettingsError> {
         let default = Value::Strings(Vec::new());
-        self.read(name, default, about, "a list of names as [west, east]", |value| match value {
+        self.read(name, default, about, "a list of names such as [west, east]", |value| match value
+        {
             Value::Strings(names) => Some(names.clone()),
             _ => None,
         })
@@ -206,7 +207,7 @@ impl<'a> Reader<'a> {
             Place::Default if is_remapped => Place::Argument("--remap".to_owned()),
             place => place,
         };
-        // The node would hear itself, or could not tell whose message it is.
+        // The node would hear itself, or could not tell whose message it hears.
         if let Some(other) = self.topics.iter().find(|other| other.name == name) {
             let place = if place == Place::Default { other.place.clone() } else { place };
             let other = other.purpose.clone();
@@ -217,9 +218,9 @@ impl<'a> Reader<'a> {
         Ok(name)
     }
 
-    /// Applies the rest, which must be quality of service of the topics that are there.
+    /// Applies the rest, which must be quality of service of the node's topics.
     ///
-    /// Returns what is for other nodes and not for this one.
+    /// Returns parameters that are for other nodes and not for this one.
     pub(super) fn apply_rest(&mut self) -> Result<Vec<Given>, SettingsError> {
         let mut ignored = Vec::new();
         for given in std::mem::take(&mut self.given).into_values() {
@@ -239,7 +240,7 @@ impl<'a> Reader<'a> {
                     at_run_time: false,
                     place: given.place,
                 }),
-                // A value that is wrong is wrong for all.
+                // A bad value is bad for every node.
                 Err(error @ SettingsError::Value { .. }) => return Err(error),
                 Err(_) if given.is_shared => ignored.push(given),
                 Err(error) => return Err(error),

@@ -7,7 +7,7 @@ use comfy_table::{LineStyle, Table, TableStyle};
 
 use crate::settings::{Cloud, Settings, Way};
 
-/// A line below the header and no other.
+/// A line below the header and no other lines.
 const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
@@ -15,7 +15,8 @@ impl fmt::Display for Settings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let hosts = if self.localhost_only { "this machine only" } else { "all machines" };
         writeln!(f, "{} in domain {}, {hosts}", self.node.full(), self.domain)?;
-        writeln!(f, "keys: {} of input, {} of output\n", self.input.key, self.output.key)?;
+        writeln!(f, "keys: {} of input, {} of output", self.input.key, self.output.key)?;
+        writeln!(f, "deadlines: {}\n", self.deadlines)?;
         let mut topics = table(["topic", "role", "type", "quality of service", "named by"]);
         for topic in &self.topics {
             topics.add_row([
@@ -79,7 +80,7 @@ fn table<const N: usize>(header: [&str; N]) -> Table {
     table
 }
 
-/// Writes the table without the blanks at the ends of its lines.
+/// Writes the table without blanks at the ends of lines.
 fn print(f: &mut fmt::Formatter<'_>, table: &Table) -> fmt::Result {
     table.lines().try_for_each(|line| writeln!(f, "{}", line.trim_end()))
 }

@@ -5,7 +5,7 @@ import time
 
 from bench import Skipped
 from fastdds import FastModel
-from graph import again, publishes, until
+from graph import again, publishes, subscribes, until
 from messages import (
     OK,
     WARN,
@@ -107,6 +107,38 @@ def late_results_are_dropped_and_nothing_is_sent_twice(bench):
         assert stamp in west.sent
     drops = {why: len(node.events("drop", p=1, why=why)) for why in ("superseded", "late")}
     assert drops["superseded"] >= 10 and drops["late"] == 10, drops
+
+
+def late_results_are_hints_for_who_subscribes_and_no_outputs(bench):
+    node = bench.node(parameters(["west", "east"], deadline=0.3, window=64, west={"hints": "west/late", "in_flight": 64},
+                                 east={"in_flight": 64}))
+    camera, listener, local = Camera(), Listener(), Model("local")
+    west, east = Model("west"), Model("east")
+    hints = subscribes("/west/late", PointStamped)
+    ready(camera, listener, local, west, east)
+    hints.until_matched()
+    plans = {
+        "local=0.02 west=0.6": "local",  # late
+        "local=0.02 west=0.15 east=0.05": "east",  # superseded
+        "local=0.02 west=0.05": "west",  # in time
+        "local=0.02 east=0.6": "local",  # of another cloud
+    }
+    run = [(plan, camera.ask(plan)[0]) for plan in list(plans) * 5]
+    listener.until_answered(stamp for _, stamp in run)
+    late = [stamp for plan, stamp in run if plans[plan] != "west" and "west" in plan]
+
+    def hinted(stamp):
+        return [heard.message.payload for heard in list(hints.heard) if heard.message.header.stamp.stamp == stamp]
+
+    until(lambda: all(hinted(stamp) for stamp in late), "a hint for each late result")
+    # What the sources send now comes after all that they sent late.
+    ready(camera, listener, local, west, east)
+    assert node.ends() == 0
+    for plan, stamp in run:
+        assert hinted(stamp) == ([answered("west", stamp).serialize()] if stamp in late else []), plan
+        (result,) = listener.of(stamp)
+        assert result.message.payload == answered(plans[plan], stamp).serialize(), plan
+    print(f"{len(late)} hints of {len(run)} inputs, {bench.judge(node)} timestamps judged")
 
 
 def a_published_deadline_counts_from_the_next_input_on(bench):

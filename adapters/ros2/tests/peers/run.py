@@ -18,6 +18,7 @@ import time
 import traceback
 
 import clock
+import deadlines
 import faults
 import forwarding
 import images
@@ -35,7 +36,7 @@ def cases():
     """Every public function of the test modules that takes a bench."""
     return {
         name: case
-        for module in (forwarding, running, faults, clock, images)
+        for module in (forwarding, deadlines, running, faults, clock, images)
         for name, case in vars(module).items()
         if inspect.isfunction(case) and case.__module__ == module.__name__
         and list(inspect.signature(case).parameters) == ["bench"] and not name.startswith("_")

@@ -26,29 +26,26 @@ fn what_is_wrong_in_a_file_is_told_with_its_place() {
             "0.yaml:3:13: there is no parameter input.window; the nearest is input.type",
         ),
         ("deadlin: 1.0", "0.yaml:3:5: there is no parameter deadlin; the nearest is deadline"),
-        ("a: &b 1", "0.yaml:3:8: anchors and aliases are not taken; write the value out"),
+        ("a: &b 1", "0.yaml:3:8: anchors and aliases are not supported; write the value out"),
         (
             "a: [1, 2.0]",
-            "0.yaml:3:8: a is a list of other than booleans, integers, numbers or texts alone",
+            "0.yaml:3:8: a must be a list of only booleans, only integers, only numbers or only strings",
         ),
-        ("a: {b: }", "0.yaml:3:10: a.b has no value; give one, '' for an empty text"),
-        ("a.b: 1\na: {b: 2}", "0.yaml:4:9: a.b is there twice; leave one out"),
+        ("a: {b: }", "0.yaml:3:10: a.b has no value; give one, '' for an empty string"),
+        ("a.b: 1\na: {b: 2}", "0.yaml:4:9: a.b is given twice; leave one out"),
     ];
     for (parameters, expected) in cases {
         let error = error_in(parameters);
         assert_eq!(error, expected);
     }
     let files = [
-        ("- a", "0.yaml:1:1: a node's name and below it ros__parameters are expected"),
-        ("window: 1", "0.yaml:1:9: a node's name and below it ros__parameters are expected"),
-        (
-            "ros__parameters: {}",
-            "0.yaml:1:1: a node's name and below it ros__parameters are expected",
-        ),
-        ("a:\n  ros__parameters: 3", "0.yaml:2:20: parameters are expected, each as name: value"),
+        ("- a", "0.yaml:1:1: expected a node's name with ros__parameters below it"),
+        ("window: 1", "0.yaml:1:9: expected a node's name with ros__parameters below it"),
+        ("ros__parameters: {}", "0.yaml:1:1: expected a node's name with ros__parameters below it"),
+        ("a:\n  ros__parameters: 3", "0.yaml:2:20: expected parameters, each as name: value"),
         (
             "/a*:\n  ros__parameters: {}",
-            "0.yaml:1:1: \"/a*\" is no node's name: '*' is no letter, digit or underscore",
+            "0.yaml:1:1: \"/a*\" is not a node's name: '*' is not a letter, digit or underscore",
         ),
     ];
     for (file, error) in files {
@@ -91,23 +88,23 @@ fn what_is_wrong_with_a_stream_is_told() {
     let error = settings(&[], "-p input.type:=Image").unwrap_err();
     assert_eq!(
         error,
-        "-p input.type:=Image: input.type is \"Image\"; give a type as sensor_msgs/msg/Image"
+        "-p input.type:=Image: input.type is \"Image\"; give a type such as sensor_msgs/msg/Image"
     );
     let cases = [
         ("input.key:=int16", "input.key is \"int16\"; give header, uint32, int32, uint64 or int64"),
         (
             "input.key_offset:=0",
-            "input.key_offset is for integers, and the key is a header; leave it out",
+            "input.key_offset is for integer keys, but the key is a header; leave it out",
         ),
         (
             "input.topic:=a//b",
-            "input.topic is \"a//b\", which is no name of a topic: a part between slashes is \
+            "input.topic is \"a//b\", which is not a topic name: a part between slashes is \
              empty; rename it",
         ),
-        ("input.topic:=", "input.topic has no value; give one, '' for an empty text"),
+        ("input.topic:=", "input.topic has no value; give one, '' for an empty string"),
         (
             "input.topic:=''",
-            "input.topic is \"\", which is no name of a topic: it is empty; rename it",
+            "input.topic is \"\", which is not a topic name: it is empty; rename it",
         ),
         (
             "output.topic:=input",
@@ -124,9 +121,9 @@ fn what_is_wrong_with_a_stream_is_told() {
         ("use_sim_time:=1", "use_sim_time is 1; give true or false"),
         (
             "trace.file:=1",
-            "trace.file is 1; give a text, in quotes if it looks like something else",
+            "trace.file is 1; give a string, in quotes if it looks like something else",
         ),
-        ("clouds:=west", "clouds is \"west\"; give a list of names as [west, east]"),
+        ("clouds:=west", "clouds is \"west\"; give a list of names such as [west, east]"),
         ("windw:=1", "there is no parameter windw; the nearest is window"),
         (
             "qos_overrides./input.subscription.dept:=1",
@@ -167,9 +164,9 @@ fn what_is_wrong_with_a_cloud_is_told() {
         ),
         (
             "clouds:=[local]",
-            "the cloud \"local\": parameters of the node begin like that; give another name",
+            "the cloud \"local\": the node's own parameters begin like that; give another name",
         ),
-        ("clouds:=[a,a]", "the cloud \"a\": it is there twice; leave one out"),
+        ("clouds:=[a,a]", "the cloud \"a\": it is given twice; leave one out"),
         (
             "clouds:=[a,b,c,d,e,f,g,h,i,j,k,l,m,x,o,p]",
             "the cloud \"p\": there are already 15; leave it out",
@@ -196,7 +193,7 @@ fn what_is_wrong_with_a_cloud_is_told() {
         (
             "a.grpc.url:=https://a:1",
             "",
-            "a.grpc.url is https; give the CA's certificate by a.grpc.ca",
+            "a.grpc.url is https; give the CA's certificate with a.grpc.ca",
         ),
         (
             "a.input_topic:=c -p a.grpc.url:=http://a:1",
@@ -206,7 +203,7 @@ fn what_is_wrong_with_a_cloud_is_told() {
         (
             "a.grpc.ca:=f -p a.grpc.url:=http://a:1",
             "-p a.grpc.ca:=f",
-            "a.grpc.ca is given, but a.grpc.url is http; leave it out, or make that https",
+            "a.grpc.ca is given, but a.grpc.url is http; leave it out, or use https",
         ),
         (
             "a.grpc.key:=f -p a.grpc.ca:=f -p a.grpc.url:=https://a:1",

@@ -1,6 +1,7 @@
 //! Settings from arguments, parameter files and the environment.
 
 mod faults;
+mod policies;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -10,9 +11,7 @@ use fuseline_operator::Commit;
 use fuseline_ros2::arguments::{Arguments, Level};
 use fuseline_ros2::key::{Key, Kind};
 use fuseline_ros2::parameters::{Place, Value};
-use fuseline_ros2::settings::{
-    Change, Cloud, Grpc, PolicyKind, Qos, Role, Settings, SettingsError, Way,
-};
+use fuseline_ros2::settings::{Change, Cloud, Grpc, Qos, Role, Settings, SettingsError, Way};
 
 const TYPES: &str =
     "-p input.type:=sensor_msgs/msg/Image -p output.type:=vision_msgs/msg/Detection2DArray";
@@ -100,6 +99,7 @@ const FULL: &str = "
       in_flight: 5
       enabled: false
       output_topic: west/out
+      hints: west/late
     east:
       priority: 9
       grpc:
@@ -137,6 +137,7 @@ fn everything_can_be_set() {
     let way = Way::Topics { input: "/car/west/input".into(), output: "/car/west/out".into() };
     let deadline = Some(Duration::from_millis(200));
     let (name, enabled, linger) = ("west".to_owned(), false, Duration::ZERO);
+    let hints = Some("/car/west/late".to_owned());
     let west = Cloud {
         name,
         priority: 1,
@@ -146,6 +147,7 @@ fn everything_can_be_set() {
         resume: 3,
         in_flight: 5,
         linger,
+        hints,
         way,
     };
     let way = Way::Grpc(Grpc {
@@ -156,7 +158,7 @@ fn everything_can_be_set() {
         token_file: Some("token".into()),
         server_name: Some("server".into()),
     });
-    let (name, deadline, enabled) = ("east".to_owned(), None, true);
+    let (name, deadline, enabled, hints) = ("east".to_owned(), None, true, None);
     let east = Cloud {
         name,
         priority: 9,
@@ -166,6 +168,7 @@ fn everything_can_be_set() {
         resume: 0,
         in_flight: 8,
         linger,
+        hints,
         way,
     };
     assert_eq!(all.clouds, [west, east]);
@@ -178,7 +181,7 @@ fn everything_can_be_set() {
     assert_eq!(all.qos("/car/detections", Role::Publisher), qos(false, false, 5));
     assert_eq!(all.qos("/car/west/input", Role::Publisher), qos(true, false, 5));
     assert_eq!(all.qos("/car/west/out", Role::Subscription), qos(false, false, 5));
-    assert_eq!(all.topics.len(), 9);
+    assert_eq!(all.topics.len(), 10);
     let deadline = all.declared.iter().find(|parameter| parameter.name == "deadline").unwrap();
     assert_eq!((&deadline.value, deadline.at_run_time), (&Value::Double(1.0), true));
 }
@@ -326,7 +329,7 @@ fn deadlines_and_clouds_change_at_run_time_and_nothing_else() {
         (
             "window",
             Value::Integer(1),
-            "window is fixed while the node runs; start it anew with another value",
+            "window is fixed while the node runs; restart it with another value",
         ),
         (
             "north.enabled",
@@ -369,63 +372,4 @@ fn the_check_shows_what_is_resolved() {
         assert!(shown.contains(line), "{line}");
     }
     assert!(shown.lines().all(|line| line.trim_end() == line));
-}
-
-#[test]
-fn d16_policies_are_made_of_their_parameters() {
-    let all = with("").unwrap();
-    assert_eq!(all.deadlines.kind, PolicyKind::Set);
-    assert!(all.deadlines.policy().unwrap().is_none());
-    assert_eq!((all.deadlines.speed, all.deadlines.rate), (None, None));
-    for (kind, expected) in [
-        ("guard", PolicyKind::Guard),
-        ("expected", PolicyKind::Expected),
-        ("guarded", PolicyKind::Guarded),
-    ] {
-        let args = format!("-p policy:={kind} -p policy.rate:=20 -p policy.margin:=3");
-        let all = with(&format!("{args} -p policy.speed_topic:=odom -p window:=20")).unwrap();
-        assert_eq!(all.deadlines.kind, expected);
-        assert!(all.deadlines.policy().unwrap().is_some());
-        assert_eq!(all.deadlines.parameters.margin.to_bits(), 3.0_f64.to_bits());
-        assert_eq!(all.deadlines.parameters.period_cloud, 0.05.into());
-        let speed = all.deadlines.speed.unwrap();
-        assert_eq!(
-            (speed.topic.as_str(), speed.type_name.as_str()),
-            ("/odom", "nav_msgs/msg/Odometry")
-        );
-        assert_eq!(speed.age, Duration::from_millis(500));
-    }
-    let lingers = with("-p clouds:=[west] -p west.linger:=2.0").unwrap();
-    assert_eq!(lingers.clouds[0].linger, Duration::from_secs(2));
-}
-
-#[test]
-fn d15_figures_that_make_no_policy_are_told_where_they_are() {
-    let error = with("-p policy:=guard -p policy.range_cloud:=38.0").unwrap_err();
-    assert!(error.contains("sees less far than local"), "{error}");
-    let error = with("-p policy:=guard -p policy.deceleration:=0.0").unwrap_err();
-    assert!(error.contains("deceleration: it must be above 0"), "{error}");
-    let error = with("-p policy:=fast").unwrap_err();
-    assert!(error.ends_with("give set, guard, expected or guarded"), "{error}");
-    let error = with("-p policy.speed_topic:=odom -p policy.speed_type:=a/msg/B").unwrap_err();
-    assert!(error.ends_with("give nav_msgs/msg/Odometry or std_msgs/msg/Float64"), "{error}");
-    let error = with("-p clouds:=[policy]").unwrap_err();
-    assert!(error.contains("parameters of the node begin like that"), "{error}");
-}
-
-#[test]
-fn d15_what_cannot_keep_up_is_told_with_a_remedy() {
-    let args =
-        "-p clouds:=[west] -p policy:=guard -p deadline:=2.4253 -p policy.local_response:=0.3";
-    assert!(with(args).unwrap().keep_pace().is_ok(), "no rate is known");
-    let error = with(&format!("{args} -p policy.rate:=30")).unwrap().keep_pace().unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "a window of 16 for 30 messages a second that are open for up to 2.4253 s: give 75, or cap \
-         deadlines at 0.462 s; 8 calls at once to west for 30 a second that take up to 2.4253 s: \
-         give 73, or cap deadlines at 0.266 s; 4 local computations at once for 30 a second that \
-         take 0.3 s: give 10, or send at most 13.3 messages a second"
-    );
-    let enough = "-p window:=75 -p west.in_flight:=73 -p local.in_flight:=10 -p policy.rate:=30";
-    assert!(with(&format!("{args} {enough}")).unwrap().keep_pace().is_ok());
 }

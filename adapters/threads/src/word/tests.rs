@@ -42,7 +42,7 @@ fn every_state_survives<const CLOUDS: usize>(commit: Commit, clouds: u8) {
     }
 }
 
-/// P8: the armed timers too, which the word does not keep.
+/// P8: the armed timers too, though the word does not keep them.
 #[test]
 fn p8_every_state_survives_its_word() {
     for commit in [Commit::Eager, Commit::Patient] {

@@ -1,4 +1,4 @@
-//! What wakes the driver, and for whom.
+//! Wakes the driver, and remembers for whom.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,7 +6,7 @@ use std::task::{Context, Poll, Wake, Waker};
 
 use futures_util::task::AtomicWaker;
 
-/// The waker of one of those that take turns: who was not woken need not be polled.
+/// The waker of one party that takes turns: without it, the party need not be polled.
 pub(super) struct Bell {
     ring: Arc<Ring>,
     waker: Waker,
@@ -19,7 +19,7 @@ pub(super) struct Ring {
 }
 
 impl Bell {
-    /// One that rings, so that all are polled at first.
+    /// A bell that rings, so that all parties are polled at first.
     pub(super) fn new(driver: &Arc<AtomicWaker>) -> Self {
         let ring = Arc::new(Ring { is_rung: AtomicBool::new(true), driver: Arc::clone(driver) });
         Self { waker: Waker::from(Arc::clone(&ring)), ring }
@@ -29,7 +29,7 @@ impl Bell {
         Arc::clone(&self.ring)
     }
 
-    /// Polls if it rings, and lets it ring on unless nothing is ready.
+    /// Polls if the bell rings; it rings on unless nothing was ready.
     pub(super) fn poll<T>(&self, poll: impl FnOnce(&mut Context<'_>) -> Poll<T>) -> Poll<T> {
         if !self.is_rung() {
             return Poll::Pending;
@@ -46,7 +46,7 @@ impl Bell {
         self.ring.is_rung.load(Ordering::Acquire)
     }
 
-    /// It is to be polled though nobody woke it; for the driver itself.
+    /// Rings without a waker; for the driver itself.
     pub(super) fn set(&self) {
         self.ring.is_rung.store(true, Ordering::Release);
     }

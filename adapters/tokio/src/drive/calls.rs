@@ -24,8 +24,8 @@ type Key = (u16, u64);
 
 /// The calls under way, aborted when this is dropped; local's computations never are (F7).
 ///
-/// On a runtime of several threads each runs in a task of its own, so that what it computes holds up
-/// nobody. On a runtime of one thread that would hold everybody up all the same: there they run within
+/// On a runtime of several threads each runs in a task of its own, so that its computation holds
+/// nobody up. On a runtime of one thread it would hold everybody up anyway: there calls run within
 /// the driver, which costs half.
 pub(super) enum Calls<V: Send + 'static> {
     Tasks {
@@ -41,12 +41,12 @@ pub(super) struct Here<V> {
     places: Vec<Place<V>>,
     free: Vec<usize>,
     under_way: FxHashMap<Key, usize>,
-    /// Whose turn it is, in the order in which they were woken.
+    /// The places that were woken, in that order.
     turns: VecDeque<usize>,
     woken: Arc<Woken>,
 }
 
-/// Room for a call, with a waker that serves all calls that ever have it.
+/// Room for one call, with a waker for every call that it ever has.
 struct Place<V> {
     call: Option<Running<V>>,
     alarm: Arc<Alarm>,
@@ -59,11 +59,11 @@ struct Running<V> {
     span: Span,
 }
 
-/// Wakes the driver for the call in one place.
+/// Wakes the driver for one place's call.
 struct Alarm {
     woken: Arc<Woken>,
     place: usize,
-    /// Whether it is among the woken already.
+    /// Whether the place is already among the woken.
     is_woken: AtomicBool,
 }
 
@@ -74,7 +74,7 @@ struct Woken {
 }
 
 impl<V: Send + 'static> Calls<V> {
-    /// None under way, on the current runtime; `ring` is for what is woken.
+    /// No calls, on the current runtime; `ring` wakes the driver for them.
     pub(super) fn new(ring: Arc<Ring>) -> Self {
         let flavor = Handle::try_current().map(|runtime| runtime.runtime_flavor());
         if matches!(flavor, Ok(RuntimeFlavor::CurrentThread)) {
@@ -134,7 +134,7 @@ impl<V: Send + 'static> Calls<V> {
                     under_way.remove(&(word.priority, word.timestamp));
                     Poll::Ready(word)
                 }
-                // There is a sender here: the channel does not end.
+                // `self` holds a sender: the channel does not end.
                 Poll::Ready(None) | Poll::Pending => Poll::Pending,
             },
             Self::Here(here) => here.poll_word(context),
@@ -155,7 +155,7 @@ impl<V> Here<V> {
             self.under_way.insert(running.key, place);
         }
         self.places[place].call = Some(running);
-        // The driver looks before it sleeps.
+        // The driver polls it before it sleeps.
         self.turns.push_back(place);
     }
 
@@ -163,7 +163,7 @@ impl<V> Here<V> {
         let mut woken = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
         self.turns.extend(woken.drain(..));
         drop(woken);
-        // What wakes itself again and again waits until others had their turns.
+        // A call that wakes itself again and again waits until others have had their turns.
         for _ in 0..self.turns.len() {
             if let Some(place) = self.turns.pop_front()
                 && let Some(word) = self.poll_place(place)
@@ -177,7 +177,7 @@ impl<V> Here<V> {
         Poll::Pending
     }
 
-    /// Lets the call in this place go on, if there is one: a waker may outlive its call.
+    /// Polls the call in this place, if there is one: a waker may outlive its call.
     fn poll_place(&mut self, place: usize) -> Option<Word<V>> {
         let Place { call, alarm, waker } = &mut self.places[place];
         alarm.is_woken.store(false, Ordering::Release);
@@ -212,7 +212,7 @@ impl<V> Here<V> {
     fn clear(&mut self, place: usize) {
         let call = self.places[place].call.take();
         self.free.push(place);
-        // What a future does when it is dropped is its own affair.
+        // A panic in the future's drop is its own affair.
         drop(catch_unwind(AssertUnwindSafe(|| drop(call))));
     }
 }

@@ -1,4 +1,4 @@
-//! Why a call came to nothing, in words for people.
+//! Why a call failed, in words for people.
 
 use std::error::Error;
 use std::fmt;
@@ -6,17 +6,17 @@ use std::io;
 
 use tonic::{Status, transport};
 
-/// Why a call came to nothing, in a few plain words: what caused it in the end.
+/// Why a call failed, in a few plain words: the innermost cause.
 ///
-/// `connection refused`, `a bearer token is needed`; the whole story is in the [`Status`].
+/// `connection refused`, `a bearer token is needed`; the details are in the [`Status`].
 #[derive(Clone, Debug)]
 pub struct CallError(Status);
 
 impl CallError {
-    /// What it says of a connection that broke.
+    /// The words for a connection that broke.
     pub const BROKE: &str = "the connection broke";
 
-    /// The status that the server, or the way to it, answered with.
+    /// The status from the server, or from the connection to it.
     #[must_use]
     pub const fn status(&self) -> &Status {
         &self.0
@@ -44,7 +44,7 @@ impl fmt::Display for CallError {
         }
         match innermost {
             Some(cause) => match cause.downcast_ref() {
-                // Which of its many words HTTP/2 has for it is chance.
+                // HTTP/2 has many words for it, and which one comes is chance.
                 Some(io) if is_broken(io) => f.write_str(Self::BROKE),
                 Some(io) => f.write_str(&plain(io)),
                 None if is_transport => f.write_str(Self::BROKE),

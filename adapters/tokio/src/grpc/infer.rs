@@ -1,5 +1,5 @@
-//! The `fuseline.v1.Infer` service of `proto/fuseline.proto`, both sides, written out by hand so
-//! that building it needs no code generator.
+//! The `fuseline.v1.Infer` service of `proto/fuseline.proto`, both sides, written by hand so
+//! that no code generator is needed to build it.
 
 use std::convert::Infallible;
 use std::future::{Ready, ready};
@@ -25,18 +25,18 @@ const DESCRIBE: &str = "/fuseline.v1.Infer/Describe";
 /// One message of an operator's input.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
 pub struct Request {
-    /// Its timestamp.
+    /// The message's timestamp.
     #[prost(uint64, tag = "1")]
     pub timestamp: u64,
-    /// The message as operator and cloud agreed to encode it.
+    /// The message, encoded as operator and cloud have agreed.
     #[prost(bytes = "bytes", tag = "2")]
     pub payload: Bytes,
 }
 
-/// What the cloud computed of it.
+/// What the cloud computed from a message.
 #[derive(Clone, PartialEq, Eq, prost::Message)]
 pub struct Reply {
-    /// The result as operator and cloud agreed to encode it.
+    /// The result, encoded as operator and cloud have agreed.
     #[prost(bytes = "bytes", tag = "1")]
     pub payload: Bytes,
 }
@@ -44,19 +44,19 @@ pub struct Reply {
 /// What a cloud says it serves.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Description {
-    /// The model, as people call it; empty if it has no name.
+    /// The model's name, for people; empty if it has none.
     #[prost(string, tag = "1")]
     pub model: String,
     /// How long it usually takes, in milliseconds.
     #[prost(double, optional, tag = "2")]
     pub runtime_ms: Option<f64>,
-    /// Its box AP on COCO, 0 to 100.
+    /// The model's box AP on COCO, 0 to 100.
     #[prost(double, optional, tag = "3")]
     pub ap: Option<f64>,
-    /// The recorded drive whose round trips replies take besides; empty if there is none.
+    /// The recorded drive whose round trips are added to each reply; empty if there is none.
     #[prost(string, tag = "4")]
     pub drive: String,
-    /// Whether it only waits as long as the model would take.
+    /// Whether the server only waits as long as the model would take.
     #[prost(bool, tag = "5")]
     pub emulated: bool,
 }
@@ -75,10 +75,10 @@ impl InferClient {
         Self(grpc)
     }
 
-    /// Makes the call.
+    /// Has a message computed.
     ///
     /// # Errors
-    /// The status that the server, or the way to it, answered with.
+    /// The status from the server, or from the connection to it.
     pub async fn infer(
         &mut self,
         request: tonic::Request<Request>,
@@ -89,7 +89,7 @@ impl InferClient {
     /// Asks what the server serves.
     ///
     /// # Errors
-    /// The status that the server, or the way to it, answered with; `Unimplemented` if the server
+    /// The status from the server, or from the connection to it; `Unimplemented` if the server
     /// does not say.
     pub async fn describe(
         &mut self,
@@ -114,13 +114,13 @@ impl InferClient {
     }
 }
 
-/// What a cloud does with a request. When the caller gives up or its deadline passes, the future is
+/// What a cloud does with requests. When the caller gives up or its deadline passes, the future is
 /// dropped.
 pub trait Infer: Send + Sync + 'static {
     /// Computes a message.
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send;
 
-    /// What it serves, for clients that ask; by default it does not say.
+    /// What the server serves, for clients that ask; by default it does not say.
     fn describe(&self) -> Option<Description> {
         None
     }
@@ -141,7 +141,7 @@ where
 pub struct InferServer<T>(Arc<T>);
 
 impl<T: Infer> InferServer<T> {
-    /// Serves with `infer`.
+    /// A service that answers with `infer`.
     #[must_use]
     pub fn new(infer: T) -> Self {
         Self(Arc::new(infer))

@@ -1,4 +1,4 @@
-//! What a connection takes of the calls' requests.
+//! Counts what a connection takes of the calls' requests.
 
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -12,7 +12,7 @@ use tonic::transport::{self, Channel};
 
 use crate::setup::Call;
 
-/// Counts what the channel takes of a request, for the call that the request bears, if it bears one.
+/// Counts what the channel takes of a request, for the [`Call`](crate::Call) in the request, if there is one.
 #[derive(Clone, Debug)]
 pub struct Counted(pub(crate) Channel);
 

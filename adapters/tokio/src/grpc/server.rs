@@ -1,4 +1,4 @@
-//! The side of the cloud: a server for the `Infer` service.
+//! The cloud's side: a server for the `Infer` service.
 
 use thiserror::Error;
 use tokio::net::TcpListener;
@@ -13,32 +13,32 @@ use crate::grpc::token::{Doorman, Token};
 /// How many calls one connection may have under way.
 const CALLS: u32 = 64;
 
-/// Whom a server lets in; by default everybody, without TLS.
+/// Whom a server accepts; by default everybody, without TLS.
 #[derive(Clone, Debug, Default)]
 pub struct Server {
-    /// Who the server is; with it, it speaks TLS.
+    /// The server's certificate; with it, the server speaks TLS.
     pub identity: Option<Identity>,
-    /// The certificates, PEM, that clients' must be signed by (mutual TLS); needs an identity.
+    /// The CA certificates, PEM, one of which must have signed the client's (mutual TLS); needs an identity.
     pub client_ca: Option<Vec<u8>>,
     /// The token that each call must bear.
     pub token: Option<Token>,
 }
 
-/// Why a server ended before it was told to.
+/// Why a server ended by itself.
 #[derive(Debug, Error)]
 pub enum ServeError {
-    /// Clients' certificates are asked for without TLS.
+    /// Client certificates are required but the server has no identity.
     #[error("asking for clients' certificates needs a certificate and key of the server's own")]
     Identity,
     /// The certificates or the key cannot be used.
     #[error("the server's certificates: {0}")]
     Tls(#[source] transport::Error),
-    /// The network.
+    /// The network failed.
     #[error("the server: {0}")]
     Network(#[source] transport::Error),
 }
 
-/// Serves `infer` on `listener` until `until`, then lets the calls under way end.
+/// Serves `infer` on `listener` until `until` is ready, then lets the calls under way end.
 ///
 /// # Errors
 /// If certificates cannot be used, or the listener fails.

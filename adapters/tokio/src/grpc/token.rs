@@ -12,7 +12,7 @@ use tonic::{Request, Status};
 #[derive(Clone)]
 pub struct Token(Arc<RwLock<MetadataValue<Ascii>>>);
 
-/// A token holds characters that no header can bear, or none.
+/// A token is empty or has characters other than visible ASCII.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 #[error("a token must be visible ASCII characters, at least one")]
 pub struct InvalidToken;
@@ -21,15 +21,15 @@ impl Token {
     /// A token of visible ASCII characters.
     ///
     /// # Errors
-    /// If it holds others, or none.
+    /// If it is empty or has other characters.
     pub fn new(token: &str) -> Result<Self, InvalidToken> {
         header(token).map(|header| Self(Arc::new(RwLock::new(header))))
     }
 
-    /// Puts another token in its place, for calls from now on.
+    /// Replaces the token, for calls from now on.
     ///
     /// # Errors
-    /// If it holds other than visible ASCII characters, or none; the old token stays.
+    /// If the new token is empty or has characters other than visible ASCII; the old one stays.
     pub fn replace(&self, token: &str) -> Result<(), InvalidToken> {
         *self.0.write().unwrap_or_else(PoisonError::into_inner) = header(token)?;
         Ok(())
@@ -46,7 +46,7 @@ impl fmt::Debug for Token {
     }
 }
 
-/// Bears the token, if any, on each call.
+/// Adds the token, if any, to each call.
 #[derive(Clone, Debug)]
 pub struct Bearer(pub(crate) Option<Token>);
 
@@ -76,7 +76,7 @@ impl Interceptor for Doorman {
     }
 }
 
-/// Takes as long wherever they differ, so that time tells nothing of the token.
+/// Takes equally long wherever they differ, so that the time reveals nothing about the token.
 fn is_same(shown: &[u8], token: &[u8]) -> bool {
     let differ = shown.iter().zip(token).fold(0, |differ, (a, b)| differ | (a ^ b));
     shown.len() == token.len() && std::hint::black_box(differ) == 0

@@ -40,7 +40,7 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
             };
             let mut chart = axes.scaled(theme, &area, (logarithmic(&x), axes.y.clone()));
             for line in &lines {
-                line.draw(&mut chart);
+                line.draw(&mut chart, &axes);
             }
             for (points, others, colour) in
                 [(&marks, &paper, theme.series[1]), (&paper, &marks, theme.series[2])]

@@ -32,12 +32,13 @@ pub(crate) fn plot(places: Places) -> Plot {
 
 fn keys(theme: &Theme, sheet: &Sheet<'_>) {
     let label = Label::new(13.0, theme.ink);
-    label.right().put(sheet, "10 ms", (122, 84));
+    label.right().put(sheet, "up to 10 ms", (122, 84));
     for step in 0..100 {
         let share = f64::from(step) / 100.0;
         let ms = SCALE.0 * (SCALE.1 / SCALE.0).powf(share);
         let x = 132 + step * 2;
-        let bar = Rectangle::new([(x, 76), (x + 2, 92)], colour(theme, ms).filled());
+        // One over the other, so that no ground shows between them.
+        let bar = Rectangle::new([(x, 76), (332, 92)], colour(theme, ms).filled());
         sheet.draw(&bar).expect(DRAWN);
     }
     label.put(sheet, "3 s or more", (342, 84));

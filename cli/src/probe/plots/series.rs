@@ -78,7 +78,12 @@ impl Series {
 
     fn draw(&self, theme: &Theme, area: &Sheet<'_>) {
         let (x, y) = (self.seconds.clone(), self.milliseconds.clone());
-        let axes = Axes { x: x.clone(), y: y.clone(), x_name: "sent, s", y_name: "round trip, ms" };
+        let axes = Axes {
+            x: x.clone(),
+            y: y.clone(),
+            x_name: "time of sending, s",
+            y_name: "round trip, ms",
+        };
         let mut chart = axes.scaled(theme, area, (x.clone(), logarithmic(&y)));
         let unit = (x.end - x.start) / ACROSS;
         chart

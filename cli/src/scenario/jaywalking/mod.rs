@@ -4,7 +4,7 @@ mod aside;
 mod planning;
 mod plots;
 mod scene;
-mod told;
+mod text;
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -16,25 +16,28 @@ pub(crate) use crate::scenario::jaywalking::scene::{Manoeuvre, Scene};
 use crate::scenario::options::{Leave, above_0, not_below_0, speed};
 
 /// What the page says first.
-const WORDS: &str = "A person walks onto the road just before a car. A planner on board takes 0.5 s; a plan that the \
-    cloud made for this case, and that lies in a cache, takes 0.4 s. The plan came by a call aside: gated, bounded by a \
-    deadline, unknown to the machine, and no output of any message.";
+const WORDS: &str = "A person walks onto the road just before a car. The planner on board takes its time; a plan that the \
+    cloud made for this case, and that is in a cache, is there sooner. The plan came by a call aside: a gate admitted it, \
+    a deadline bounded it, and the machine does not know of it.";
 /// What is modelled.
 const MODEL: &str = "The person's speed, how hard the car swerves and brakes, and when the call aside is made are model \
-    choices; the paper drove in CARLA and does not state them.";
+    choices. The paper states the distance and both responses.";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-A person walks onto the road just before a car. The planner on board takes the first response. A
-plan for this case may lie in a cache, and takes the last: the cloud made it, by a call aside that is
-gated, bounded by a deadline and unknown to the machine; its answer is cached with what it is for
-and how long it holds, is used on a match only, and is no output. Where it came too late, has
-expired, is for something else or never comes, the plan on board leaves when it would have without.
+A person walks onto the road just before a car. The planner on board takes the
+first response. A plan for this case may be in a cache; then the car takes the
+last response. The cloud makes that plan, by a call aside: a gate admits it, a
+deadline bounds it, and the machine does not know of it. The cache keeps what
+the plan is for and until when it is valid. The car uses it only if both match;
+it is no output. If the plan is late, has expired, is for another case or never
+comes, the plan on board leaves exactly when it would without a cloud.
 
-Figures marked † are model choices: the paper does not state them. The person is a disc of 0.3 m,
-1.75 m right of the middle of the car's lane at 0 s, and walks to the left.
+Figures marked † are model choices: the paper does not state them. The person
+is a disc of radius 0.3 m, starts 1.75 m right of the middle of the car's lane,
+and walks to the left.
 
-Exit code 0 when told, 2 if something makes no sense.
+Exit code 0 when done, 2 if an option or a folder is of no use.
 
 Examples:
   fuseline scenario jaywalking
@@ -113,13 +116,13 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let runs = runs(args, &scene, traces.as_ref())?;
     let parameters = json!({"speed": args.speed, "response": args.response, "scene": scene});
     let found = Found { scenario: "jaywalking", parameters, greatest, runs };
-    let told = told::told(&found);
+    let text = text::text(&found);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         let plots = plots::plots(&found, scene);
-        show(&folder, &Shown { title: "Person jaywalking", words: &words, plots, told: &told })?;
+        show(&folder, &Shown { title: "Person jaywalking", words: &words, plots, told: &text })?;
     }
-    args.leave.tell(&found, &told)
+    args.leave.tell(&found, &text)
 }
 
 fn greatest(scene: &Scene, response: f64) -> Greatest {

@@ -1,17 +1,19 @@
 //! The greatest speed over the response.
 
-use crate::plot::{Axes, DRAWN, Label, Line, Plot, sheet};
-use crate::scenario::jaywalking::Found;
-use crate::scenario::jaywalking::scene::{Manoeuvre, Scene};
 use plotters::prelude::*;
+use rayon::prelude::*;
 
-/// Responses that are shown, in twentieths of a second.
-const SHOWN: std::ops::RangeInclusive<u32> = 0..=20;
+use crate::plot::{Axes, DRAWN, Label, Line, Plot, sheet};
+use crate::scenario::jaywalking::scene::{Manoeuvre, Scene};
+use crate::scenario::jaywalking::{Found, Greatest};
+
+/// Responses that are shown, in fiftieths of a second.
+const SHOWN: std::ops::RangeInclusive<u32> = 0..=50;
 
 /// The plot.
 pub(crate) fn plots(found: &Found, scene: Scene) -> Vec<Plot> {
     let line = |manoeuvre: Manoeuvre| -> Vec<(f64, f64)> {
-        let responses = SHOWN.map(|twentieths| f64::from(twentieths) / 20.0);
+        let responses = SHOWN.into_par_iter().map(|fiftieths| f64::from(fiftieths) / 50.0);
         let points = responses.map(|at| (at, scene.greatest(manoeuvre, at)));
         points.filter_map(|(at, speed)| Some((at, speed?))).collect()
     };
@@ -20,31 +22,38 @@ pub(crate) fn plots(found: &Found, scene: Scene) -> Vec<Plot> {
         found.greatest.iter().filter_map(|row| Some((row.response, row.swerve?))).collect();
     let lower: Vec<(f64, f64)> =
         found.greatest.iter().filter_map(|row| Some((row.response, row.brake?))).collect();
-    let top = swerve.iter().chain(&brake).map(|(_, speed)| *speed).fold(1.0, f64::max).min(60.0);
-    let caption = "The greatest speed up to which nobody is touched, by how long it takes until the car acts. The dots are \
-                   the responses given: of the planner on board, and of a cached plan.";
+    let ends = marks.iter().chain(&lower).chain(&brake).map(|(_, speed)| *speed);
+    let top = (ends.fold(1.0, f64::max) * 1.5).min(150.0);
+    let caption = "The greatest speed up to which nobody is touched, by how long it takes until the car acts. Dots: the \
+                   planner on board and a cached plan. A line that leaves at the top may come to an end there: the car \
+                   swerves so early that it is past at any speed.";
+    let of = |row: Option<&Greatest>| row.map_or(0.0, |row| row.response);
+    let (first, last) = (of(found.greatest.first()), of(found.greatest.last()));
+    let below = format!(
+        "Greatest speed without contact. Dots: planner on board, {first} s; cached plan, {last} s"
+    );
     vec![Plot::new("greatest-speed", caption, move |theme| {
-        let words = ("Person jaywalking", "Greatest speed without contact, by response");
+        let words = ("Person jaywalking", &*below);
         sheet(theme, (760, 470), words, |sheet| {
             let of = |name: &str, series: usize, points: &Vec<(f64, f64)>| Line {
                 name: name.to_owned(),
                 colour: theme.series[series],
                 width: 3,
                 is_dashed: false,
-                points: points.iter().copied().filter(|(_, speed)| *speed <= top).collect(),
+                points: points.clone(),
             };
             let lines = [of("swerve", 1, &swerve), of("brake", 2, &brake)];
             Line::keys(&lines, theme, sheet, (82, 84));
             let area = sheet.margin(104, 12, 20, 24);
             let axes = Axes {
                 x: 0.0..1.0,
-                y: 0.0..(top * 1.05).ceil(),
+                y: 0.0..top.ceil(),
                 x_name: "response, s",
                 y_name: "speed, m/s",
             };
             let mut chart = axes.chart(theme, &area);
             for line in &lines {
-                line.draw(&mut chart);
+                line.draw(&mut chart, &axes);
             }
             for (marks, colour, above) in
                 [(&marks, theme.series[1], -14), (&lower, theme.series[2], 16)]

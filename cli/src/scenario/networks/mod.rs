@@ -2,7 +2,7 @@
 
 mod plots;
 mod policy;
-mod told;
+mod text;
 
 use std::time::Duration;
 
@@ -31,43 +31,45 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 const TRACES: usize = 10_000;
 
 /// What the page says first.
-const WORDS: &str = "The vehicle of the traffic jam meets its obstacle at moments all over recorded drives. The cloud \
-    answers after its runtime and the round trip that the drive had at each frame's capture; policies differ in whose \
-    result they wait for, and how long.";
+const WORDS: &str = "The vehicle of the traffic jam meets its obstacle at moments all over recorded drives. The cloud's \
+    response is its runtime plus the round trip that the drive had when the frame was captured. The policies differ in \
+    whose result they wait for, and how long.";
 /// What is modelled.
-const MODEL: &str = "Round trips were measured with small messages, not with frames of 33.3 KB. Ranges, deceleration and \
-    the delay of the brakes are model choices. expected looks at the calls of the 30 s before.";
+const MODEL: &str = "The round trips were measured with small messages, not with frames of 33.3 KB. Ranges, deceleration \
+    and the delay of the brakes are model choices. expected looks at the calls of the 30 s before.";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-The vehicle of the traffic jam meets its obstacle at moments all over recorded drives, those inside
-the command: ten networks, all that are recorded but a wifi that was hardly ever there. Whoever
-answers: local alone, the cloud alone, whichever is first, or both with a deadline: a constant, that
-of the guard, or the one expected to cost least by the calls of the 30 s before.
+The vehicle of the traffic jam meets its obstacle at moments all over recorded
+drives. Built in are ten networks: all that are recorded except a wifi that was
+hardly ever there. The policies say who answers: local alone, the cloud alone,
+whichever is first, or both with a deadline. The deadline is a constant, the
+guard's, or the one that is expected to cost least, by the calls of the 30 s
+before.
 
-Figures marked † are model choices. energy is the mean square of the speed at impact, in m²/s², 0
-for a start that does not collide.
+Figures marked † are model choices. In JSON, energy is the mean square of the
+speed at impact, in m²/s²; a start without a collision counts as 0.
 
-Exit code 0 when told, 2 if something makes no sense.
+Exit code 0 when done, 2 if an option, a drive or a folder is of no use.
 
 Examples:
   fuseline scenario networks
   fuseline scenario networks --drive cicv5g/rural_n8_v10 --speed 20,22 --policy local,0.5,guard
   fuseline scenario networks --drive my-drive.csv --json")]
 pub(crate) struct Args {
-    /// Recorded drives, or CSV files like them, as fuseline run takes them.
+    /// Recorded drives, or CSV files like them, as fuseline run takes them [default: the ten networks].
     #[arg(long, value_name = "DRIVE,…", value_delimiter = ',', default_value = DRIVES, hide_default_value = true)]
     drive: Vec<String>,
-    /// Speeds, in m/s.
+    /// Speeds, in m/s [default: 11 to 30 in steps of 1].
     #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "11,12,13,14,15,16,17,18,19,20,21,22,23,24,25,26,27,28,29,30", hide_default_value = true, value_parser = speed)]
     speed: Vec<f64>,
     /// Who answers: local, cloud, first, a constant deadline in s, guard, expected.
     #[arg(long, value_name = "WHO,WHO,…", value_delimiter = ',', default_value = "local,cloud,first,0.5,0.76,guard,expected", value_parser = Manner::parse)]
     policy: Vec<Manner>,
-    /// Moments, evenly over the drive, at which the obstacle comes into sight.
+    /// How many moments, evenly over each drive, at which the obstacle comes into sight.
     #[arg(long, value_name = "N", default_value = "400", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     starts: u32,
-    /// How long the cloud computes, in s; its response is that and the drive's round trip.
+    /// How long the cloud computes, in s; its response is that plus the drive's round trip.
     #[arg(long, value_name = "S", default_value = "0.1182", value_parser = not_below_0)]
     cloud_runtime: f64,
     #[command(flatten)]
@@ -147,13 +149,13 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         starts: args.starts,
         rows: setting.rows(&drives)?,
     };
-    let told = told::told(&found);
+    let text = text::text(&found);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         let plots = plots::plots(&found);
-        show(&folder, &Shown { title: "Recorded networks", words: &words, plots, told: &told })?;
+        show(&folder, &Shown { title: "Recorded networks", words: &words, plots, told: &text })?;
     }
-    args.leave.tell(&found, &told)
+    args.leave.tell(&found, &text)
 }
 
 impl Args {

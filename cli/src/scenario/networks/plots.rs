@@ -2,7 +2,7 @@
 
 use crate::plot::{Axes, Line, Plot, Theme, sheet};
 use crate::scenario::networks::policy::Manner;
-use crate::scenario::networks::told::{mean, percent};
+use crate::scenario::networks::text::{mean, percent};
 use crate::scenario::networks::{Found, Row};
 
 /// Both plots.
@@ -25,16 +25,13 @@ pub(crate) fn plots(found: &Found) -> Vec<Plot> {
         y_name: "impact energy, m²/s²",
         of: |row| row.energy,
     };
-    let clipped =
-        "Local alone leaves the picture at the top, so that the others can be told apart.";
+    let cut = "Lines leave at the top where the policies no longer differ, and local where it is far above.";
     vec![
-        collisions.plot(
-            found,
-            format!("Collisions in % over the speed, policies side by side. {clipped}"),
-        ),
+        collisions
+            .plot(found, format!("Collisions in % over the speed, policies side by side. {cut}")),
         impact.plot(
             found,
-            format!("Mean square of the speed at impact, 0 where there is none. {clipped}"),
+            format!("Mean square of the speed at impact, 0 where there is none. {cut}"),
         ),
     ]
 }
@@ -58,13 +55,7 @@ impl Sight {
         let curves: Vec<(Manner, Vec<(f64, f64)>)> =
             found.policies.iter().map(|policy| (*policy, curve(*policy))).collect();
         let x = span(&found.speeds);
-        let highest = |is_meant: fn(Manner) -> bool| {
-            let meant = curves.iter().filter(|(policy, _)| is_meant(*policy));
-            meant.flat_map(|(_, points)| points).map(|(_, y)| *y).fold(0.0, f64::max)
-        };
-        // Local's are far above the others'.
-        let others = highest(|policy| policy != Manner::Local);
-        let top = if others > 0.0 { others * 1.08 } else { highest(|_| true).max(1.0) * 1.08 };
+        let top = top(&curves);
         Plot::new(self.name, caption, move |theme| {
             sheet(theme, (860, 500), self.words, |sheet| {
                 let lines: Vec<Line> = curves
@@ -78,11 +69,32 @@ impl Sight {
                     Axes { x: x.clone(), y: 0.0..top, x_name: "speed, m/s", y_name: self.y_name };
                 let mut chart = axes.chart(theme, &area);
                 for line in &lines {
-                    line.draw(&mut chart);
+                    line.draw(&mut chart, &axes);
                 }
             })
         })
     }
+}
+
+/// How high the picture is: so that all is shown by which policies other than local alone differ.
+fn top(curves: &[(Manner, Vec<(f64, f64)>)]) -> f64 {
+    let others = || curves.iter().filter(|(policy, _)| *policy != Manner::Local);
+    let at =
+        |place: usize| others().filter_map(move |(_, points)| points.get(place)).map(|(_, y)| *y);
+    let places = others().map(|(_, points)| points.len()).max().unwrap_or(0);
+    let [mut differ, mut highest] = [0.0_f64; 2];
+    for place in 0..places {
+        let greatest = at(place).fold(0.0, f64::max);
+        let least = at(place).fold(f64::INFINITY, f64::min);
+        highest = highest.max(greatest);
+        // A twentieth is told apart.
+        if least < greatest * 0.95 {
+            differ = differ.max(greatest);
+        }
+    }
+    let all = curves.iter().flat_map(|(_, points)| points).map(|(_, y)| *y).fold(1.0, f64::max);
+    let shown = [differ, highest, all].into_iter().find(|top| *top > 0.0);
+    shown.unwrap_or(1.0) * 1.15
 }
 
 fn line(theme: &Theme, place: usize, (policy, points): &(Manner, Vec<(f64, f64)>)) -> Line {

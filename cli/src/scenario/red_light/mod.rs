@@ -4,7 +4,7 @@ mod crossing;
 mod plots;
 mod scene;
 mod sharing;
-mod told;
+mod text;
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -17,24 +17,27 @@ use crate::scenario::red_light::crossing::{Approach, Crossing, Ego};
 pub(crate) use crate::scenario::red_light::scene::{Scene, Variant};
 
 /// What the page says first.
-const WORDS: &str = "A car runs a red light, and something hides it until it is late: no detector sees it in time, on \
-    board or in the cloud. If both cars tell a service in the cloud where they are, ego knows of the other one before it \
-    can be seen, and brakes.";
+const WORDS: &str = "A car runs a red light, and something hides it until it is late. No detector sees it in time, \
+    neither on board nor in the cloud. If both cars send their locations to a service in the cloud, ego knows of the \
+    other car before it can see it, and brakes.";
 /// What is modelled.
 const MODEL: &str = "Intersections, speeds and occluders are model choices, and so is the rule by which ego brakes for a \
-    neighbour; the paper drove three intersections in CARLA and does not state them.";
+    neighbour. The paper drove three intersections in CARLA and does not state them.";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-A car runs a red light and keeps its speed. Ego brakes once the detector on board, or the one in
-the cloud, has shown it on three consecutive frames; or, with shared locations, once the service's
-answer tells that the car will not stop at its line and that both would meet. Something hides the
-car until it is late. The service keeps each vehicle's last report; both report ten times a second.
+A car runs a red light and keeps its speed. Something hides it from ego until it
+is late. Ego brakes once a detector, on board or in the cloud, has shown the car
+on three consecutive frames. With shared locations ego also brakes once the
+service's answer says that the car will not stop at its line and that both would
+meet. Each car sends its location ten times a second, and the service keeps each
+one's last report.
 
-Figures marked † are model choices, as are the intersections: the paper does not state its own.
-brakes_before is how long before 6 s the brakes bite, in s.
+Figures marked † are model choices, and so are the intersections: the paper does
+not state its own. In JSON, brakes_before is how long before 6 s the brakes
+bite, in s; null if they never do.
 
-Exit code 0 when told, 2 if something makes no sense.
+Exit code 0 when done, 2 if an option or a folder is of no use.
 
 Examples:
   fuseline scenario red-light
@@ -55,7 +58,7 @@ pub(crate) struct Args {
     /// The speed of the car that runs the light, in m/s † [default: 14].
     #[arg(long, value_name = "V", value_parser = speed)]
     runner_speed: Option<f64>,
-    /// How much later than at 6 s that car is at its place, in s.
+    /// How much later than ego the other car is at its place, in s; below 0 is earlier.
     #[arg(long, value_name = "S,S,…", value_delimiter = ',', allow_hyphen_values = true, default_value = "-0.2,-0.1,0,0.1,0.2", value_parser = any)]
     delta: Vec<f64>,
     /// Round trips between ego and the cloud, in s.
@@ -79,7 +82,7 @@ pub(crate) struct Args {
     /// Full braking, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
     deceleration: f64,
-    /// From the decision to brake until the brakes bite, in s †.
+    /// How long after the decision the brakes bite, in s †.
     #[arg(long, value_name = "S", default_value = "0.1", value_parser = not_below_0)]
     brake_delay: f64,
     #[command(flatten)]
@@ -152,13 +155,13 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         at_once: args.runs(&at_once, &[Approach::Cloud], &[0.0], has_occluder, None)?,
         without_occluder: args.runs(&ego, &detectors, &shortest, false, None)?,
     };
-    let told = told::told(&found);
+    let text = text::text(&found);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         let plots = plots::plots(args, &found);
-        show(&folder, &Shown { title: "Running a red light", words: &words, plots, told: &told })?;
+        show(&folder, &Shown { title: "Running a red light", words: &words, plots, told: &text })?;
     }
-    args.leave.tell(&found, &told)
+    args.leave.tell(&found, &text)
 }
 
 impl Args {

@@ -2,7 +2,7 @@
 
 use plotters::prelude::*;
 
-use crate::plot::{DRAWN, Label, Plot, Sheet, Theme, sheet};
+use crate::plot::{DRAWN, Label, Plot, Sheet, Theme, inside, sheet, width};
 use crate::scenario::red_light::crossing::Approach;
 use crate::scenario::red_light::scene::{MEETING, Scene};
 use crate::scenario::red_light::{Args, Found, Run};
@@ -31,13 +31,10 @@ pub(crate) fn plots(args: &Args, found: &Found) -> Vec<Plot> {
         let (local, sharing) = (of(Approach::Local), of(Approach::Sharing));
         let deceleration = args.deceleration;
         let caption = format!(
-            "{}: the cars' ways in steps of half a second. Ego comes from the left. Filled: where both are {}.",
-            capital(scene.place.name),
-            if sharing.as_ref().is_some_and(|run| !run.collides) {
-                "at 6 s, ego having braked by shared locations; outlined where the detector on board leaves it"
-            } else {
-                "at 6 s"
-            }
+            "{} from above, at δ = {delta} s. Ego comes from the left. Filled: where the cars are at 6 s if ego brakes by \
+             shared locations. Red outline: where ego is then with the detector on board. Thin outlines: each half second \
+             before.",
+            capital(scene.place.name)
         );
         let name = names[*variant as usize];
         plots.push(Plot::new(name, caption, move |theme| {
@@ -53,6 +50,7 @@ pub(crate) fn plots(args: &Args, found: &Found) -> Vec<Plot> {
                     scene.ego_braking(now, bite, deceleration)
                 };
                 roads(theme, &area, &scene);
+                ruler(theme, &area);
                 let told = |now: f64| sharing.as_ref().map(|run| ego(run, now));
                 ways(theme, &area, &scene, told);
                 let car =
@@ -104,12 +102,19 @@ fn place([x, y]: Point) -> (i32, i32) {
     (((x - left) * METRE).round() as i32, ((high - y) * METRE).round() as i32)
 }
 
+/// Draws what is shown of a shape.
 fn shape(sheet: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
-    let corners: Vec<(i32, i32)> = corners.iter().map(|corner| place(*corner)).collect();
-    sheet.draw(&Polygon::new(corners, style)).expect(DRAWN);
+    let corners: Vec<(i32, i32)> = inside(corners, SHOWN).into_iter().map(place).collect();
+    if !corners.is_empty() {
+        sheet.draw(&Polygon::new(corners, style)).expect(DRAWN);
+    }
 }
 
+/// Draws an outline if all of it is shown.
 fn outline(sheet: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
+    if inside(corners, SHOWN) != corners {
+        return;
+    }
     let closed = corners.iter().chain(corners.first()).map(|corner| place(*corner));
     sheet.draw(&PathElement::new(closed.collect::<Vec<_>>(), style)).expect(DRAWN);
 }
@@ -156,15 +161,27 @@ fn ways(theme: &Theme, sheet: &Sheet<'_>, scene: &Scene, ego: impl Fn(f64) -> Op
 
 fn keys(theme: &Theme, sheet: &Sheet<'_>) {
     let keys = [
-        ("ego, by shared locations", theme.series[1], true),
-        ("ego, by the detector on board", theme.bad, false),
-        ("runs the light", theme.series[2], true),
+        ("ego by shared locations", theme.series[1], true),
+        ("ego by the detector on board", theme.bad, false),
+        ("car that runs the light", theme.series[2], true),
     ];
     let mut x = 24;
     for (word, colour, is_filled) in keys {
         let style = if is_filled { colour.filled() } else { colour.stroke_width(2) };
         sheet.draw(&Rectangle::new([(x, 76), (x + 22, 86)], style)).expect(DRAWN);
         Label::new(13.0, theme.ink).put(sheet, word, (x + 30, 82));
-        x += 52 + i32::try_from(word.len()).unwrap_or(0) * 7;
+        x += 52 + width(word);
     }
+}
+
+/// How long ten metres are.
+fn ruler(theme: &Theme, sheet: &Sheet<'_>) {
+    let [from, to] = [place([10.0, 17.5]), place([20.0, 17.5])];
+    sheet.draw(&PathElement::new(vec![from, to], theme.soft.stroke_width(2))).expect(DRAWN);
+    for (x, y) in [from, to] {
+        let end = PathElement::new(vec![(x, y - 4), (x, y + 4)], theme.soft.stroke_width(2));
+        sheet.draw(&end).expect(DRAWN);
+    }
+    let middle = (i32::midpoint(from.0, to.0), from.1 - 13);
+    Label::new(13.0, theme.soft).centred().put(sheet, "10 m", middle);
 }

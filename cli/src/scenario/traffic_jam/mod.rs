@@ -5,7 +5,7 @@ mod narrow;
 mod plots;
 #[cfg(test)]
 pub(crate) mod tests_of_cells;
-mod told;
+mod text;
 
 use std::time::Duration;
 
@@ -20,24 +20,27 @@ use crate::scenario::traffic_jam::cells::{Cell, Deadline, Jam, Question};
 use crate::scenario::traffic_jam::narrow::{Constants, Interval, OnBoard, Only};
 
 /// What the page says first.
-const WORDS: &str = "At constant speed a vehicle approaches a motorcycle that stands. It brakes once three consecutive \
-    frames report it. Local sees less far than the cloud; the cloud's results come when the network lets them. Every \
-    output was decided by the shipped machine in virtual time, and every ending follows from it by the physics stated here.";
+const WORDS: &str = "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \
+    frames report it. Local sees less far than the cloud, and the cloud's results come when the network lets them. The \
+    shipped machine decided every output, in virtual time; every ending follows from the outputs and the stated physics.";
 /// What is modelled.
-const MODEL: &str = "Ranges, deceleration and the delay of the brakes are model choices; the paper drove in CARLA and \
+const MODEL: &str = "Ranges, deceleration and the delay of the brakes are model choices: the paper drove in CARLA and \
     does not state them.";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-At constant speed a vehicle approaches a motorcycle that stands, in virtual time: each frame is a
-message of an operator, whose every decision the shipped machine makes. The vehicle brakes once the
-outputs of three consecutive frames report the obstacle. The obstacle stands at 8 places between two
-frames; a cell avoids or collides if it does at all of them, else it is mixed.
+A vehicle approaches a standing motorcycle at constant speed, in virtual time.
+Each frame of its camera is a message of an operator, and the shipped machine
+makes every decision. The vehicle brakes once the outputs of three consecutive
+frames report the obstacle (--frames). The obstacle stands at 8 places between
+two frames, with --local-serial at 40. A cell avoids or collides if it does so
+at all places; otherwise it is mixed.
 
-Figures marked † are model choices: the paper drove in CARLA and does not state them. Metres and
-seconds; a response counts from a frame's capture and contains the runtime and the round trip.
+Figures marked † are model choices: the paper drove in CARLA and does not state
+them. Metres and seconds. A response counts from a frame's capture: it contains
+the runtime and the round trip.
 
-Exit code 0 when told, 2 if something makes no sense.
+Exit code 0 when done, 2 if an option or a folder is of no use.
 
 Examples:
   fuseline scenario traffic-jam
@@ -62,7 +65,7 @@ pub(crate) struct Args {
     /// The deadline of ours: guard, expected, or a constant in s.
     #[arg(long, value_name = "HOW", default_value = "guard", value_parser = deadline)]
     deadline: Deadline,
-    /// Only the cells: not how narrow they are, what constant deadlines do, nor what the paper does not tell.
+    /// Only the cells: leave out how narrow they are, constant deadlines, and R101 on board.
     #[arg(long)]
     cells_only: bool,
     #[command(flatten)]
@@ -160,7 +163,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         cells: jam.cells(&args.questions(), traces.as_ref())?,
         beside: (!args.cells_only).then(|| beside(&jam)).transpose()?,
     };
-    let told = told::told(&found);
+    let text = text::text(&found);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         show(
@@ -169,11 +172,11 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
                 title: "Traffic jam",
                 words: &words,
                 plots: plots::plots(&found, &jam),
-                told: &told,
+                told: &text,
             },
         )?;
     }
-    args.leave.tell(&found, &told)
+    args.leave.tell(&found, &text)
 }
 
 fn beside(jam: &Jam) -> Result<Beside, Fault> {

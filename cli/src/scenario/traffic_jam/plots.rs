@@ -10,7 +10,7 @@ use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
 use crate::scenario::traffic_jam::Found;
 use crate::scenario::traffic_jam::cells::{Cell, Colour, Deadline, Jam, Question};
-use crate::scenario::traffic_jam::told::word;
+use crate::scenario::traffic_jam::text::word;
 
 /// Deadlines up to here are shown, in s.
 const LONGEST: f64 = 3.5;
@@ -28,8 +28,8 @@ pub(crate) fn plots(found: &Found, jam: &Jam) -> Vec<Plot> {
 
 fn table(found: &Found) -> Plot {
     let Found { responses, cells, .. } = found.clone();
-    let caption = "Each cell: the metres left at least where the vehicle stops, or the speed at impact at most where it \
-                   does not. A cross in the corner marks a cell that differs from the paper's.";
+    let caption = "Where the vehicle stops, a cell has the least gap that is left, in metres; where it does not, the \
+                   greatest speed at impact. A cross in a corner marks a cell that differs from the paper's.";
     Plot::new("table", caption, move |theme| {
         let rows: Vec<&[Cell]> = cells
             .chunk_by(|one, next| (one.speed, one.approach) == (next.speed, next.approach))
@@ -37,7 +37,8 @@ fn table(found: &Found) -> Plot {
         let (wide, high) = (92, 34);
         let height = u32::try_from(rows.len()).unwrap_or(u32::MAX) * 36 + 150;
         let width = u32::try_from(responses.len()).unwrap_or(u32::MAX) * 92 + 210;
-        let words = ("Traffic jam", "A vehicle stops behind a standing motorcycle, or does not");
+        let below = "Green: the least gap that is left. Red: the greatest speed at impact.";
+        let words = ("Traffic jam", below);
         sheet(theme, (width.max(520), height), words, |sheet| {
             let soft = Label::new(13.0, theme.soft);
             soft.centred().put(
@@ -58,10 +59,14 @@ fn table(found: &Found) -> Plot {
                 if before != Some(first.speed) {
                     y += if before.is_some() { 8 } else { 0 };
                     let speed = format!("{} m/s", first.speed);
-                    Label::new(14.0, theme.ink).bold().put(sheet, &speed, (24, y + high / 2));
+                    Label::new(14.0, theme.ink).bold().put(sheet, &speed, (24, y + high / 2 - 1));
                     before = Some(first.speed);
                 }
-                Label::new(14.0, theme.ink).put(sheet, word(first.approach), (102, y + high / 2));
+                Label::new(14.0, theme.ink).put(
+                    sheet,
+                    word(first.approach),
+                    (102, y + high / 2 - 1),
+                );
                 for (column, cell) in (0..).zip(*row) {
                     let x = 160 + wide * column;
                     draw(theme, sheet, cell, [(x, y), (x + wide - 3, y + high - 3)]);
@@ -93,33 +98,30 @@ fn draw(theme: &Theme, sheet: &crate::plot::Sheet<'_>, cell: &Cell, place: [(i32
 fn deadlines(jam: &Jam) -> Option<Plot> {
     let vehicle = jam.vehicle;
     let guard = Jam::new(vehicle, Deadline::Guard).ok()?;
-    let speeds: Vec<f64> = (0..=500).map(|step| 10.0 + f64::from(step) * 0.04).collect();
+    let speeds: Vec<f64> = (0..=400).map(|step| 10.0 + f64::from(step) * 0.04).collect();
     let budget = |range: f64, period: f64, speed: f64| {
         let delays = vehicle.brake_delay + f64::from(vehicle.frames) * period;
         let range = range.min(vehicle.reveal.unwrap_or(f64::INFINITY));
         range / speed - speed / (2.0 * vehicle.deceleration) - delays
     };
     let line = |of: &dyn Fn(f64) -> f64| -> Vec<(f64, f64)> {
-        let points = speeds.iter().map(|speed| (*speed, of(*speed)));
-        points.filter(|(_, y)| (0.0..=LONGEST).contains(y)).collect()
+        smooth(&speeds.iter().map(|speed| (*speed, of(*speed))).collect::<Vec<_>>())
     };
     let local = line(&|speed| budget(vehicle.range_local, vehicle.period_local(), speed));
     let cloud = line(&|speed| budget(vehicle.range_cloud, vehicle.period(), speed));
-    let chosen: Vec<(f64, f64)> = speeds
-        .iter()
-        .map(|speed| (*speed, guard.deadline(*speed, 0.0).as_secs_f64().min(LONGEST)))
-        .collect();
+    let chosen = line(&|speed| guard.deadline(speed, 0.0).as_secs_f64());
     let bars: Vec<(f64, Vec<[f64; 2]>)> = PAPER
         .traffic_jam
         .speeds()
         .into_iter()
         .map(|speed| (speed, allowed(vehicle, speed)))
         .collect();
-    let caption = "Results of local and of the cloud suffice to stop until their budgets after capture. The guard waits as \
-                   long as local alone would still stop, and where it would not, as long as the cloud might. Bars: constant \
-                   deadlines that give the paper's row of ours at that speed; no one height crosses all five.";
+    let caption = "Dashed: until when a result is early enough to stop. The guard waits as long as local alone would still \
+                   stop; where local would not, as long as the cloud might. Green: the constant deadlines that give the \
+                   paper's row of ours at that speed. No single deadline is green at all five.";
     Some(Plot::new("deadlines", caption, move |theme| {
-        let words = ("Which deadline gives the table", "Seconds after capture, by speed");
+        let words =
+            ("Which deadline gives the table", "Seconds after a frame's capture, over the speed");
         sheet(theme, (860, 520), words, |sheet| {
             let of = |name: &str, series: usize, width, is_dashed, points: &Vec<(f64, f64)>| Line {
                 name: name.to_owned(),
@@ -129,8 +131,8 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
                 points: points.clone(),
             };
             let lines = [
-                of("local's results suffice until", 0, 2, true, &local),
-                of("the cloud's until", 1, 2, true, &cloud),
+                of("local is early enough until", 0, 2, true, &local),
+                of("the cloud, until", 1, 2, true, &cloud),
                 of("deadline of the guard", 2, 3, false, &chosen),
             ];
             Line::keys(&lines, theme, sheet, (82, 84));
@@ -145,18 +147,32 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
             for (speed, bars) in &bars {
                 let bar = |[from, to]: &[f64; 2]| {
                     let corners = [(speed - 0.17, *from), (speed + 0.17, *to)];
-                    Rectangle::new(corners, theme.good.mix(0.35).filled())
+                    Rectangle::new(corners, theme.good.mix(0.5).filled())
                 };
                 chart.draw_series(bars.iter().map(bar)).expect(DRAWN);
             }
             for line in &lines {
-                line.draw(&mut chart);
+                line.draw(&mut chart, &axes);
             }
-            let key = Rectangle::new([(700, 78), (712, 90)], theme.good.mix(0.35).filled());
+            let key = Rectangle::new([(636, 78), (648, 90)], theme.good.mix(0.5).filled());
             sheet.draw(&key).expect(DRAWN);
-            Label::new(13.0, theme.ink).put(sheet, "gives the paper's row", (719, 84));
+            Label::new(13.0, theme.ink).put(sheet, "gives the paper's row", (655, 84));
         })
     }))
+}
+
+/// Every eighth point, and both sides of a jump: the drawing rounds points to whole units, which shows in short ways.
+fn smooth(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let is_jump = |one: usize, other: usize| {
+        let [one, other] = [one, other].map(|place| points.get(place));
+        one.zip(other).is_some_and(|(one, other)| (one.1 - other.1).abs() > 0.1)
+    };
+    let is_kept = |place: usize| {
+        place.is_multiple_of(8)
+            || is_jump(place, place + 1)
+            || is_jump(place, place.wrapping_sub(1))
+    };
+    (0..points.len()).filter(|place| is_kept(*place)).map(|place| points[place]).collect()
 }
 
 /// The constant deadlines with which the drives at a speed end as in the paper's row of *ours*.

@@ -113,11 +113,15 @@ pub(super) struct Node {
     pub(super) counting: Counting,
     /// Dropped calls, by priority, with when.
     pub(super) dropped: Drops,
+    pub(super) hints: Hints,
     pub(super) running: tokio::task::JoinHandle<()>,
 }
 
 /// Calls that ended or were dropped, by priority, with when.
 type Drops = Arc<Mutex<Vec<(u16, u128)>>>;
+
+/// Late results that were published, with when.
+type Hints = Arc<Mutex<Vec<(u128, Payload)>>>;
 
 /// Notes when a call ends or is dropped.
 struct Guard(Drops, u16, Instant);
@@ -173,6 +177,7 @@ impl Node {
         let is_deaf = Arc::<AtomicBool>::default();
         tokio::spawn(model(local, asked, results.clone(), Arc::clone(&is_deaf), start));
         let dropped = Arc::new(Mutex::new(Vec::new()));
+        let hints = Hints::default();
         let answers = End::new("/local/output", "tests/msg/Text");
         answers.change(rustdds::GUID::GUID_UNKNOWN, 1, None);
         let mut sources = vec![Source {
@@ -181,16 +186,23 @@ impl Node {
             way: Way::Topics { requests: Box::new(requests), results: Arc::new(answers) },
             enabled: true,
             deadline: Some(settings.local.deadline),
+            hints: None,
             strays: Strays::default(),
         }];
         for (priority, (deadline, act)) in (1..).zip(clouds.iter().copied()) {
             let handle = cloud(priority, act, Arc::clone(&dropped), start);
+            let late = settings.clouds[usize::from(priority) - 1].hints.as_ref().map(|name| {
+                let (late, published) = topic(name);
+                tokio::spawn(note(published, Arc::clone(&hints), start));
+                Box::new(late) as Box<dyn Publish>
+            });
             sources.push(Source {
                 priority,
                 name: name(priority),
                 way: Way::Grpc(handle),
                 enabled: true,
                 deadline: Some(Duration::from_millis(deadline)).filter(|it| !it.is_zero()),
+                hints: late,
                 strays: Strays::default(),
             });
         }
@@ -243,6 +255,7 @@ impl Node {
             said,
             counting,
             dropped,
+            hints,
             running,
         }
     }
@@ -269,6 +282,13 @@ impl Node {
 
     pub(super) fn tally(&self) -> Tally {
         self.counting.tally()
+    }
+}
+
+/// Notes what is published.
+async fn note(mut published: mpsc::UnboundedReceiver<Payload>, hints: Hints, start: Instant) {
+    while let Some(hint) = published.recv().await {
+        hints.lock().unwrap().push((start.elapsed().as_millis(), hint));
     }
 }
 

@@ -8,10 +8,10 @@ use crate::scenario::red_light::crossing::Approach;
 use crate::scenario::red_light::{Found, Run};
 
 /// How wide a cell is.
-const CELL: usize = 10;
+const CELL: usize = 8;
 
 /// The words for it all.
-pub(crate) fn told(found: &Found) -> String {
+pub(crate) fn text(found: &Found) -> String {
     let mut text = String::new();
     // Writing to a string does not fail.
     let _ = table(&mut text, found);
@@ -26,12 +26,12 @@ fn table(text: &mut String, found: &Found) -> std::fmt::Result {
             deltas.push(run.delta);
         }
     }
-    write!(text, "{:<22}{:<9}{:>10}  ", "intersection", "approach", "round trip")?;
+    write!(text, "{:<14}{:>10}", "intersection", "round trip")?;
     for delta in &deltas {
-        write!(text, "{:>CELL$}", format!("{delta:+} s"))?;
+        write!(text, "{:>CELL$}", signed(*delta))?;
     }
-    writeln!(text, "   the paper")?;
-    writeln!(text, "{}", "─".repeat(43 + CELL * deltas.len() + 12))?;
+    writeln!(text, "  the paper")?;
+    writeln!(text, "{}", "─".repeat(24 + CELL * deltas.len() + 12))?;
     let mut rows: Vec<Vec<&Run>> = Vec::new();
     for run in &found.runs {
         let is_row = |row: &&mut Vec<&Run>| {
@@ -46,30 +46,39 @@ fn table(text: &mut String, found: &Found) -> std::fmt::Result {
     let mut before = None;
     for row in rows {
         let first = row[0];
-        let is_new = before.replace(first.variant) != Some(first.variant);
-        let name = if is_new { first.variant.place().name } else { "" };
+        if before.replace(first.variant) != Some(first.variant) {
+            writeln!(text, "{}", first.variant.place().name)?;
+        }
         let trip = first.round_trip.map_or("–".to_owned(), |trip| format!("{trip} s"));
-        write!(text, "{name:<22}{:<9}{trip:>10}  ", first.approach.word())?;
+        write!(text, "  {:<12}{trip:>10}", first.approach.word())?;
         for run in &row {
             text.push_str(&cell(run));
         }
-        writeln!(text, "   {}", paper(first))?;
+        writeln!(text, "  {}", paper(first))?;
     }
     writeln!(
         text,
-        "\nHow long before 6 s the brakes bite, where the cars do not touch; x where they do, with how long before 6 s\n\
-         the brakes bit, if they did. Above: how much later than ego the other car is at its place.\n\
-         The paper does not say at which round trip sharing avoids."
+        "\nThe columns say how much later than ego the other car is at its place. A cell\n\
+         says how long before 6 s the brakes bite, in s (below 0: after); x if the cars\n\
+         touch, and x alone if ego has not braked by then. The paper does not say at\n\
+         which round trip shared locations avoid."
     )
+}
+
+/// A delta with its sign, where it has one.
+fn signed(delta: f64) -> String {
+    let delta = if delta == 0.0 { "0".to_owned() } else { format!("{delta:+}") };
+    format!("{} s", delta.replace('-', "−"))
 }
 
 fn cell(run: &Run) -> String {
     let (colour, text) = match (run.collides, run.brakes_before) {
         (true, None) => (BAD, "x".to_owned()),
-        (true, Some(before)) => (BAD, format!("x {before:.2} s")),
+        (true, Some(before)) => (BAD, format!("x {before:.2}")),
         (false, None) => (GOOD, "–".to_owned()),
-        (false, Some(before)) => (GOOD, format!("{before:.2} s")),
+        (false, Some(before)) => (GOOD, format!("{before:.2}")),
     };
+    let text = text.replace('-', "−");
     paint(colour, &format!("{text:>CELL$}"))
 }
 
@@ -90,8 +99,9 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
     };
     writeln!(
         text,
-        "\nWith a detector in the cloud that answers after no time at all, {} runs collide.\n\
-         If nothing hid the other car, {} runs with a detector would\n(the cloud's at the shortest round trip).",
+        "\nIf the detector in the cloud answered at once, {} runs would collide.\n\
+         If nothing hid the other car, {} runs with a detector would collide\n\
+         (with the cloud's at the shortest round trip).",
         sum(&found.at_once),
         sum(&found.without_occluder)
     )

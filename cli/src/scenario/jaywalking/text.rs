@@ -9,7 +9,7 @@ use crate::scenario::paint::{BAD, GOOD, paint};
 use crate::scenario::paper::PAPER;
 
 /// The words for it all.
-pub(crate) fn told(found: &Found) -> String {
+pub(crate) fn text(found: &Found) -> String {
     let mut text = String::new();
     // Writing to a string does not fail.
     let _ = runs(&mut text, found);
@@ -20,10 +20,10 @@ pub(crate) fn told(found: &Found) -> String {
 fn runs(text: &mut String, found: &Found) -> std::fmt::Result {
     writeln!(
         text,
-        "{:>5}  {:<26}{:<14}{:>8}   {:<10}{:<10}the paper, swerving",
-        "m/s", "the contingency plan", "plan", "response", "swerve", "brake"
+        "{:>4}  {:<26}{:<9}{:>9}  {:<8}{:<8}the paper",
+        "m/s", "the cloud's plan", "plan used", "response", "swerve", "brake"
     )?;
-    writeln!(text, "{}", "─".repeat(94))?;
+    writeln!(text, "{}", "─".repeat(78))?;
     for pair in found.runs.chunks(2) {
         let [swerve, brake] = pair else { continue };
         let plan = if swerve.cached { "cached" } else { "on board" };
@@ -35,12 +35,12 @@ fn runs(text: &mut String, found: &Found) -> std::fmt::Result {
         let paper = match swerve.cloud {
             Answered::Unasked | Answered::InTime => word(*said),
             Answered::Late | Answered::Expired | Answered::OtherHypothesis | Answered::Silent => {
-                String::new()
+                "–".to_owned()
             }
         };
         writeln!(
             text,
-            "{:>5}  {:<26}{:<14}{:>8}   {}{}{paper}",
+            "{:>4}  {:<26}{:<9}{:>9}  {}{}{paper}",
             swerve.speed,
             became(swerve.cloud),
             plan,
@@ -49,13 +49,13 @@ fn runs(text: &mut String, found: &Found) -> std::fmt::Result {
             padded(brake.collides)
         )?;
     }
-    writeln!(text)
+    writeln!(text, "\nThe paper's car swerves; x: it hits the person.\n")
 }
 
 const fn became(cloud: Answered) -> &'static str {
     match cloud {
         Answered::Unasked => "not asked for",
-        Answered::InTime => "in time, holds, matches",
+        Answered::InTime => "in time, valid, matches",
         Answered::Late => "after its deadline",
         Answered::Expired => "in time, expired",
         Answered::OtherHypothesis => "in time, for another case",
@@ -64,16 +64,16 @@ const fn became(cloud: Answered) -> &'static str {
 }
 
 fn word(collides: bool) -> String {
-    if collides { paint(BAD, "x collides") } else { paint(GOOD, "avoids") }
+    if collides { paint(BAD, "x hits") } else { paint(GOOD, "avoids") }
 }
 
 /// Padded without counting what colours it.
 fn padded(collides: bool) -> String {
-    if collides { paint(BAD, "x hits    ") } else { paint(GOOD, "avoids    ") }
+    word(collides) + "  "
 }
 
 fn greatest(text: &mut String, found: &Found) -> std::fmt::Result {
-    writeln!(text, "Greatest speeds up to which nobody is touched, m/s:")?;
+    writeln!(text, "The greatest speed up to which nobody is touched, in m/s:")?;
     writeln!(text, "  {:>10}{:>10}{:>10}", "response", "swerve", "brake")?;
     let shown = |speed: Option<f64>| speed.map_or("any".to_owned(), |speed| format!("{speed:.2}"));
     for row in &found.greatest {
@@ -91,7 +91,7 @@ fn greatest(text: &mut String, found: &Found) -> std::fmt::Result {
     };
     for (manoeuvre, way) in [(swerve, "swerving"), (brake, "braking")] {
         if let Some(range) = only(manoeuvre) {
-            writeln!(text, "By {way}, the cached plan alone avoids {range}.")?;
+            writeln!(text, "By {way}, only the cached plan avoids {range}.")?;
         }
     }
     Ok(())

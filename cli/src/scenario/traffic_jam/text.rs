@@ -5,14 +5,14 @@ use std::fmt::Write;
 use crate::scenario::approach::Approach;
 use crate::scenario::paint::{BAD, GOOD, SOFT, paint};
 use crate::scenario::traffic_jam::cells::{Cell, Colour};
-use crate::scenario::traffic_jam::narrow::OnBoard;
+use crate::scenario::traffic_jam::narrow::{Constant, Constants, MEDIAN, ON_BOARD, OnBoard};
 use crate::scenario::traffic_jam::{Beside, Found};
 
 /// How wide a cell is.
-const CELL: usize = 10;
+const CELL: usize = 7;
 
 /// The words for it all.
-pub(crate) fn told(found: &Found) -> String {
+pub(crate) fn text(found: &Found) -> String {
     let mut text = String::new();
     // Writing to a string does not fail.
     let _ = table(&mut text, found);
@@ -22,25 +22,24 @@ pub(crate) fn told(found: &Found) -> String {
 
 fn table(text: &mut String, found: &Found) -> std::fmt::Result {
     let Found { responses, cells, phases, .. } = found;
-    write!(text, "{:>5}  {:<8}{:>10}  ", "m/s", "approach", "deadline")?;
+    write!(text, "{:>4}  {:<8} {:>8} ", "m/s", "approach", "deadline")?;
     for response in responses {
         write!(text, "{:>CELL$}", format!("{response} s"))?;
     }
-    writeln!(text, "   the paper's")?;
-    writeln!(text, "{}", "─".repeat(29 + CELL * responses.len() + 13))?;
+    writeln!(text, "  the paper")?;
+    writeln!(text, "{}", "─".repeat(24 + CELL * responses.len() + 11))?;
     for row in cells.chunk_by(|one, next| (one.speed, one.approach) == (next.speed, next.approach))
     {
         let [first, ..] = row else { continue };
-        let word = format!("{:?}", first.approach).to_lowercase();
         let is_new = first.approach == found.approaches[0];
         let speed = if is_new { format!("{}", first.speed) } else { String::new() };
-        let deadline = deadline(row);
-        write!(text, "{speed:>5}  {word:<8}{deadline:>10}  ")?;
+        let (word, deadline) = (word(first.approach), deadline(row));
+        write!(text, "{speed:>4}  {word:<8} {deadline:>8} ")?;
         for cell in row {
             let (what, colour) = shown(cell);
             text.push_str(&paint(colour, &format!("{what:>CELL$}")));
         }
-        text.push_str("   ");
+        text.push_str("  ");
         for cell in row {
             let (mark, colour) = match cell.paper {
                 None => ("?", SOFT),
@@ -50,17 +49,15 @@ fn table(text: &mut String, found: &Found) -> std::fmt::Result {
             text.push_str(&paint(colour, mark));
         }
         let differ = row.iter().filter(|cell| !cell.is_as_in_paper()).count();
-        writeln!(
-            text,
-            "{}",
-            if differ > 0 { format!("  {differ} differ") } else { String::new() }
-        )?;
+        writeln!(text, "{}", if differ > 0 { format!(" {differ} differ") } else { String::new() })?;
     }
     writeln!(
         text,
-        "\nMetres that are left at least where the vehicle stops, and m/s at impact at most (x) where it does not,\n\
-         over {phases} places of the obstacle between two frames; ~ where some collide. The cloud's response stands\n\
-         above; it is nothing to local. The paper's cells: · avoids, x collides, ? not in its table."
+        "\nA cell covers {phases} places of the obstacle between two frames that local takes.\n\
+         If the vehicle stops at all: the least gap that is left, in m. If it collides:\n\
+         x and the greatest speed at impact, in m/s; ~ if it collides at some only.\n\
+         The columns are responses of the cloud; local alone does not depend on them.\n\
+         The paper: · avoids, x collides, ? not in its table."
     )
 }
 
@@ -90,14 +87,13 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
     let (same, known) = found.agreement();
     let colour = if same == known { GOOD } else { BAD };
     let sum = paint(colour, &format!("{same} of the {known} cells"));
-    writeln!(text, "\n{sum} that stand in the paper's table are as there.")?;
+    writeln!(text, "\n{sum} that are in the paper's table are as there.")?;
     let Some(beside) = &found.beside else { return Ok(()) };
-    writeln!(text)?;
     match &beside.narrow {
         Some(intervals) => {
             writeln!(
                 text,
-                "How narrow that is: each parameter alone may lie, so that all 90 cells stay,"
+                "\nHow narrow that is. Alone, each may be changed so far with all 90 cells kept:"
             )?;
             for interval in intervals {
                 let name = format!("--{}", interval.parameter.replace('_', "-"));
@@ -109,22 +105,25 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
             }
         }
         None => {
-            writeln!(
-                text,
-                "With these parameters not all of the paper's 90 cells are reproduced."
-            )?;
+            writeln!(text, "\nWith these parameters not all of the paper's 90 cells come out.")?;
         }
     }
-    let constants = beside.constants.some.iter();
-    let each: Vec<String> =
-        constants.map(|one| format!("{} s: {}", one.deadline, one.misses)).collect();
+    let Constants { some, best } = &beside.constants;
+    writeln!(text, "\nA constant deadline misses some of the paper's 30 cells of ours:")?;
+    for (name, of) in [
+        ("deadline, s", (|one: &Constant| one.deadline.to_string()) as fn(&Constant) -> String),
+        ("cells missed", |one| one.misses.to_string()),
+    ] {
+        write!(text, "  {name:<14}")?;
+        for one in some {
+            write!(text, "{:>8}", of(one))?;
+        }
+        writeln!(text)?;
+    }
     writeln!(
         text,
-        "\nA constant deadline misses so many of the paper's 30 cells of ours: {}.\n\
-         Of all from 0.01 to 4.49 s the best, {} s, misses {}.",
-        each.join(", "),
-        beside.constants.best.deadline,
-        beside.constants.best.misses
+        "The best of all from 0.01 to 4.49 s, {} s, misses {}.",
+        best.deadline, best.misses
     )?;
     on_board(text, beside)
 }
@@ -138,7 +137,10 @@ fn on_board(text: &mut String, beside: &Beside) -> std::fmt::Result {
         Colour::Mixed => paint(BAD, "~"),
         Colour::Collides => paint(BAD, "x"),
     };
-    writeln!(text, "\nWhat the paper does not tell: the cloud's model, R101, on board (0.4077 s)")?;
+    writeln!(
+        text,
+        "\nWhat the paper does not tell: the cloud's model, R101, on board ({ON_BOARD} s)"
+    )?;
     write!(text, "  {:<34}", "m/s")?;
     for row in &beside.on_board {
         write!(text, "{:>4}", row.speed)?;
@@ -154,17 +156,19 @@ fn on_board(text: &mut String, beside: &Beside) -> std::fmt::Result {
             write!(text, "   {}", mark(of(row)))?;
         }
     }
-    writeln!(text)?;
+    writeln!(text, "\n  · avoids, x collides, ~ collides at some places of the obstacle only")?;
+    let median = format!("{MEDIAN:.4} s");
     match beside.only_cloud {
         Some(only) => writeln!(
             text,
-            "The paper's picture, where R101 on board (pipelined) hits and the cloud at its median of 0.1862 s\n\
-             avoids, is found from {:.1} to {:.1} m/s.",
+            "The paper's figure, where R101 on board (pipelined) collides and the cloud at its\n\
+             median of {median} avoids, comes out from {:.1} to {:.1} m/s.",
             only.above, only.up_to
         ),
-        None => {
-            writeln!(text, "At no speed does R101 on board hit what the cloud at 0.1862 s avoids.")
-        }
+        None => writeln!(
+            text,
+            "At no speed does R101 on board collide where the cloud at {median} avoids."
+        ),
     }
 }
 

@@ -6,7 +6,9 @@ use crate::scenario::networks::policy::Manner;
 use crate::scenario::networks::{Found, Row};
 use crate::scenario::paint::{BAD, GOOD, paint};
 
-const CELL: usize = 10;
+/// How wide a name and a cell are.
+const NAME: usize = 15;
+const CELL: usize = 9;
 
 /// The mean over drives of what rows tell: of a speed, or of all.
 pub(crate) fn mean(
@@ -32,7 +34,7 @@ pub(crate) fn percent(row: &Row) -> f64 {
 }
 
 /// The words for it all.
-pub(crate) fn told(found: &Found) -> String {
+pub(crate) fn text(found: &Found) -> String {
     let mut text = String::new();
     // Writing to a string does not fail.
     let _ = table(&mut text, found, "collisions, %", percent);
@@ -49,13 +51,13 @@ fn name(policy: Manner) -> String {
 }
 
 fn table(text: &mut String, found: &Found, what: &str, of: fn(&Row) -> f64) -> std::fmt::Result {
-    write!(text, "{what:<15}")?;
+    write!(text, "{what:<NAME$}")?;
     for policy in &found.policies {
         write!(text, "{:>CELL$}", name(*policy))?;
     }
-    writeln!(text, "\n{}", "─".repeat(15 + CELL * found.policies.len()))?;
+    writeln!(text, "\n{}", "─".repeat(NAME + CELL * found.policies.len()))?;
     for speed in &found.speeds {
-        write!(text, "{:<15}", format!("{speed} m/s"))?;
+        write!(text, "{:<NAME$}", format!("{speed} m/s"))?;
         for policy in &found.policies {
             let value = mean(&found.rows, Some(*speed), *policy, of);
             let cell = format!("{value:>CELL$.1}");
@@ -63,7 +65,7 @@ fn table(text: &mut String, found: &Found, what: &str, of: fn(&Row) -> f64) -> s
         }
         writeln!(text)?;
     }
-    write!(text, "{:<15}", "mean")?;
+    write!(text, "{:<NAME$}", "mean")?;
     for policy in &found.policies {
         write!(text, "{:>CELL$.1}", mean(&found.rows, None, *policy, of))?;
     }
@@ -74,8 +76,14 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
     let drives = found.drives.len();
     writeln!(
         text,
-        "Means over {drives} recorded drives, {} starts each: how many starts in a hundred end in a collision, and the\n\
-         mean square of the speed at impact. The cloud's response is its runtime and the drive's round trip.",
+        "Means over {} of {} starts each. Collisions: how many\n\
+         starts in a hundred end in one. Energy: the mean square of the speed at impact,\n\
+         0 without one. The cloud's response is its runtime plus the drive's round trip.",
+        if drives == 1 {
+            "1 recorded drive".to_owned()
+        } else {
+            format!("{drives} recorded drives")
+        },
         found.starts
     )?;
     if !found.policies.contains(&Manner::Local) {
@@ -91,8 +99,9 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
         .collect();
     writeln!(
         text,
-        "Of {} pairs of a drive and a speed so many collide more often than with local alone:\n{}.\n\
-         The paper has no such table: it sweeps constant responses up to its drive's 99th percentile.",
+        "\nOf {} pairs of drive and speed, so many collide more often than local alone:\n\
+         {}.\n\
+         The paper has no such table: its responses are constant, up to 3 s.",
         drives * found.speeds.len(),
         worse.join(", ")
     )

@@ -1,0 +1,249 @@
+//! A machine for many threads in its caller's storage, and the ways to its two halves.
+#![expect(unsafe_code, reason = "reads and writes its caller's storage")]
+
+use core::ffi::c_void;
+use core::mem::transmute;
+use core::ptr::addr_of_mut;
+use core::sync::atomic::Ordering;
+
+use fuseline_core::{Deadline, DropReason, Firing, Instant, Outcome, Priority, Timestamp};
+use fuseline_threads::{Desk, Owner, Shared, Ticket};
+
+use crate::head::{Head, Kind, NO_CLOUDS, Written, asked, rule, status_of};
+use crate::inputs::{open_refusal, priority, tell, tell_admission, tell_firing};
+use crate::plain::{
+    CAnswer, CConfig, CReason, CStatus, CTicket, FUSELINE_SHARED_BYTES,
+    FUSELINE_SHARED_BYTES_A_CLOUD,
+};
+use crate::storage::with_room;
+
+/// A machine for many threads, in its caller's storage. Opaque.
+#[repr(C, align(64))]
+#[derive(Debug)]
+pub struct CShared {
+    head: Head,
+}
+
+impl Kind for CShared {
+    const SEAL: u64 = 0x5468_7265_6164_7321; // "Threads!"
+}
+
+/// The whole storage. `owner` and `desk` refer to `shared`, which is not touched otherwise.
+#[repr(C)]
+struct Hall<const CLOUDS: usize, const WINDOW: usize> {
+    head: CShared,
+    owner: Owner<'static, CLOUDS, WINDOW>,
+    desk: &'static Desk<CLOUDS, WINDOW>,
+    shared: Shared<CLOUDS, WINDOW>,
+}
+
+/// The owner's half, of whatever capacity.
+pub(crate) trait OwnersHalf {
+    fn open(&mut self, now: u64, t: u64, deadline: Option<u64>) -> Result<CTicket, CReason>;
+    fn offer(&mut self, now: u64, ticket: CTicket, offer: (u64, u64, u64)) -> Told;
+}
+
+/// The half of all threads, of whatever capacity.
+pub(crate) trait PublicHalf {
+    fn bring(&self, now: u64, ticket: CTicket, brought: Brought) -> Told;
+    fn next_due(&self, ticket: CTicket) -> Option<u64>;
+}
+
+/// What any thread may tell of one message.
+#[derive(Clone, Copy)]
+pub(crate) enum Brought {
+    /// F3: of this source.
+    Result(u64),
+    /// F4: of this source.
+    Failure(u64),
+    /// F5.
+    Time,
+}
+
+/// The answers of one call: first of the timers that were due, then the input's own.
+pub(crate) struct Told {
+    pub(crate) fired: CAnswer,
+    pub(crate) answer: CAnswer,
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> OwnersHalf for Owner<'static, CLOUDS, WINDOW> {
+    fn open(&mut self, now: u64, t: u64, deadline: Option<u64>) -> Result<CTicket, CReason> {
+        let deadline = deadline.map(Deadline::from_nanos);
+        let opened = self.open(Instant::from_nanos(now), Timestamp::new(t), deadline);
+        opened.map(plain).map_err(open_refusal)
+    }
+
+    fn offer(&mut self, now: u64, ticket: CTicket, offer: (u64, u64, u64)) -> Told {
+        let (p, deadline, backlog) = offer;
+        let ticket = named(ticket);
+        // F2 unknown: local is no cloud (A19), as is what does not fit 16 bits (A18).
+        let cloud = priority(p).unwrap_or(Priority::LOCAL);
+        let deadline = Deadline::from_nanos(deadline);
+        let (fired, admission) =
+            self.offer(Instant::from_nanos(now), ticket, cloud, deadline, backlog);
+        let mut told = Told::new(now, ticket, fired.as_ref());
+        tell_admission(&mut told.answer, admission);
+        told
+    }
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> PublicHalf for Desk<CLOUDS, WINDOW> {
+    fn bring(&self, now: u64, ticket: CTicket, brought: Brought) -> Told {
+        let (at, ticket) = (Instant::from_nanos(now), named(ticket));
+        // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
+        let unknown = || (self.expire(at, ticket), Outcome::Dropped(DropReason::Unknown));
+        let (fired, outcome) = match brought {
+            Brought::Result(p) => priority(p).map_or_else(unknown, |p| self.result(at, ticket, p)),
+            Brought::Failure(p) => priority(p).map_or_else(unknown, |p| self.fail(at, ticket, p)),
+            Brought::Time => return Told::new(now, ticket, self.expire(at, ticket).as_ref()),
+        };
+        let mut told = Told::new(now, ticket, fired.as_ref());
+        tell(&mut told.answer, &outcome);
+        told
+    }
+
+    fn next_due(&self, ticket: CTicket) -> Option<u64> {
+        self.next_due(named(ticket)).map(Instant::as_nanos)
+    }
+}
+
+impl Told {
+    /// With what fired, and the input's own answer still empty.
+    fn new<const CLOUDS: usize>(now: u64, ticket: Ticket, fired: Option<&Firing<CLOUDS>>) -> Self {
+        let empty = CAnswer { at: now, t: ticket.timestamp().as_u64(), ..CAnswer::EMPTY };
+        let mut told = Self { fired: empty, answer: empty };
+        if let Some(firing) = fired {
+            tell_firing(&mut told.fired, firing);
+        }
+        told
+    }
+}
+
+/// The bytes that the header reserves for a capacity: more than is needed, so that the machine may change.
+const fn reserved(clouds: usize, window: usize) -> usize {
+    // Timestamps do not share cache lines.
+    let a_timestamp = clouds.wrapping_mul(8).wrapping_add(24).next_multiple_of(64);
+    FUSELINE_SHARED_BYTES
+        .wrapping_add(FUSELINE_SHARED_BYTES_A_CLOUD.wrapping_mul(clouds))
+        .wrapping_add(window.wrapping_mul(a_timestamp))
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Hall<CLOUDS, WINDOW> {
+    const FITS: () = {
+        assert!(size_of::<Self>() <= reserved(CLOUDS, WINDOW), "the header reserves too little");
+        assert!(align_of::<Self>() == align_of::<CShared>(), "the header aligns to 64 bytes");
+    };
+
+    /// Writes a machine into the storage.
+    ///
+    /// # Safety
+    /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else until the
+    /// machine is ended.
+    unsafe fn fill(storage: *mut Self, made: Shared<CLOUDS, WINDOW>, capacity: u32) {
+        const { Self::FITS };
+        // SAFETY: within the storage, by the caller's promise.
+        let shared = unsafe { addr_of_mut!((*storage).shared) };
+        // SAFETY: as above.
+        unsafe { shared.write(made) };
+        // SAFETY: written just now; from here on it is used through its two halves alone, while the storage is there.
+        let (owner, desk) = unsafe { &mut *shared }.split();
+        // SAFETY: within the storage.
+        let place = unsafe { addr_of_mut!((*storage).owner) };
+        // SAFETY: as above.
+        unsafe { place.write(owner) };
+        // SAFETY: within the storage.
+        let place = unsafe { addr_of_mut!((*storage).desk) };
+        // SAFETY: as above.
+        unsafe { place.write(desk) };
+        let head = CShared { head: Head::new::<CShared, Self>(storage, capacity) };
+        // SAFETY: within the storage.
+        let place = unsafe { addr_of_mut!((*storage).head) };
+        // SAFETY: as above. Last, so that a machine is one only when it is whole.
+        unsafe { place.write(head) };
+    }
+}
+
+/// How many bytes a machine of this capacity takes; 0 if the library does not hold it.
+pub(crate) const fn bytes(capacity: u32) -> usize {
+    with_room!(capacity, R = Hall => size_of::<R>(), else 0)
+}
+
+/// Makes a machine and says where it is.
+///
+/// # Safety
+/// As the header asks.
+pub(crate) unsafe fn make(
+    storage: *mut c_void,
+    bytes: usize,
+    config: *const CConfig,
+    machine: *mut *mut CShared,
+) -> Result<(), CStatus> {
+    let mut clouds = NO_CLOUDS;
+    // SAFETY: as the header asks.
+    let (config, clouds) =
+        unsafe { asked((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
+    let (window, commit) = rule(&config);
+    with_room!(config.capacity, R = Hall => {
+        let made = Shared::new(window, commit, clouds).map_err(|error| status_of(&error))?;
+        // SAFETY: aligned and large enough, as was asked, and the caller's to give.
+        unsafe { R::fill(storage.cast(), made, config.capacity) };
+    }, else return Err(CStatus::Capacity));
+    // SAFETY: not null, aligned, and the header asks that it may be written.
+    unsafe { machine.write(storage.cast()) };
+    Ok(())
+}
+
+/// Runs `call` with the desk, if there is a machine and the answers lie outside of it.
+///
+/// # Safety
+/// As for [`Head::of`].
+pub(crate) unsafe fn desk<A>(
+    machine: *mut CShared,
+    answers: &[Written],
+    call: impl FnOnce(&dyn PublicHalf) -> A,
+) -> Result<A, CStatus> {
+    // SAFETY: by the caller's promise.
+    let head = unsafe { Head::of(machine, answers) }?;
+    with_room!(head.capacity, R = Hall => {
+        // SAFETY: the seal says that a hall of this capacity was written here. The desk takes calls of any threads.
+        Ok(call(unsafe { (*machine.cast::<R>()).desk }))
+    }, else Err(CStatus::Foreign))
+}
+
+/// Runs `call` with the owner's half, unless another call of it is under way.
+///
+/// # Safety
+/// As for [`Head::of`].
+pub(crate) unsafe fn owner<A>(
+    machine: *mut CShared,
+    answers: &[Written],
+    call: impl FnOnce(&mut dyn OwnersHalf) -> A,
+) -> Result<A, CStatus> {
+    // SAFETY: by the caller's promise.
+    let head = unsafe { Head::of(machine, answers) }?;
+    // An exchange: here two threads may well come at once.
+    if head.busy.swap(1, Ordering::Acquire) != 0 {
+        return Err(CStatus::Busy);
+    }
+    let told = with_room!(head.capacity, R = Hall => {
+        // SAFETY: the seal says that a hall of this capacity was written here.
+        let owner = unsafe { addr_of_mut!((*machine.cast::<R>()).owner) };
+        // SAFETY: as above, and `busy` says that no other call uses the owner's half.
+        Ok(call(unsafe { &mut *owner }))
+    }, else Err(CStatus::Foreign));
+    head.busy.store(0, Ordering::Release);
+    told
+}
+
+// A ticket crosses the border as it is. It has no padding where addresses have 64 bits.
+const _: () = assert!(size_of::<usize>() == 8, "the machine for many threads is for 64 bits");
+
+fn named(ticket: CTicket) -> Ticket {
+    // SAFETY: a ticket is three integers of 64 bits, any of which are a ticket. The sizes are compared when compiled.
+    unsafe { transmute::<[u64; 3], Ticket>(ticket.opaque) }
+}
+
+fn plain(ticket: Ticket) -> CTicket {
+    // SAFETY: as for `named`; no byte of it is padding.
+    CTicket { opaque: unsafe { transmute::<Ticket, [u64; 3]>(ticket) } }
+}

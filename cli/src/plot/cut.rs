@@ -1,0 +1,88 @@
+//! Lines and shapes, cut off at the edges of what is shown: the drawing library bends them instead.
+
+use std::ops::Range;
+
+type Point = (f64, f64);
+
+/// The pieces of a line that lie between the edges.
+pub(crate) fn pieces(line: &[Point], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<Point>> {
+    let mut pieces: Vec<Vec<Point>> = Vec::new();
+    for way in line.windows(2) {
+        let [from, to] = [way[0], way[1]];
+        let mut part = (0.0, 1.0);
+        for (at, by, edges) in [(from.0, to.0 - from.0, x), (from.1, to.1 - from.1, y)] {
+            part = between((at, by), edges, part);
+        }
+        if part.0 > part.1 {
+            continue;
+        }
+        let at = |part: f64| {
+            let along = |from: f64, to: f64| from + (to - from) * part;
+            // The ends are as they were, so that pieces join.
+            if part >= 1.0 { to } else { (along(from.0, to.0), along(from.1, to.1)) }
+        };
+        let (first, last) = (at(part.0), at(part.1));
+        match pieces.last_mut() {
+            Some(piece) if piece.last() == Some(&first) => piece.push(last),
+            _ => pieces.push(vec![first, last]),
+        }
+    }
+    pieces
+}
+
+/// Which part of a way, of the part that is left, lies between two edges; none has its end before its begin.
+fn between((at, by): Point, edges: &Range<f64>, (first, last): Point) -> Point {
+    if by == 0.0 {
+        let is_between = (edges.start..=edges.end).contains(&at);
+        return if is_between { (first, last) } else { (1.0, 0.0) };
+    }
+    let [one, other] = [edges.start, edges.end].map(|edge| (edge - at) / by);
+    (first.max(one.min(other)), last.min(one.max(other)))
+}
+
+/// What of a convex shape lies between the edges; empty if nothing does.
+pub(crate) fn inside(shape: &[[f64; 2]], edges: [[f64; 2]; 2]) -> Vec<[f64; 2]> {
+    let mut left = shape.to_vec();
+    for (axis, [low, high]) in edges.into_iter().enumerate() {
+        for (sign, edge) in [(1.0, low), (-1.0, high)] {
+            let depth = |point: &[f64; 2]| sign * (point[axis] - edge);
+            let mut kept = Vec::new();
+            let next = left.iter().cycle().skip(1);
+            for (point, next) in left.iter().zip(next) {
+                let (here, there) = (depth(point), depth(next));
+                if here >= 0.0 {
+                    kept.push(*point);
+                }
+                if here * there < 0.0 {
+                    let part = here / (here - there);
+                    kept.push([0, 1].map(|axis| point[axis] + (next[axis] - point[axis]) * part));
+                }
+            }
+            left = kept;
+        }
+    }
+    left
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_cut_where_it_crosses_an_edge() {
+        let line = [(0.0, 0.0), (2.0, 2.0), (4.0, 6.0), (6.0, 2.0), (9.0, 2.0)];
+        let cut = pieces(&line, [&(0.0..8.0), &(1.0..4.0)]);
+        let left = vec![(1.0, 1.0), (2.0, 2.0), (3.0, 4.0)];
+        assert_eq!(cut, [left, vec![(5.0, 4.0), (6.0, 2.0), (8.0, 2.0)]]);
+        assert!(pieces(&line, [&(0.0..8.0), &(7.0..9.0)]).is_empty());
+        assert_eq!(pieces(&line, [&(0.0..9.0), &(0.0..6.0)]), [line.to_vec()]);
+    }
+
+    #[test]
+    fn a_shape_keeps_its_slopes_where_it_is_cut() {
+        let triangle = [[0.0, 0.0], [8.0, 0.0], [0.0, 4.0]];
+        let cut = inside(&triangle, [[0.0, 4.0], [0.0, 3.0]]);
+        assert_eq!(cut, [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 3.0], [0.0, 3.0]]);
+        assert!(inside(&triangle, [[9.0, 10.0], [0.0, 3.0]]).is_empty());
+    }
+}
