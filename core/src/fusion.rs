@@ -183,12 +183,12 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         self.now = self.now.max(now);
         // F5 due: the due instant itself is past (A1).
         let due = self.open.next_due().filter(|due| *due <= self.now)?;
-        Some(self.fire(due))
+        let place = self.open.first_due()?;
+        Some(self.fire(place, due))
     }
 
     /// F5 for one timestamp at one due instant.
-    pub(crate) fn fire(&mut self, due: Instant) -> Firing<CLOUDS> {
-        let place = self.open.first_due();
+    pub(crate) fn fire(&mut self, place: Place, due: Instant) -> Firing<CLOUDS> {
         let timestamp = self.open.timestamp(place);
         let timers = self.open.entry(place).armed_at(due);
         // F5: else it would fire for ever.

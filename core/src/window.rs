@@ -1,19 +1,22 @@
-//! The open timestamps: their seats in ascending order, and a knockout of their turns to fire (P9).
+//! The open timestamps in ascending order, and whose turn to fire is first (P9).
 //!
-//! What is kept of a timestamp stays in its seat; of the others a retired one moves two bytes each. The knockout is a
-//! complete binary tree in an array: its leaves are the seats' turns, and each node above has the earlier turn of the
-//! two below it. So a timestamp is found, and a turn changed, in as many steps as the window has binary digits, and
-//! the next due instant is at the top. Reading beside the arrays yields nothing and writing there does nothing: no
-//! place can panic.
+//! What is kept of a timestamp stays in its seat; those behind a retired one move up, ten bytes each. The seats stand
+//! in rows, at most 32 of 32. Each row knows the first turn of its seats, and the window the first of the rows': when
+//! a turn changes, one row is looked through, and the rows are. Reading beside the arrays yields nothing and writing
+//! there does nothing: no place can panic.
 
 use crate::entry::Entry;
 use crate::slot::Slot;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
-/// How many of the open timestamps are less; until one is retired.
+/// Where an open timestamp is, until one is retired.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Place(pub(crate) u16);
+pub(crate) struct Place {
+    /// How many of the open timestamps are less.
+    pub(crate) rank: u16,
+    pub(crate) seat: u16,
+}
 
 /// When a timestamp's earliest timers fire: the order of F5.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -24,15 +27,14 @@ pub(crate) struct Turn {
 }
 
 impl Turn {
-    /// That of an empty seat.
-    pub(crate) const NONE: Self = Self::new(None, Timestamp::new(u64::MAX));
+    /// That of an empty seat, and of a timestamp without an armed timer.
+    pub(crate) const NEVER: Self = Self { key: u64::MAX, timestamp: Timestamp::new(u64::MAX) };
 
     pub(crate) const fn new(due: Option<Instant>, timestamp: Timestamp) -> Self {
-        let key = match due {
-            Some(due) => due.as_nanos().wrapping_sub(1),
-            None => u64::MAX,
-        };
-        Self { key, timestamp }
+        match due {
+            Some(due) => Self { key: due.as_nanos().wrapping_sub(1), timestamp },
+            None => Self::NEVER,
+        }
     }
 
     fn due(self) -> Option<Instant> {
@@ -40,157 +42,169 @@ impl Turn {
     }
 
     /// The earlier one, of equal dues the lesser timestamp's.
-    fn min(self, other: Self) -> Self {
+    fn earlier(self, other: Self) -> Self {
         // One comparison of 128 bits, without a branch.
         let number = |turn: Self| u128::from(turn.key) << 64 | u128::from(turn.timestamp.as_u64());
         if number(other) < number(self) { other } else { self }
+    }
+
+    fn first(turns: &[Self]) -> Self {
+        turns.iter().copied().fold(Self::NEVER, Self::earlier)
     }
 }
 
 #[derive(Clone)]
 pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
-    /// Where the open timestamps are kept, in ascending order; from `len` on, the empty seats.
+    /// Ascending; from `len` on they mean nothing.
+    pub(crate) timestamps: [Timestamp; CAPACITY],
+    /// Where each of them is kept; from `len` on, the empty seats.
     pub(crate) seats: [u16; CAPACITY],
     pub(crate) len: usize,
     /// By seat.
     pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
-    /// The knockout: from `CAPACITY` on by seat, before it the nodes above from 1 on; those below `i` are `2 * i` and
-    /// the one after it.
-    pub(crate) turns: [[Turn; 2]; CAPACITY],
+    /// By seat.
+    pub(crate) turns: [Turn; CAPACITY],
+    /// The first turn of each row; those beyond the last row mean nothing.
+    pub(crate) firsts: [Turn; CAPACITY],
+    /// The first turn of all.
+    pub(crate) first: Turn,
 }
 
 impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
+    /// A row has the least power of two of seats whose square is no less than the capacity.
+    const ROW_BITS: u32 = CAPACITY.next_power_of_two().trailing_zeros().div_ceil(2);
+    pub(crate) const ROW: usize = 1 << Self::ROW_BITS;
+    pub(crate) const ROWS: usize = CAPACITY.div_ceil(Self::ROW);
+
     pub(crate) fn new() -> Self {
         let mut seats = [0; CAPACITY];
         for (seat, number) in seats.iter_mut().zip(0..) {
             *seat = number;
         }
         Self {
+            timestamps: [Timestamp::new(0); CAPACITY],
             seats,
             len: 0,
             entries: [Entry::EMPTY; CAPACITY],
-            turns: [[Turn::NONE; 2]; CAPACITY],
+            turns: [Turn::NEVER; CAPACITY],
+            firsts: [Turn::NEVER; CAPACITY],
+            first: Turn::NEVER,
         }
     }
 
     /// Adds a timestamp greater than all present; false if there is no room.
     pub(crate) fn push(&mut self, timestamp: Timestamp, entry: Entry<CLOUDS>) -> bool {
+        let Some(last) = self.timestamps.get_mut(self.len) else { return false };
         let Some(seat) = self.seats.get(self.len).copied() else { return false };
         let Some(kept) = self.entries.get_mut(usize::from(seat)) else { return false };
+        *last = timestamp;
         *kept = entry;
         self.len = self.len.saturating_add(1);
-        self.put(seat, Turn::new(entry.next_due(), timestamp));
+        if let Some(due) = entry.next_due() {
+            self.put(seat, Turn::new(Some(due), timestamp));
+        }
         true
     }
 
     /// Puts the state at a place in which `source` is armed anew, and its due instant.
     pub(crate) fn arm(&mut self, place: Place, slot: Slot, source: Source, due: Instant) {
-        let seat = self.seat(place);
-        let Some(entry) = self.entries.get_mut(usize::from(seat)) else { return };
+        let turn = Turn::new(Some(due), self.timestamp(place));
+        let seat = usize::from(place.seat);
+        let Some((entry, own)) = self.entries.get_mut(seat).zip(self.turns.get(seat)) else {
+            return;
+        };
         entry.slot = slot;
         entry.set_due(source, due);
-        let turn = self.turn(seat);
-        let armed = turn.min(Turn::new(Some(due), turn.timestamp));
-        if armed != turn {
-            self.put(seat, armed);
+        if turn.key < own.key {
+            self.put(place.seat, turn);
         }
     }
 
     /// Puts a state at a place in which no more is armed than before.
     pub(crate) fn set(&mut self, place: Place, slot: Slot) {
-        let seat = self.seat(place);
-        let Some(entry) = self.entries.get_mut(usize::from(seat)) else { return };
+        let timestamp = self.timestamp(place);
+        let Some(entry) = self.entries.get_mut(usize::from(place.seat)) else { return };
         let armed = core::mem::replace(&mut entry.slot, slot).armed();
-        if armed == slot.armed() {
-            return;
-        }
-        let due = entry.next_due();
-        let turn = self.turn(seat);
-        let left = Turn::new(due, turn.timestamp);
-        if left != turn {
-            self.put(seat, left);
+        if armed != slot.armed() {
+            let due = entry.next_due();
+            self.put(place.seat, Turn::new(due, timestamp));
         }
     }
 
-    /// Takes a place out.
+    /// Takes a place out: those behind it move up, and its seat is the first of the empty ones.
     pub(crate) fn remove(&mut self, place: Place) {
-        let Some(open) = self.seats.get_mut(usize::from(place.0)..self.len) else { return };
-        let Some(seat) = open.first().copied() else { return };
-        open.copy_within(1.., 0);
-        if let Some(last) = open.last_mut() {
-            *last = seat;
+        let behind = usize::from(place.rank)..self.len;
+        let Some(timestamps) = self.timestamps.get_mut(behind.clone()) else { return };
+        let Some(seats) = self.seats.get_mut(behind).filter(|seats| !seats.is_empty()) else {
+            return;
+        };
+        timestamps.copy_within(1.., 0);
+        seats.copy_within(1.., 0);
+        if let Some(last) = seats.last_mut() {
+            *last = place.seat;
         }
         self.len = self.len.saturating_sub(1);
-        self.put(seat, Turn::NONE);
+        self.put(place.seat, Turn::NEVER);
     }
 
     pub(crate) fn find(&self, timestamp: Timestamp) -> Option<Place> {
-        let open = self.seats.get(..self.len)?;
-        // Offers follow their message's open.
-        let last = *open.last()?;
-        let rank = if self.turn(last).timestamp == timestamp {
+        let open = self.timestamps.get(..self.len)?;
+        // What comes late is mostly older than all that are open, and offers follow their message's open.
+        if timestamp < *open.first()? {
+            return None;
+        }
+        let rank = if timestamp == *open.last()? {
             self.len.wrapping_sub(1)
         } else {
-            open.binary_search_by_key(&timestamp, |seat| self.turn(*seat).timestamp).ok()?
+            open.binary_search(&timestamp).ok()?
         };
-        u16::try_from(rank).ok().map(Place)
+        Some(Place { rank: u16::try_from(rank).ok()?, seat: self.seats.get(rank).copied()? })
     }
 
     /// The open timestamps in ascending order.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {
-        self.seats.iter().take(self.len).map(|seat| (self.turn(*seat).timestamp, self.kept(*seat)))
+        let open = self.timestamps.iter().zip(&self.seats).take(self.len);
+        open.map(|(timestamp, seat)| (*timestamp, self.kept(*seat)))
     }
 
     /// The earliest due instant.
     pub(crate) fn next_due(&self) -> Option<Instant> {
-        self.turns.as_flattened().get(1)?.due()
+        self.first.due()
     }
 
     /// F5: of the timestamps with a timer at the next due instant the least.
-    pub(crate) fn first_due(&self) -> Place {
-        let first = self.turns.as_flattened().get(1).map(|turn| turn.timestamp);
-        first.and_then(|timestamp| self.find(timestamp)).unwrap_or(Place(u16::MAX))
+    pub(crate) fn first_due(&self) -> Option<Place> {
+        self.find(self.first.timestamp)
     }
 
     pub(crate) fn entry(&self, place: Place) -> &Entry<CLOUDS> {
-        self.kept(self.seat(place))
+        self.kept(place.seat)
     }
 
     pub(crate) fn timestamp(&self, place: Place) -> Timestamp {
-        self.turn(self.seat(place)).timestamp
+        self.timestamps.get(usize::from(place.rank)).copied().unwrap_or(Timestamp::new(0))
     }
 
     pub(crate) const fn len(&self) -> usize {
         self.len
     }
 
-    fn seat(&self, place: Place) -> u16 {
-        self.seats.get(usize::from(place.0)).copied().unwrap_or(u16::MAX)
-    }
-
     fn kept(&self, seat: u16) -> &Entry<CLOUDS> {
         self.entries.get(usize::from(seat)).unwrap_or(&Entry::EMPTY)
     }
 
-    fn turn(&self, seat: u16) -> Turn {
-        let leaf = CAPACITY.wrapping_add(usize::from(seat));
-        self.turns.as_flattened().get(leaf).copied().unwrap_or(Turn::NONE)
-    }
-
-    /// Puts a seat's turn, and into each node above it the earlier of the two below that.
+    /// Puts a seat's turn, and finds the first of its row and of all rows again.
     fn put(&mut self, seat: u16, turn: Turn) {
-        let turns = self.turns.as_flattened_mut();
-        let mut node = CAPACITY.wrapping_add(usize::from(seat));
-        let Some(leaf) = turns.get_mut(node) else { return };
-        *leaf = turn;
-        let mut earlier = turn;
-        while node > 1 {
-            earlier = earlier.min(turns.get(node ^ 1).copied().unwrap_or(Turn::NONE));
-            node >>= 1;
-            if let Some(above) = turns.get_mut(node) {
-                *above = earlier;
-            }
+        let seat = usize::from(seat);
+        let Some(own) = self.turns.get_mut(seat) else { return };
+        if *own == turn {
+            return;
         }
+        *own = turn;
+        let row = seat >> Self::ROW_BITS;
+        let Some(first) = self.firsts.get_mut(row) else { return };
+        *first = Turn::first(self.turns.chunks(Self::ROW).nth(row).unwrap_or_default());
+        self.first = Turn::first(self.firsts.get(..Self::ROWS).unwrap_or_default());
     }
 }
 

@@ -226,7 +226,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
     }
 
     /// F5: the least timestamp with a timer due at `due`, which is the next due instant.
-    pub(crate) fn first_due(&self) -> Place {
+    pub(crate) fn first_due(&self) -> Option<Place> {
         let due = self.node(self.root).below.unwrap_or(Instant::END);
         let mut at = self.root;
         for _ in 0..MAX_HEIGHT {
@@ -239,7 +239,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
                 at = node.right;
             }
         }
-        at
+        Some(at)
     }
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {

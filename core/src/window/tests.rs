@@ -22,24 +22,29 @@ fn due_at(nanos: u64) -> Entry<1> {
 
 const UNARMED: Entry<1> = Entry { slot: Slot::open(false), ..Entry::EMPTY };
 
-/// Checks that the seats are each there once, and that every node knows the earlier of the two turns below it.
+/// Checks that the seats are each there once, that each has the turn of who is kept there, and that the first of each row
+/// and of all is no later than any.
 fn check<const CAPACITY: usize>(window: &Window<1, CAPACITY>) {
     let mut seats = window.seats;
     seats.sort_unstable();
     assert!(seats.iter().copied().eq(0..u16::try_from(CAPACITY).unwrap()), "{seats:?}");
     let (open, empty) = window.seats.split_at(window.len);
-    for seat in open {
-        assert_eq!(window.turn(*seat).due(), window.kept(*seat).next_due());
+    for (seat, timestamp) in open.iter().zip(window.timestamps) {
+        let due = window.kept(*seat).next_due();
+        assert_eq!(window.turns[usize::from(*seat)], Turn::new(due, timestamp));
     }
     for seat in empty {
-        assert_eq!(window.turn(*seat), Turn::NONE);
+        assert_eq!(window.turns[usize::from(*seat)], Turn::NEVER);
     }
-    let turns = window.turns.as_flattened();
-    for node in 1..CAPACITY {
-        let below = [turns[2 * node], turns[2 * node + 1]];
-        let earlier = below.into_iter().min_by_key(|turn| (turn.key, turn.timestamp));
-        assert_eq!(Some(turns[node]), earlier, "{node}");
-    }
+    let first =
+        |turns: &[Turn]| turns.iter().copied().min_by_key(|turn| (turn.key, turn.timestamp));
+    let rows = window.turns.chunks(Window::<1, CAPACITY>::ROW);
+    assert!(rows.len() <= 32 && Window::<1, CAPACITY>::ROW <= 32);
+    assert!(
+        rows.map(first)
+            .eq(window.firsts[..Window::<1, CAPACITY>::ROWS].iter().map(|turn| Some(*turn)))
+    );
+    assert_eq!(first(&window.turns), Some(window.first));
 }
 
 fn agree<const CAPACITY: usize>(window: &Window<1, CAPACITY>, model: &BTreeMap<u64, Option<u64>>) {
@@ -47,9 +52,8 @@ fn agree<const CAPACITY: usize>(window: &Window<1, CAPACITY>, model: &BTreeMap<u
     assert!(window.iter().map(|(t, _)| t.as_u64()).eq(model.keys().copied()));
     assert_eq!(window.len(), model.len());
     let next = model.iter().filter_map(|(t, due)| Some(((*due)?, *t))).min();
-    let found = window
-        .next_due()
-        .map(|due| (due.as_nanos(), window.timestamp(window.first_due()).as_u64()));
+    let found = window.next_due().zip(window.first_due());
+    let found = found.map(|(due, place)| (due.as_nanos(), window.timestamp(place).as_u64()));
     assert_eq!(found, next);
 }
 
@@ -112,6 +116,7 @@ fn it_agrees_with_a_map_at_every_step_of_small_windows() {
     churn::<4>(20_000, 1);
     churn::<7>(20_000, 1);
     churn::<16>(20_000, 1);
+    churn::<17>(20_000, 1);
 }
 
 #[test]
@@ -134,7 +139,7 @@ fn equal_dues_go_by_timestamp_wherever_their_seats_are() {
         assert!(window.push(Timestamp::new(t), due_at(5)));
     }
     for t in [1, 2, 4, 5, 7, 8, 9, 10] {
-        let first = window.first_due();
+        let first = window.first_due().unwrap();
         assert_eq!(window.timestamp(first), Timestamp::new(t));
         window.set(first, Slot::open(false));
     }
@@ -148,5 +153,5 @@ fn due_at_the_end_of_the_clock_is_not_taken_for_none() {
     assert!(window.push(Timestamp::new(2), due_at(u64::MAX)));
     assert!(window.push(Timestamp::new(3), due_at(u64::MAX)));
     assert_eq!(window.next_due(), Some(Instant::END));
-    assert_eq!(window.timestamp(window.first_due()), Timestamp::new(2));
+    assert_eq!(window.timestamp(window.first_due().unwrap()), Timestamp::new(2));
 }
