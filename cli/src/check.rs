@@ -15,6 +15,7 @@ use crate::fault::Fault;
 use crate::input::open;
 use crate::interrupt::Interrupt;
 use crate::judging::{End, How, Judging, judge, next_event, reader};
+use crate::results::{Files, Judged};
 use crate::sink::Sink;
 use crate::tail::Tail;
 use crate::verdict::Found;
@@ -26,7 +27,7 @@ const CHUNK: usize = 64 * 1024;
 /// The first byte of a gzip file; no trace begins with it.
 const GZIP: u8 = 0x1f;
 /// How many files a thread judges before their verdicts are printed.
-const FILES: usize = 4;
+const AT_ONCE: usize = 4;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -44,6 +45,7 @@ Examples:
   fuseline check trace.jsonl
   fuseline check --observed --tolerance 2ms --lateness 5ms node.jsonl
   fuseline check --json traces/*.jsonl
+  fuseline check --sarif found.sarif traces/*.jsonl
   fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict
   fuseline check --truncated crashed.jsonl")]
 pub(crate) struct Args {
@@ -55,8 +57,13 @@ pub(crate) struct Args {
     /// Print one JSON object a file: file, conforms, judged, lines, violations.
     #[arg(long)]
     json: bool,
+    /// Write the verdicts for continuous integration, as `JUnit` XML.
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    #[command(flatten)]
+    results: Files,
     /// Keep judging one file as it grows, until Ctrl-C; what is not answered by then is not judged.
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["junit", "sarif", "xqar"])]
     follow: bool,
 }
 
@@ -83,15 +90,25 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     }
     let input = [PathBuf::from("-")];
     let files = if args.files.is_empty() { &input[..] } else { &args.files };
+    let read: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+    let mut outputs = args.results.outputs(&read)?;
+    outputs.add_junit(args.junit.as_deref(), &read)?;
+    let mut all = Vec::new();
     let bars = MultiProgress::new();
     let mut exit = Exit::Conforms;
-    for some in files.chunks(FILES * rayon::current_num_threads()) {
+    for some in files.chunks(AT_ONCE * rayon::current_num_threads()) {
         let judged: Vec<Result<Found, Fault>> = some
             .par_iter()
             .with_max_len(1)
             .map(|file| judge_file(&args.how, file, &bars))
             .collect();
-        for found in judged {
+        for (path, found) in some.iter().zip(judged) {
+            if !outputs.is_empty() {
+                all.push(match &found {
+                    Ok(found) => Judged::found(found),
+                    Err(fault) => Judged::unread(path, fault),
+                });
+            }
             exit = exit.max(match found {
                 Ok(found) => {
                     found.tell(&mut out, 0, args.json).map_err(Fault::Output)?;
@@ -104,6 +121,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
             });
         }
     }
+    outputs.write(&all)?;
     Ok(exit)
 }
 

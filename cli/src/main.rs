@@ -26,6 +26,7 @@ mod reckoning;
 mod remedy;
 mod replay;
 mod report;
+mod results;
 mod run;
 mod scenario;
 mod seconds;

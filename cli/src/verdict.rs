@@ -102,7 +102,22 @@ impl Found {
     }
 }
 
+/// What `tell` prints, without colours.
+pub(crate) fn plain(
+    tell: impl FnOnce(&mut anstream::StripStream<Vec<u8>>) -> io::Result<()>,
+) -> String {
+    let mut out = anstream::StripStream::new(Vec::new());
+    // Writing to memory does not fail.
+    let _ = tell(&mut out);
+    String::from_utf8_lossy(&out.into_inner()).trim().to_owned()
+}
+
 impl Summary<'_> {
+    /// The line without colours.
+    pub(crate) fn text(&self) -> String {
+        plain(|out| self.tell(out))
+    }
+
     /// One line.
     pub(crate) fn tell(&self, out: &mut impl Write) -> io::Result<()> {
         let Summary { file, conforms, judged, lines, violations } = *self;
@@ -135,6 +150,11 @@ impl<'a> From<&'a observed::Violation> for AnyViolation<'a> {
 }
 
 impl AnyViolation<'_> {
+    /// The lines without colours.
+    pub(crate) fn text(&self, file: &str) -> String {
+        plain(|out| self.tell(out, file))
+    }
+
     /// A few lines, the first with the file.
     pub(crate) fn tell(&self, out: &mut impl Write, file: &str) -> io::Result<()> {
         let AnyViolation { line, t, rule: (id, sentence), found, expected, late, story } = *self;

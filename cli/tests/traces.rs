@@ -487,3 +487,74 @@ fn help_and_version_are_no_errors() {
     }
     assert!(out(&run(&["--help"], "")).contains("Exit codes:"));
 }
+
+/// A good trace, a bad one whose name must be written otherwise in a URI and in XML, and one that cannot be read.
+fn three() -> (tempfile::TempDir, Vec<PathBuf>) {
+    let bad = TRACE.replace("\"ev\":\"hold\"", "\"ev\":\"emit\"");
+    files(&[("good.jsonl", TRACE), ("bad <& ü>.jsonl", &bad), ("none.jsonl", "{}\n")])
+}
+
+#[test]
+fn code_hosts_get_each_violation_with_its_rule_and_place() {
+    let (dir, paths) = three();
+    let sarif = dir.path().join("found.sarif");
+    let args =
+        ["check", "--sarif", text(&sarif), text(&paths[0]), text(&paths[1]), text(&paths[2])];
+    assert_eq!(run(&args, "").status.code(), Some(2));
+    let log: Value = serde_json::from_str(&fs::read_to_string(&sarif).unwrap()).unwrap();
+    assert_eq!(log["version"], "2.1.0");
+    let run = &log["runs"][0];
+    let first = &run["results"][0];
+    assert_eq!((&first["ruleId"], &first["level"]), (&"F3".into(), &"error".into()));
+    let place = first["ruleIndex"].as_u64().and_then(|it| usize::try_from(it).ok()).unwrap();
+    let rule = &run["tool"]["driver"]["rules"][place];
+    assert_eq!(rule["id"], "F3");
+    assert!(rule["shortDescription"]["text"].as_str().unwrap().starts_with("A result"), "{rule}");
+    let place = &first["locations"][0]["physicalLocation"];
+    assert_eq!(place["region"]["startLine"], 8);
+    let uri = place["artifactLocation"]["uri"].as_str().unwrap();
+    assert!(uri.ends_with("/bad%20%3C%26%20%C3%BC%3E.jsonl"), "{uri}");
+    let message = first["message"]["text"].as_str().unwrap();
+    assert!(
+        message.contains("expected  {\"ev\":\"hold\"") && !message.contains('\x1b'),
+        "{message}"
+    );
+    let told = &run["invocations"][0];
+    assert_eq!(told["executionSuccessful"], false);
+    let unread = told["toolExecutionNotifications"][0]["message"]["text"].as_str().unwrap();
+    assert!(unread.contains("none.jsonl:1"), "{unread}");
+}
+
+#[test]
+fn quality_checkers_and_continuous_integration_get_each_trace_with_its_verdict() {
+    let (dir, paths) = three();
+    let [xqar, junit] = ["found.xqar", "found.xml"].map(|name| dir.path().join(name));
+    let traces = paths.iter().map(|path| text(path));
+    let args = ["check", "--xqar", text(&xqar), "--junit", text(&junit)].into_iter().chain(traces);
+    assert_eq!(run(&args.collect::<Vec<_>>(), "").status.code(), Some(2));
+    let xqar = fs::read_to_string(&xqar).unwrap();
+    for part in [
+        r#"<CheckerResults version="1.0.0">"#,
+        r#"status="completed""#,
+        r#"status="error""#,
+        "bad &lt;&amp; ü&gt;.jsonl",
+        r#"level="1" ruleUID="fuseline.spec:fuseline:1.0:F3""#,
+        r#"<FileLocation row="8"/>"#,
+    ] {
+        assert!(xqar.contains(part), "{part} is not in\n{xqar}");
+    }
+    assert_eq!(xqar.matches("<Checker ").count(), 3, "{xqar}");
+    let junit = fs::read_to_string(&junit).unwrap();
+    assert!(junit.contains(r#"tests="3" skipped="0" failures="1" errors="1""#), "{junit}");
+}
+
+#[test]
+fn no_results_go_onto_a_trace() {
+    let (_dir, paths) = three();
+    for option in ["--sarif", "--xqar", "--junit"] {
+        let refused = run(&["check", option, text(&paths[0]), text(&paths[0])], "");
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(err(&refused).contains("it is what is read as"), "{}", err(&refused));
+        assert_eq!(fs::read_to_string(&paths[0]).unwrap(), TRACE);
+    }
+}

@@ -37,6 +37,13 @@ impl Draw {
         self.next().is_multiple_of(times)
     }
 
+    /// These in another order, any as likely.
+    pub(crate) fn shuffle<T>(&mut self, items: &mut [T]) {
+        for last in (1..items.len()).rev() {
+            items.swap(last, self.place(last + 1));
+        }
+    }
+
     /// One of these, each as often as its weight says. At least one weight must not be 0.
     pub(crate) fn weighed<T: Copy>(&mut self, choices: &[(u64, T)]) -> T {
         let whole: u64 = choices.iter().map(|(weight, _)| weight).sum();

@@ -6,6 +6,10 @@ use crate::draw::Draw;
 use crate::run::Run;
 use crate::scene::Scene;
 
+mod flood;
+
+use flood::Leaving;
+
 /// How far back a step reaches for a timestamp or a request.
 const RECENT: usize = 12;
 /// One run in so many fills the greatest window.
@@ -47,6 +51,11 @@ impl Generator {
         }
         for _ in 0..steps {
             writer.step(&header);
+        }
+        if is_flood {
+            for leaving in Leaving::ALL {
+                writer.refill(leaving, &header);
+            }
         }
         let inputs = writer.inputs;
         Run { header, inputs }
@@ -125,20 +134,6 @@ impl Writer {
         }
         if self.draw.one_in(16) {
             self.next_t = near(&mut self.draw, 8);
-        }
-    }
-
-    /// Opens many timestamps at one instant, with an offer each, so that many are due together.
-    fn flood(&mut self, count: u64, header: &Header) {
-        for i in 0..count {
-            let (at, t) = (self.scene.now(), self.next_t);
-            let deadline = i.is_multiple_of(3).then_some(20 + i % 7);
-            self.open(at, t, deadline);
-            let p = self.cloud(header);
-            self.push(Input::Offer { at, t, p, deadline: 20 + i % 5, backlog: 0 });
-            if i.is_multiple_of(2) {
-                self.push(Input::Result { at, t, p: 0 });
-            }
         }
     }
 

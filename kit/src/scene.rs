@@ -107,11 +107,16 @@ impl Scene {
         for (decision, _) in &own {
             self.follow(decision);
         }
-        if !matches!(input, Input::Open { .. } | Input::Offer { .. }) || !fired.is_empty() {
+        let ended = match *input {
+            Input::Result { t, .. } | Input::Fail { t, .. } => Some(t),
+            Input::Open { .. } | Input::Offer { .. } | Input::Tick { .. } => None,
+        };
+        if ended.is_some() || !fired.is_empty() {
             let (open, histories) = (&self.open, &self.histories);
             self.asked.retain(|(t, p)| {
+                let is_concerned = !fired.is_empty() || Some(*t) == ended;
                 let is_pending = |history: &History| history.is_pending(*p);
-                open.contains(t) && histories.get(t).is_some_and(is_pending)
+                !is_concerned || open.contains(t) && histories.get(t).is_some_and(is_pending)
             });
         }
         Ruling { fired, own, reasons }

@@ -34,6 +34,9 @@ pub enum NodeError {
         /// Why not.
         error: GrpcError,
     },
+    /// There is no timer of the kind that was set.
+    #[error("no timer to wake the node: {0}; timers:=tokio needs nothing of the system")]
+    Timers(std::io::Error),
     /// DDS refuses an end of a topic, or the domain.
     #[error("DDS: {0}")]
     Dds(#[from] CreateError),

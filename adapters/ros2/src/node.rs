@@ -87,6 +87,7 @@ pub async fn run(
         speed: settings.deadlines.speed.as_ref().map(Speed::new),
         stop,
     };
+    let driver = Driver::new(engine, fusion, settings.timers).map_err(NodeError::Timers)?;
     info!(
         node = settings.node.full(),
         domain = settings.domain,
@@ -95,7 +96,7 @@ pub async fn run(
         clouds = settings.clouds.len(),
         "fusing"
     );
-    let (mut fusion, engine) = Driver::new(engine, fusion).run().await;
+    let (mut fusion, engine) = driver.run().await;
     fusion.report();
     drop(fusion);
     let written = finish(engine).await;

@@ -14,6 +14,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use fuseline_operator::Commit;
+use fuseline_tokio::Timers;
 
 use crate::arguments::{Arguments, Level};
 use crate::key::{Key, Kind, has_header};
@@ -51,6 +52,8 @@ pub struct Settings {
     pub window: u16,
     /// The commit rule (F6).
     pub commit: Commit,
+    /// Whose timers wake the node at a due instant.
+    pub timers: Timers,
     /// How long a cloud without a deadline of its own may take.
     pub deadline: Duration,
     /// The topic that changes `deadline`, if any.
@@ -234,16 +237,17 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
     )?;
     let output = stream(r, "output", Role::Publisher)?;
     let window = r.integer("window", 1..=1024, 16, "How many messages may be open at once")?.value;
-    let commit = r.read(
+    let commit = r.choice(
         "commit",
-        Value::String("eager".to_owned()),
+        "eager",
         "When the best result in hand goes",
-        "eager or patient",
-        |value| match value {
-            Value::String(rule) if rule == "eager" => Some(Commit::Eager),
-            Value::String(rule) if rule == "patient" => Some(Commit::Patient),
-            _ => None,
-        },
+        &[("eager", Commit::Eager), ("patient", Commit::Patient)],
+    )?;
+    let timers = r.choice(
+        "timers",
+        if cfg!(target_os = "linux") { "kernel" } else { "tokio" },
+        "Whose timers wake the node at a due instant",
+        &[("kernel", Timers::Kernel), ("tokio", Timers::Tokio)],
     )?;
     let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
@@ -257,8 +261,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         r.path("trace.mcap", "The file to record a trace in, as MCAP; empty for none")?,
     );
     let domain = r.integer("domain_id", 0..=232, 0, "The DDS domain")?;
-    let about = "Whether to talk to this machine only";
-    let localhost_only = r.flag("localhost_only", false, about)?;
+    let localhost_only = r.flag("localhost_only", false, "Whether to talk to this machine only")?;
     let about = "How often diagnostics are published, in seconds";
     let diagnostics_period = r.seconds("diagnostics.period", 1.0, about)?;
     let about = "Whether the stamps of the node's own messages follow /clock";
@@ -271,7 +274,8 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         silence: seconds::none_if_zero(silence.value),
         output,
         window,
-        commit: commit.value,
+        commit,
+        timers,
         deadline,
         deadline_topic: Some(deadline_topic).filter(|topic| !topic.is_empty()),
         deadlines,

@@ -21,11 +21,11 @@
 
 mod bell;
 mod calls;
+mod timers;
 
 use std::future::poll_fn;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
@@ -33,13 +33,16 @@ use std::time::Duration;
 use fuseline_operator::{Effect, Engine, Hint, Item, Offer, Situation};
 use futures_util::future::BoxFuture;
 use futures_util::task::AtomicWaker;
-use tokio::time::{Instant, Sleep, sleep_until};
+use tokio::time::Instant;
 
 use crate::Error;
 use crate::drive::bell::Bell;
 use crate::drive::calls::Calls;
+use crate::drive::timers::Timer;
 use crate::panics::panicked;
 use crate::words::Words;
+
+pub use crate::drive::timers::Timers;
 
 /// What differs between the adapters.
 pub trait Transport {
@@ -156,6 +159,9 @@ pub struct Driver<T: Transport> {
     /// The clock's reading for the event at hand.
     now: u64,
     calls: Calls<T::Value>,
+    timer: Timer,
+    /// When the timer goes off, if it is set.
+    armed: Option<u64>,
     /// Requests of the message at hand that could not be sent.
     unsent: Vec<(u16, u64, Error)>,
     /// Who has the next turn.
@@ -193,41 +199,52 @@ const TIMER: usize = 2;
 
 impl<T: Transport> Driver<T> {
     /// A driver whose clock starts now.
-    pub fn new(engine: Engine<T::Value, T::Request>, transport: T) -> Self {
+    ///
+    /// # Errors
+    /// If there is no such timer: the system has none, or no more for this process.
+    ///
+    /// # Panics
+    /// Outside of a tokio runtime, and for the kernel's timer in one without I/O.
+    pub fn new(
+        engine: Engine<T::Value, T::Request>,
+        transport: T,
+        timers: Timers,
+    ) -> io::Result<Self> {
+        let timer = Timer::new(timers)?;
         let waker = Arc::new(AtomicWaker::new());
         let bells = [(); TURNS].map(|()| Bell::new(&waker));
-        Self {
+        Ok(Self {
             engine,
             transport,
             start: Instant::now(),
             now: 0,
             calls: Calls::new(bells[CALLS].ring()),
+            timer,
+            armed: None,
             unsent: Vec::new(),
             turn: 0,
             bells,
             waker,
             is_last: false,
-        }
+        })
     }
 
     /// Runs until the transport says stop, or no more messages will come and all are answered; then
     /// aborts the calls. [Finish](finish) the engine that it returns.
     pub async fn run(mut self) -> (T, Engine<T::Value, T::Request>) {
-        let mut timer = pin!(sleep_until(self.start));
-        let mut armed = None;
         loop {
             self.act();
             if self.is_last && self.engine.is_idle() && self.transport.is_delivered() {
                 break;
             }
             if let Some(due) = self.engine.next_due()
-                && armed.is_none_or(|armed| due < armed)
+                && self.armed.is_none_or(|armed| due < armed)
             {
-                timer.as_mut().reset(self.instant(due));
-                armed = Some(due);
+                self.timer.set(self.instant(due));
+                self.armed = Some(due);
                 self.bells[TIMER].set();
             }
-            let turn = poll_fn(|context| self.poll_turn(context, timer.as_mut(), armed)).await;
+            let turn = poll_fn(|context| self.poll_turn(context)).await;
             self.now = self.clock();
             match turn {
                 Turn::Transport(Incoming::Message { timestamp, message }) => {
@@ -237,7 +254,7 @@ impl<T: Transport> Driver<T> {
                 Turn::Transport(Incoming::Last) => self.is_last = true,
                 Turn::Transport(Incoming::Stop) => break,
                 Turn::Timer => {
-                    armed = None;
+                    self.armed = None;
                     if self.engine.next_due().is_some_and(|due| due <= self.now) {
                         self.engine.tick(self.now);
                     }
@@ -248,19 +265,14 @@ impl<T: Transport> Driver<T> {
     }
 
     /// The next party that is ready, starting after the last one. Only those that were woken are polled.
-    fn poll_turn(
-        &mut self,
-        context: &mut Context<'_>,
-        mut timer: Pin<&mut Sleep>,
-        armed: Option<u64>,
-    ) -> Poll<Turn<T::Message, T::Value>> {
-        let Self { calls, transport, bells, .. } = self;
+    fn poll_turn(&mut self, context: &mut Context<'_>) -> Poll<Turn<T::Message, T::Value>> {
+        let Self { calls, transport, timer, bells, armed, .. } = self;
         for _ in 0..TURNS {
             let turn = self.turn;
             self.turn = (turn + 1) % TURNS;
             let ready = bells[turn].poll(|context| match turn {
                 CALLS => calls.poll_word(context).map(|word| Turn::Transport(Incoming::Word(word))),
-                TIMER if armed.is_some() => timer.as_mut().poll(context).map(|()| Turn::Timer),
+                TIMER if armed.is_some() => timer.poll(context).map(|()| Turn::Timer),
                 TIMER => Poll::Pending,
                 _ => transport.poll_incoming(context).map(Turn::Transport),
             });

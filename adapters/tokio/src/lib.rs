@@ -17,6 +17,7 @@ mod words;
 
 pub use aside::{Aside, AsideTally};
 pub use common::Common;
+pub use drive::Timers;
 pub use fuseline_deadline as deadline;
 pub use fuseline_operator::{
     Commit, ConfigError, DropReason, Ending, Failure, Forwarded, Hint, InForce, Item, OfferRefusal,

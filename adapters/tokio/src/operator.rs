@@ -15,7 +15,7 @@ use tokio::task::JoinHandle;
 use tracing::{Instrument, info_span};
 
 use crate::aside::{AsideCounts, AsideTally, Asker, Beside};
-use crate::drive::{Driver, finish};
+use crate::drive::{Driver, Timers, finish};
 use crate::local::{Local, Workers};
 use crate::run::{Outbox, Streams};
 use crate::setup::{Registered, Setup};
@@ -52,6 +52,8 @@ pub struct Config {
     /// further, no message is taken in; what is open goes on. So an output that is neither read nor
     /// dropped holds up the operator and whatever waits for its end.
     pub output_len: usize,
+    /// Whose timers wake it at a due instant; tokio's by default.
+    pub timers: Timers,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
     /// What the operator must keep up with; not checked by default. If given, an operator with too
@@ -109,6 +111,9 @@ pub enum SpawnError {
         /// Why not.
         error: io::Error,
     },
+    /// There is no timer as [configured](Config::timers).
+    #[error("no timer to wake the operator: {0}")]
+    Timers(io::Error),
     /// A thread for local cannot be started.
     #[error("no thread for the local computation: {0}")]
     Threads(io::Error),
@@ -199,7 +204,7 @@ pub fn spawn<P: Operator>(
         stop: Some(stopped),
         is_open: true,
     };
-    let driver = Driver::new(engine, streams);
+    let driver = Driver::new(engine, streams, config.timers).map_err(SpawnError::Timers)?;
     let task = async move {
         let (streams, engine) = driver.run().await;
         drop(streams);
@@ -255,6 +260,7 @@ impl Default for Config {
             window: 16,
             commit: Commit::Eager,
             output_len: 16,
+            timers: Timers::Tokio,
             trace: None,
             pace: None,
         }

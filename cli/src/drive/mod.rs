@@ -5,6 +5,7 @@ mod junit;
 mod matrix;
 mod peer;
 mod report;
+mod results;
 mod shrink;
 #[cfg(test)]
 mod tests;
@@ -32,6 +33,7 @@ use crate::exit::Exit;
 use crate::fault::{Fault, plain};
 use crate::interrupt::Interrupt;
 use crate::output::{self, Output};
+use crate::results::Files;
 use crate::seconds::seconds;
 use crate::sink::Sink;
 
@@ -88,6 +90,8 @@ pub(crate) struct Args {
     /// Write the results for continuous integration, as `JUnit` XML.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
+    #[command(flatten)]
+    results: Files,
     /// Write a table of all cases, as .md or .html; may be given for both.
     #[arg(long, value_name = "FILE", value_parser = matrix::Matrix::new)]
     matrix: Vec<matrix::Matrix>,
@@ -156,6 +160,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
         let text = junit::xml(&report).map_err(|error| Fault::Output(io::Error::other(error)))?;
         output.write(|out| out.write_all(text.as_bytes()).map_err(Fault::Output))?;
     }
+    outputs.results.write(&[results::judged(&report)])?;
     for (matrix, output) in args.matrix.iter().zip(&outputs.matrix) {
         let text = matrix.text(&report);
         output.write(|out| out.write_all(text.as_bytes()).map_err(Fault::Output))?;
@@ -172,6 +177,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
 /// Where results go. None of these files is read.
 struct Outputs {
     junit: Option<Output>,
+    results: crate::results::Outputs,
     matrix: Vec<Output>,
 }
 
@@ -186,6 +192,7 @@ impl Outputs {
         let output = |path: &Path| Output::new(path, &read);
         Ok(Self {
             junit: args.junit.as_deref().map(output).transpose()?,
+            results: args.results.outputs(&read)?,
             matrix: args
                 .matrix
                 .iter()

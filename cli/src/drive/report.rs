@@ -16,7 +16,7 @@ use super::peer::Misbehaviour;
 use super::shrink::{Finding, What};
 use super::words;
 use crate::exit::Exit;
-use crate::verdict::{AnyViolation, BAD, GOOD};
+use crate::verdict::{AnyViolation, BAD, GOOD, plain};
 
 /// How many failed cases are named.
 const NAMED: usize = 5;
@@ -104,10 +104,7 @@ impl Found {
 
     /// What is wrong in its smallest run, in lines without colours.
     pub(super) fn text(&self) -> String {
-        let mut out = anstream::StripStream::new(Vec::new());
-        // Writing to memory does not fail.
-        let _ = self.tell(&mut out);
-        String::from_utf8_lossy(&out.into_inner()).trim().to_owned()
+        plain(|out| self.tell(out))
     }
 
     fn tell(&self, out: &mut impl Write) -> io::Result<()> {
@@ -217,6 +214,17 @@ impl Report {
             writeln!(out, "\nAfter the last case: {BAD}{how}{BAD:#}")?;
         }
         Ok(())
+    }
+
+    /// How many cases pass, in a line.
+    pub(super) fn summary(&self) -> String {
+        let generated =
+            if self.suite.generated > 0 { self.generated_line() } else { String::new() };
+        [self.fixed_line(), generated]
+            .into_iter()
+            .filter(|it| !it.is_empty())
+            .collect::<Vec<_>>()
+            .join("; ")
     }
 
     fn fixed_line(&self) -> String {

@@ -87,7 +87,7 @@ impl fmt::Display for Summary {
         let Counts { slots, sent, answered, failed, unanswered, in_time, pauses, skipped, missed } =
             self.counts;
         if self.interrupted {
-            writeln!(f, "Ended early; this is what there was.")?;
+            writeln!(f, "Ended early; this is the probe so far.")?;
         }
         writeln!(
             f,

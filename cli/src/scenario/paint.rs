@@ -1,4 +1,6 @@
-//! Colours of words in a terminal.
+//! Words for a terminal, and their colours.
+
+use std::fmt;
 
 use anstyle::{AnsiColor, Style};
 
@@ -9,4 +11,11 @@ pub(crate) const SOFT: Style = Style::new().dimmed();
 /// A text in a colour; what is no terminal gets it without.
 pub(crate) fn paint(style: Style, text: &str) -> String {
     format!("{style}{text}{style:#}")
+}
+
+/// All that is written; writing to a string does not fail.
+pub(crate) fn written(write: impl FnOnce(&mut String) -> fmt::Result) -> String {
+    let mut text = String::new();
+    let _ = write(&mut text);
+    text
 }

@@ -42,3 +42,21 @@ fn a_shortened_run_keeps_what_the_fault_needs_and_no_more() {
     assert_eq!((shortest.inputs.len(), found), (3, 3));
     assert_eq!(run.shortened(|_| None::<()>), None);
 }
+
+#[test]
+fn a_flood_fills_the_greatest_window_and_hundreds_leave_it_again_and_again() {
+    let run = GENERATOR.run(FLOODS / 2);
+    let mut scene = Scene::new(&run.header);
+    let (mut fills, mut least) = (0, 0);
+    for input in &run.inputs {
+        scene.apply(input);
+        let open = scene.open().len();
+        least = open.min(least);
+        // Full, after fewer by a hundred.
+        if open == usize::from(GREATEST) && least + 100 < open {
+            fills += 1;
+            least = open;
+        }
+    }
+    assert!(fills > 4, "filled {fills} times");
+}

@@ -10,11 +10,12 @@ use crate::settings::{Cloud, Grpc, Role, SettingsError, Way, seconds, topics};
 /// The most clouds, as in the core.
 const CLOUDS: usize = 15;
 /// The first parts of the node's own parameters.
-const RESERVED: [&str; 15] = [
+const RESERVED: [&str; 16] = [
     "input",
     "output",
     "window",
     "commit",
+    "timers",
     "deadline",
     "deadline_topic",
     "policy",

@@ -128,6 +128,23 @@ impl<'a> Reader<'a> {
         })
     }
 
+    /// One of these words, each with what it means.
+    pub(super) fn choice<T: Copy>(
+        &mut self,
+        name: &str,
+        default: &str,
+        about: &'static str,
+        choices: &[(&str, T)],
+    ) -> Result<T, SettingsError> {
+        let words: Vec<&str> = choices.iter().map(|(word, _)| *word).collect();
+        let default = Value::String(default.to_owned());
+        let chosen = self.read(name, default, about, &words.join(" or "), |value| match value {
+            Value::String(word) => choices.iter().find(|(it, _)| it == word).map(|(_, it)| *it),
+            _ => None,
+        });
+        chosen.map(|chosen| chosen.value)
+    }
+
     pub(super) fn flag(
         &mut self,
         name: &str,

@@ -111,6 +111,7 @@ fn what_is_wrong_with_a_stream_is_told() {
             "output.topic is /input, and so is input.topic; give each a topic of its own",
         ),
         ("commit:=lazy", "commit is \"lazy\"; give eager or patient"),
+        ("timers:=mine", "timers is \"mine\"; give kernel or tokio"),
         ("deadline:=0", "deadline is 0.0; give seconds, more than 0 and at most 1e9"),
         ("deadline:=.nan", "deadline is NaN; give seconds, more than 0 and at most 1e9"),
         ("deadline:=1e10", "deadline is 10000000000.0; give seconds, more than 0 and at most 1e9"),

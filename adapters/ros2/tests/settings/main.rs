@@ -12,6 +12,7 @@ use fuseline_ros2::arguments::{Arguments, Level};
 use fuseline_ros2::key::{Key, Kind};
 use fuseline_ros2::parameters::{Place, Value};
 use fuseline_ros2::settings::{Change, Cloud, Grpc, Qos, Role, Settings, SettingsError, Way};
+use fuseline_tokio::Timers;
 
 const TYPES: &str =
     "-p input.type:=sensor_msgs/msg/Image -p output.type:=vision_msgs/msg/Detection2DArray";
@@ -59,6 +60,8 @@ fn two_types_are_enough() {
     assert_eq!((all.input.key, all.output.key), (Key::Header, Key::Header));
     assert_eq!((all.output.topic.as_str(), all.silence), ("/output", None));
     assert_eq!((all.window, all.commit), (16, Commit::Eager));
+    let usual = if cfg!(target_os = "linux") { Timers::Kernel } else { Timers::Tokio };
+    assert_eq!(all.timers, usual);
     assert_eq!(all.deadline, Duration::from_millis(500));
     assert_eq!(all.deadline_topic, None);
     assert_eq!(
@@ -114,6 +117,7 @@ const FULL: &str = "
     localhost_only: true
     diagnostics.period: 0.5
     use_sim_time: true
+    timers: tokio
     qos_overrides:
       /camera/image:
         subscription: {reliability: reliable, durability: transient_local, depth: 1}
@@ -176,6 +180,7 @@ fn everything_can_be_set() {
     assert_eq!(all.mcap, Some(PathBuf::from("a.mcap")));
     assert_eq!(all.diagnostics_period, Duration::from_millis(500));
     assert!(all.use_sim_time);
+    assert_eq!(all.timers, Timers::Tokio);
     let qos = |reliable, transient_local, depth| Qos { reliable, transient_local, depth };
     assert_eq!(all.qos("/camera/image", Role::Subscription), qos(true, true, 1));
     assert_eq!(all.qos("/car/detections", Role::Publisher), qos(false, false, 5));

@@ -5,16 +5,15 @@ use std::fmt::Write;
 use crate::scenario::jaywalking::Found;
 use crate::scenario::jaywalking::planning::Answered;
 use crate::scenario::jaywalking::scene::Manoeuvre;
-use crate::scenario::paint::{BAD, GOOD, paint};
+use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
 
 /// The words for it all.
 pub(crate) fn text(found: &Found) -> String {
-    let mut text = String::new();
-    // Writing to a string does not fail.
-    let _ = runs(&mut text, found);
-    let _ = greatest(&mut text, found);
-    text
+    written(|text| {
+        runs(text, found)?;
+        greatest(text, found)
+    })
 }
 
 fn runs(text: &mut String, found: &Found) -> std::fmt::Result {

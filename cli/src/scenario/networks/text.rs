@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use crate::scenario::networks::policy::Manner;
 use crate::scenario::networks::{Found, Row};
-use crate::scenario::paint::{BAD, GOOD, paint};
+use crate::scenario::paint::{BAD, GOOD, paint, written};
 
 /// How wide a name and a cell are.
 const NAME: usize = 15;
@@ -35,12 +35,11 @@ pub(crate) fn percent(row: &Row) -> f64 {
 
 /// The words for it all.
 pub(crate) fn text(found: &Found) -> String {
-    let mut text = String::new();
-    // Writing to a string does not fail.
-    let _ = table(&mut text, found, "collisions, %", percent);
-    let _ = table(&mut text, found, "energy, m²/s²", |row| row.energy);
-    let _ = beside(&mut text, found);
-    text
+    written(|text| {
+        table(text, found, "collisions, %", percent)?;
+        table(text, found, "energy, m²/s²", |row| row.energy)?;
+        beside(text, found)
+    })
 }
 
 fn name(policy: Manner) -> String {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::scenario::paint::{BAD, GOOD, paint};
+use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
 use crate::scenario::red_light::crossing::Approach;
 use crate::scenario::red_light::{Found, Run};
@@ -12,11 +12,10 @@ const CELL: usize = 8;
 
 /// The words for it all.
 pub(crate) fn text(found: &Found) -> String {
-    let mut text = String::new();
-    // Writing to a string does not fail.
-    let _ = table(&mut text, found);
-    let _ = beside(&mut text, found);
-    text
+    written(|text| {
+        table(text, found)?;
+        beside(text, found)
+    })
 }
 
 fn table(text: &mut String, found: &Found) -> std::fmt::Result {

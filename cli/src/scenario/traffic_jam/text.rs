@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use crate::scenario::approach::Approach;
-use crate::scenario::paint::{BAD, GOOD, SOFT, paint};
+use crate::scenario::paint::{BAD, GOOD, SOFT, paint, written};
 use crate::scenario::traffic_jam::cells::{Cell, Colour};
 use crate::scenario::traffic_jam::narrow::{Constant, Constants, MEDIAN, ON_BOARD, OnBoard};
 use crate::scenario::traffic_jam::{Beside, Found};
@@ -13,11 +13,10 @@ const CELL: usize = 7;
 
 /// The words for it all.
 pub(crate) fn text(found: &Found) -> String {
-    let mut text = String::new();
-    // Writing to a string does not fail.
-    let _ = table(&mut text, found);
-    let _ = beside(&mut text, found);
-    text
+    written(|text| {
+        table(text, found)?;
+        beside(text, found)
+    })
 }
 
 fn table(text: &mut String, found: &Found) -> std::fmt::Result {

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize};
 use std::sync::{Mutex, MutexGuard};
 
 use fuseline_operator::{Engine, Tally};
-use fuseline_tokio::drive::{Driver, finish};
+use fuseline_tokio::drive::{Driver, Timers, finish};
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval};
 
@@ -237,7 +237,8 @@ impl Node {
                 stop: &mut stop,
                 memory: Memory::new(reporter),
             };
-            let (mut fusion, engine) = Driver::new(engine, fusion).run().await;
+            let driver = Driver::new(engine, fusion, Timers::Tokio).unwrap();
+            let (mut fusion, engine) = driver.run().await;
             fusion.report();
             drop(fusion);
             finish(engine).await.unwrap();

@@ -1,0 +1,91 @@
+"""Operators that compute each message on board and in clouds, and forward the best in time.
+
+`Operator` does that within asyncio; `Fusion` is the machine that decides, without a clock or a
+network, for loops of your own. `check`, `check_observed` and `replay` judge what either recorded.
+`fuseline.deadline` chooses deadlines, `fuseline.grpc` asks clouds and serves them.
+
+The words are those of SPEC.md.
+"""
+
+from fuseline._errors import (
+    CallError,
+    Closed,
+    ConfigError,
+    DeadlineError,
+    Error,
+    Full,
+    ReadError,
+    TimeError,
+    TraceError,
+)
+from fuseline._fuseline import Fusion, nanoseconds
+from fuseline._item import Call, Ending, Failure, Item, Source, Trigger
+from fuseline._judge import Verdict, Violation, check, check_observed, replay
+from fuseline._local import Local
+from fuseline._operator import Operator
+from fuseline._trace import Line, Trace
+from fuseline._words import (
+    Accepted,
+    Admission,
+    Admitted,
+    Cloud,
+    Commit,
+    Dropped,
+    DropReason,
+    Firing,
+    Forwarded,
+    Held,
+    Missed,
+    OfferRefusal,
+    Opening,
+    OpenRefusal,
+    Outcome,
+    Refused,
+    Waiting,
+)
+
+__all__ = [
+    "Accepted",
+    "Admission",
+    "Admitted",
+    "Call",
+    "CallError",
+    "Closed",
+    "Cloud",
+    "Commit",
+    "ConfigError",
+    "DeadlineError",
+    "DropReason",
+    "Dropped",
+    "Ending",
+    "Error",
+    "Failure",
+    "Firing",
+    "Forwarded",
+    "Full",
+    "Fusion",
+    "Held",
+    "Item",
+    "Line",
+    "Local",
+    "Missed",
+    "OfferRefusal",
+    "OpenRefusal",
+    "Opening",
+    "Operator",
+    "Outcome",
+    "ReadError",
+    "Refused",
+    "Source",
+    "TimeError",
+    "Trace",
+    "TraceError",
+    "Trigger",
+    "Verdict",
+    "Violation",
+    "Waiting",
+    "check",
+    "check_observed",
+    "nanoseconds",
+    "replay",
+]

@@ -1,0 +1,61 @@
+"""What the package raises."""
+
+from __future__ import annotations
+
+
+class Error(Exception):
+    """The base of all exceptions of this package."""
+
+
+class ConfigError(Error, ValueError):
+    """A configuration that no machine or operator can have."""
+
+
+class TimeError(Error, ValueError):
+    """An instant, a duration or another number out of its range."""
+
+
+class DeadlineError(Error, ValueError):
+    """A figure of which no policy of deadlines can be made."""
+
+
+class ReadError(Error, ValueError):
+    """A trace that cannot be read: the first thing wrong with it, and where.
+
+    >>> import fuseline
+    >>> try:
+    ...     fuseline.check(b"{}")
+    ... except fuseline.ReadError as error:
+    ...     print(error.line, error.column, error)
+    1 3 <bytes>:1:3: the last line does not end in LF; it may be cut short
+    """
+
+    def __init__(self, file: str, line: int, column: int, defect: str) -> None:
+        super().__init__(file, line, column, defect)
+        #: The name that the trace was given.
+        self.file = file
+        #: The line, counted from 1.
+        self.line = line
+        #: The byte of the line, counted from 1.
+        self.column = column
+        #: What is wrong.
+        self.defect = defect
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}: {self.defect}"
+
+
+class Full(Error):
+    """The reader of an operator's items lags too far behind for another message."""
+
+
+class Closed(Error):
+    """The operator takes no more messages."""
+
+
+class TraceError(Error, OSError):
+    """A recording that ended early; the trace is whole up to there."""
+
+
+class CallError(Error):
+    """Why a call to a cloud failed, in a few plain words."""

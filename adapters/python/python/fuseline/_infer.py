@@ -1,0 +1,80 @@
+"""The messages of ``fuseline.v1.Infer``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
+#: The most bytes of an encoded message.
+MESSAGE_BYTES = 32 * 1024 * 1024
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a cloud says it serves."""
+
+    #: The model, as people call it; empty if it has no name.
+    model: str = ""
+    #: How long it usually takes, in milliseconds.
+    runtime_ms: float | None = None
+    #: Its box AP on COCO, 0 to 100.
+    ap: float | None = None
+    #: The recorded drive whose round trips replies take besides; empty if there is none.
+    drive: str = ""
+    #: Whether it only waits as long as the model would take.
+    emulated: bool = False
+
+
+def _messages() -> tuple[Any, Any, Any]:
+    """Request, reply and description of ``fuseline.proto``, without generated code.
+
+    A test holds them against the file of the project.
+    """
+    field = descriptor_pb2.FieldDescriptorProto
+    kinds = {
+        "uint64": field.TYPE_UINT64,
+        "bytes": field.TYPE_BYTES,
+        "string": field.TYPE_STRING,
+        "double": field.TYPE_DOUBLE,
+        "bool": field.TYPE_BOOL,
+    }
+    file = descriptor_pb2.FileDescriptorProto(
+        name="fuseline.proto", package="fuseline.v1", syntax="proto3"
+    )
+    messages = {
+        "Request": ["uint64 timestamp", "bytes payload"],
+        "Reply": ["bytes payload"],
+        "Description": [
+            "string model",
+            "optional double runtime_ms",
+            "optional double ap",
+            "string drive",
+            "bool emulated",
+        ],
+    }
+    for name, fields in messages.items():
+        message = file.message_type.add(name=name)
+        for number, text in enumerate(fields, 1):
+            *optional, kind, called = text.split()
+            added = message.field.add(
+                name=called,
+                number=number,
+                type=kinds[kind],
+                label=field.LABEL_OPTIONAL,
+                json_name=None,
+            )
+            if optional:
+                added.proto3_optional = True
+                added.oneof_index = len(message.oneof_decl)
+                message.oneof_decl.add(name=f"_{called}")
+    # A pool of its own: others may have generated code of the same file.
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    made = (pool.FindMessageTypeByName(f"fuseline.v1.{name}") for name in messages)
+    request, reply, description = map(message_factory.GetMessageClass, made)
+    return request, reply, description
+
+
+REQUEST, REPLY, DESCRIPTION = _messages()

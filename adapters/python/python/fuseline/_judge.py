@@ -1,0 +1,182 @@
+"""Judging traces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import timedelta
+from html import escape
+from os import PathLike
+from typing import TYPE_CHECKING, TypeAlias
+
+from fuseline import _fuseline
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+#: A trace: its bytes, the path of its file, or whatever gives its lines. Gzip is unpacked.
+Traced: TypeAlias = bytes | str | PathLike[str] | Iterable[bytes] | Iterable[str]
+#: A duration: whole nanoseconds as an int, seconds as a float, or a timedelta.
+Duration: TypeAlias = int | float | timedelta
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A decision that is not what the rules demand, or a timestamp that they cannot explain."""
+
+    #: The line, counted from 1; where a decision is missing, the line after which it should stand.
+    line: int
+    #: The timestamp that it is about.
+    t: int | None
+    #: The identifier of the rule or promise that is broken.
+    rule: str
+    #: The rule in a sentence.
+    sentence: str
+    #: What was found.
+    found: str
+    #: What the rules demand or allow.
+    expected: str
+    #: Of an observed trace: by how much it came too late, in nanoseconds.
+    late: int | None = None
+    #: What happened to the timestamp so far: its last lines with their numbers.
+    story: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        about = "" if self.t is None else f"timestamp {self.t} "
+        lines = [
+            f"{self.line}: {about}breaks {self.rule}: {self.sentence}",
+            f"  found    {self.found}",
+            f"  expected {self.expected}",
+        ]
+        return "\n".join(lines + [f"  | {line}" for line in self.story])
+
+
+@dataclass(frozen=True)
+class Verdict:
+    r"""What the judge says of one trace.
+
+    >>> verdict = check(b'{"fuseline":1,"window":16,"clouds":[]}\n')
+    >>> verdict.conforms, verdict.judged
+    (True, 0)
+    >>> print(verdict)
+    <bytes>: conforms; 0 timestamps judged in 1 lines
+    """
+
+    #: The name that the trace was given.
+    file: str
+    #: Whether the rules explain all of it. So they do where nothing happened: see ``judged``.
+    conforms: bool
+    #: How many timestamps were judged.
+    judged: int
+    #: How many lines the trace has, the header's too.
+    lines: int
+    #: What does not conform, up to 100.
+    violations: tuple[Violation, ...] = ()
+    #: How many violations more there are.
+    more: int = 0
+
+    def __str__(self) -> str:
+        word = "conforms" if self.conforms else "does not conform"
+        said = [f"{self.file}: {word}; {self.judged} timestamps judged in {self.lines} lines"]
+        said += [f"{self.file}:{violation}" for violation in self.violations]
+        if self.more:
+            said.append(f"{self.more} more violations")
+        return "\n".join(said)
+
+    def _repr_html_(self) -> str:
+        """The verdict for a notebook."""
+        word, colour = ("conforms", "#1a7f37") if self.conforms else ("does not conform", "#cf222e")
+        head = (
+            f"<p><b style='color:{colour}'>{word}</b> &nbsp;<code>{escape(self.file)}</code>, "
+            f"{self.judged:,} timestamps judged in {self.lines:,} lines</p>"
+        )
+        if not self.violations:
+            return head
+        left = "style='text-align:left;vertical-align:top;white-space:pre-wrap'"
+        names = ("line", "timestamp", "rule", "found", "expected")
+        row = "".join(f"<th {left}>{name}</th>" for name in names)
+        rows = [f"<tr>{row}</tr>"]
+        for it in self.violations:
+            story = escape("\n".join(it.story), quote=True)
+            t = "" if it.t is None else str(it.t)
+            cells = (str(it.line), t, f"{it.rule}: {it.sentence}", it.found, it.expected)
+            row = "".join(f"<td {left}>{escape(cell)}</td>" for cell in cells)
+            rows.append(f'<tr title="{story}">{row}</tr>')
+        more = f"<p>{self.more:,} more violations</p>" if self.more else ""
+        return f"{head}<table>{''.join(rows)}</table>{more}"
+
+    def to_arrow(self) -> pa.Table:
+        """The verdict as a table: a row for each violation; if there is none, one without any.
+
+        So tables of many files put together have at least one row for each.
+
+        Raises:
+            ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.
+        """
+        from fuseline._arrow import verdict_table
+
+        return verdict_table(self)
+
+
+def check(trace: Traced, *, name: str | None = None) -> Verdict:
+    """Judge a trace strictly: every decision must be the one that the rules demand.
+
+    It takes the trace's bytes, the path of its file, or an iterable of its lines, which bear
+    their line ends as the first one does; gzip is unpacked. Files and lines are read as they are
+    judged, in bounded memory. Other threads run meanwhile, and Ctrl-C ends it.
+
+    Args:
+        trace: The trace.
+        name: Its name in the verdict and in errors; by default its path.
+
+    Raises:
+        ReadError: if it cannot be read to its end.
+        OSError: if its file cannot be opened or read.
+    """
+    return _verdict(_fuseline.check(trace, name))
+
+
+def check_observed(
+    trace: Traced,
+    *,
+    tolerance: Duration,
+    lateness: Duration,
+    name: str | None = None,
+) -> Verdict:
+    """Judge a trace that a concurrent implementation recorded, each timestamp by itself.
+
+    Args:
+        trace: The trace, as for `check`.
+        tolerance: The error of every recorded instant, either way.
+        lateness: How long after its due instant a timer is served, and after its decision an
+            output leaves.
+        name: Its name in the verdict and in errors; by default its path.
+
+    Raises:
+        ReadError: if it cannot be read to its end, or is further out of order than the tolerance.
+        OSError: if its file cannot be opened or read.
+    """
+    return _verdict(_fuseline.check_observed(trace, name, tolerance, lateness))
+
+
+def replay(trace: Traced, *, name: str | None = None) -> bytes:
+    """Give the inputs of a trace to a fresh machine; return the whole trace with its decisions.
+
+    >>> inputs = b'''{"fuseline":1,"window":16,"clouds":[]}
+    ... {"ev":"open","at":0,"t":1}
+    ... {"ev":"result","at":5,"t":1,"p":0}
+    ... '''
+    >>> print(replay(inputs).decode().splitlines()[-1])
+    {"ev":"emit","at":5,"t":1,"p":0}
+
+    Raises:
+        ReadError: if it cannot be read to its end.
+        OSError: if its file cannot be opened or read.
+    """
+    return _fuseline.replay(trace, name)
+
+
+def _verdict(told: _fuseline._Verdict) -> Verdict:
+    file, conforms, judged, lines, violations, more = told
+    found = tuple(Violation(*violation[:7], tuple(violation[7])) for violation in violations)
+    return Verdict(file, conforms, judged, lines, found, more)

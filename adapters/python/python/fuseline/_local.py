@@ -1,0 +1,175 @@
+"""How messages are computed on board."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import logging
+import multiprocessing
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from fuseline._errors import ConfigError
+from fuseline._fuseline import nanoseconds
+
+if TYPE_CHECKING:
+    from fuseline._judge import Duration
+
+M = TypeVar("M")
+V = TypeVar("V")
+
+_log = logging.getLogger("fuseline")
+
+
+class Local(Generic[M, V]):
+    """How each message is computed on board.
+
+    Make one with `task`, `threads` or `processes`. A computation is never aborted by a decision
+    (F7): it may keep state. An exception is a failure (F4).
+    """
+
+    def __init__(
+        self,
+        compute: Callable[[M, int], Any],
+        make: Callable[[int], Executor] | None,
+        at_once: int,
+        deadline: Duration | None,
+        waiting: int | None,
+        skip_answered: bool,
+    ) -> None:
+        if at_once < 1:
+            raise ConfigError(f"{at_once} local computations at once; there must be at least 1")
+        if waiting is not None and waiting < 0:
+            raise ConfigError(f"{waiting} messages may wait for local; it must be 0 or more")
+        self._compute = compute
+        self._make = make
+        self._pool: Executor | None = None
+        self.at_once = at_once
+        self.deadline = None if deadline is None else nanoseconds(deadline)
+        self.waiting = waiting
+        self.skip_answered = skip_answered
+
+    @classmethod
+    def task(
+        cls,
+        compute: Callable[[M, int], Awaitable[V]],
+        *,
+        at_once: int = 1,
+        deadline: Duration | None = None,
+        waiting: int | None = None,
+        skip_answered: bool = False,
+    ) -> Local[M, V]:
+        """Compute with a coroutine function, in tasks of the loop; it must not block.
+
+        Args:
+            compute: Takes a message and its timestamp.
+            at_once: How many computations may run at once.
+            deadline: How long one may take (F1): whole nanoseconds, seconds as a float, or a
+                timedelta. Without it, a message whose computation never ends stays open.
+            waiting: How many messages may wait for a computation, by default as many as the window
+                holds; for one more, local fails at once, and only clouds can answer it.
+            skip_answered: Whether a computation that has not begun is skipped once its message is
+                answered.
+        """
+        if not inspect.iscoroutinefunction(compute) and not inspect.iscoroutinefunction(
+            getattr(compute, "__call__", None)  # noqa: B004
+        ):
+            raise ConfigError(
+                "Local.task takes an async function; give a plain one to Local.threads"
+            )
+        return cls(compute, None, at_once, deadline, waiting, skip_answered)
+
+    @classmethod
+    def threads(
+        cls,
+        compute: Callable[[M, int], V],
+        *,
+        workers: int = 1,
+        deadline: Duration | None = None,
+        waiting: int | None = None,
+        skip_answered: bool = False,
+    ) -> Local[M, V]:
+        """Compute with a plain function, which may block, in threads of the operator's own.
+
+        The arguments are as for `task`; `workers` computations run at once.
+        """
+        _plain(compute, "Local.threads")
+
+        def make(workers: int) -> Executor:
+            return ThreadPoolExecutor(workers, thread_name_prefix="fuseline-local")
+
+        return cls(compute, make, workers, deadline, waiting, skip_answered)
+
+    @classmethod
+    def processes(
+        cls,
+        compute: Callable[[M, int], V],
+        *,
+        workers: int = 1,
+        deadline: Duration | None = None,
+        waiting: int | None = None,
+        skip_answered: bool = False,
+    ) -> Local[M, V]:
+        """Compute with a plain function in processes of the operator's own.
+
+        The function, messages and results go there and back by pickle. The processes are started
+        with the operator; when one dies, what they were computing fails, and others take over. The
+        arguments are as for `task`; `workers` computations run at once.
+        """
+        _plain(compute, "Local.processes")
+
+        def make(workers: int) -> Executor:
+            # A fork would take the locks of this process's threads along.
+            return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
+
+        return cls(compute, make, workers, deadline, waiting, skip_answered)
+
+    async def _start(self) -> None:
+        if self._make is None:
+            return
+        self._pool = pool = self._make(self.at_once)
+        if isinstance(pool, ProcessPoolExecutor):
+            # Else the first messages would wait until the processes are there.
+            loop = asyncio.get_running_loop()
+            ready = [loop.run_in_executor(pool, _ready) for _ in range(self.at_once)]
+            await asyncio.gather(*ready)
+
+    def _stop(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = None
+
+    async def _run(self, message: M, timestamp: int) -> V:
+        """Compute one message."""
+        if self._make is None:
+            return await self._compute(message, timestamp)  # type: ignore[no-any-return]
+        loop, pool = asyncio.get_running_loop(), self._pool
+        try:
+            return await loop.run_in_executor(pool, self._compute, message, timestamp)
+        except BrokenProcessPool:
+            # Whoever sees it first makes another.
+            if self._pool is pool and pool is not None:
+                _log.error("a process of local's died; others take over")
+                pool.shutdown(wait=False)
+                self._pool = self._make(self.at_once)
+            raise
+
+
+def _ready() -> None:
+    """Nothing: a process that can do this is there."""
+
+
+def _plain(compute: Callable[..., Any], where: str) -> None:
+    if inspect.iscoroutinefunction(compute):
+        raise ConfigError(f"{where} takes a plain function; give an async one to Local.task")
+
+
+def local_of(local: Local[M, V] | Callable[[M, int], Any]) -> Local[M, V]:
+    """What was given, or a task of an async function, or a thread for a plain one."""
+    if isinstance(local, Local):
+        return local
+    if inspect.iscoroutinefunction(local):
+        return Local.task(local)
+    return Local.threads(local)

@@ -1,0 +1,172 @@
+"""The machine's words: what goes into it and what it answers.
+
+Each answer is a small immutable object, made to be matched:
+
+>>> match Admitted(due=500):
+...     case Admitted(due):
+...         print("send it; its result is late from", due)
+...     case Refused(why):
+...         print("do not send:", why)
+send it; its result is late from 500
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic, TypeVar
+
+
+class _Word(str, Enum):
+    """A word of a trace."""
+
+    def __str__(self) -> str:
+        return str(self.value)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}.{self.name}"
+
+
+class Commit(_Word):
+    """When the best result in hand goes although a better one is pending (F6)."""
+
+    #: With the first cloud's timer that fires.
+    EAGER = "eager"
+    #: When nothing better can come.
+    PATIENT = "patient"
+
+
+class OpenRefusal(_Word):
+    """Why an open was refused; the first that holds, in this order (F1)."""
+
+    #: This timestamp or a later one was opened before.
+    ORDER = "order"
+    #: As many timestamps are open as the window allows.
+    FULL = "full"
+    #: Local's due instant is not after now.
+    DEADLINE = "deadline"
+
+
+class OfferRefusal(_Word):
+    """Why an offer was refused; the first that holds, in this order (F2)."""
+
+    #: No such cloud is registered, or neither this timestamp nor a later one was ever opened.
+    UNKNOWN = "unknown"
+    #: The timestamp is not open.
+    CLOSED = "closed"
+    #: The cloud was asked for this timestamp before.
+    DUPLICATE = "duplicate"
+    #: A result in hand outranks whatever this cloud would return.
+    OUTRANKED = "outranked"
+    #: The due instant is not after now.
+    DEADLINE = "deadline"
+    #: The cloud's gate is shut: too many requests are queued.
+    QUEUE = "queue"
+
+
+class DropReason(_Word):
+    """Why a result or a failure was dropped; the first that holds, in this order (F3, F4)."""
+
+    #: No such source, or neither this timestamp nor a later one was ever opened.
+    UNKNOWN = "unknown"
+    #: The timestamp is not open: forwarded, missed, or skipped.
+    SUPERSEDED = "superseded"
+    #: The source was not asked for this timestamp.
+    UNSOLICITED = "unsolicited"
+    #: The source's result is already in hand.
+    DUPLICATE = "duplicate"
+    #: The request was closed by its timer or by a failure.
+    LATE = "late"
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """One cloud of a machine."""
+
+    #: The priority, 1 to 65535; no two clouds have the same, and the greater wins.
+    p: int
+    #: The gate shuts at this many queued requests; at least 1 (F2g).
+    limit: int = 31
+    #: The shut gate opens at this many or fewer; less than the limit, by default one less.
+    resume: int | None = None
+    #: For people.
+    name: str | None = None
+
+
+W = TypeVar("W", OpenRefusal, OfferRefusal)
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The timestamp is open and waits for local (F1)."""
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """Send the request (F2)."""
+
+    #: The due instant in nanoseconds; a result at this instant is late.
+    due: int
+
+
+@dataclass(frozen=True)
+class Refused(Generic[W]):
+    """The open or the offer changed nothing but, of an offer, the gate."""
+
+    #: The first reason that holds.
+    why: W
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """The result or failure changed nothing (F3, F4)."""
+
+    #: The first reason that holds.
+    why: DropReason
+
+
+@dataclass(frozen=True)
+class Held:
+    """Keep the result: it is in hand, but something pending outranks it (F3)."""
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """The failure or the timers were taken in; the timestamp stays open (F6)."""
+
+
+@dataclass(frozen=True)
+class Forwarded:
+    """Send a result downstream; the timestamp is retired (F7)."""
+
+    #: Whose result it is; 0 is local's.
+    by: int
+    #: The clouds still pending, in ascending order: their calls may be aborted.
+    cancelled: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Nothing came and nothing will; the timestamp is retired (F6)."""
+
+
+#: The answer to an open.
+Opening = Accepted | Refused[OpenRefusal]
+#: The answer to an offer.
+Admission = Admitted | Refused[OfferRefusal]
+#: The answer to a result or a failure, and what became of timers that fired.
+Outcome = Dropped | Held | Waiting | Forwarded | Missed
+
+
+@dataclass(frozen=True)
+class Firing:
+    """One timestamp's timers fired at one due instant (F5)."""
+
+    #: The timestamp.
+    t: int
+    #: The instant at which they were due, in nanoseconds.
+    due: int
+    #: The requests that they close, in ascending order; 0 is local's.
+    timers: tuple[int, ...]
+    #: Waiting, forwarded or missed.
+    outcome: Waiting | Forwarded | Missed

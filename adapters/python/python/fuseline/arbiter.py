@@ -1,0 +1,102 @@
+"""The machine as `fuseline drive` asks for it: a line in, its decisions out.
+
+    fuseline drive -- python -m fuseline.arbiter
+
+It is also the shortest example of a driver over `Fusion`: every line that it writes is made from
+the machine's typed answers.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from typing import IO, Any
+
+from fuseline._fuseline import Fusion
+from fuseline._words import (
+    Accepted,
+    Admission,
+    Admitted,
+    Dropped,
+    Firing,
+    Forwarded,
+    Held,
+    Missed,
+    Opening,
+    Outcome,
+    Refused,
+    Waiting,
+)
+
+Decision = dict[str, Any]
+
+
+def decisions(fusion: Fusion, event: dict[str, Any]) -> Iterator[Decision]:
+    """Give an input to the machine, and say what it decided, in order."""
+    fired, said = _apply(fusion, event)
+    now = fusion.now
+    for firing in fired:
+        for p in firing.timers:
+            yield {"ev": "timer", "at": now, "t": firing.t, "p": p}
+        yield from _said(firing.outcome, now, {"t": firing.t})
+    about: dict[str, int] = {key: event[key] for key in ("t", "p") if key in event}
+    yield from _said(said, now, about)
+
+
+def _apply(
+    fusion: Fusion, event: dict[str, Any]
+) -> tuple[tuple[Firing, ...], Opening | Admission | Outcome]:
+    at = event["at"]
+    match event:
+        case {"ev": "open", "t": t}:
+            return fusion.open(at, t, event.get("deadline"))
+        case {"ev": "offer", "t": t, "p": p, "deadline": deadline, "backlog": backlog}:
+            return fusion.offer(at, t, p, deadline, backlog)
+        case {"ev": "result", "t": t, "p": p}:
+            return fusion.result(at, t, p)
+        case {"ev": "fail", "t": t, "p": p}:
+            return fusion.fail(at, t, p)
+        case _:
+            return fusion.tick(at), Waiting()
+
+
+def _said(
+    answer: Opening | Admission | Outcome, now: int, about: dict[str, int]
+) -> Iterator[Decision]:
+    match answer:
+        case Accepted() | Waiting():
+            pass
+        case Refused(why):
+            yield {"ev": "refuse", "at": now, **about, "why": why}
+        case Admitted(due):
+            yield {"ev": "request", "at": now, **about, "due": due}
+        case Dropped(why):
+            yield {"ev": "drop", "at": now, **about, "why": why}
+        case Held():
+            yield {"ev": "hold", "at": now, **about}
+        case Missed():
+            yield {"ev": "miss", "at": now, "t": about["t"]}
+        case Forwarded(by, cancelled):
+            yield {"ev": "emit", "at": now, "t": about["t"], "p": by}
+            for p in cancelled:
+                yield {"ev": "cancel", "at": now, "t": about["t"], "p": p}
+
+
+def serve(lines: IO[bytes], out: IO[bytes]) -> None:
+    """Answer each line: a header starts afresh, an input is decided about, then ``done``."""
+    fusion: Fusion | None = None
+    for line in lines:
+        event = json.loads(line)
+        said: list[Decision] = []
+        if "fuseline" in event:
+            fusion = Fusion.from_header(line)
+        elif fusion is not None:
+            said = list(decisions(fusion, event))
+        # Whoever asks waits for the whole answer: flush it.
+        out.write("\n".join([*map(json.dumps, said), '{"ev":"done"}\n']).encode())
+        out.flush()
+
+
+if __name__ == "__main__":
+    serve(sys.stdin.buffer, sys.stdout.buffer)

@@ -1,0 +1,391 @@
+"""Which deadline is safe, and which is worth it.
+
+A policy chooses the deadline of each request to one cloud, at most what the message handler says,
+and learns how each call ended. Keep one for each cloud, and give it to `Operator.use_cloud`:
+
+>>> guard = Guard(Parameters(deceleration=(7.0, 8.0)))
+>>> expected = Expected(Impact(guard.parameters), local_response=0.3017, probe_every=16)
+>>> policy = guard.caps(expected)  # as long as is worth it, and no longer than is safe
+>>> policy.decide(Situation(speed=(17.5, 18.0)), cap=2.0).reason  # the first measures the cloud
+Reason.PROBE
+
+`deadline/README.md` of the project has the conditions and the proofs. Durations that go in are
+whole nanoseconds as an int, seconds as a float, or a timedelta; those that come out are
+nanoseconds. Figures are in metres and seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple, Protocol, TypeAlias
+
+from fuseline import _fuseline
+from fuseline._judge import Duration
+
+#: A number, or, if it is not known exactly, the least and the greatest that it may be.
+Figure: TypeAlias = float | tuple[float, float]
+
+__all__ = [
+    "Accuracy",
+    "Assessment",
+    "Case",
+    "Chosen",
+    "Constant",
+    "End",
+    "Expected",
+    "Figure",
+    "Guard",
+    "Hazard",
+    "Impact",
+    "Observation",
+    "Observations",
+    "Parameters",
+    "Policy",
+    "Reason",
+    "Situation",
+    "Step",
+]
+
+
+class _Word(Enum):
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}.{self.name}"
+
+
+class End(_Word):
+    """How a call ended."""
+
+    #: Its result came, in time or late.
+    ANSWERED = "answered"
+    #: It failed: no result will come.
+    FAILED = "failed"
+    #: It was given up: its result would have come later.
+    CENSORED = "censored"
+
+
+class Reason(_Word):
+    """Why a deadline is in force."""
+
+    #: It never changes.
+    CONSTANT = "constant"
+    #: The guard allows no more.
+    GUARD = "guard"
+    #: It costs least, by what was observed.
+    EXPECTED = "expected"
+    #: This message waits as long as allowed, to see what longer deadlines would bring.
+    PROBE = "probe"
+    #: The cap is in force.
+    CAP = "cap"
+
+
+class Case(_Word):
+    """Which case of the guard holds."""
+
+    #: Local alone surely stops, with time to spare.
+    LOCAL_STOPS = 1
+    #: Local alone surely does not stop, and the cloud still might.
+    CLOUD_ALONE = 2
+    #: Neither is sure; nothing may be later than local alone.
+    UNSURE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What a policy may know when it is asked."""
+
+    #: The vehicle's speed from this message's capture until it could brake for it, in m/s. If it is
+    #: not a speed, nothing is known and nothing is risked.
+    speed: Figure = math.nan
+    #: The distance to the nearest place from which something may come into sight, in metres.
+    reveal: float | None = None
+    #: The age of each call under way, the oldest first.
+    under_way: Sequence[Duration] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """A deadline, and why it was chosen."""
+
+    #: The deadline, in nanoseconds.
+    deadline: int
+    #: Why it was chosen.
+    reason: Reason
+    #: The guard's case, if the reason is the guard.
+    case: Case | None = None
+    #: The mean loss of a message, if that is the reason.
+    loss: float | None = None
+
+
+class Policy(Protocol):
+    """Chooses the deadlines of one cloud's requests; write your own, or take those here."""
+
+    def decide(self, situation: Situation, cap: Duration) -> Chosen:
+        """The deadline of the request that is about to be made, at most ``cap``."""
+
+    def ended(self, end: End, age: Duration) -> None:
+        """A call has ended, so long after its message was taken in."""
+
+
+@dataclass(frozen=True)
+class Hazard:
+    """A class of hazards, such as standing motorcycles."""
+
+    #: How far away local begins to report it, in metres.
+    range_local: Figure = 39.0
+    #: How far away the cloud begins to report it, in metres; no less far than local.
+    range_cloud: Figure = 57.0
+    #: How much it counts among the classes; only for losses.
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The vehicle, its sources and the hazards; the default is the paper's traffic jam."""
+
+    #: Full braking, in m/s².
+    deceleration: Figure = 7.5
+    #: From the decision to brake until the brakes act.
+    brake_delay: Figure = 0.1
+    #: How many frames in a row must report an obstacle before the vehicle brakes.
+    frames: int = 3
+    #: The time between two frames that local takes.
+    period_local: Figure = 1.0 / 30.0
+    #: The time between two frames that the cloud takes.
+    period_cloud: Figure = 1.0 / 30.0
+    #: From a frame's capture until local's result.
+    local_response: Figure = 0.3017
+    #: How much later than capture + deadline an output may leave.
+    lateness: float = 0.005
+    #: The distance to keep from an obstacle where local alone stops anyway, in metres.
+    margin: float = 2.0
+    #: What may be on the road: one to eight classes.
+    hazards: tuple[Hazard, ...] = (Hazard(),)
+
+
+@dataclass(frozen=True)
+class Impact:
+    """A loss: the square of the speed at impact with an obstacle at rest, in m²/s²."""
+
+    vehicle: Parameters
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """A loss: accuracy lost against the better source, and a price for each ms of waiting."""
+
+    local: float
+    cloud: float
+    price_per_ms: float
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What the guard found for a situation."""
+
+    #: How long after capture local's results surely suffice to stop, in seconds.
+    budget_local: float
+    #: How long after capture the cloud's results may suffice to stop, in seconds.
+    budget_cloud: float
+    #: The case.
+    case: Case
+    #: The longest deadline that is safe, in nanoseconds.
+    deadline: int
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """Calls seen until the same age."""
+
+    #: The age, in nanoseconds.
+    response: int
+    #: Whether the results came at that age; otherwise they had not come by then.
+    is_answered: bool
+    #: How many calls.
+    count: int
+
+
+class Step(NamedTuple):
+    """A response that was observed."""
+
+    #: The response, in nanoseconds.
+    response: int
+    #: The share of calls answered exactly then.
+    mass: float
+    #: The share of calls not answered by then.
+    survival: float
+
+
+class _Capping:
+    def caps(self, policy: Policy) -> Policy:
+        """This policy's deadline as the cap of another's."""
+        return Capped(self, policy)  # type: ignore[arg-type]
+
+
+class Constant(_Capping):
+    """The same deadline for every message. It knows nothing of safety.
+
+    >>> Constant(0.5).decide(Situation(), cap=0.2)
+    Chosen(deadline=200000000, reason=Reason.CAP, case=None, loss=None)
+    """
+
+    def __init__(self, deadline: Duration) -> None:
+        self.deadline = _fuseline.nanoseconds(deadline)
+
+    def __repr__(self) -> str:
+        return f"Constant({self.deadline})"
+
+    def decide(self, situation: Situation, cap: Duration) -> Chosen:  # noqa: ARG002
+        """The deadline, or the cap if that is shorter."""
+        cap = _fuseline.nanoseconds(cap)
+        if self.deadline <= cap:
+            return Chosen(self.deadline, Reason.CONSTANT)
+        return Chosen(cap, Reason.CAP)
+
+    def ended(self, end: End, age: Duration) -> None:
+        """It learns nothing."""
+
+
+class Guard(_Capping):
+    """The longest deadline with which fusion never hits what local alone would not (T2).
+
+    Any shorter one keeps that guarantee, so it also holds for every policy that the guard caps.
+
+    Raises:
+        DeadlineError: for the first figure that makes no sense (T7).
+
+    >>> Guard().judge(Situation(speed=11.0)).deadline / 1e9
+    2.4253...
+    """
+
+    def __init__(self, parameters: Parameters | None = None) -> None:
+        #: What it was made of.
+        self.parameters = parameters or Parameters()
+        self._guard = _fuseline.Guard(self.parameters)
+
+    def __repr__(self) -> str:
+        return f"Guard({self.parameters!r})"
+
+    def judge(self, situation: Situation) -> Assessment:
+        """The longest deadline that is safe now, and why."""
+        local, cloud, case, deadline = self._guard.judge(situation)
+        return Assessment(local, cloud, Case(case), deadline)
+
+    def decide(self, situation: Situation, cap: Duration) -> Chosen:
+        """The longest deadline that is safe, or the cap if that is shorter."""
+        return _chosen(self._guard.decide(situation, cap))
+
+    def ended(self, end: End, age: Duration) -> None:
+        """It learns nothing."""
+
+
+class Expected(_Capping):
+    """The deadline of least mean loss, by how the last 64 calls ended (T3).
+
+    It knows nothing of safety: let a `Guard` cap it. One message in ``probe_every`` waits as long
+    as the cap allows, beginning with the first (T6). Give None if calls linger: then their true
+    ends are known, and there is nothing to probe.
+
+    Args:
+        loss: What an output costs, by its source and when it comes.
+        local_response: How long local takes, in seconds.
+        probe_every: 1 to 64, or None.
+
+    Raises:
+        DeadlineError: for a figure that makes no sense.
+    """
+
+    def __init__(
+        self,
+        loss: Impact | Accuracy,
+        local_response: Figure,
+        probe_every: int | None = 16,
+    ) -> None:
+        self._expected = _fuseline.Expected(loss, local_response, probe_every)
+
+    def decide(self, situation: Situation, cap: Duration) -> Chosen:
+        """The deadline of least mean loss, at most the cap."""
+        return _chosen(self._expected.decide(situation, cap))
+
+    def ended(self, end: End, age: Duration) -> None:
+        """Remember how a call ended, and forget the one 64 calls ago."""
+        self._expected.ended(end.value, age)
+
+    def observations(self) -> list[Observation]:
+        """What is known of the cloud: by response, answered calls before those given up."""
+        return [Observation(*it) for it in self._expected.observations()]
+
+
+class Observations:
+    """The ends of the last 64 calls of one cloud.
+
+    >>> seen = Observations()
+    >>> seen.add(End.ANSWERED, 0.02)
+    >>> seen.add(End.CENSORED, 0.05)  # given up: it was seen until then and no longer (T5)
+    >>> seen.survival()
+    [Step(response=20000000, mass=0.5, survival=0.5)]
+    """
+
+    def __init__(self) -> None:
+        self._observations = _fuseline.Observations()
+
+    def add(self, end: End, age: Duration) -> None:
+        """Remember how a call ended, and forget the one 64 calls ago."""
+        self._observations.add(end.value, age)
+
+    def sorted(self) -> list[Observation]:
+        """What is remembered: by response, answered calls before those given up."""
+        return [Observation(*it) for it in self._observations.sorted()]
+
+    def survival(self, under_way: Sequence[Duration] = ()) -> list[Step]:
+        """The estimate of Kaplan and Meier, a step for each distinct response.
+
+        Args:
+            under_way: The ages of the calls under way, the oldest first.
+        """
+        return [Step(*it) for it in self._observations.survival(under_way)]
+
+
+class Capped(_Capping):
+    """A policy under the cap of another; made by ``caps``."""
+
+    def __init__(self, cap: Policy, policy: Policy) -> None:
+        self._cap, self._policy = cap, policy
+
+    def decide(self, situation: Situation, cap: Duration) -> Chosen:
+        """The policy's deadline among those up to the cap's."""
+        limit = self._cap.decide(situation, cap)
+        chosen = self._policy.decide(situation, limit.deadline)
+        return limit if chosen.reason is Reason.CAP else chosen
+
+    def ended(self, end: End, age: Duration) -> None:
+        """Both learn of it."""
+        self._cap.ended(end, age)
+        self._policy.ended(end, age)
+
+
+class Called(_Capping):
+    """A plain function of situation and cap as a policy that learns nothing."""
+
+    def __init__(self, function: Callable[[Situation, int], Duration]) -> None:
+        self._function = function
+
+    def decide(self, situation: Situation, cap: Duration) -> Chosen:
+        """What the function says, or the cap if that is shorter."""
+        cap = _fuseline.nanoseconds(cap)
+        return Constant(self._function(situation, cap)).decide(situation, cap)
+
+    def ended(self, end: End, age: Duration) -> None:
+        """It learns nothing."""
+
+
+def policy_of(policy: Policy | Callable[[Situation, int], Duration]) -> Policy:
+    """What was given, or a plain function as a policy."""
+    return Called(policy) if not hasattr(policy, "decide") else policy  # type: ignore[return-value]
+
+
+def _chosen(told: tuple[int, str, int | None, float | None]) -> Chosen:
+    deadline, reason, case, loss = told
+    return Chosen(deadline, Reason(reason), None if case is None else Case(case), loss)

@@ -1,0 +1,343 @@
+//! The machine.
+
+use fuseline_arbiter::{Answer, Arbiter, decisions_of};
+use fuseline_core::{Firing, Priority, Timestamp};
+use fuseline_traces as trace;
+use fuseline_traces::{Header, Input, Line};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyTuple};
+
+use crate::raised::config;
+use crate::time::{Nanos, Number};
+use crate::words::{CLOUDS, Words};
+
+/// What fired before an input, then the input's own answer.
+type Answered = (Py<PyTuple>, Py<PyAny>);
+
+/// The machine of one operator: inputs go in with their instants, answers come out; it reads no clock.
+///
+/// Every input first fires what is due by its instant (F5), and only then is applied (F0). So each
+/// answer is a pair: the firings in their order, then the input's own answer. A `Forwarded` or
+/// `Missed` in either must be acted upon.
+///
+/// Instants are whole nanoseconds of one monotonic clock, such as `time.monotonic_ns()`, exact from
+/// 0 to 2**64 - 1. A deadline is whole nanoseconds as an int, seconds as a float (rounded to the nearest
+/// nanosecond), or a `timedelta`.
+///
+/// One thread at a time calls it; of several, each call is applied completely before the next.
+///
+/// Args:
+///     clouds: Up to 15, in any order.
+///     window: How many timestamps may be open at once, 1 to 1024.
+///     commit: When the best result in hand goes although a better one is pending (F6).
+///     operator: A name, for people.
+///     record: Whether `take_trace` gives the trace.
+///
+/// Raises:
+///     `ConfigError`: if there is no such machine.
+///
+/// >>> from fuseline import Cloud, Fusion
+/// >>> fusion = Fusion([Cloud(1)], window=16)
+/// >>> fired, opening = fusion.open(0, 7)
+/// >>> opening
+/// Accepted()
+/// >>> fusion.offer(0, 7, 1, deadline=0.5)
+/// ((), Admitted(due=500000000))
+/// >>> fusion.result(3_000_000, 7, 0)  # local's: the cloud may still answer
+/// ((), Held())
+/// >>> fusion.tick(fusion.next_due)
+/// (Firing(t=7, due=500000000, timers=(1,), outcome=Forwarded(by=0, cancelled=())),)
+#[pyclass(module = "fuseline")]
+pub(crate) struct Fusion {
+    arbiter: Arbiter,
+    header: Header,
+    /// What was recorded since it was taken last; none if nothing is recorded.
+    recorded: Option<Vec<u8>>,
+}
+
+/// A window that fits, or what was given instead.
+struct Window(Result<u16, String>);
+
+/// A text or its bytes.
+#[derive(FromPyObject)]
+enum Text {
+    Str(String),
+    Bytes(Vec<u8>),
+}
+
+/// An entry of `clouds`: an object with these attributes.
+#[derive(FromPyObject)]
+struct CloudEntry<'py> {
+    p: Bound<'py, PyAny>,
+    limit: Number,
+    resume: Option<Number>,
+    name: Option<String>,
+}
+
+#[pymethods]
+impl Fusion {
+    #[new]
+    #[pyo3(
+        signature = (clouds=Vec::new(), *, window=Window(Ok(16)), commit="eager", operator=None, record=false),
+        text_signature = "(clouds=(), *, window=16, commit='eager', operator=None, record=False)"
+    )]
+    fn new(
+        clouds: Vec<CloudEntry<'_>>,
+        window: Window,
+        commit: &str,
+        operator: Option<String>,
+        record: bool,
+    ) -> PyResult<Self> {
+        let window = window
+            .0
+            .map_err(|window| config(format!("a window of {window}; it must be from 1 to 1024")))?;
+        let commit = match commit {
+            "eager" => trace::Commit::Eager,
+            "patient" => trace::Commit::Patient,
+            other => {
+                return Err(config(format!("a commit rule {other}; it is eager or patient")));
+            }
+        };
+        let clouds = clouds.into_iter().map(cloud).collect::<PyResult<_>>()?;
+        Self::of(Header { operator, window, commit, clouds }, record)
+    }
+
+    /// A machine with the configuration of a trace's first line, with or without its end.
+    ///
+    /// Raises:
+    ///     `ConfigError`: if it is no header.
+    #[staticmethod]
+    #[pyo3(signature = (line, *, record=false))]
+    fn from_header(line: &Bound<'_, PyAny>, record: bool) -> PyResult<Self> {
+        let line: Text = line.extract()?;
+        let line = line.as_bytes();
+        let line = line.strip_suffix(b"\n").unwrap_or(line);
+        match trace::parse(line) {
+            Ok(Line::Header(header)) => Self::of(header, record),
+            Ok(Line::Event(_)) => Err(config("an event, no header; a header has \"fuseline\"")),
+            Err(error) => Err(config(format!("column {}: {}", error.column, error.message))),
+        }
+    }
+
+    /// F1: a message came; `deadline`, if any, is how long local may take.
+    #[pyo3(signature = (now, t, deadline=None))]
+    fn open(
+        slf: &Bound<'_, Self>,
+        now: Number,
+        t: Number,
+        deadline: Option<Nanos>,
+    ) -> PyResult<Answered> {
+        let deadline = deadline.map(|deadline| deadline.0);
+        answer(slf, &Input::Open { at: now.0, t: t.0, deadline })
+    }
+
+    /// F2: the driver would ask cloud `p`, in whose queue `backlog` requests wait already.
+    #[pyo3(
+        signature = (now, t, p, deadline, backlog=Number(0)),
+        text_signature = "($self, now, t, p, deadline, backlog=0)"
+    )]
+    fn offer(
+        slf: &Bound<'_, Self>,
+        now: Number,
+        t: Number,
+        p: Number,
+        deadline: Nanos,
+        backlog: Number,
+    ) -> PyResult<Answered> {
+        let (deadline, backlog) = (deadline.0, backlog.0);
+        answer(slf, &Input::Offer { at: now.0, t: t.0, p: p.0, deadline, backlog })
+    }
+
+    /// F3: the result of source `p` came; 0 is local.
+    #[pyo3(signature = (now, t, p))]
+    fn result(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<Answered> {
+        answer(slf, &Input::Result { at: now.0, t: t.0, p: p.0 })
+    }
+
+    /// F4: no result will come from source `p`; 0 is local.
+    #[pyo3(signature = (now, t, p))]
+    fn fail(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<Answered> {
+        answer(slf, &Input::Fail { at: now.0, t: t.0, p: p.0 })
+    }
+
+    /// F0: time went by. Call it at `next_due`; returns what fired.
+    #[pyo3(signature = (now))]
+    fn tick(slf: &Bound<'_, Self>, now: Number) -> PyResult<Py<PyTuple>> {
+        let py = slf.py();
+        let (fired, _) = slf.borrow_mut().apply(&Input::Tick { at: now.0 });
+        Words::get(py)?.firings(py, &fired)
+    }
+
+    /// Why an offer with a deadline above 0 would be refused now; None if it would be admitted.
+    #[pyo3(
+        signature = (t, p, backlog=Number(0)),
+        text_signature = "($self, t, p, backlog=0)"
+    )]
+    fn foresee(
+        slf: &Bound<'_, Self>,
+        t: Number,
+        p: Number,
+        backlog: Number,
+    ) -> PyResult<Option<Py<PyAny>>> {
+        let py = slf.py();
+        let why = slf.borrow().foreseen(t.0, p.0, backlog.0);
+        why.map(|why| Words::get(py)?.refusal(py, why)).transpose()
+    }
+
+    /// The earliest due instant of all armed timers, in nanoseconds; None if there is none.
+    #[getter]
+    fn next_due(&self) -> Option<u64> {
+        self.arbiter.next_due()
+    }
+
+    /// The machine's clock: the greatest instant given so far, in nanoseconds.
+    #[getter]
+    fn now(&self) -> u64 {
+        self.arbiter.now()
+    }
+
+    /// The greatest timestamp ever opened; None if there is none.
+    #[getter]
+    fn newest(&self) -> Option<u64> {
+        self.arbiter.fusion().newest().map(Timestamp::as_u64)
+    }
+
+    /// The header of this machine's trace, without its end of line.
+    #[getter]
+    fn header(&self) -> String {
+        self.header.to_string()
+    }
+
+    /// The due instant of the timer of (t, p), in nanoseconds; None if it is not armed.
+    fn due(&self, t: Number, p: Number) -> Option<u64> {
+        let p = Priority::new(u16::try_from(p.0).ok()?);
+        self.arbiter.fusion().due(Timestamp::new(t.0), p).map(fuseline_core::Instant::as_nanos)
+    }
+
+    /// Whole lines of the trace: all that was recorded since this was called last.
+    fn take_trace<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        match &mut self.recorded {
+            Some(recorded) => Ok(PyBytes::new(py, &std::mem::take(recorded))),
+            None => Err(config("this machine records nothing; make it with record=True")),
+        }
+    }
+
+    fn __len__(&self) -> usize {
+        self.arbiter.fusion().len()
+    }
+
+    #[expect(clippy::unused_self, reason = "Python has it so")]
+    const fn __bool__(&self) -> bool {
+        true
+    }
+
+    fn __contains__(&self, t: &Bound<'_, PyAny>) -> bool {
+        let Ok(Number(t)) = t.extract() else { return false };
+        self.arbiter.fusion().slot(Timestamp::new(t)).is_some()
+    }
+
+    fn __repr__(&self) -> String {
+        let Header { operator, window, commit, clouds } = &self.header;
+        let name = operator.as_ref().map_or_else(String::new, |name| format!("{name:?}, "));
+        let clouds: Vec<_> = clouds.iter().map(|cloud| cloud.p).collect();
+        let due = self.next_due().map_or_else(|| "None".to_owned(), |due| due.to_string());
+        format!(
+            "Fusion({name}clouds={clouds:?}, window={window}, commit={}, open={}, now={}, next_due={due})",
+            commit.as_str(),
+            self.__len__(),
+            self.now(),
+        )
+    }
+
+    #[expect(clippy::unused_self, reason = "Python has it so")]
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(PyTypeError::new_err(
+            "a Fusion is not pickled or copied: two of them would answer for one operator; \
+             record its inputs and replay them instead",
+        ))
+    }
+}
+
+impl Fusion {
+    fn of(header: Header, record: bool) -> PyResult<Self> {
+        let arbiter = Arbiter::new(&header).map_err(config)?;
+        let recorded = record.then(|| format!("{header}\n").into_bytes());
+        Ok(Self { arbiter, header, recorded })
+    }
+
+    /// Applies an input; returns what fired before it and its answer.
+    fn apply(&mut self, input: &Input) -> (Vec<Firing<CLOUDS>>, Answer<CLOUDS>) {
+        let mut fired = Vec::new();
+        let answer = self.arbiter.apply(input, |_, firing| fired.push(*firing));
+        if let Some(recorded) = &mut self.recorded {
+            let now = self.arbiter.now();
+            let end = |out: &mut Vec<u8>| out.push(b'\n');
+            input.write(recorded);
+            end(recorded);
+            let mut decide = |decision: trace::Decision| {
+                decision.write(recorded);
+                end(recorded);
+            };
+            for firing in &fired {
+                decisions_of(now, firing, &mut decide);
+            }
+            answer.decisions(now, &mut decide);
+        }
+        (fired, answer)
+    }
+
+    fn foreseen(&self, t: u64, p: u64, backlog: u64) -> Option<fuseline_core::OfferRefusal> {
+        use fuseline_core::OfferRefusal::{Closed, Queue, Unknown};
+        let fusion = self.arbiter.fusion();
+        let cloud = u16::try_from(p).ok().filter(|p| *p > 0).map(Priority::new);
+        let gate = cloud.and_then(|cloud| Some((fusion.source(cloud)?, fusion.gate(cloud)?)));
+        let is_reached = fusion.newest().is_some_and(|newest| newest >= Timestamp::new(t));
+        let (Some((source, mut gate)), true) = (gate, is_reached) else { return Some(Unknown) };
+        let Some(slot) = fusion.slot(Timestamp::new(t)) else { return Some(Closed) };
+        // F2g: the gate of the machine itself moves when it is offered.
+        slot.offer(source).1.or_else(|| (!gate.admits(backlog)).then_some(Queue))
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Window {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self(object.extract::<u16>().map_err(|_| object.to_string())))
+    }
+}
+
+impl Text {
+    fn as_bytes(&self) -> &[u8] {
+        match self {
+            Self::Str(text) => text.as_bytes(),
+            Self::Bytes(bytes) => bytes,
+        }
+    }
+}
+
+/// Applies an input. While Python's own classes make the answer, the machine is free again.
+fn answer(slf: &Bound<'_, Fusion>, input: &Input) -> PyResult<Answered> {
+    let py = slf.py();
+    let words = Words::get(py)?;
+    let (fired, answer) = slf.borrow_mut().apply(input);
+    let own = match answer {
+        Answer::Open { opening, .. } => words.opening(py, opening)?,
+        Answer::Offer { admission, .. } => words.admission(py, admission)?,
+        Answer::Result { outcome, .. } | Answer::Fail { outcome, .. } => {
+            words.outcome(py, &outcome)?
+        }
+        Answer::Tick => py.None(),
+    };
+    Ok((words.firings(py, &fired)?, own))
+}
+
+fn cloud(entry: CloudEntry<'_>) -> PyResult<trace::Cloud> {
+    let CloudEntry { p, limit: Number(limit), resume, name } = entry;
+    let Some(p) = p.extract::<u16>().ok().filter(|p| *p > 0) else {
+        return Err(config(format!("a cloud with priority {p}; it must be from 1 to 65535")));
+    };
+    let resume = resume.map_or(limit.saturating_sub(1), |resume| resume.0);
+    Ok(trace::Cloud { p, name, limit, resume })
+}

@@ -1,0 +1,134 @@
+//! Reading, judging and replaying traces, with the interpreter's lock released.
+
+use fuseline_arbiter::Arbiter;
+use fuseline_traces::observed::{self, Slack};
+use fuseline_traces::{Decision, Event, Events, Input, Verdict, judge};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::raised::{config, unjudged, unreadable};
+use crate::reading::with_trace;
+use crate::time::Nanos;
+
+/// A verdict's fields in the order of `fuseline.Verdict`, its violations' likewise.
+type Told = (String, bool, u64, u64, Vec<Violated>, u64);
+type Violated =
+    (u64, Option<u64>, &'static str, &'static str, String, String, Option<u64>, Vec<String>);
+/// A line's number and word, then at, t, p, deadline, backlog, due and why.
+type Row = (u64, &'static str, u64, Numbers, Option<&'static str>);
+type Numbers = (Option<u64>, Option<u64>, Option<u64>, Option<u64>, Option<u64>);
+
+/// Judges a trace strictly.
+#[pyfunction]
+#[pyo3(signature = (trace, name))]
+pub(crate) fn check(trace: &Bound<'_, PyAny>, name: Option<String>) -> PyResult<Told> {
+    let verdict = with_trace(trace, name, |name, trace| judge(name, trace).map_err(unreadable))?;
+    let Verdict { file, conforms, judged, lines, violations, more } = verdict;
+    let violations = violations.into_iter().map(|found| {
+        let (rule, sentence) = (found.rule.id(), found.rule.sentence());
+        (found.line, found.t, rule, sentence, found.found, found.expected, None, found.story)
+    });
+    Ok((file, conforms, judged, lines, violations.collect(), more))
+}
+
+/// Judges a trace as observed.
+#[pyfunction]
+#[pyo3(signature = (trace, name, tolerance, lateness))]
+pub(crate) fn check_observed(
+    trace: &Bound<'_, PyAny>,
+    name: Option<String>,
+    tolerance: Nanos,
+    lateness: Nanos,
+) -> PyResult<Told> {
+    let slack = Slack { tolerance: tolerance.0, lateness: lateness.0 };
+    let verdict = with_trace(trace, name, |name, trace| {
+        observed::judge(name, slack, trace).map_err(unjudged)
+    })?;
+    let observed::Verdict { file, conforms, judged, lines, violations, more } = verdict;
+    let violations = violations.into_iter().map(|found| {
+        let (t, rule, sentence) = (Some(found.t), found.rule.id(), found.rule.sentence());
+        (found.line, t, rule, sentence, found.found, found.expected, found.late, found.story)
+    });
+    Ok((file, conforms, judged, lines, violations.collect(), more))
+}
+
+/// The whole trace: the inputs as they stand, and the machine's decisions.
+#[pyfunction]
+#[pyo3(signature = (trace, name))]
+pub(crate) fn replay<'py>(
+    trace: &Bound<'py, PyAny>,
+    name: Option<String>,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let whole = with_trace(trace, name, |name, trace| {
+        let mut reader = Events::new(name, trace).map_err(unreadable)?;
+        let mut arbiter = Arbiter::<15, 1024>::new(reader.header()).map_err(config)?;
+        let mut out = reader.raw().to_vec();
+        out.push(b'\n');
+        while let Some(event) = reader.next_event().map_err(unreadable)? {
+            if let Event::Input(input) = event {
+                out.extend_from_slice(reader.raw());
+                out.push(b'\n');
+                arbiter.decide(&input, |decision| {
+                    decision.write(&mut out);
+                    out.push(b'\n');
+                });
+            }
+        }
+        Ok(out)
+    })?;
+    Ok(PyBytes::new(trace.py(), &whole))
+}
+
+/// A trace's name, its header, and its lines as rows.
+#[pyfunction]
+#[pyo3(signature = (trace, name))]
+pub(crate) fn read(
+    trace: &Bound<'_, PyAny>,
+    name: Option<String>,
+) -> PyResult<(String, String, Vec<Row>)> {
+    with_trace(trace, name, |name, trace| {
+        let mut reader = Events::observed(name, trace).map_err(unreadable)?;
+        let header = reader.header().to_string();
+        let mut rows = Vec::new();
+        while let Some(event) = reader.next_event().map_err(unreadable)? {
+            rows.push(row(reader.line(), &event));
+        }
+        Ok((name.to_owned(), header, rows))
+    })
+}
+
+fn row(line: u64, event: &Event) -> Row {
+    let (word, at, numbers, why) = match *event {
+        Event::Input(input) => match input {
+            Input::Open { at, t, deadline } => {
+                ("open", at, (Some(t), None, deadline, None, None), None)
+            }
+            Input::Offer { at, t, p, deadline, backlog } => {
+                ("offer", at, (Some(t), Some(p), Some(deadline), Some(backlog), None), None)
+            }
+            Input::Result { at, t, p } => ("result", at, of(t, p), None),
+            Input::Fail { at, t, p } => ("fail", at, of(t, p), None),
+            Input::Tick { at } => ("tick", at, (None, None, None, None, None), None),
+        },
+        Event::Decision(decision) => match decision {
+            Decision::Timer { at, t, p } => ("timer", at, of(t, p), None),
+            Decision::RefuseOpen { at, t, why } => {
+                ("refuse", at, (Some(t), None, None, None, None), Some(why.as_str()))
+            }
+            Decision::RefuseOffer { at, t, p, why } => ("refuse", at, of(t, p), Some(why.as_str())),
+            Decision::Request { at, t, p, due } => {
+                ("request", at, (Some(t), Some(p), None, None, Some(due)), None)
+            }
+            Decision::Hold { at, t, p } => ("hold", at, of(t, p), None),
+            Decision::Drop { at, t, p, why } => ("drop", at, of(t, p), Some(why.as_str())),
+            Decision::Emit { at, t, p } => ("emit", at, of(t, p), None),
+            Decision::Miss { at, t } => ("miss", at, (Some(t), None, None, None, None), None),
+            Decision::Cancel { at, t, p } => ("cancel", at, of(t, p), None),
+        },
+    };
+    (line, word, at, numbers, why)
+}
+
+const fn of(t: u64, p: u64) -> Numbers {
+    (Some(t), Some(p), None, None, None)
+}

@@ -1,0 +1,24 @@
+//! The extension module `fuseline._fuseline`. What users meet is the package around it, in `python/fuseline`.
+
+mod fusion;
+mod judging;
+mod policy;
+mod raised;
+mod reading;
+mod time;
+mod words;
+
+use pyo3::prelude::*;
+
+/// The machine, the judges and the policies of deadlines, as the package `fuseline` hands them on.
+#[pymodule]
+mod _fuseline {
+    #[pymodule_export]
+    use crate::fusion::Fusion;
+    #[pymodule_export]
+    use crate::judging::{check, check_observed, read, replay};
+    #[pymodule_export]
+    use crate::policy::{Expected, Guard, Observations};
+    #[pymodule_export]
+    use crate::time::nanoseconds;
+}

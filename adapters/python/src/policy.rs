@@ -1,0 +1,248 @@
+//! The policies of `fuseline-deadline`.
+
+use std::time::Duration;
+
+use fuseline_deadline as deadline;
+use fuseline_deadline::{
+    Accuracy, Assessment, Chosen, Classes, End, Hazard, Impact, Invalid, Loss, Parameters, Policy,
+    Reason, Situation, Source, Span, Survival,
+};
+use pyo3::prelude::*;
+
+use crate::raised::DeadlineError;
+use crate::time::Nanos;
+
+/// How many calls are remembered.
+const WINDOW: usize = 64;
+
+/// A deadline in nanoseconds, the reason's word, the guard's case and the mean loss.
+type Told = (u64, &'static str, Option<u8>, Option<f64>);
+
+/// A response in nanoseconds, whether it was answered then, and how many calls.
+type Seen = (u64, bool, u64);
+
+/// A figure: a number, or the least and the greatest.
+#[derive(FromPyObject)]
+enum Figure {
+    Exactly(f64),
+    Between(f64, f64),
+}
+
+/// What a policy knows: an object with these attributes.
+#[derive(FromPyObject)]
+struct Known {
+    speed: Figure,
+    reveal: Option<f64>,
+    under_way: Vec<Nanos>,
+}
+
+/// What an output costs: an object with the attributes of one of them.
+#[derive(FromPyObject)]
+enum Priced {
+    Impact { vehicle: Vehicle },
+    Accuracy { local: f64, cloud: f64, price_per_ms: f64 },
+}
+
+/// A class of hazards: an object with these attributes.
+#[derive(FromPyObject)]
+struct Class {
+    range_local: Figure,
+    range_cloud: Figure,
+    weight: f64,
+}
+
+/// A vehicle, its sources and the hazards: an object with these attributes.
+#[derive(FromPyObject)]
+struct Vehicle {
+    deceleration: Figure,
+    brake_delay: Figure,
+    frames: u32,
+    period_local: Figure,
+    period_cloud: Figure,
+    local_response: Figure,
+    lateness: f64,
+    margin: f64,
+    hazards: Vec<Class>,
+}
+
+/// The longest deadline that is safe.
+#[pyclass(module = "fuseline._fuseline", frozen)]
+pub(crate) struct Guard(deadline::Guard);
+
+/// The deadline of least mean loss.
+#[pyclass(module = "fuseline._fuseline")]
+pub(crate) struct Expected(deadline::Expected<AnyLoss, WINDOW>);
+
+/// The ends of the last calls of one cloud.
+#[pyclass(module = "fuseline._fuseline")]
+pub(crate) struct Observations(deadline::Observations<WINDOW>);
+
+enum AnyLoss {
+    Impact(Box<Impact>),
+    Accuracy(Accuracy),
+}
+
+#[pymethods]
+impl Guard {
+    #[new]
+    fn new(vehicle: Vehicle) -> PyResult<Self> {
+        Ok(Self(guard(vehicle)?))
+    }
+
+    /// The budgets of local and of the cloud in seconds, the case, and the longest deadline.
+    fn judge(&self, known: Known) -> (f64, f64, u8, u64) {
+        let (situation, under_way) = known.split();
+        let situation = Situation { under_way: &under_way, ..situation };
+        let Assessment { budget_local, budget_cloud, case, deadline } = self.0.judge(&situation);
+        (budget_local, budget_cloud, case.number(), nanos(deadline))
+    }
+
+    fn decide(&self, known: Known, cap: Nanos) -> Told {
+        decide(&mut self.0.clone(), known, cap)
+    }
+}
+
+#[pymethods]
+impl Expected {
+    #[new]
+    #[pyo3(signature = (loss, local_response, probe_every))]
+    fn new(loss: Priced, local_response: Figure, probe_every: Option<u32>) -> PyResult<Self> {
+        let loss = match loss {
+            Priced::Impact { vehicle } => AnyLoss::Impact(Box::new(Impact::from(&guard(vehicle)?))),
+            Priced::Accuracy { local, cloud, price_per_ms } => {
+                AnyLoss::Accuracy(Accuracy { local, cloud, price_per_ms })
+            }
+        };
+        deadline::Expected::new(loss, local_response, probe_every).map(Self).map_err(invalid)
+    }
+
+    fn decide(&mut self, known: Known, cap: Nanos) -> Told {
+        decide(&mut self.0, known, cap)
+    }
+
+    fn ended(&mut self, end: &str, age: Nanos) -> PyResult<()> {
+        self.0.ended(end_of(end, age)?);
+        Ok(())
+    }
+
+    /// What is known of the cloud.
+    fn observations(&self) -> Vec<Seen> {
+        self.0.observations().sorted().map(seen).collect()
+    }
+}
+
+#[pymethods]
+impl Observations {
+    #[new]
+    const fn new() -> Self {
+        Self(deadline::Observations::new())
+    }
+
+    fn add(&mut self, end: &str, age: Nanos) -> PyResult<()> {
+        self.0.add(end_of(end, age)?);
+        Ok(())
+    }
+
+    /// What is remembered: by response, answered calls before those given up.
+    fn sorted(&self) -> Vec<Seen> {
+        self.0.sorted().map(seen).collect()
+    }
+
+    /// The estimate of Kaplan and Meier: responses with the share answered then, and not by then.
+    fn survival(&self, under_way: Vec<Nanos>) -> Vec<(u64, f64, f64)> {
+        let under_way = ages(under_way);
+        let steps = Survival::new(self.0.sorted(), &under_way);
+        steps.map(|step| (nanos(step.response), step.mass, step.survival)).collect()
+    }
+}
+
+impl Loss for AnyLoss {
+    fn loss(&self, situation: &Situation<'_>, source: Source, response: Duration) -> f64 {
+        match self {
+            Self::Impact(loss) => loss.loss(situation, source, response),
+            Self::Accuracy(loss) => loss.loss(situation, source, response),
+        }
+    }
+}
+
+impl Known {
+    fn split(self) -> (Situation<'static>, Vec<Duration>) {
+        let situation = Situation { reveal: self.reveal, ..Situation::at(self.speed) };
+        (situation, ages(self.under_way))
+    }
+}
+
+impl From<Figure> for Span {
+    fn from(figure: Figure) -> Self {
+        match figure {
+            Figure::Exactly(figure) => Self::exactly(figure),
+            Figure::Between(least, greatest) => Self::new(least, greatest),
+        }
+    }
+}
+
+impl From<Class> for Hazard {
+    fn from(class: Class) -> Self {
+        let Class { range_local, range_cloud, weight } = class;
+        Self { weight, range_local: range_local.into(), range_cloud: range_cloud.into() }
+    }
+}
+
+fn guard(vehicle: Vehicle) -> PyResult<deadline::Guard> {
+    let hazards: Vec<Hazard> = vehicle.hazards.into_iter().map(Hazard::from).collect();
+    let parameters = Parameters {
+        deceleration: vehicle.deceleration.into(),
+        brake_delay: vehicle.brake_delay.into(),
+        frames: vehicle.frames,
+        period_local: vehicle.period_local.into(),
+        period_cloud: vehicle.period_cloud.into(),
+        local_response: vehicle.local_response.into(),
+        lateness: vehicle.lateness,
+        margin: vehicle.margin,
+        classes: Classes::new(&hazards).map_err(invalid)?,
+    };
+    deadline::Guard::new(parameters).map_err(invalid)
+}
+
+fn decide(policy: &mut impl Policy, known: Known, cap: Nanos) -> Told {
+    let (situation, under_way) = known.split();
+    let situation = Situation { under_way: &under_way, ..situation };
+    let Chosen { deadline, reason } = policy.decide(&situation, Duration::from_nanos(cap.0));
+    let (word, case, loss) = match reason {
+        Reason::Constant => ("constant", None, None),
+        Reason::Guard(case) => ("guard", Some(case.number()), None),
+        Reason::Expected { loss } => ("expected", None, Some(loss)),
+        Reason::Probe => ("probe", None, None),
+        Reason::Cap => ("cap", None, None),
+    };
+    (nanos(deadline), word, case, loss)
+}
+
+fn end_of(end: &str, age: Nanos) -> PyResult<End> {
+    let age = Duration::from_nanos(age.0);
+    match end {
+        "answered" => Ok(End::Answered(age)),
+        "failed" => Ok(End::Failed(age)),
+        "censored" => Ok(End::Censored(age)),
+        _ => {
+            let told = format!("an end {end:?}; it is answered, failed or censored");
+            Err(DeadlineError::new_err(told))
+        }
+    }
+}
+
+fn seen(observation: deadline::Observation) -> Seen {
+    (nanos(observation.response), observation.is_answered, observation.count)
+}
+
+fn ages(under_way: Vec<Nanos>) -> Vec<Duration> {
+    under_way.into_iter().map(|age| Duration::from_nanos(age.0)).collect()
+}
+
+fn nanos(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+fn invalid(error: Invalid) -> PyErr {
+    DeadlineError::new_err(error.to_string())
+}

@@ -1,0 +1,46 @@
+//! The package's own exceptions, raised from here.
+
+use std::fmt::Display;
+
+use fuseline_traces::Defect;
+use fuseline_traces::observed::JudgeError;
+use pyo3::prelude::*;
+
+pyo3::import_exception!(fuseline._errors, ConfigError);
+pyo3::import_exception!(fuseline._errors, DeadlineError);
+pyo3::import_exception!(fuseline._errors, TimeError);
+pyo3::import_exception!(fuseline._errors, ReadError);
+
+/// A trace that cannot be read, with its place; an exception that came while reading goes on as it is.
+pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
+    let fuseline_traces::ReadError { file, line, column, defect } = error;
+    match defect {
+        Defect::Io(error) => match error.downcast::<PyErr>() {
+            Ok(raised) => raised,
+            Err(error) => read_error((file, line, column, error.to_string())),
+        },
+        defect => read_error((file, line, column, defect.to_string())),
+    }
+}
+
+/// A trace that cannot be judged as observed.
+pub(crate) fn unjudged(error: JudgeError) -> PyErr {
+    match error {
+        JudgeError::Read(error) => unreadable(error),
+        JudgeError::Disorder(error) => {
+            let told = error.to_string();
+            let place = format!("{}:{}:1: ", error.file, error.line);
+            let what = told.strip_prefix(&place).unwrap_or(&told).to_owned();
+            read_error((error.file, error.line, 1, what))
+        }
+    }
+}
+
+/// A configuration that the machine refuses.
+pub(crate) fn config(error: impl Display) -> PyErr {
+    ConfigError::new_err(error.to_string())
+}
+
+fn read_error(told: (String, u64, u64, String)) -> PyErr {
+    ReadError::new_err(told)
+}

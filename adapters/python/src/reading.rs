@@ -1,0 +1,178 @@
+//! Where traces come from: bytes, files, and whatever gives lines.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Cursor, Read};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use flate2::bufread::MultiGzDecoder;
+use pyo3::exceptions::{PyOSError, PyTypeError};
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+use pyo3::types::{PyBytes, PyIterator, PyString};
+
+/// How often the interpreter is asked whether somebody wants to stop.
+const PATIENCE: Duration = Duration::from_millis(50);
+/// How many bytes are read at once, and gathered from lines.
+const CHUNK: usize = 64 * 1024;
+
+/// Where a trace is to be read from.
+enum Origin {
+    Bytes(PyBackedBytes),
+    File(PathBuf),
+    Lines(Py<PyIterator>),
+}
+
+/// Opens a trace and gives it to `read`, with its name in verdicts and errors and with the interpreter released: opening
+/// may wait too, for instance for whoever writes to a pipe.
+///
+/// Bytes are a trace, texts and paths are files, all else gives lines. Gzip is unpacked.
+pub(crate) fn with_trace<T: Send>(
+    trace: &Bound<'_, PyAny>,
+    name: Option<String>,
+    read: impl FnOnce(&str, Box<dyn BufRead + Send>) -> PyResult<T> + Send,
+) -> PyResult<T> {
+    let (origin, own) = if let Ok(bytes) = trace.cast::<PyBytes>() {
+        (Origin::Bytes(bytes.clone().into()), "<bytes>".to_owned())
+    } else if trace.is_instance_of::<PyString>() || trace.hasattr("__fspath__")? {
+        let path: PathBuf = trace.extract()?;
+        let own = path.display().to_string();
+        (Origin::File(path), own)
+    } else if let Ok(lines) = trace.try_iter() {
+        (Origin::Lines(lines.unbind()), "<lines>".to_owned())
+    } else {
+        let told = format!(
+            "a trace is bytes, a path, or something that gives lines, not {}",
+            trace.get_type().name()?
+        );
+        return Err(PyTypeError::new_err(told));
+    };
+    let name = name.unwrap_or_else(|| own.clone());
+    trace.py().detach(|| {
+        let trace = origin.open().map_err(|error| named(&own, error))?;
+        read(&name, trace)
+    })
+}
+
+impl Origin {
+    fn open(self) -> io::Result<Box<dyn BufRead + Send>> {
+        match self {
+            Self::Bytes(bytes) => packed(Cursor::new(bytes)),
+            Self::File(path) => packed(BufReader::with_capacity(CHUNK, File::open(path)?)),
+            Self::Lines(lines) => {
+                packed(Lines { from: lines, ends: None, held: Vec::new(), taken: 0 })
+            }
+        }
+    }
+}
+
+/// Unpacked if need be, and interrupted if somebody asks for it.
+fn packed(mut trace: impl BufRead + Send + 'static) -> io::Result<Box<dyn BufRead + Send>> {
+    // No trace begins with this byte, gzip always does.
+    if trace.fill_buf()?.first() == Some(&0x1f) {
+        let unpacked = BufReader::with_capacity(CHUNK, MultiGzDecoder::new(trace));
+        return Ok(Box::new(Patient::new(unpacked)));
+    }
+    Ok(Box::new(Patient::new(trace)))
+}
+
+/// The exception within an error, or an error of the system with the file that it is about.
+fn named(path: &str, error: io::Error) -> PyErr {
+    let error = match error.downcast::<PyErr>() {
+        Ok(raised) => return raised,
+        Err(error) => error,
+    };
+    let Some(number) = error.raw_os_error() else { return error.into() };
+    let words = error.to_string();
+    let words = words.split(" (os error").next().unwrap_or_default().to_owned();
+    PyOSError::new_err((number, words, path.to_owned()))
+}
+
+/// Lines of an iterator, gathered while the interpreter is held.
+struct Lines {
+    from: Py<PyIterator>,
+    /// Whether lines bear their own ends, which the first one shows.
+    ends: Option<bool>,
+    held: Vec<u8>,
+    taken: usize,
+}
+
+impl Lines {
+    fn gather(&mut self, py: Python<'_>) -> PyResult<()> {
+        let mut lines = self.from.bind(py).clone();
+        while self.held.len() < CHUNK {
+            let Some(line) = lines.next() else { break };
+            let line = line?;
+            if let Ok(text) = line.cast::<PyString>() {
+                self.held.extend_from_slice(text.to_cow()?.as_bytes());
+            } else if let Ok(bytes) = line.cast::<PyBytes>() {
+                self.held.extend_from_slice(bytes.as_bytes());
+            } else {
+                let told = format!("a line is str or bytes, not {}", line.get_type().name()?);
+                return Err(PyTypeError::new_err(told));
+            }
+            let ends = *self.ends.get_or_insert_with(|| self.held.ends_with(b"\n"));
+            if !ends {
+                self.held.push(b'\n');
+            }
+        }
+        Ok(())
+    }
+}
+
+impl BufRead for Lines {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if self.taken == self.held.len() {
+            self.held.clear();
+            self.taken = 0;
+            Python::attach(|py| self.gather(py)).map_err(io::Error::other)?;
+        }
+        Ok(self.held.get(self.taken..).unwrap_or_default())
+    }
+
+    fn consume(&mut self, amount: usize) {
+        self.taken = self.held.len().min(self.taken + amount);
+    }
+}
+
+impl Read for Lines {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let len = self.fill_buf()?.read(buffer)?;
+        self.consume(len);
+        Ok(len)
+    }
+}
+
+/// A reader that lets Ctrl-C through while the interpreter is not held.
+struct Patient<R> {
+    inner: R,
+    asked: Instant,
+}
+
+impl<R> Patient<R> {
+    fn new(inner: R) -> Self {
+        Self { inner, asked: Instant::now() }
+    }
+}
+
+impl<R: BufRead> BufRead for Patient<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if self.asked.elapsed() > PATIENCE {
+            Python::attach(|py| py.check_signals().map_err(io::Error::other))?;
+            self.asked = Instant::now();
+        }
+        self.inner.fill_buf()
+    }
+
+    fn consume(&mut self, amount: usize) {
+        self.inner.consume(amount);
+    }
+}
+
+impl<R: BufRead> Read for Patient<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let len = self.fill_buf()?.read(buffer)?;
+        self.consume(len);
+        Ok(len)
+    }
+}

@@ -1,0 +1,113 @@
+//! Instants and durations, as Python has them.
+
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDelta, PyFloat, PyInt};
+
+use crate::raised::TimeError;
+
+/// A duration in nanoseconds: whole nanoseconds, a `timedelta`, or seconds as a float.
+#[derive(Clone, Copy)]
+pub(crate) struct Nanos(pub(crate) u64);
+
+/// A number from 0 to 2⁶⁴ − 1.
+#[derive(Clone, Copy)]
+pub(crate) struct Number(pub(crate) u64);
+
+/// A second, in nanoseconds.
+const SECOND: f64 = 1e9;
+
+/// A duration as whole nanoseconds.
+#[pyfunction]
+#[pyo3(signature = (duration, /))]
+pub(crate) fn nanoseconds(duration: Nanos) -> u64 {
+    duration.0
+}
+
+impl<'py> FromPyObject<'_, 'py> for Number {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if object.is_instance_of::<PyBool>() {
+            return Err(not_whole(object));
+        }
+        if !object.is_instance_of::<PyInt>() {
+            // What stands for an int, such as numpy's own.
+            let index = object.call_method0("__index__").map_err(|_| not_whole(object))?;
+            return number(index.as_borrowed());
+        }
+        number(object)
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Nanos {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if let Ok(seconds) = object.cast::<PyFloat>() {
+            return seconds_of(seconds.extract()?).map(Self);
+        }
+        if object.is_instance_of::<PyDelta>() {
+            let micros: i128 =
+                object.call_method1("__floordiv__", (micro(object.py())?,))?.extract()?;
+            let nanos = micros.saturating_mul(1000);
+            return match u64::try_from(nanos) {
+                Ok(nanos) => Ok(Self(nanos)),
+                Err(_) if nanos > 0 => Ok(Self(u64::MAX)),
+                Err(_) => Err(below_0(object)),
+            };
+        }
+        match object.extract::<Number>() {
+            Ok(Number(nanos)) => Ok(Self(nanos)),
+            Err(error)
+                if object.is_instance_of::<PyInt>() && !object.is_instance_of::<PyBool>() =>
+            {
+                Err(error)
+            }
+            Err(_) => {
+                let told = format!(
+                    "a duration is whole nanoseconds as an int, seconds as a float, or a timedelta, not {}",
+                    kind(object)
+                );
+                Err(pyo3::exceptions::PyTypeError::new_err(told))
+            }
+        }
+    }
+}
+
+/// Rounded to the nearest nanosecond; what is too long, infinity too, is 2⁶⁴ − 1 ns (A14).
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the cast stays within the range, which is what is wanted"
+)]
+fn seconds_of(seconds: f64) -> PyResult<u64> {
+    if seconds >= 0.0 {
+        Ok((seconds * SECOND).round() as u64)
+    } else {
+        Err(TimeError::new_err(format!("a duration of {seconds} s; it must be 0 or more")))
+    }
+}
+
+fn number(object: Borrowed<'_, '_, PyAny>) -> PyResult<Number> {
+    object
+        .extract::<u64>()
+        .map(Number)
+        .map_err(|_| TimeError::new_err(format!("{}: numbers are from 0 to 2**64 - 1", *object)))
+}
+
+fn micro(py: Python<'_>) -> PyResult<Bound<'_, PyDelta>> {
+    PyDelta::new(py, 0, 0, 1, false)
+}
+
+fn below_0(object: Borrowed<'_, '_, PyAny>) -> PyErr {
+    TimeError::new_err(format!("a duration of {}; it must be 0 or more", *object))
+}
+
+fn not_whole(object: Borrowed<'_, '_, PyAny>) -> PyErr {
+    let told = format!("a whole number as an int, not {}; instants are nanoseconds", kind(object));
+    pyo3::exceptions::PyTypeError::new_err(told)
+}
+
+fn kind(object: Borrowed<'_, '_, PyAny>) -> String {
+    object.get_type().name().map_or_else(|_| "this".to_owned(), |name| name.to_string())
+}

@@ -1,0 +1,122 @@
+//! The machine's answers as objects of the package's own classes, which are plain Python (`_words.py`).
+
+use fuseline_arbiter::{drop_reason, offer_refusal, open_refusal};
+use fuseline_core as core;
+use fuseline_core::{Admission, Firing, Opening, Outcome, Priority};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyTuple;
+
+/// The most clouds of a machine.
+pub(crate) const CLOUDS: usize = 15;
+
+static WORDS: PyOnceLock<Words> = PyOnceLock::new();
+
+/// The classes, and the answers of which there is only one each.
+pub(crate) struct Words {
+    none: Py<PyTuple>,
+    accepted: Py<PyAny>,
+    held: Py<PyAny>,
+    waiting: Py<PyAny>,
+    missed: Py<PyAny>,
+    /// Local's result, with nothing to cancel.
+    local: Py<PyAny>,
+    admitted: Py<PyAny>,
+    refused: Py<PyAny>,
+    dropped: Py<PyAny>,
+    forwarded: Py<PyAny>,
+    firing: Py<PyAny>,
+    open_refusal: Py<PyAny>,
+    offer_refusal: Py<PyAny>,
+    drop_reason: Py<PyAny>,
+}
+
+impl Words {
+    pub(crate) fn get(py: Python<'_>) -> PyResult<&'static Self> {
+        WORDS.get_or_try_init(py, || Self::new(py))
+    }
+
+    fn new(py: Python<'_>) -> PyResult<Self> {
+        let module = py.import("fuseline._words")?;
+        let class = |name: &str| module.getattr(name);
+        let only = |name: &str| Ok::<_, PyErr>(class(name)?.call0()?.unbind());
+        let none = PyTuple::empty(py);
+        Ok(Self {
+            accepted: only("Accepted")?,
+            held: only("Held")?,
+            waiting: only("Waiting")?,
+            missed: only("Missed")?,
+            local: class("Forwarded")?.call1((0, &none))?.unbind(),
+            none: none.unbind(),
+            admitted: class("Admitted")?.unbind(),
+            refused: class("Refused")?.unbind(),
+            dropped: class("Dropped")?.unbind(),
+            forwarded: class("Forwarded")?.unbind(),
+            firing: class("Firing")?.unbind(),
+            open_refusal: class("OpenRefusal")?.unbind(),
+            offer_refusal: class("OfferRefusal")?.unbind(),
+            drop_reason: class("DropReason")?.unbind(),
+        })
+    }
+
+    pub(crate) fn opening(&self, py: Python<'_>, opening: Opening) -> PyResult<Py<PyAny>> {
+        match opening {
+            Opening::Accepted => Ok(self.accepted.clone_ref(py)),
+            Opening::Refused(why) => self
+                .refused
+                .call1(py, (self.open_refusal.call1(py, (open_refusal(why).as_str(),))?,)),
+        }
+    }
+
+    pub(crate) fn admission(&self, py: Python<'_>, admission: Admission) -> PyResult<Py<PyAny>> {
+        match admission {
+            Admission::Admitted { due } => self.admitted.call1(py, (due.as_nanos(),)),
+            Admission::Refused(why) => self.refused.call1(py, (self.refusal(py, why)?,)),
+        }
+    }
+
+    pub(crate) fn refusal(&self, py: Python<'_>, why: core::OfferRefusal) -> PyResult<Py<PyAny>> {
+        self.offer_refusal.call1(py, (offer_refusal(why).as_str(),))
+    }
+
+    pub(crate) fn outcome(&self, py: Python<'_>, outcome: &Outcome<CLOUDS>) -> PyResult<Py<PyAny>> {
+        match outcome {
+            Outcome::Dropped(why) => {
+                let why = self.drop_reason.call1(py, (drop_reason(*why).as_str(),))?;
+                self.dropped.call1(py, (why,))
+            }
+            Outcome::Held => Ok(self.held.clone_ref(py)),
+            Outcome::Waiting => Ok(self.waiting.clone_ref(py)),
+            Outcome::Missed => Ok(self.missed.clone_ref(py)),
+            Outcome::Forwarded { by, cancelled } => {
+                if *by == Priority::LOCAL && cancelled.is_empty() {
+                    return Ok(self.local.clone_ref(py));
+                }
+                let cancelled =
+                    PyTuple::new(py, cancelled.iter().map(Priority::as_u16).collect::<Vec<_>>())?;
+                self.forwarded.call1(py, (by.as_u16(), cancelled))
+            }
+        }
+    }
+
+    pub(crate) fn firings(
+        &self,
+        py: Python<'_>,
+        firings: &[Firing<CLOUDS>],
+    ) -> PyResult<Py<PyTuple>> {
+        if firings.is_empty() {
+            return Ok(self.none.clone_ref(py));
+        }
+        let firings: PyResult<Vec<_>> = firings
+            .iter()
+            .map(|firing| {
+                let timers = firing.timers.iter().map(Priority::as_u16).collect::<Vec<_>>();
+                let outcome = self.outcome(py, &firing.outcome)?;
+                let timers = PyTuple::new(py, timers)?;
+                let (t, due) = (firing.timestamp.as_u64(), firing.due.as_nanos());
+                self.firing.call1(py, (t, due, timers, outcome))
+            })
+            .collect();
+        Ok(PyTuple::new(py, firings?)?.unbind())
+    }
+}

@@ -1,0 +1,80 @@
+"""A loop whose time moves only when nothing else is left to do, so that no test waits."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import selectors
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+
+T = TypeVar("T")
+
+#: The root of the project.
+ROOT = Path(__file__).parents[3]
+CORPUS = sorted((ROOT / "traces/corpus").glob("*.jsonl"))
+BAD = sorted((ROOT / "traces/corpus/bad").glob("*.jsonl"))
+
+
+class _Leaping(selectors.DefaultSelector):
+    """Instead of a sleep the clock leaps."""
+
+    leapt = 0.0
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        ready: list[Any] = super().select(0)
+        if ready or timeout == 0:
+            return ready
+        if timeout is None:
+            # Something outside, such as a thread: it has no time of its own here.
+            return list(super().select(5))
+        self.leapt += timeout
+        return ready
+
+
+class VirtualLoop(asyncio.SelectorEventLoop):
+    """A loop that begins at 1000 s."""
+
+    def __init__(self) -> None:
+        self._leaping = _Leaping()
+        super().__init__(self._leaping)
+
+    def time(self) -> float:
+        return 1000.0 + self._leaping.leapt
+
+    def nanos(self) -> int:
+        """The clock that operators are to read."""
+        return round(self.time() * 1e9)
+
+
+Run = Callable[[Callable[[VirtualLoop], Coroutine[Any, Any, T]]], T]
+
+
+@pytest.fixture
+def run() -> Run[Any]:
+    """Runs a test's coroutine in virtual time."""
+
+    def run(main: Callable[[VirtualLoop], Coroutine[Any, Any, T]]) -> T:
+        loop = VirtualLoop()
+        loop.set_debug(False)
+        try:
+            return loop.run_until_complete(main(loop))
+        finally:
+            left = asyncio.all_tasks(loop)
+            loop.run_until_complete(loop.shutdown_asyncgens())
+            loop.close()
+            assert not left, f"tasks were left behind: {left}"
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def command() -> str:
+    """The command `fuseline`, built of this project."""
+    path = os.environ.get("FUSELINE_COMMAND")
+    if not path:
+        pytest.skip("FUSELINE_COMMAND does not name the command")
+    return path

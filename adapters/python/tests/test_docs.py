@@ -1,0 +1,73 @@
+"""What the documents show is what happens."""
+
+from __future__ import annotations
+
+import doctest
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import fuseline
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+def test_the_machines_own_example_runs() -> None:
+    doc = fuseline.Fusion.__doc__
+    assert doc is not None
+    parser = doctest.DocTestParser()
+    example = parser.get_doctest(doc, {}, "Fusion", None, None)
+    assert example.examples
+    assert doctest.DocTestRunner().run(example).failed == 0
+
+
+def test_the_readmes_code_runs(tmp_path: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    assert blocks
+    for place, block in enumerate(blocks):
+        script = tmp_path / f"block_{place}.py"
+        script.write_text(block)
+        ran = subprocess.run(
+            [sys.executable, "-W", "error", script],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert ran.returncode == 0, ran.stderr
+        if place == 0:
+            assert ran.stdout.splitlines() == [
+                "0 east red light by east",
+                "1 east clear by east",
+                "run.jsonl: conforms; 2 timestamps judged in 23 lines",
+            ]
+
+
+def test_a_robot_whose_policy_server_dies_is_never_without_an_action(tmp_path: Path) -> None:
+    example = README.parent / "examples/remote_policy.py"
+    files = ["--trace", str(tmp_path / "arm.jsonl"), "--plot", str(tmp_path / "arm.png")]
+    ran = subprocess.run(
+        [sys.executable, str(example), "--seconds", "3", *files],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert "90 actions in 90 ticks" in ran.stdout
+    lines = fuseline.Trace(tmp_path / "arm.jsonl").lines
+    emitted = [line.p for line in lines if line.ev == "emit"]
+    assert len(emitted) == 90
+    # The server was killed for a third of the time at least.
+    assert set(emitted[32:60]) == {0}
+    assert (tmp_path / "arm.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_costs_are_measured() -> None:
+    bench = README.parent / "benches/cost.py"
+    words = ["--messages", "50", "--rounds", "1"]
+    ran = subprocess.run(
+        [sys.executable, bench, *words], capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.count(" times") == 2

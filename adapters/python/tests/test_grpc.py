@@ -1,0 +1,375 @@
+"""Clouds over gRPC, in both directions and with the command of Rust at the other end."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import subprocess
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+from typing import Any
+
+import fuseline
+import pytest
+import trustme
+from conftest import ROOT
+from fuseline import Call, CallError, Item, Local, Operator
+from fuseline.grpc import Description, Identity, Remote, Server, Token
+
+DAY = 86_400.0
+
+
+async def upper(payload: bytes, call: Call) -> bytes:
+    return payload.upper()
+
+
+def call(deadline: float = DAY) -> Call:
+    return Call(7, deadline)
+
+
+def run(main: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
+    return asyncio.run(main())
+
+
+class Certificates:
+    """A CA, the server's and a client's certificate, and another CA that nobody trusts."""
+
+    def __init__(self) -> None:
+        self._ca, self._other = trustme.CA(), trustme.CA()
+        self.ca = self._ca.cert_pem.bytes()
+        self.stranger = self._other.cert_pem.bytes()
+        self.server = self._issue(self._ca, "127.0.0.1", "localhost")
+        self.client = self._issue(self._ca, "operator.example")
+        self.forged = self._issue(self._other, "operator.example")
+
+    @staticmethod
+    def _issue(ca: trustme.CA, *names: str) -> Identity:
+        made = ca.issue_cert(*names)
+        chain = b"".join(it.bytes() for it in made.cert_chain_pems)
+        return Identity(chain, made.private_key_pem.bytes())
+
+
+@pytest.fixture(scope="module")
+def certificates() -> Certificates:
+    return Certificates()
+
+
+@contextmanager
+def serving(command: str, *arguments: str) -> Iterator[str]:
+    """The command's own cloud; gives its URL."""
+    words = [command, "serve", "--listen", "127.0.0.1:0", *arguments]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process.stdout.readline().rsplit(maxsplit=1)[-1]
+        finally:
+            process.kill()
+
+
+def test_a_payload_goes_there_and_back_with_its_timestamp() -> None:
+    seen: list[Call] = []
+
+    async def infer(payload: bytes, call: Call) -> bytes:
+        seen.append(call)
+        return payload[::-1]
+
+    async def main() -> None:
+        async with Server(infer) as server, Remote(server.url) as remote:
+            for payload in (b"", b"abc", bytes(20_000_000)):
+                assert await remote.infer(payload, call()) == payload[::-1]
+            assert await remote.infer(b"x", Call(2**64 - 1, float("inf"))) == b"x"
+            assert await remote.describe() is None
+
+    run(main)
+    assert [it.timestamp for it in seen] == [7, 7, 7, 2**64 - 1]
+    # The deadline travels; without one there is none.
+    assert DAY - 60 < seen[0].deadline <= DAY
+    assert seen[3].deadline == float("inf")
+
+
+def test_what_is_served_is_told() -> None:
+    for said in (Description(), Description("DINO", 35.5, 0.0, "a drive", True)):
+
+        async def main(said: Description = said) -> None:
+            async with Server(upper, description=said) as server, Remote(server.url) as remote:
+                assert await remote.describe() == said
+
+        run(main)
+
+
+def test_a_call_that_is_given_up_is_cancelled_at_the_server() -> None:
+    async def main() -> None:
+        begun, ended = asyncio.Event(), asyncio.Event()
+
+        async def infer(payload: bytes, call: Call) -> bytes:
+            begun.set()
+            try:
+                await asyncio.sleep(DAY)
+            finally:
+                ended.set()
+            return payload
+
+        async with Server(infer) as server, Remote(server.url) as remote:
+            asked = asyncio.create_task(remote.infer(b"x", call()))
+            await begun.wait()
+            asked.cancel()
+            await ended.wait()
+            begun.clear()
+            ended.clear()
+            with pytest.raises(CallError, match=r"^no answer in time$"):
+                await remote.infer(b"x", call(0.05))
+            await ended.wait()
+
+    run(main)
+
+
+def test_an_error_of_the_cloud_is_told_in_its_words() -> None:
+    async def infer(payload: bytes, call: Call) -> bytes:
+        raise ValueError("no such\nclass")
+
+    async def main() -> None:
+        async with Server(infer) as server, Remote(server.url) as remote:
+            with pytest.raises(CallError, match=r"^no such class$"):
+                await remote.infer(b"x", call())
+
+    run(main)
+
+
+def test_a_server_that_is_gone_is_told_and_found_again() -> None:
+    async def main() -> None:
+        server = Server(upper)
+        await server.start()
+        async with Remote(server.url) as remote:
+            assert await remote.infer(b"x", call()) == b"X"
+            await server.stop()
+            with pytest.raises(CallError, match=r"^(connection refused|the connection broke)$"):
+                await remote.infer(b"x", call())
+            again = Server(upper, server.address)
+            await again.start()
+            while True:
+                try:
+                    assert await remote.infer(b"x", call()) == b"X"
+                    break
+                except CallError:
+                    await asyncio.sleep(0.05)
+            await again.stop()
+
+    run(main)
+
+
+def test_whoever_is_not_trusted_is_not_served(certificates: Certificates) -> None:
+    it = certificates
+
+    async def main() -> None:
+        whole: Any = {"ca": it.ca, "identity": it.client, "token": "secret"}
+        async with Server(upper, identity=it.server, client_ca=it.ca, token="secret") as server:
+            assert server.url.startswith("https://")
+            async with Remote(server.url, **whole) as remote:
+                assert await remote.infer(b"x", call()) == b"X"
+            for other, told in [
+                ({"token": None}, "^a bearer token is needed$"),
+                ({"token": "secrets"}, "^the bearer token is wrong$"),
+                ({"identity": None}, "."),
+                ({"identity": it.forged}, "."),
+                ({"ca": it.stranger}, "."),
+                ({"server_name": "east.example"}, "."),
+            ]:
+                async with Remote(server.url, **(whole | other)) as remote:
+                    with pytest.raises(CallError, match=told):
+                        await remote.infer(b"x", call(2.0))
+                    with pytest.raises(CallError):
+                        await remote.describe(2.0)
+            plain = server.url.replace("https", "http")
+            async with Remote(plain) as remote:
+                with pytest.raises(CallError):
+                    await remote.infer(b"x", call(2.0))
+
+    run(main)
+
+
+def test_a_token_can_be_replaced_while_it_is_used() -> None:
+    token = Token("old")
+    assert "old" not in repr(token)
+
+    async def main() -> None:
+        async with Server(upper, token=token) as server, Remote(server.url, token="new") as remote:
+            with pytest.raises(CallError, match="wrong"):
+                await remote.infer(b"x", call())
+            token.replace("new")
+            assert await remote.infer(b"x", call()) == b"X"
+
+    run(main)
+
+
+@pytest.mark.parametrize("token", ["", "two words", "umläut", "line\n"])
+def test_what_is_no_token_is_refused_and_not_told(token: str) -> None:
+    with pytest.raises(fuseline.ConfigError, match=r"^a token must be visible ASCII"):
+        Token(token)
+
+
+def test_settings_that_cannot_work_are_refused(certificates: Certificates) -> None:
+    it = certificates
+    cases: list[tuple[Callable[[], Any], str]] = [
+        (lambda: Remote("west:1"), "http://host:port"),
+        (lambda: Remote("http://west"), "http://host:port"),
+        (lambda: Remote("http://west:99999"), "http://host:port"),
+        (lambda: Remote("https://west:1"), "needs the certificate of"),
+        (lambda: Remote("http://west:1", ca=it.ca), "certificates are for https"),
+        (lambda: Server(upper, client_ca=it.ca), "of the server's own"),
+    ]
+    for make, told in cases:
+        with pytest.raises(fuseline.ConfigError, match=told):
+            make()
+
+
+def test_an_address_that_is_taken_is_told() -> None:
+    async def main() -> None:
+        with socket.socket() as taken:
+            taken.bind(("127.0.0.1", 0))
+            taken.listen()
+            address = f"127.0.0.1:{taken.getsockname()[1]}"
+            with pytest.raises(OSError, match=f"{address} cannot be listened on"):
+                await Server(upper, address).start()
+
+    run(main)
+
+
+def test_more_calls_than_allowed_are_refused() -> None:
+    async def main() -> None:
+        begun = asyncio.Event()
+
+        async def infer(payload: bytes, call: Call) -> bytes:
+            begun.set()
+            await asyncio.sleep(DAY)
+            return payload
+
+        async with Server(infer, calls=1) as server, Remote(server.url) as remote:
+            one = asyncio.create_task(remote.infer(b"x", call()))
+            await begun.wait()
+            with pytest.raises(CallError):
+                await remote.infer(b"x", call())
+            one.cancel()
+
+    run(main)
+
+
+def test_the_messages_are_those_of_the_projects_file(tmp_path: Path) -> None:
+    from fuseline._infer import DESCRIPTION, REPLY, REQUEST
+    from google.protobuf import descriptor_pb2
+    from grpc_tools import protoc
+
+    folder = ROOT / "adapters/tokio/proto"
+    out = tmp_path / "set"
+    assert protoc.main(["", f"-I{folder}", f"--descriptor_set_out={out}", "fuseline.proto"]) == 0
+    (file,) = descriptor_pb2.FileDescriptorSet.FromString(out.read_bytes()).file
+    theirs = {message.name: message for message in file.message_type}
+    assert file.package == "fuseline.v1"
+    assert [method.name for method in file.service[0].method] == ["Infer", "Describe"]
+    for made in (REQUEST, REPLY, DESCRIPTION):
+        ours = descriptor_pb2.DescriptorProto()
+        made.DESCRIPTOR.CopyToProto(ours)
+        for message in (ours, theirs[ours.name]):
+            for field in message.field:
+                field.ClearField("json_name")
+        assert ours == theirs[ours.name]
+
+
+@asynccontextmanager
+async def operating(remote: Remote, trace: Path) -> AsyncIterator[Operator[bytes, bytes]]:
+    async def local(message: bytes, t: int) -> bytes:
+        await asyncio.sleep(DAY)
+        return b""
+
+    on_board: Local[bytes, bytes] = Local.task(local, at_once=16, deadline=60.0)
+    operator: Operator[bytes, bytes] = Operator(on_board, trace=trace)
+
+    def response_handler(reply: bytes) -> bytes:
+        return reply
+
+    operator.use_cloud(remote.infer, lambda m, t: (m, 30.0), response_handler, 1, name="rust")
+    async with operator:
+        yield operator
+
+
+@pytest.mark.parametrize("is_secure", [False, True])
+def test_rust_serves_an_operator_of_python(
+    command: str, tmp_path: Path, certificates: Certificates, is_secure: bool
+) -> None:
+    files = {}
+    for name, text in [
+        ("cert", certificates.server.certificate),
+        ("key", certificates.server.key),
+        ("client-ca", certificates.ca),
+        ("token-file", b"secret"),
+    ]:
+        files[name] = tmp_path / name
+        files[name].write_bytes(text)
+    arguments = [it for name, path in files.items() for it in (f"--{name}", str(path))]
+    settings: Any = {"ca": certificates.ca, "identity": certificates.client, "token": "secret"}
+
+    async def main(url: str) -> list[Item[bytes]]:
+        async with Remote(url, **(settings if is_secure else {})) as remote:
+            said = await remote.describe()
+            assert said is not None
+            assert (said.model, said.emulated) == ("DINO-SWIN-Tiny on A100", True)
+            async with operating(remote, tmp_path / "trace.jsonl") as operator:
+                operator.feed([b"frame"] * 5)
+                return [item async for item in operator]
+
+    chosen = ["--model", "DINO-SWIN-Tiny@a100", *(arguments if is_secure else [])]
+    with serving(command, *chosen) as url:
+        items = asyncio.run(main(url))
+    assert [str(item.source) for item in items] == ["rust"] * 5
+    assert all(item.value for item in items)
+    assert fuseline.check(tmp_path / "trace.jsonl").conforms
+
+
+def test_python_serves_an_operator_of_rust(
+    command: str, tmp_path: Path, certificates: Certificates
+) -> None:
+    """`fuseline run` with a cloud in Python, over mutual TLS and with a token."""
+    left: list[float] = []
+
+    async def infer(payload: bytes, call: Call) -> bytes:
+        left.append(call.deadline)
+        return b"boxes"
+
+    files = {
+        "ca": certificates.ca,
+        "cert": certificates.client.certificate,
+        "key": certificates.client.key,
+        "token": b"secret",
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_bytes(text)
+    trace = tmp_path / "trace.jsonl"
+
+    async def main() -> None:
+        said = Description("python", 1.0, 60.0)
+        async with Server(
+            infer,
+            identity=certificates.server,
+            client_ca=certificates.ca,
+            token="secret",
+            description=said,
+        ) as server:
+            keys = ",".join(f"{name}={tmp_path / name}" for name in files)
+            cloud = f"name=python,priority=1,url={server.url},{keys}"
+            words = ["run", "--seconds", "1", "--deadline", "20000", "--policy", "constant"]
+            more = ["--window", "64", "--cloud", cloud, "--trace", str(trace)]
+            process = await asyncio.create_subprocess_exec(
+                command, *words, *more, stdout=asyncio.subprocess.PIPE
+            )
+            told, _ = await process.communicate()
+            assert process.returncode == 0, told.decode()
+
+    asyncio.run(main())
+    assert left
+    assert all(0 < it <= 20 for it in left)
+    verdict = fuseline.check(trace)
+    assert verdict.conforms
+    read = fuseline.Trace(trace)
+    assert read.header["clouds"][0]["name"] == "python"
+    emitted = [line.p for line in read.lines if line.ev == "emit"]
+    assert 1 in emitted

@@ -1,0 +1,236 @@
+"""Judging, reading and replaying traces from wherever they come."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import fuseline
+import pyarrow as pa
+import pytest
+from conftest import BAD, CORPUS
+from fuseline import Trace, check, check_observed, replay
+
+HEADER = b'{"fuseline":1,"window":16,"clouds":[{"p":1,"limit":31}]}\n'
+GOOD = (
+    HEADER
+    + b"""{"ev":"open","at":0,"t":1}
+{"ev":"offer","at":0,"t":1,"p":1,"deadline":500,"backlog":0}
+{"ev":"request","at":0,"t":1,"p":1,"due":500}
+{"ev":"result","at":499,"t":1,"p":1}
+{"ev":"emit","at":499,"t":1,"p":1}
+"""
+)
+LATE = GOOD.replace(b"499", b"500")
+
+
+@pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.stem)
+def test_the_corpus_conforms_and_replays(path: Path) -> None:
+    assert check(path).conforms
+    inputs = b"".join(path.read_bytes().splitlines(keepends=True))
+    assert replay(path) == replay(inputs)
+    assert check(replay(path)).conforms
+
+
+@pytest.mark.parametrize("path", BAD, ids=lambda path: path.stem)
+def test_what_breaks_a_rule_does_not_conform(path: Path) -> None:
+    verdict = check(path)
+    assert not verdict.conforms
+    assert verdict.violations[0].sentence
+
+
+def test_bytes_paths_files_and_lines_are_one_trace(tmp_path: Path) -> None:
+    path = tmp_path / "late.jsonl"
+    path.write_bytes(LATE)
+    packed = tmp_path / "late.jsonl.gz"
+    packed.write_bytes(gzip.compress(LATE))
+    with path.open() as text, path.open("rb") as binary:
+        traces: list[Any] = [
+            LATE,
+            gzip.compress(LATE),
+            path,
+            str(path),
+            packed,
+            text,
+            binary,
+            LATE.splitlines(keepends=True),
+            LATE.splitlines(),
+            LATE.decode().splitlines(),
+            (line for line in LATE.splitlines()),
+            # Whatever pieces it comes in, as long as the first ends a line.
+            [HEADER, LATE[len(HEADER) : 80], LATE[80:]],
+        ]
+        for trace in traces:
+            verdict = check(trace, name="it")
+            assert (verdict.file, verdict.judged, verdict.lines) == ("it", 1, 6)
+            (violation,) = verdict.violations
+            assert (violation.line, violation.t, violation.rule) == (6, 1, "F5")
+            assert violation.found == '{"ev":"emit","at":500,"t":1,"p":1}'
+            assert violation.expected == '{"ev":"timer","at":500,"t":1,"p":1}'
+    assert check(path).file == str(path)
+
+
+def test_the_command_says_the_same_of_a_trace(command: str, tmp_path: Path) -> None:
+    path = tmp_path / "late.jsonl"
+    path.write_bytes(LATE)
+    said = subprocess.run(
+        [command, "check", str(path)], capture_output=True, text=True, check=False
+    )
+    assert said.returncode == 1
+    words = " ".join(said.stdout.split())
+    (violation,) = check(path).violations
+    for part in (violation.sentence, violation.found, violation.expected, *violation.story):
+        assert part in words
+
+
+@pytest.mark.parametrize(
+    ("trace", "line", "column", "defect"),
+    [
+        (b"", 1, 1, "the trace is empty; its first line is a header"),
+        (HEADER + b'{"ev":"tick","at":-1}\n', 2, 19, None),
+        (HEADER + b'{"ev":"tick","at":1}', 2, 21, "the last line does not end in LF"),
+        (HEADER + HEADER, 2, 1, "a second header"),
+        (HEADER + b"x" * 70_000 + b"\n", 2, 65537, "a line over 64 KiB"),
+        (gzip.compress(HEADER)[:-9], 2, 1, "incomplete deflate stream"),
+    ],
+)
+def test_what_is_no_trace_is_told_with_its_place(
+    trace: bytes, line: int, column: int | None, defect: str | None
+) -> None:
+    for judge in (check, replay, Trace, lambda it: check_observed(it, tolerance=0, lateness=0)):
+        with pytest.raises(fuseline.ReadError) as error:
+            judge(trace)
+        told = error.value
+        assert told.line == line
+        assert column is None or told.column == column
+        assert str(told).startswith(f"<bytes>:{line}:")
+        assert defect is None or defect in told.defect
+
+
+def test_a_file_that_is_not_there_is_an_os_error_with_its_name(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"gone\.jsonl"):
+        check(tmp_path / "gone.jsonl")
+    with pytest.raises(IsADirectoryError):
+        check(tmp_path)
+    with pytest.raises(TypeError, match="something that gives lines, not int"):
+        check(cast(Any, 12))
+    with pytest.raises(TypeError, match="a line is str or bytes, not int"):
+        check(cast(Any, [1]))
+
+
+def test_an_exception_of_the_lines_comes_through() -> None:
+    def lines() -> Iterator[bytes]:
+        yield from GOOD.splitlines(keepends=True)
+        raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        check(lines())
+
+
+def test_an_observed_trace_is_judged_within_its_tolerance() -> None:
+    later = GOOD.replace(b"499", b"503")
+    verdict = check_observed(later, tolerance=1, lateness=0)
+    assert not verdict.conforms
+    assert verdict.violations[0].t == 1
+    assert check_observed(later, tolerance=2, lateness=0).conforms
+    assert check_observed(later, tolerance=2e-9, lateness=0.0).conforms
+    disorder = GOOD + b'{"ev":"tick","at":5}\n'
+    with pytest.raises(fuseline.ReadError, match=r"^<bytes>:7:1: at 5 after a line at 499"):
+        check_observed(disorder, tolerance=10, lateness=0)
+
+
+def test_other_threads_run_while_a_trace_is_judged() -> None:
+    """The judge waits for a pipe that another thread of Python fills meanwhile."""
+    read, write = os.pipe()
+
+    def fill() -> None:
+        with os.fdopen(write, "wb") as file:
+            file.write(GOOD)
+
+    thread = threading.Thread(target=fill)
+    thread.start()
+    verdict = check(f"/dev/fd/{read}")
+    thread.join()
+    os.close(read)
+    assert verdict.conforms
+
+
+def test_ctrl_c_ends_judging() -> None:
+    """A trace without an end, in a process of its own."""
+    endless = """
+import fuseline, itertools, os, signal, sys
+header = '{"fuseline":1,"window":16,"clouds":[]}'
+def fifo(path):
+    import threading
+    def fill():
+        with open(path, "wb", buffering=0) as out:
+            out.write(header.encode() + b"\\n")
+            tick = b'{"ev":"tick","at":1}\\n' * 1000
+            print("judging", flush=True)
+            try:
+                while True: out.write(tick)
+            except BrokenPipeError: pass
+    threading.Thread(target=fill, daemon=True).start()
+fifo(sys.argv[1])
+try:
+    fuseline.check(sys.argv[1])
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+    os._exit(0)
+"""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        fifo = f"{folder}/fifo"
+        os.mkfifo(fifo)
+        command = [sys.executable, "-c", endless, fifo]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "judging\n"
+            process.send_signal(signal.SIGINT)
+            assert process.stdout.readline() == "interrupted\n"
+            assert process.wait() == 0
+
+
+def test_a_verdict_is_shown_in_a_notebook_without_its_own_markup() -> None:
+    verdict = check(LATE, name="<b>late</b>")
+    html = verdict._repr_html_()
+    assert "does not conform" in html
+    assert "&lt;b&gt;late&lt;/b&gt;" in html
+    assert "<b>late" not in html
+    assert len(re.findall("<tr", html)) == 2
+    assert "<table" not in check(GOOD)._repr_html_()
+
+
+def test_verdicts_are_tables() -> None:
+    table = pa.concat_tables([check(GOOD, name="a").to_arrow(), check(LATE, name="b").to_arrow()])
+    assert table.column("file").to_pylist() == ["a", "b"]
+    assert table.column("conforms").to_pylist() == [True, False]
+    assert table.column("rule").to_pylist() == [None, "F5"]
+    assert table.column("line").to_pylist() == [None, 6]
+    table.validate(full=True)
+
+
+def test_a_trace_is_a_table_of_its_lines() -> None:
+    table = Trace(GOOD).to_arrow()
+    assert table.column("ev").to_pylist() == ["open", "offer", "request", "result", "emit"]
+    assert table.column("due").to_pylist() == [None, None, 500, None, None]
+    assert Trace(HEADER).to_arrow().num_rows == 0
+
+
+def test_a_timeline_shows_whose_results_went() -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    trace = Trace(next(path for path in CORPUS if "coarse" in path.stem))
+    axes = trace.timeline()
+    labels = axes.get_legend_handles_labels()[1]
+    assert any(label.startswith("local (") for label in labels), labels
+    matplotlib.pyplot.close(axes.figure)

@@ -1,0 +1,191 @@
+"""The operator on loops that keep real time, with threads, processes and a disk that is full."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+import signal
+import threading
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import fuseline
+import pytest
+from fuseline import Call, Ending, Item, Local, Operator, check, check_observed
+
+
+def _uvloop() -> asyncio.AbstractEventLoop:
+    uvloop = pytest.importorskip("uvloop")
+    loop: asyncio.AbstractEventLoop = uvloop.new_event_loop()
+    return loop
+
+
+LOOPS = [
+    pytest.param(asyncio.SelectorEventLoop, id="asyncio"),
+    pytest.param(_uvloop, id="uvloop"),
+]
+Make = Callable[[], asyncio.AbstractEventLoop]
+
+
+def run(make: Make, main: Callable[[], Any]) -> Any:
+    loop = make()
+    try:
+        return loop.run_until_complete(main())
+    finally:
+        loop.run_until_complete(loop.shutdown_asyncgens())
+        loop.run_until_complete(loop.shutdown_default_executor())
+        loop.close()
+
+
+def square(n: int, t: int) -> int:
+    return n * n
+
+
+def process_of(message: object, t: int) -> int:
+    return os.getpid()
+
+
+@pytest.mark.parametrize("make", LOOPS)
+def test_random_load_in_real_time_conforms(make: Make, tmp_path: Path) -> None:
+    rng = random.Random(1)
+    trace = tmp_path / "trace.jsonl"
+    messages = 200
+
+    async def flaky(request: int, call: Call) -> int:
+        await asyncio.sleep(rng.choice([0, 0.001, 0.004, 0.01, 1]))
+        if rng.random() < 0.2:
+            raise OSError("broke")
+        return request
+
+    async def camera() -> AsyncIterator[int]:
+        for message in range(messages):
+            yield message
+            await asyncio.sleep(rng.choice([0, 0.001, 0.002]))
+
+    async def main() -> list[Item[int]]:
+        on_board: Local[int, int] = Local.threads(lambda message, t: message, workers=2)
+        operator: Operator[int, int] = Operator(on_board, trace=trace)
+        for p in (3, 1, 2):
+            operator.use_cloud(
+                flaky,
+                lambda message, t: (message, rng.choice([0.002, 0.005, 0.02])),
+                lambda response: response,
+                p,
+                calls=2,
+                limit=3,
+            )
+        async with operator:
+            operator.feed(camera())
+            return [item async for item in operator]
+
+    items = run(make, main)
+    assert sorted(item.timestamp for item in items) == list(range(messages))
+    assert all(item.value == item.timestamp for item in items if item.ending is Ending.FORWARDED)
+    verdict = check(trace)
+    assert verdict.conforms, str(verdict)
+    assert fuseline.replay(trace) == trace.read_bytes()
+    # Recorded instants are the operator's own: only timers may be late.
+    observed = check_observed(trace, tolerance=0, lateness=5.0)
+    assert observed.conforms, str(observed)
+
+
+@pytest.mark.parametrize("make", LOOPS)
+def test_local_computes_in_threads_of_its_own(make: Make) -> None:
+    names = set()
+
+    def local(message: int, t: int) -> int:
+        names.add(threading.current_thread().name.rsplit("_", 1)[0])
+        if message == 3:
+            raise ValueError("three")
+        return message * 10
+
+    async def main() -> list[Any]:
+        operator: Operator[int, int] = Operator(Local.threads(local, workers=3))
+        async with operator:
+            operator.feed(range(5))
+            return sorted([(item.timestamp, item.value) async for item in operator])
+
+    assert run(make, main) == [(0, 0), (1, 10), (2, 20), (3, None), (4, 40)]
+    assert names == {"fuseline-local"}
+
+
+def test_local_computes_in_processes_of_its_own() -> None:
+    async def main() -> None:
+        operator: Operator[int, int] = Operator(Local.processes(square))
+        async with operator:
+            operator.feed(range(4))
+            assert sorted([item.value async for item in operator if item.value is not None]) == [
+                0,
+                1,
+                4,
+                9,
+            ]
+
+    run(asyncio.SelectorEventLoop, main)
+
+
+def test_a_process_that_dies_costs_its_own_message_alone() -> None:
+    async def main() -> None:
+        operator: Operator[str, int] = Operator(Local.processes(process_of))
+        async with operator:
+            operator.write("a")
+            first = (await anext(operator)).value
+            assert first is not None
+            os.kill(first, signal.SIGKILL)
+            operator.write("b")
+            lost = await anext(operator)
+            # The pool may have noticed before the message came, or with it.
+            assert lost.ending is Ending.MISSED
+            assert lost.failures[0].source.name == "local"
+            operator.write("c")
+            second = (await anext(operator)).value
+            assert second not in (None, first, os.getpid())
+
+    run(asyncio.SelectorEventLoop, main)
+
+
+def test_a_disk_that_fills_is_told_and_the_operator_goes_on(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def main() -> list[Any]:
+        operator: Operator[int, int] = Operator(square, trace="/dev/full")
+        values = []
+        with pytest.raises(fuseline.TraceError, match=r"the trace ends early: .*No space left"):
+            async with operator:
+                operator.feed(range(3))
+                values = [item.value async for item in operator]
+        assert operator.unrecorded is not None
+        return values
+
+    assert sorted(run(asyncio.SelectorEventLoop, main)) == [0, 1, 4]
+    assert "the trace /dev/full ends early" in caplog.text
+
+
+def test_a_trace_that_cannot_be_written_is_told_at_the_start(tmp_path: Path) -> None:
+    async def main() -> None:
+        operator: Operator[int, int] = Operator(square, trace=tmp_path / "no" / "trace.jsonl")
+        with pytest.raises(FileNotFoundError, match=r"trace\.jsonl"):
+            await operator.start()
+
+    run(asyncio.SelectorEventLoop, main)
+
+
+def test_an_operator_can_be_read_along(tmp_path: Path) -> None:
+    """What was missed is on the disk at once, while the operator runs."""
+    trace = tmp_path / "trace.jsonl"
+
+    def broken(message: int, t: int) -> int:
+        raise ValueError("nothing")
+
+    async def main() -> None:
+        operator: Operator[int, int] = Operator(broken, trace=trace)
+        async with operator:
+            operator.write(1)
+            assert (await anext(operator)).ending is Ending.MISSED
+            while b'"miss"' not in trace.read_bytes():
+                await asyncio.sleep(0.001)
+            assert check(trace).judged == 1
+
+    run(asyncio.SelectorEventLoop, main)

@@ -1,0 +1,587 @@
+"""The asyncio operator, in virtual time: what it promises, one by one."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import random
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import fuseline
+import pytest
+from conftest import Run, VirtualLoop
+from fuseline import Call, Ending, Item, Local, Operator, Trigger, check, check_observed
+from fuseline.deadline import Accuracy, Constant, End, Expected, Guard, Situation
+
+Handle = Callable[[Any, Call], Awaitable[Any]]
+
+MS = 0.001
+
+
+def after(seconds: float) -> Handle:
+    """A cloud that answers so long after it was asked."""
+
+    async def handle(request: Any, call: Call) -> Any:
+        await asyncio.sleep(seconds)
+        return request
+
+    return handle
+
+
+def local_after(seconds: float) -> Callable[[Any, int], Awaitable[Any]]:
+    async def local(message: Any, t: int) -> Any:
+        await asyncio.sleep(seconds)
+        return f"{message} on board"
+
+    return local
+
+
+def ask(deadline: float) -> Callable[[Any, int], tuple[Any, float]]:
+    return lambda message, t: (message, deadline)
+
+
+async def items_of(operator: Operator[Any, Any], messages: Any) -> list[Item[Any]]:
+    async with operator:
+        operator.feed(messages)
+        return [item async for item in operator]
+
+
+def judged(path: Path, messages: int) -> None:
+    """The trace conforms strictly, byte for byte, and as observed without any tolerance."""
+    verdict = check(path)
+    assert verdict.conforms, str(verdict)
+    assert verdict.judged == messages
+    assert fuseline.replay(path) == path.read_bytes()
+    observed = check_observed(path, tolerance=0, lateness=0)
+    assert observed.conforms, str(observed)
+
+
+def test_the_best_that_is_in_time_goes(run: Run[Any], tmp_path: Path) -> None:
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        trace = tmp_path / "trace.jsonl"
+        operator: Operator[Any, Any] = Operator(
+            local_after(30 * MS), name="lane", clock=loop.nanos, trace=trace
+        )
+        operator.use_cloud(after(50 * MS), ask(0.1), "{} by west".format, 1, name="west")
+        operator.use_cloud(after(500 * MS), ask(0.1), "{} by east".format, 2, name="east")
+        return await items_of(operator, ["a"])
+
+    (item,) = run(main)
+    # East's timer commits the best in hand, which is west's.
+    assert item.value == "a by west"
+    assert (str(item.source), item.trigger, item.ending) == (
+        "west",
+        Trigger.TIMER,
+        Ending.FORWARDED,
+    )
+    assert (item.opened, item.arrived, item.decided) == (0, 50_000_000, 100_000_000)
+    assert item.took == 0.1
+    judged(tmp_path / "trace.jsonl", 1)
+
+
+def test_without_a_cloud_locals_result_goes_when_it_comes(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.nanos)
+        operator.use_cloud(after(1), lambda message, t: None, str, 1)
+        return await items_of(operator, ["a"])
+
+    (item,) = run(main)
+    assert (item.value, item.decided) == ("a on board", 30_000_000)
+
+
+@pytest.mark.parametrize(("response", "goes"), [(99, "cloud"), (100, "local"), (101, "local")])
+def test_a_result_at_its_due_instant_is_late(run: Run[Any], response: int, goes: str) -> None:
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local_after(1 * MS), clock=loop.nanos)
+        operator.use_cloud(after(response * MS), ask(100 * MS), str, 1, name="cloud")
+        return await items_of(operator, ["a"])
+
+    (item,) = run(main)
+    assert str(item.source) == goes
+
+
+def test_what_is_no_longer_wanted_is_cancelled_at_once(run: Run[Any]) -> None:
+    ended: dict[str, float] = {}
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        def slow(name: str) -> Handle:
+            async def handle(request: Any, call: Call) -> Any:
+                try:
+                    await asyncio.sleep(10)
+                finally:
+                    ended[name] = round(loop.time() - 1000, 6)
+
+            return handle
+
+        operator: Operator[Any, Any] = Operator(local_after(1 * MS), clock=loop.nanos)
+        operator.use_cloud(slow("timer"), ask(20 * MS), str, 1, name="timer")
+        operator.use_cloud(slow("cancelled"), ask(5.0), str, 3, name="cancelled")
+        operator.use_cloud(after(50 * MS), ask(5.0), str, 4)
+        return await items_of(operator, ["a"])
+
+    (item,) = run(main)
+    # The first timer commits under eager, and what is still pending is cancelled with it.
+    assert (item.decided, ended) == (20_000_000, {"timer": 0.02, "cancelled": 0.02})
+
+
+def test_local_is_never_cancelled_by_a_decision(run: Run[Any]) -> None:
+    done = []
+
+    async def local(message: Any, t: int) -> Any:
+        await asyncio.sleep(1)
+        done.append(message)
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local, clock=loop.nanos)
+        operator.use_cloud(after(1 * MS), ask(1.0), str, 1)
+        async with operator:
+            operator.write("a")
+            assert (await anext(operator)).value == "a"
+            await asyncio.sleep(2)
+        assert operator.counts["local", "result", "dropped superseded"] == 1
+
+    run(main)
+    assert done == ["a"]
+
+
+def test_an_error_is_a_failure_of_its_message_alone(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    async def broken(request: Any, call: Call) -> Any:
+        raise OSError("connection refused")
+
+    def response_handler(response: Any) -> Any:
+        raise ValueError("no such\nclass " + "x" * 1000)
+
+    async def local(message: int, t: int) -> Any:
+        if message % 2:
+            raise RuntimeError("odd")
+        return message
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local, clock=loop.nanos)
+        operator.use_cloud(broken, ask(1.0), str, 1, name="broken")
+        operator.use_cloud(after(0), ask(1.0), response_handler, 2, name="odd")
+        return await items_of(operator, [0, 1])
+
+    even, odd = run(main)
+    assert (even.ending, even.value, even.trigger) == (Ending.FORWARDED, 0, Trigger.FAILURE)
+    assert odd.ending is Ending.MISSED
+    whys = {str(failure.source): failure.why for failure in odd.failures}
+    assert whys["local"] == "odd"
+    assert whys["broken"] == "connection refused"
+    assert whys["odd"].startswith("no such class xxx")
+    assert len(whys["odd"]) == 200
+    assert "message 1 missed" in caplog.text
+
+
+def test_a_message_handler_that_fails_does_not_ask(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(message: Any, t: int) -> Any:
+        raise RuntimeError("no frame")
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local_after(1), clock=loop.nanos)
+        operator.use_cloud(after(0), broken, str, 1)
+        operator.use_cloud(after(0), lambda message, t: (message, -1.0), str, 2)
+        return await items_of(operator, ["a"])
+
+    (item,) = run(main)
+    assert item.value == "a on board"
+    assert "no frame" in caplog.text
+    assert "a duration of -1" in caplog.text
+
+
+def test_the_gate_sees_the_true_length_of_the_queue(run: Run[Any], tmp_path: Path) -> None:
+    trace = tmp_path / "trace.jsonl"
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(
+            Local.task(local_after(1 * MS), at_once=8), clock=loop.nanos, trace=trace
+        )
+        operator.use_cloud(after(10 * MS), ask(15 * MS), str, 1, calls=1, limit=2, resume=0)
+        return await items_of(operator, range(6))
+
+    items = run(main)
+    assert len(items) == 6
+    offers = [line for line in fuseline.Trace(trace).lines if line.ev in ("offer", "refuse")]
+    backlogs = [line.backlog for line in offers if line.ev == "offer"]
+    # One is under way; the queue holds two; then the gate is shut.
+    assert backlogs == [0, 0, 1, 2, 2, 2]
+    assert [line.why for line in offers if line.ev == "refuse"] == ["queue"] * 3
+    judged(trace, 6)
+
+
+def test_a_request_that_waits_is_told_the_time_that_is_left(run: Run[Any]) -> None:
+    left: list[float] = []
+
+    async def handle(request: Any, call: Call) -> Any:
+        left.append(round(call.deadline, 6))
+        await asyncio.sleep(10 * MS)
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(
+            Local.task(local_after(1), at_once=9), clock=loop.nanos
+        )
+        operator.use_cloud(handle, ask(25 * MS), str, 1, calls=1, limit=9)
+        async with operator:
+            for message in range(4):
+                operator.write(message)
+            operator.close()
+            items = [item async for item in operator]
+        # The fourth's timer fires while it waits: it is never sent.
+        assert [str(item.source) for item in items] == ["cloud-1", "cloud-1", "local", "local"]
+
+    run(main)
+    assert left == [0.025, 0.015, 0.005]
+
+
+def test_a_lagging_reader_holds_back_new_messages_and_loses_none(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(
+            local_after(0), clock=loop.nanos, output_len=2, window=4
+        )
+        async with operator:
+            assert [operator.write("a"), operator.write("b")] == [0, 1]
+            await asyncio.sleep(1)
+            with pytest.raises(fuseline.Full, match="2 items wait"):
+                operator.write("c")
+            assert (await anext(operator)).timestamp == 0
+            assert operator.write("c") == 2
+            operator.feed(range(100))
+            assert sorted([it.timestamp async for it in operator]) == list(range(1, 103))
+            with pytest.raises(fuseline.Closed):
+                operator.write("d")
+
+    run(main)
+
+
+def test_a_message_beyond_the_window_leaves_at_once_as_refused(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(1), clock=loop.nanos, window=1)
+        async with operator:
+            operator.write("a")
+            operator.write("b")
+            operator.close()
+            items = [(item.timestamp, item.ending, item.refusal) async for item in operator]
+        assert items == [
+            (1, Ending.REFUSED, fuseline.OpenRefusal.FULL),
+            (0, Ending.FORWARDED, None),
+        ]
+
+    run(main)
+
+
+def test_too_many_waiting_computations_fail_at_once(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        local = Local.task(local_after(1), waiting=1)
+        return await items_of(Operator(local, clock=loop.nanos), ["a", "b", "c"])
+
+    items = run(main)
+    assert [(item.timestamp, item.ending) for item in items] == [
+        (2, Ending.MISSED),
+        (0, Ending.FORWARDED),
+        (1, Ending.FORWARDED),
+    ]
+    assert items[0].failures[0].why == "too many computations wait"
+
+
+def test_an_answered_message_is_skipped_by_local_if_wanted(run: Run[Any]) -> None:
+    for skip, computed in [(True, [0]), (False, [0, 1])]:
+        seen: list[int] = []
+
+        async def local(message: int, t: int, seen: list[int] = seen) -> Any:
+            seen.append(t)
+            await asyncio.sleep(1)
+
+        async def main(loop: VirtualLoop, skip: bool = skip, local: Any = local) -> None:
+            operator: Operator[Any, Any] = Operator(
+                Local.task(local, skip_answered=skip), clock=loop.nanos
+            )
+            operator.use_cloud(after(1 * MS), ask(1.0), str, 1)
+            async with operator:
+                operator.write("a")
+                operator.write("b")
+                await asyncio.sleep(3)
+
+        run(main)
+        assert seen == computed
+
+
+def test_locals_deadline_is_a_miss_when_nothing_came(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        local = Local.task(local_after(100), deadline=20 * MS)
+        return await items_of(Operator(local, clock=loop.nanos), ["a"])
+
+    (item,) = run(main)
+    assert (item.ending, item.decided) == (Ending.MISSED, 20_000_000)
+
+
+def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
+    run: Run[Any], tmp_path: Path
+) -> None:
+    trace = tmp_path / "trace.jsonl"
+    ended: list[str] = []
+
+    async def handle(request: Any, call: Call) -> Any:
+        try:
+            await asyncio.sleep(100)
+        finally:
+            ended.append(request)
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(50), clock=loop.nanos, trace=trace)
+        operator.use_cloud(handle, ask(60.0), str, 1)
+        with pytest.raises(KeyError, match="mine"):
+            async with operator:
+                operator.write("a")
+                operator.write("b")
+                await asyncio.sleep(1)
+                raise KeyError("mine")
+        assert [item async for item in operator] == []
+        assert repr(operator) == "<Operator 'operator' clouds=['cloud-1'] over, 2 messages>"
+
+    run(main)
+    assert sorted(ended) == ["a", "b"]
+    verdict = check(trace)
+    assert verdict.conforms
+    assert verdict.lines == 7
+
+
+def test_a_source_of_messages_that_fails_is_told_at_the_end(run: Run[Any]) -> None:
+    async def camera() -> Any:
+        yield "a"
+        raise OSError("no camera")
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(1), clock=loop.nanos)
+        items = []
+        with pytest.raises(OSError, match="no camera"):
+            async with operator:
+                operator.feed(camera())
+                items = [item.value async for item in operator]
+        assert items == ["a on board"]
+
+    run(main)
+
+
+def test_a_call_that_will_not_end_keeps_a_place_and_no_more(run: Run[Any]) -> None:
+    """D8: calls that suppress their cancellation are bounded."""
+    under_way = [0, 0]
+
+    async def stubborn(request: Any, call: Call) -> Any:
+        under_way[0] += 1
+        under_way[1] = max(under_way)
+        try:
+            await asyncio.sleep(1)
+        except asyncio.CancelledError:
+            await asyncio.sleep(5)
+        finally:
+            under_way[0] -= 1
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos, output_len=99)
+        operator.use_cloud(stubborn, ask(10 * MS), str, 1, calls=3)
+        async with operator:
+            for message in range(50):
+                operator.write(message)
+                await asyncio.sleep(20 * MS)
+            operator.close()
+            assert len([item async for item in operator]) == 50
+
+    run(main)
+    assert under_way == [0, 6]
+
+
+def test_a_policy_learns_how_each_call_ended_and_chooses(run: Run[Any]) -> None:
+    told: list[tuple[End, int]] = []
+    asked: list[tuple[int, list[int]]] = []
+
+    class Policy:
+        def decide(self, situation: Situation, cap: Any) -> Any:
+            asked.append((cap, list(situation.under_way)))  # type: ignore[arg-type]
+            return Constant(30 * MS).decide(situation, cap)
+
+        def ended(self, end: End, age: Any) -> None:
+            told.append((end, age))
+
+    async def handle(request: int, call: Call) -> Any:
+        await asyncio.sleep([10, 20, 100][request] * MS)
+        if request == 1:
+            raise OSError("broke")
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(
+            Local.task(local_after(0), at_once=3), clock=loop.nanos
+        )
+        operator.use_cloud(handle, ask(1.0), str, 1, policy=Policy())
+        return await items_of(operator, [0, 1, 2])
+
+    run(main)
+    assert told == [(End.ANSWERED, 10**7), (End.FAILED, 2 * 10**7), (End.CENSORED, 3 * 10**7)]
+    assert asked == [(10**9, []), (10**9, [0]), (10**9, [0, 0])]
+
+
+def test_a_call_that_lingers_shows_how_long_it_takes_and_changes_no_output(run: Run[Any]) -> None:
+    for linger, ages in [(0.0, (End.CENSORED, 3 * 10**7)), (0.1, (End.ANSWERED, 5 * 10**7))]:
+        told: list[Any] = []
+
+        class Policy(Constant):
+            def ended(self, end: End, age: Any, told: list[Any] = told) -> None:
+                told.append((end, age))
+
+        policy = Policy(1.0)
+
+        async def main(loop: VirtualLoop, linger: float = linger, policy: Any = policy) -> None:
+            operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos)
+            operator.use_cloud(after(50 * MS), ask(30 * MS), str, 1, policy=policy, linger=linger)
+            async with operator:
+                operator.write("a")
+                item = await anext(operator)
+                assert (item.value, item.decided) == ("a on board", 3 * 10**7)
+                await asyncio.sleep(1)
+
+        run(main)
+        assert told == [ages]
+
+
+def test_a_guard_and_what_is_worth_it_decide_in_an_operator(run: Run[Any]) -> None:
+    guard = Guard()
+    expected = Expected(Accuracy(local=42.0, cloud=50.0, price_per_ms=0.01), 0.05, probe_every=16)
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(
+            Local.task(local_after(50 * MS), at_once=99), clock=loop.nanos, window=99
+        )
+        operator.use_situation(lambda message, t: Situation(speed=11.0))
+        operator.use_cloud(after(120 * MS), ask(2.0), str, 1, calls=99, policy=guard.caps(expected))
+
+        async def camera() -> Any:
+            for message in range(40):
+                yield message
+                await asyncio.sleep(0.5)
+
+        return await items_of(operator, camera())
+
+    items = run(main)
+    assert {str(item.source) for item in items} == {"cloud-1"}
+    assert {it.response for it in expected.observations()} == {120_000_000}
+    assert len(expected.observations()) == 40
+    assert expected.decide(Situation(), 2.0).deadline == 120_000_001
+
+
+@pytest.mark.parametrize("commit", ["eager", "patient"])
+@pytest.mark.parametrize("seed", range(6))
+def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
+    run: Run[Any], tmp_path: Path, commit: Any, seed: int
+) -> None:
+    trace = tmp_path / "trace.jsonl"
+    rng = random.Random(seed)
+    messages = 300
+
+    async def flaky(request: Any, call: Call) -> Any:
+        await asyncio.sleep(rng.choice([0, 1, 5, 10, 20, 20, 200]) * MS)
+        if rng.random() < 0.2:
+            raise OSError("broke")
+        return request
+
+    async def local(message: int, t: int) -> Any:
+        await asyncio.sleep(rng.choice([0, 2, 10, 10]) * MS)
+        if rng.random() < 0.1:
+            raise RuntimeError("nothing seen")
+        return message
+
+    async def camera() -> Any:
+        for message in range(messages):
+            yield message
+            await asyncio.sleep(rng.choice([0, 0, 1, 5, 30]) * MS)
+
+    def handler(message: int, t: int) -> Any:
+        assert message == t
+        return None if rng.random() < 0.1 else (message, rng.choice([0, 5, 10, 20, 50]) * MS)
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        on_board = Local.task(
+            local,
+            at_once=rng.choice([1, 3]),
+            deadline=rng.choice([None, 0.04]),
+            waiting=rng.choice([None, 2]),
+            skip_answered=rng.random() < 0.5,
+        )
+        operator: Operator[Any, Any] = Operator(
+            on_board, window=rng.choice([2, 16]), commit=commit, clock=loop.nanos, trace=trace
+        )
+        for p in rng.sample(range(1, 9), 3):
+            operator.use_cloud(
+                flaky,
+                handler,
+                lambda it: it,
+                p,
+                calls=rng.choice([1, 4]),
+                limit=rng.choice([1, 3]),
+                linger=rng.choice([0, 0, 0.05]),
+            )
+        items = await items_of(operator, camera())
+        counts = operator.counts
+        ends = [item.ending for item in items]
+        assert counts["operator", "message", "missed"] == ends.count(Ending.MISSED)
+        outputs = sum(n for (_, what, _), n in counts.items() if what == "output")
+        assert outputs == ends.count(Ending.FORWARDED)
+        return items
+
+    logging.getLogger("fuseline").setLevel(logging.CRITICAL)
+    try:
+        items = run(main)
+    finally:
+        logging.getLogger("fuseline").setLevel(logging.NOTSET)
+    assert sorted(item.timestamp for item in items) == list(range(messages))
+    # D2: each item bears the value of its own message, by the source that the trace names.
+    emitted = {line.t: line.p for line in fuseline.Trace(trace).lines if line.ev == "emit"}
+    for item in items:
+        if item.ending is Ending.FORWARDED:
+            assert item.source is not None
+            assert (item.value, item.source.priority) == (item.timestamp, emitted[item.timestamp])
+        else:
+            assert item.timestamp not in emitted
+    verdict = check(trace)
+    assert verdict.conforms, str(verdict)
+    assert fuseline.replay(trace) == trace.read_bytes()
+    observed = check_observed(trace, tolerance=0, lateness=0)
+    assert observed.conforms, str(observed)
+
+
+def test_what_makes_no_operator_is_told() -> None:
+    async def cloud(request: Any, call: Call) -> Any: ...
+
+    async def handler(message: Any, t: int) -> Any: ...
+
+    def plain(message: Any, t: int) -> Any: ...
+
+    operator: Any = Operator(plain)
+    local: Any = Local
+    cases: list[tuple[Callable[[], Any], str]] = [
+        (lambda: Operator(plain, output_len=0), "room for 0 items"),
+        (lambda: local.threads(plain, workers=0), "0 local computations at once"),
+        (lambda: local.task(plain), "give a plain one to Local.threads"),
+        (lambda: local.threads(cloud), "give an async one to Local.task"),
+        (lambda: operator.use_cloud(cloud, handler, str, 1), "belongs in the handle"),
+        (lambda: operator.use_cloud(cloud, plain, str, 1, calls=0), "0 calls at once"),
+        (lambda: operator.write(1), "has not started"),
+    ]
+    for make, told in cases:
+        with pytest.raises(fuseline.ConfigError, match=told):
+            make()
+
+
+def test_a_second_cloud_of_one_priority_is_told_at_the_start(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0))
+        for _ in range(2):
+            operator.use_cloud(after(0), ask(1.0), str, 7)
+        with pytest.raises(fuseline.ConfigError, match="two clouds with priority 7"):
+            await operator.start()
+
+    run(main)

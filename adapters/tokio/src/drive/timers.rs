@@ -1,0 +1,86 @@
+//! What wakes the driver at a due instant.
+
+#[cfg(target_os = "linux")]
+mod kernel;
+
+use std::io;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+use tokio::time::{Instant, Sleep, sleep_until};
+#[cfg(target_os = "linux")]
+use tracing::error;
+
+/// Whose timers wake an operator at a due instant (F5).
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub enum Timers {
+    /// tokio's. They go off at whole milliseconds of the runtime, half of one late on average, and follow
+    /// a paused clock.
+    #[default]
+    Tokio,
+    /// The kernel's, a `timerfd`: no later than the thread needs to run. It costs a system call each time
+    /// it is set and each time it goes off. Linux only, on a runtime with I/O enabled; a paused clock does
+    /// not move it.
+    Kernel,
+}
+
+/// One timer.
+pub(super) enum Timer {
+    Tokio(Pin<Box<Sleep>>),
+    #[cfg(target_os = "linux")]
+    Kernel(kernel::Timer),
+}
+
+impl Timer {
+    /// One that is not set.
+    ///
+    /// # Errors
+    /// If the system has none of these, or no more for this process.
+    pub(super) fn new(timers: Timers) -> io::Result<Self> {
+        match timers {
+            Timers::Tokio => Ok(Self::Tokio(Box::pin(sleep_until(Instant::now())))),
+            #[cfg(target_os = "linux")]
+            Timers::Kernel => kernel::Timer::new().map(Self::Kernel),
+            #[cfg(not(target_os = "linux"))]
+            Timers::Kernel => {
+                Err(io::Error::new(io::ErrorKind::Unsupported, "the kernel's timers are Linux's"))
+            }
+        }
+    }
+
+    /// Sets it to go off at `at`, and not before.
+    pub(super) fn set(&mut self, at: Instant) {
+        match self {
+            Self::Tokio(sleep) => sleep.as_mut().reset(at),
+            #[cfg(target_os = "linux")]
+            Self::Kernel(timer) => {
+                if let Err(error) = timer.set(at) {
+                    self.fall_back(&error, at);
+                }
+            }
+        }
+    }
+
+    /// Whether it went off, once for each time it was set.
+    pub(super) fn poll(&mut self, context: &mut Context<'_>) -> Poll<()> {
+        match self {
+            Self::Tokio(sleep) => sleep.as_mut().poll(context),
+            #[cfg(target_os = "linux")]
+            Self::Kernel(timer) => match timer.poll(context) {
+                Poll::Ready(Err(error)) => {
+                    // At worst it finds nothing due.
+                    self.fall_back(&error, Instant::now());
+                    Poll::Ready(())
+                }
+                polled => polled.map(|_| ()),
+            },
+        }
+    }
+
+    /// P8: a timer that fails must not keep the others from firing.
+    #[cfg(target_os = "linux")]
+    fn fall_back(&mut self, error: &io::Error, at: Instant) {
+        error!(%error, "the kernel's timer fails: from now on tokio's are used");
+        *self = Self::Tokio(Box::pin(sleep_until(at)));
+    }
+}

@@ -1,0 +1,42 @@
+//! The report for other tools.
+
+use crate::drive::report::{Found, Report};
+use crate::exit::Exit;
+use crate::results::{Judged, Problem};
+use crate::verdict::AnyViolation;
+
+/// What a command breaks that answers otherwise than it must.
+const PROTOCOL: (&str, &str) = (
+    "protocol",
+    "The command answers each line with its decisions and then done, and ends with code 0 when its input ends.",
+);
+
+/// The report as one verdict.
+pub(super) fn judged(report: &Report) -> Judged {
+    let mut problems: Vec<Problem> = report.told().map(problem).collect();
+    problems.extend(report.at_end.as_ref().map(|how| Problem {
+        rule: PROTOCOL,
+        file: report.name.clone(),
+        line: None,
+        text: how.to_string(),
+    }));
+    Judged {
+        name: report.name.clone(),
+        judge: "drive",
+        conforms: report.exit() == Exit::Conforms,
+        verdict: Ok(report.summary()),
+        problems,
+    }
+}
+
+fn problem(found: &Found) -> Problem {
+    let verdict = found.verdict();
+    let first = verdict.as_ref().and_then(|verdict| verdict.violations.first());
+    let first = first.map(AnyViolation::from);
+    Problem {
+        rule: first.as_ref().map_or(PROTOCOL, |violation| violation.rule),
+        file: found.place(),
+        line: first.map(|violation| violation.line),
+        text: found.text(),
+    }
+}

@@ -1,0 +1,130 @@
+//! Verdicts as files for other tools: code hosts, continuous integration, quality checkers.
+
+mod junit;
+mod sarif;
+mod xqar;
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use fuseline_traces::Rule;
+
+use crate::fault::Fault;
+use crate::output::Output;
+use crate::verdict::{AnyViolation, Found};
+
+/// A rule's identifier and its sentence.
+type Named = (&'static str, &'static str);
+
+/// The options that name the files.
+#[derive(clap::Args)]
+pub(crate) struct Files {
+    /// Write what breaks a rule as SARIF, which code hosts show beside the change.
+    #[arg(long, value_name = "FILE")]
+    sarif: Option<PathBuf>,
+    /// Write the verdicts as ASAM's quality checkers do (.xqar).
+    #[arg(long, value_name = "FILE")]
+    xqar: Option<PathBuf>,
+}
+
+/// Where the files go, and how each is written.
+pub(crate) struct Outputs(Vec<(Output, Format)>);
+
+type Format = fn(&[Judged], &mut dyn Write) -> io::Result<()>;
+
+/// What was judged: a trace, or a command that was driven.
+pub(crate) struct Judged {
+    /// The trace's name, or the command's.
+    pub(crate) name: String,
+    /// What judged it.
+    pub(crate) judge: &'static str,
+    pub(crate) conforms: bool,
+    /// The verdict in a line; or why there is none.
+    pub(crate) verdict: Result<String, String>,
+    pub(crate) problems: Vec<Problem>,
+}
+
+/// Something that breaks a rule.
+pub(crate) struct Problem {
+    pub(crate) rule: Named,
+    pub(crate) file: String,
+    /// From 1; none if it is about the whole.
+    pub(crate) line: Option<u64>,
+    /// What is wrong, in lines without colours.
+    pub(crate) text: String,
+}
+
+impl Files {
+    /// # Errors
+    /// If a file cannot be written, or is one of `inputs`.
+    pub(crate) fn outputs(&self, inputs: &[&Path]) -> Result<Outputs, Fault> {
+        let mut outputs = Outputs(Vec::new());
+        outputs.add(self.sarif.as_deref(), inputs, sarif::write)?;
+        outputs.add(self.xqar.as_deref(), inputs, xqar::write)?;
+        Ok(outputs)
+    }
+}
+
+impl Outputs {
+    /// # Errors
+    /// If the file cannot be written, or is one of `inputs`.
+    pub(crate) fn add_junit(&mut self, path: Option<&Path>, inputs: &[&Path]) -> Result<(), Fault> {
+        self.add(path, inputs, junit::write)
+    }
+
+    fn add(&mut self, path: Option<&Path>, inputs: &[&Path], format: Format) -> Result<(), Fault> {
+        if let Some(path) = path {
+            self.0.push((Output::new(path, inputs)?, format));
+        }
+        Ok(())
+    }
+
+    /// Whether nothing is to be written.
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// # Errors
+    /// If a file cannot be written.
+    pub(crate) fn write(&self, judged: &[Judged]) -> Result<(), Fault> {
+        self.0.iter().try_for_each(|(output, put)| {
+            output.write(|out| put(judged, out).map_err(Fault::Output))
+        })
+    }
+}
+
+impl Judged {
+    /// A trace that was judged.
+    pub(crate) fn found(found: &Found) -> Self {
+        let summary = found.summary();
+        let problem = |violation: &AnyViolation<'_>| Problem {
+            rule: violation.rule,
+            file: summary.file.to_owned(),
+            line: Some(violation.line),
+            text: violation.text(summary.file),
+        };
+        Self {
+            name: summary.file.to_owned(),
+            judge: match found {
+                Found::Strict(_) => "strict",
+                Found::Observed(_) => "observed",
+            },
+            conforms: summary.conforms,
+            verdict: Ok(summary.text()),
+            problems: found.violations().iter().map(problem).collect(),
+        }
+    }
+
+    /// A trace that cannot be read, or not to its end.
+    pub(crate) fn unread(name: &Path, fault: &Fault) -> Self {
+        let (name, verdict) = (name.display().to_string(), Err(fault.to_string()));
+        Self { name, judge: "reader", conforms: false, verdict, problems: Vec::new() }
+    }
+}
+
+/// All rules that a trace is judged by, and those that were broken besides.
+fn rules(judged: &[Judged]) -> BTreeMap<&'static str, &'static str> {
+    let broken = judged.iter().flat_map(|judged| &judged.problems).map(|problem| problem.rule);
+    Rule::ALL.into_iter().map(|rule| (rule.id(), rule.sentence())).chain(broken).collect()
+}
