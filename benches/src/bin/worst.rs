@@ -9,7 +9,7 @@ use fuseline_core::{At, Cloud, Commit, Deadline, Fusion, Instant, Priority, Read
 
 type Machine = Fusion<3, 16>;
 
-/// Enough for the tree to take all its shapes many times over.
+/// Enough for timestamps to take all seats many times over.
 const ROUNDS: u64 = 4_000;
 
 /// Steele and Vigna's `SplitMix64`.

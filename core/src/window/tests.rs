@@ -155,3 +155,23 @@ fn due_at_the_end_of_the_clock_is_not_taken_for_none() {
     assert_eq!(window.next_due(), Some(Instant::END));
     assert_eq!(window.timestamp(window.first_due().unwrap()), Timestamp::new(2));
 }
+
+#[test]
+fn an_earlier_due_of_another_source_is_noticed_and_a_later_one_is_not() {
+    let mut window = Window::<1, 4>::new();
+    assert!(window.push(Timestamp::new(1), due_at(10)));
+    assert!(window.push(Timestamp::new(2), due_at(20)));
+    let cloud = Source::new(1).unwrap();
+    let both = Slot::open(true).offer(cloud).0;
+    let arm = |window: &mut Window<1, 4>, t, due| {
+        let place = window.find(Timestamp::new(t)).unwrap();
+        window.arm(place, both, cloud, Instant::from_nanos(due));
+        check(window);
+        let first = window.first_due().map(|place| window.timestamp(place).as_u64());
+        (window.next_due().map(Instant::as_nanos), first)
+    };
+    assert_eq!(arm(&mut window, 2, 5), (Some(5), Some(2)));
+    assert_eq!(arm(&mut window, 1, 30), (Some(5), Some(2)));
+    window.set(window.find(Timestamp::new(2)).unwrap(), Slot::open(true));
+    assert_eq!(window.next_due(), Some(Instant::from_nanos(10)));
+}
