@@ -84,7 +84,7 @@
 (define-fun f0-clock.case () Bool (and
   (< (clock before) (clock after)) (armed before t m) (armed before u n) (not (= t u))))
 
-;; F0, A20: What an input arms is due laterr: inputs of one instant fire nothing of each other.
+;; F0, A20: What an input arms is due later: inputs of one instant fire nothing of each other.
 (define-fun f0-at-rest () Bool
   (=> (and step (not (= input a-tick)) (not (= input a-firing))) (at-rest after)))
 ;; for instance: a request is admitted beside one whose timer is armed

@@ -63,6 +63,8 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         {
             self.stop = None;
             if told.is_ok() {
+                // D1 one item: what was decided leaves, as far as readers have room.
+                let _ = self.output.poll_delivered(context);
                 return Poll::Ready(Incoming::Stop);
             }
         }
@@ -177,6 +179,36 @@ impl<O: Send + Sync + 'static> Outbox<O> {
                 }
             }
         }
+        // Else it would hold a place that was kept for it.
+        self.room = None;
         Poll::Ready(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stream::stream;
+    use fuseline_operator::Ending;
+
+    /// D8: found by the simulator.
+    #[tokio::test]
+    async fn an_outbox_that_was_emptied_keeps_no_place_from_the_next_items() {
+        let (writer, mut reader) = stream(2);
+        let mut outbox = Outbox::<()>::new(writer);
+        let item = |timestamp| Item {
+            timestamp,
+            opened: Duration::ZERO,
+            decided: Duration::ZERO,
+            ending: Ending::Missed,
+            failures: Vec::new(),
+        };
+        (0..3).for_each(|t| outbox.put(item(t)));
+        let mut context = Context::from_waker(std::task::Waker::noop());
+        assert!(outbox.poll_delivered(&mut context).is_pending());
+        assert!(reader.read().await.is_some() && reader.read().await.is_some());
+        assert!(outbox.poll_delivered(&mut context).is_ready());
+        outbox.put(item(3));
+        assert!(outbox.waiting.is_empty(), "there was room for it");
     }
 }

@@ -197,24 +197,32 @@ impl<V> Here<V> {
         Some(Word { priority, timestamp, result })
     }
 
-    /// F7: local's computations go on in tasks of their own, if the runtime does.
+    /// F7: local's computations go on in tasks of their own, if the runtime does; all others end.
     fn release(&mut self)
     where
         V: Send + 'static,
     {
-        let Ok(runtime) = Handle::try_current() else { return };
-        let running = self.places.iter_mut().filter_map(|place| place.call.take());
-        for Running { call, span, .. } in running.filter(|running| running.key.0 == 0) {
-            runtime.spawn(guarded(call).instrument(span));
+        let runtime = Handle::try_current();
+        for running in self.places.iter_mut().filter_map(|place| place.call.take()) {
+            match (&runtime, running) {
+                (Ok(runtime), Running { key: (0, _), call, span }) => {
+                    drop(runtime.spawn(guarded(call).instrument(span)));
+                }
+                (_, running) => end(running),
+            }
         }
     }
 
     fn clear(&mut self, place: usize) {
         let call = self.places[place].call.take();
         self.free.push(place);
-        // A panic in the future's drop is its own affair.
-        drop(catch_unwind(AssertUnwindSafe(|| drop(call))));
+        end(call);
     }
+}
+
+/// Drops a call. A panic in the future's drop is its own affair (D7 failures).
+fn end<T>(call: T) {
+    drop(catch_unwind(AssertUnwindSafe(|| drop(call))));
 }
 
 impl<V: Send + 'static> Drop for Calls<V> {

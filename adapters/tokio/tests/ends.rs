@@ -1,0 +1,51 @@
+//! How an operator ends, whatever is still under way or waits to be read.
+
+mod support;
+
+use std::time::Duration;
+
+use fuseline_tokio::{Call, Config, Error, Local, Setup, spawn, stream};
+use support::{Made, play};
+use tokio::time::timeout;
+
+/// D7, D10: a call that lingers is dropped when the operator ends; found by the simulator.
+#[tokio::test(start_paused = true)]
+async fn a_call_that_panics_when_it_is_dropped_at_the_end_costs_neither_items_nor_trace() {
+    struct Bomb;
+    impl Drop for Bomb {
+        fn drop(&mut self) {
+            panic!("as told");
+        }
+    }
+    let operator = Made(|setup: &mut Setup<u64, String>| {
+        let handle = |_: u64, _: Call| async {
+            let _bomb = Bomb;
+            std::future::pending::<Result<String, Error>>().await
+        };
+        let deadline = Duration::from_millis(30);
+        let cloud = setup.use_cloud(handle, move |m, _| Some((*m, deadline)), Ok, 1);
+        cloud.linger = Duration::from_millis(100);
+        Local::future(|_, _| async { Ok("local".to_owned()) })
+    });
+    let played = play(operator, Config::default(), &[0]);
+    let played = timeout(Duration::from_secs(60), played).await.expect("its output ends");
+    assert_eq!(played.items, "30.000 ms: 0 local by timer from 0 ms\n");
+    assert_eq!(played.trace.lines().count(), 9);
+}
+
+/// D1: found by the simulator.
+#[tokio::test(start_paused = true)]
+async fn a_stop_loses_no_item_that_was_decided_and_finds_room() {
+    let operator = Made(|_: &mut Setup<u64, String>| {
+        Local::futures(2, |_, _| async { Ok("local".to_owned()) })
+    });
+    let (mut writer, input) = stream(2);
+    let config = Config { output_len: 1, ..Config::default() };
+    let (running, mut output) = spawn(operator, config, input).unwrap();
+    assert_eq!((writer.write(0), writer.write(1)), (Ok(0), Ok(1)));
+    tokio::time::sleep(Duration::from_millis(1)).await;
+    assert_eq!(output.read().await.map(|item| item.timestamp), Some(0));
+    running.stop();
+    assert_eq!(output.read().await.map(|item| item.timestamp), Some(1));
+    assert!(output.read().await.is_none());
+}
