@@ -29,9 +29,10 @@ const CRATES: [(&str, &str); 5] = [
     ("fuseline_ros2", "adapters/ros2"),
 ];
 /// Where other tests are.
-const TESTS: [&str; 6] = [
+const TESTS: [&str; 7] = [
     "tests/tests",
     "tests/loom/tests",
+    "tests/simulate/tests",
     "deadline/tests",
     "adapters/operator/tests",
     "adapters/tokio/tests",

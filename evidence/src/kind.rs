@@ -297,6 +297,36 @@ pub const KINDS: &[Kind] = &[
         cites: cited_by_test,
     },
     Kind {
+        name: "simulation",
+        title: "checks of simulated operators",
+        applies: |_| false,
+        concerns: |fault| is_simulated(&fault.file),
+        run: Run::Cargo {
+            arguments: &["test", "-p", "fuseline-simulate", "--test", "checks"],
+            variables: &[],
+        },
+        sources: &[
+            "adapters/operator/src",
+            "!adapters/operator/src/lib.rs",
+            "adapters/tokio/src",
+            "!adapters/tokio/src/lib.rs",
+            "!adapters/tokio/src/grpc",
+            ARBITER,
+            CORE,
+            NO_LIST,
+            TRACES,
+            NO_LIST_OF_TRACES,
+            NO_OBSERVED,
+            "tests/simulate/seeds.toml",
+            "tests/simulate/src",
+            "!tests/simulate/src/lib.rs",
+            "!tests/simulate/src/main.rs",
+            "tests/simulate/tests/checks.rs",
+        ],
+        read: read_tests,
+        cites: cited_by_test,
+    },
+    Kind {
         name: "ros2",
         title: "tests of the ROS 2 node",
         applies: |_| false,
@@ -322,6 +352,17 @@ pub const KINDS: &[Kind] = &[
         cites: cited_by_test,
     },
 ];
+
+/// Whether simulated operators go through this file.
+fn is_simulated(file: &str) -> bool {
+    let around = ["adapters/operator/", "adapters/tokio/", "traces/src/record.rs"];
+    let others = [
+        "adapters/tokio/src/grpc",
+        "adapters/tokio/src/common.rs",
+        "adapters/operator/src/pace.rs",
+    ];
+    around.iter().any(|at| file.starts_with(at)) && !others.iter().any(|at| file.starts_with(at))
+}
 
 /// Whether a fault is in the machine with one caller.
 fn is_of_machine(fault: &SeededFault) -> bool {

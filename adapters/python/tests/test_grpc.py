@@ -231,6 +231,9 @@ def test_an_address_that_is_taken_is_told() -> None:
             address = f"127.0.0.1:{taken.getsockname()[1]}"
             with pytest.raises(OSError, match=f"{address} cannot be listened on"):
                 await Server(upper, address).start()
+        async with Server(upper) as server:
+            with pytest.raises(OSError, match="cannot be listened on"):
+                await Server(upper, server.address).start()
 
     run(main)
 

@@ -179,6 +179,8 @@ def fifo(path):
                 while True: out.write(tick)
             except BrokenPipeError: pass
     threading.Thread(target=fill, daemon=True).start()
+# A job in the background ignores it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 fifo(sys.argv[1])
 try:
     fuseline.check(sys.argv[1])
@@ -194,10 +196,13 @@ except KeyboardInterrupt:
         command = [sys.executable, "-c", endless, fifo]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout is not None
-            assert process.stdout.readline() == "judging\n"
-            process.send_signal(signal.SIGINT)
-            assert process.stdout.readline() == "interrupted\n"
-            assert process.wait() == 0
+            try:
+                assert process.stdout.readline() == "judging\n"
+                process.send_signal(signal.SIGINT)
+                assert process.wait(60) == 0
+                assert process.stdout.readline() == "interrupted\n"
+            finally:
+                process.kill()
 
 
 def test_a_verdict_is_shown_in_a_notebook_without_its_own_markup() -> None:
@@ -224,6 +229,7 @@ def test_a_trace_is_a_table_of_its_lines() -> None:
     assert table.column("ev").to_pylist() == ["open", "offer", "request", "result", "emit"]
     assert table.column("due").to_pylist() == [None, None, 500, None, None]
     assert Trace(HEADER).to_arrow().num_rows == 0
+    assert [Trace(GOOD).source(p) for p in (0, 1, 9)] == ["local", "cloud-1", "cloud-9"]
 
 
 def test_a_timeline_shows_whose_results_went() -> None:

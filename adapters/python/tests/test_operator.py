@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
+import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import fuseline
 import pytest
 from conftest import Run, VirtualLoop
 from fuseline import Call, Ending, Item, Local, Operator, Trigger, check, check_observed
-from fuseline.deadline import Accuracy, Constant, End, Expected, Guard, Situation
+from fuseline.deadline import Accuracy, Case, Constant, End, Expected, Guard, Reason, Situation
 
 Handle = Callable[[Any, Call], Awaitable[Any]]
 
@@ -119,11 +120,102 @@ def test_what_is_no_longer_wanted_is_cancelled_at_once(run: Run[Any]) -> None:
         operator.use_cloud(slow("timer"), ask(20 * MS), str, 1, name="timer")
         operator.use_cloud(slow("cancelled"), ask(5.0), str, 3, name="cancelled")
         operator.use_cloud(after(50 * MS), ask(5.0), str, 4)
-        return await items_of(operator, ["a"])
+        async with operator:
+            operator.write("a")
+            item = await anext(operator)
+            # The operator goes on: it is not its end that ends the calls.
+            await asyncio.sleep(1)
+            return [item]
 
     (item,) = run(main)
     # The first timer commits under eager, and what is still pending is cancelled with it.
     assert (item.decided, ended) == (20_000_000, {"timer": 0.02, "cancelled": 0.02})
+
+
+def test_what_an_aborted_call_returns_all_the_same_is_not_taken(run: Run[Any]) -> None:
+    async def stubborn(request: Any, call: Call) -> Any:
+        try:
+            await asyncio.sleep(1)
+        except asyncio.CancelledError:
+            return "too late"
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos)
+        operator.use_cloud(stubborn, ask(10 * MS), str, 1, name="stubborn")
+        async with operator:
+            operator.write("a")
+            await anext(operator)
+            await asyncio.sleep(1)
+        assert not [
+            what for who, what, _ in operator.counts if (who, what) == ("stubborn", "result")
+        ]
+
+    run(main)
+
+
+def test_a_reader_that_gives_up_is_forgotten(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(1), clock=loop.nanos)
+        async with operator:
+            for _ in range(3):
+                with pytest.raises(asyncio.TimeoutError):
+                    await asyncio.wait_for(anext(operator), 0.1)
+            assert not operator._readers
+            operator.write("a")
+            assert (await anext(operator)).value == "a on board"
+
+    run(main)
+
+
+def test_what_was_missed_is_written_at_once(run: Run[Any], tmp_path: Path) -> None:
+    trace = tmp_path / "trace.jsonl"
+
+    async def broken(message: Any, t: int) -> Any:
+        raise ValueError("nothing")
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(broken, clock=loop.nanos, trace=trace)
+        async with operator:
+            operator.write("a")
+            assert (await anext(operator)).ending is Ending.MISSED
+            # The loop's time stands still meanwhile; the disk has its own thread.
+            for _ in range(10_000):
+                if b'"miss"' in trace.read_bytes():
+                    return
+                time.sleep(0.001)
+            raise AssertionError("the miss is not in the file")
+
+    run(main)
+
+
+def test_a_policy_is_asked_about_what_is_admitted_alone(run: Run[Any]) -> None:
+    asked: list[int] = []
+
+    def policy(situation: Situation, cap: int) -> int:
+        asked.append(cap)
+        return cap
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(
+            Local.task(local_after(1), at_once=9), clock=loop.nanos
+        )
+        operator.use_cloud(after(1), ask(0.5), str, 1, calls=1, limit=2, policy=policy)
+        async with operator:
+            for message in range(6):
+                operator.write(message)
+        assert operator.counts["cloud-1", "request", "admitted"] == 3
+        assert operator.counts["cloud-1", "request", "refused queue"] == 3
+
+    run(main)
+    assert asked == [500_000_000] * 3
+
+
+def test_a_capped_policy_says_whose_limit_it_is() -> None:
+    capped = Guard().caps(Constant(60.0))
+    chosen = capped.decide(Situation(speed=11.0), 90.0)
+    assert (chosen.reason, chosen.case) == (Reason.GUARD, Case.LOCAL_STOPS)
+    assert chosen == Guard().decide(Situation(speed=11.0), 90.0)
+    assert capped.decide(Situation(speed=11.0), 0.1).reason is Reason.CAP
 
 
 def test_local_is_never_cancelled_by_a_decision(run: Run[Any]) -> None:
@@ -311,13 +403,24 @@ def test_an_answered_message_is_skipped_by_local_if_wanted(run: Run[Any]) -> Non
         assert seen == computed
 
 
-def test_locals_deadline_is_a_miss_when_nothing_came(run: Run[Any]) -> None:
-    async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        local = Local.task(local_after(100), deadline=20 * MS)
-        return await items_of(Operator(local, clock=loop.nanos), ["a"])
+def test_locals_deadline_is_a_miss_and_its_computation_goes_on(run: Run[Any]) -> None:
+    done = []
 
-    (item,) = run(main)
-    assert (item.ending, item.decided) == (Ending.MISSED, 20_000_000)
+    async def local(message: Any, t: int) -> None:
+        await asyncio.sleep(1)
+        done.append(message)
+
+    async def main(loop: VirtualLoop) -> None:
+        on_board = Local.task(local, deadline=20 * MS)
+        operator: Operator[Any, Any] = Operator(on_board, clock=loop.nanos)
+        async with operator:
+            operator.write("a")
+            item = await anext(operator)
+            assert (item.ending, item.decided) == (Ending.MISSED, 20_000_000)
+            await asyncio.sleep(2)
+
+    run(main)
+    assert done == ["a"]
 
 
 def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
