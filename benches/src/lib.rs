@@ -4,3 +4,4 @@ pub mod arrivals;
 pub mod baseline;
 pub mod beside;
 pub mod machine;
+pub mod window;
