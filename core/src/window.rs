@@ -1,9 +1,9 @@
 //! The open timestamps in ascending order, and whose turn to fire is first (P9).
 //!
 //! What is kept of a timestamp stays in its seat; those behind a retired one move up, ten bytes each. The seats stand
-//! in rows, at most 32 of 32. Each row knows the first turn of its seats, and the window the first of the rows': when
-//! a turn changes, one row is looked through, and the rows are. Reading beside the arrays yields nothing and writing
-//! there does nothing: no place can panic.
+//! in rows, at most 32 of 32. Each row knows the first turn of its seats, and the window the first of the rows': an
+//! earlier turn is compared with the two, and where a turn becomes later its row is looked through, and the rows are.
+//! Reading beside the arrays yields nothing and writing there does nothing: no place can panic.
 
 use crate::entry::Entry;
 use crate::slot::Slot;
@@ -43,7 +43,7 @@ impl Turn {
 
     /// The earlier one, of equal dues the lesser timestamp's.
     fn earlier(self, other: Self) -> Self {
-        // One comparison of 128 bits, without a branch.
+        // One comparison of 128 bits.
         let number = |turn: Self| u128::from(turn.key) << 64 | u128::from(turn.timestamp.as_u64());
         if number(other) < number(self) { other } else { self }
     }
@@ -101,7 +101,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         *kept = entry;
         self.len = self.len.saturating_add(1);
         if let Some(due) = entry.next_due() {
-            self.put(seat, Turn::new(Some(due), timestamp));
+            self.put_earlier(seat, Turn::new(Some(due), timestamp));
         }
         true
     }
@@ -116,7 +116,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         entry.slot = slot;
         entry.set_due(source, due);
         if turn.key < own.key {
-            self.put(place.seat, turn);
+            self.put_earlier(place.seat, turn);
         }
     }
 
@@ -191,6 +191,16 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
 
     fn kept(&self, seat: u16) -> &Entry<CLOUDS> {
         self.entries.get(usize::from(seat)).unwrap_or(&Entry::EMPTY)
+    }
+
+    /// Puts a turn earlier than the seat's: if it is not the first of its row or of all, those are as they were.
+    fn put_earlier(&mut self, seat: u16, turn: Turn) {
+        let seat = usize::from(seat);
+        let Some(own) = self.turns.get_mut(seat) else { return };
+        let Some(first) = self.firsts.get_mut(seat >> Self::ROW_BITS) else { return };
+        *own = turn;
+        *first = first.earlier(turn);
+        self.first = self.first.earlier(turn);
     }
 
     /// Puts a seat's turn, and finds the first of its row and of all rows again.
