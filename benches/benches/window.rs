@@ -14,7 +14,7 @@ fn measure<const WINDOW: usize>(kind: Kind) -> [f64; 3] {
             [&mut || flat::<WINDOW>(&load, kind), &mut || tree::<WINDOW>(&load, kind)],
         )
         .map(|times| times.an_input(INPUTS));
-        let of_this = [flat.1, flat.0 / tree.0, flat.1 / tree.1];
+        let of_this = [flat.0, flat.0 / tree.0, flat.1 / tree.1];
         worst = std::array::from_fn(|i| worst[i].max(of_this[i]));
     }
     worst
