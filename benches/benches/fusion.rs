@@ -1,44 +1,53 @@
-//! Time per input at 3 clouds and a window of 16, arrivals from recorded drives, beside a hash map and a heap.
+//! Time per input at 3 clouds and a window of 16, arrivals from recorded drives, beside a hash map and a heap and the
+//! same core about a balanced tree, their passes in turns.
 
 use std::collections::hash_map::RandomState;
 use std::hint::black_box;
+use std::time::{Duration, Instant};
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use fuseline_benches::arrivals::{CLOUDS, WINDOW, fusion, inputs};
+use fuseline_benches::arrivals::{CLOUDS, WINDOW, fusion, inputs, tree};
 use fuseline_benches::baseline::Baseline;
+use fuseline_benches::beside::{in_turns, passes};
 use fuseline_benches::machine::{Machine, Tally};
 use fuseline_core::Commit;
+use fuseline_traces::Input;
 use rustc_hash::FxBuildHasher;
 
-/// One pass over all inputs.
-fn pass(mut machine: impl Machine, inputs: &[fuseline_traces::Input]) -> Tally {
+/// One pass over all inputs, and how long it took.
+#[inline(never)]
+fn pass(mut machine: impl Machine, inputs: &[Input]) -> (Tally, Duration) {
     let mut tally = Tally::default();
+    let start = Instant::now();
     for input in inputs {
         machine.apply(black_box(input), &mut tally);
     }
-    tally
+    (black_box(tally), start.elapsed())
 }
 
-fn drives(c: &mut Criterion) {
+fn main() {
+    println!("ns an input, median and best; how often the window's goes into it");
     for (name, commit) in [("eager", Commit::Eager), ("patient", Commit::Patient)] {
         let inputs = inputs(2_000, commit);
-        let core = || fusion(commit).expect("a valid configuration");
-        let tally = pass(core(), &inputs);
-        assert_eq!(tally, pass(Baseline::<RandomState>::new(WINDOW, commit, &CLOUDS), &inputs));
-        println!("drives/{name}: {} inputs, {tally:?}", inputs.len());
-
-        let mut group = c.benchmark_group(format!("drives_{name}"));
-        group.throughput(Throughput::Elements(inputs.len() as u64));
-        group.bench_function("fuseline", |b| b.iter(|| pass(core(), &inputs)));
-        group.bench_function("hash_map_and_heap", |b| {
-            b.iter(|| pass(Baseline::<RandomState>::new(WINDOW, commit, &CLOUDS), &inputs));
-        });
-        group.bench_function("fast_hash_map_and_heap", |b| {
-            b.iter(|| pass(Baseline::<FxBuildHasher>::new(WINDOW, commit, &CLOUDS), &inputs));
-        });
-        group.finish();
+        let ours = || pass(fusion(commit).expect("a valid configuration"), &inputs);
+        let tree = || pass(tree(commit).expect("a valid configuration"), &inputs);
+        let fast = || pass(Baseline::<FxBuildHasher>::new(WINDOW, commit, &CLOUDS), &inputs);
+        let std = || pass(Baseline::<RandomState>::new(WINDOW, commit, &CLOUDS), &inputs);
+        let (tally, _) = ours();
+        assert!([tree().0, fast().0, std().0].iter().all(|of_other| *of_other == tally));
+        println!("{name}: {} inputs, {tally:?}", inputs.len());
+        let [ours, tree, fast, std] = in_turns(
+            passes(400),
+            [&mut || ours().1, &mut || tree().1, &mut || fast().1, &mut || std().1],
+        )
+        .map(|times| times.an_input(inputs.len()));
+        for (name, (median, best)) in [
+            ("Fuseline", ours),
+            ("the same about a tree", tree),
+            ("fast hash and heap", fast),
+            ("std hash and heap", std),
+        ] {
+            let (to_median, to_best) = (median / ours.0, best / ours.1);
+            println!("  {name:24} {median:6.1} {best:6.1}   {to_median:4.2} {to_best:4.2}");
+        }
     }
 }
-
-criterion_group!(benches, drives);
-criterion_main!(benches);

@@ -2,4 +2,6 @@
 
 pub mod arrivals;
 pub mod baseline;
+pub mod beside;
 pub mod machine;
+pub mod window;

@@ -139,7 +139,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
 
     /// The open timestamps and their sets, in ascending order.
     pub fn open(&self) -> impl Iterator<Item = (Timestamp, Slot)> {
-        self.entries().map(|(timestamp, entry)| (timestamp, entry.slot))
+        self.open.iter().map(|(timestamp, entry)| (timestamp, entry.slot))
     }
 
     /// A cloud's gate; none if the cloud is not registered.
@@ -183,12 +183,12 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         self.now = self.now.max(now);
         // F5 due: the due instant itself is past (A1).
         let due = self.open.next_due().filter(|due| *due <= self.now)?;
-        Some(self.fire(due))
+        let place = self.open.first_due()?;
+        Some(self.fire(place, due))
     }
 
     /// F5 for one timestamp at one due instant.
-    pub(crate) fn fire(&mut self, due: Instant) -> Firing<CLOUDS> {
-        let place = self.open.first_due_at(due);
+    pub(crate) fn fire(&mut self, place: Place, due: Instant) -> Firing<CLOUDS> {
         let timestamp = self.open.timestamp(place);
         let timers = self.open.entry(place).armed_at(due);
         // F5: else it would fire for ever.
@@ -212,15 +212,6 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// Whether this timestamp or a later one was ever opened.
     fn was_reached(&self, timestamp: Timestamp) -> bool {
         self.newest.is_some_and(|newest| timestamp <= newest)
-    }
-
-    fn entries(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {
-        let mut next = Some(Timestamp::new(0));
-        core::iter::from_fn(move || {
-            let (timestamp, entry) = self.open.at_least(next?)?;
-            next = timestamp.as_u64().checked_add(1).map(Timestamp::new);
-            Some((timestamp, entry))
-        })
     }
 }
 
@@ -312,7 +303,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> PartialEq for Fusion<CLOUDS, WIND
             && self.clouds == other.clouds
             && self.now == other.now
             && self.newest == other.newest
-            && self.entries().map(canonical).eq(other.entries().map(canonical))
+            && self.open.iter().map(canonical).eq(other.open.iter().map(canonical))
     }
 }
 
@@ -322,7 +313,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> core::hash::Hash for Fusion<CLOUD
     fn hash<H: core::hash::Hasher>(&self, state: &mut H) {
         (self.commit, self.window, &self.clouds, self.now, self.newest).hash(state);
         self.len().hash(state);
-        for entry in self.entries() {
+        for entry in self.open.iter() {
             canonical(entry).hash(state);
         }
     }

@@ -1,368 +1,220 @@
-//! The open timestamps: one balanced tree, ordered by timestamp, in which each node knows the earliest due
-//! instant at or below it (P9).
+//! The open timestamps in ascending order, and whose turn to fire is first (P9).
 //!
-//! So a timestamp or the next timer is found in at most [`MAX_HEIGHT`] steps, and the root knows the next due
-//! instant; equal ones are met in the order of their timestamps (F5). It is an AVL tree (Adelson-Velsky and Landis,
-//! 1962) over a fixed array. Timestamps come in ascending order (F1), so new nodes join at the right end only.
-//! Reading outside the tree yields [`Node::NIL`] and writing there does nothing: no place can panic.
+//! What is kept of a timestamp stays in its seat; those behind a retired one move up, ten bytes each. The seats stand
+//! in rows, at most 32 of 32. Each row knows the first turn of its seats, and the window the first of the rows': an
+//! earlier turn is compared with the two, and where a turn becomes later its row is looked through, and the rows are.
+//! Reading beside the arrays yields nothing and writing there does nothing: no place can panic.
 
 use crate::entry::Entry;
 use crate::slot::Slot;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
-/// The height of the sparsest AVL tree with 1024 nodes: one with 15 levels has at least 1596.
-const MAX_HEIGHT: usize = 14;
-
-/// An index into the arrays.
+/// Where an open timestamp is, until one is retired.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Place(pub(crate) u16);
-
-pub(crate) const NIL: Place = Place(u16::MAX);
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Side {
-    Left,
-    Right,
+pub(crate) struct Place {
+    /// How many of the open timestamps are less.
+    pub(crate) rank: u16,
+    pub(crate) seat: u16,
 }
 
-impl Side {
-    const fn other(self) -> Self {
-        match self {
-            Self::Left => Self::Right,
-            Self::Right => Self::Left,
+/// When a timestamp's earliest timers fire: the order of F5.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Turn {
+    /// One less than the due instant: what is armed is due after the clock's start. The greatest is never.
+    pub(crate) key: u64,
+    pub(crate) timestamp: Timestamp,
+}
+
+impl Turn {
+    /// That of an empty seat, and of a timestamp without an armed timer.
+    pub(crate) const NEVER: Self = Self { key: u64::MAX, timestamp: Timestamp::new(u64::MAX) };
+
+    pub(crate) const fn new(due: Option<Instant>, timestamp: Timestamp) -> Self {
+        match due {
+            Some(due) => Self { key: due.as_nanos().wrapping_sub(1), timestamp },
+            None => Self::NEVER,
         }
     }
-}
 
-#[derive(Clone, Copy)]
-pub(crate) struct Node {
-    pub(crate) timestamp: Timestamp,
-    /// The earliest due instant among this timestamp's armed timers.
-    pub(crate) due: Option<Instant>,
-    /// The earliest at or below this node.
-    pub(crate) below: Option<Instant>,
-    pub(crate) left: Place,
-    pub(crate) right: Place,
-    pub(crate) up: Place,
-    pub(crate) height: u8,
-}
+    fn due(self) -> Option<Instant> {
+        self.key.checked_add(1).map(Instant::from_nanos)
+    }
 
-impl Node {
-    pub(crate) const NIL: Self = Self {
-        timestamp: Timestamp::new(0),
-        due: None,
-        below: None,
-        left: NIL,
-        right: NIL,
-        up: NIL,
-        height: 0,
-    };
-}
+    /// The earlier one, of equal dues the lesser timestamp's.
+    fn earlier(self, other: Self) -> Self {
+        // One comparison of 128 bits.
+        let number = |turn: Self| u128::from(turn.key) << 64 | u128::from(turn.timestamp.as_u64());
+        if number(other) < number(self) { other } else { self }
+    }
 
-/// The earlier of two dues; none is later than any.
-fn earlier(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
-    match (a, b) {
-        (Some(a), Some(b)) => Some(a.min(b)),
-        (due, None) | (None, due) => due,
+    fn first(turns: &[Self]) -> Self {
+        turns.iter().copied().fold(Self::NEVER, Self::earlier)
     }
 }
 
 #[derive(Clone)]
 pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
-    pub(crate) nodes: [Node; CAPACITY],
-    pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
-    pub(crate) root: Place,
-    /// The greatest timestamp, at the right end.
-    pub(crate) last: Place,
-    /// The first free place; the others follow by `right`.
-    pub(crate) free: Place,
+    /// Ascending; from `len` on they mean nothing.
+    pub(crate) timestamps: [Timestamp; CAPACITY],
+    /// Where each of them is kept; from `len` on, the empty seats.
+    pub(crate) seats: [u16; CAPACITY],
     pub(crate) len: usize,
+    /// By seat.
+    pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
+    /// By seat.
+    pub(crate) turns: [Turn; CAPACITY],
+    /// The first turn of each row; those beyond the last row mean nothing.
+    pub(crate) firsts: [Turn; CAPACITY],
+    /// The first turn of all.
+    pub(crate) first: Turn,
 }
 
 impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
+    /// A row has the least power of two of seats whose square is no less than the capacity.
+    const ROW_BITS: u32 = CAPACITY.next_power_of_two().trailing_zeros().div_ceil(2);
+    pub(crate) const ROW: usize = 1 << Self::ROW_BITS;
+    pub(crate) const ROWS: usize = CAPACITY.div_ceil(Self::ROW);
+
     pub(crate) fn new() -> Self {
-        let mut nodes = [Node::NIL; CAPACITY];
-        let mut free = NIL;
-        let mut place = 0;
-        for node in &mut nodes {
-            node.right = free;
-            free = Place(place);
-            place = place.wrapping_add(1);
+        let mut seats = [0; CAPACITY];
+        for (seat, number) in seats.iter_mut().zip(0..) {
+            *seat = number;
         }
-        Self { nodes, entries: [Entry::EMPTY; CAPACITY], root: NIL, last: NIL, free, len: 0 }
+        Self {
+            timestamps: [Timestamp::new(0); CAPACITY],
+            seats,
+            len: 0,
+            entries: [Entry::EMPTY; CAPACITY],
+            turns: [Turn::NEVER; CAPACITY],
+            firsts: [Turn::NEVER; CAPACITY],
+            first: Turn::NEVER,
+        }
     }
 
     /// Adds a timestamp greater than all present; false if there is no room.
     pub(crate) fn push(&mut self, timestamp: Timestamp, entry: Entry<CLOUDS>) -> bool {
-        let place = self.free;
-        let next_free = self.node(place).right;
-        let due = entry.next_due();
-        let (Some(node), Some(slot)) =
-            (self.nodes.get_mut(usize::from(place.0)), self.entries.get_mut(usize::from(place.0)))
-        else {
-            return false;
-        };
-        *node = Node { timestamp, due, below: due, height: 1, ..Node::NIL };
-        *slot = entry;
-        self.free = next_free;
+        let Some(last) = self.timestamps.get_mut(self.len) else { return false };
+        let Some(seat) = self.seats.get(self.len).copied() else { return false };
+        let Some(kept) = self.entries.get_mut(usize::from(seat)) else { return false };
+        *last = timestamp;
+        *kept = entry;
         self.len = self.len.saturating_add(1);
-        if self.root == NIL {
-            self.root = place;
-        } else {
-            self.join(self.last, Side::Right, place);
+        if let Some(due) = entry.next_due() {
+            self.put_earlier(seat, Turn::new(Some(due), timestamp));
         }
-        let parent = self.last;
-        self.last = place;
-        self.mend(parent);
         true
     }
 
-    /// Sets a state in which `source` is newly armed, and its due instant.
+    /// Puts the state at a place in which `source` is armed anew, and its due instant.
     pub(crate) fn arm(&mut self, place: Place, slot: Slot, source: Source, due: Instant) {
-        let Some(entry) = self.entries.get_mut(usize::from(place.0)) else { return };
+        let turn = Turn::new(Some(due), self.timestamp(place));
+        let seat = usize::from(place.seat);
+        let Some((entry, own)) = self.entries.get_mut(seat).zip(self.turns.get(seat)) else {
+            return;
+        };
         entry.slot = slot;
         entry.set_due(source, due);
-        if let Some(node) = self.nodes.get_mut(usize::from(place.0)) {
-            node.due = earlier(node.due, Some(due));
-        }
-        // One more due instant can only make those above it earlier.
-        let mut at = place;
-        for _ in 0..MAX_HEIGHT {
-            let Some(node) = self.nodes.get_mut(usize::from(at.0)) else { break };
-            if node.below.is_some_and(|below| below <= due) {
-                break;
-            }
-            node.below = Some(due);
-            at = node.up;
+        if turn.key < own.key {
+            self.put_earlier(place.seat, turn);
         }
     }
 
-    /// Sets a state in which nothing is newly armed.
+    /// Puts a state at a place in which no more is armed than before.
     pub(crate) fn set(&mut self, place: Place, slot: Slot) {
-        let Some(entry) = self.entries.get_mut(usize::from(place.0)) else { return };
+        let timestamp = self.timestamp(place);
+        let Some(entry) = self.entries.get_mut(usize::from(place.seat)) else { return };
         let armed = core::mem::replace(&mut entry.slot, slot).armed();
-        if armed == slot.armed() {
-            return;
-        }
-        let due = entry.next_due();
-        let Some(node) = self.nodes.get_mut(usize::from(place.0)) else { return };
-        if core::mem::replace(&mut node.due, due) != due {
-            self.mend(place);
+        if armed != slot.armed() {
+            let due = entry.next_due();
+            self.put(place.seat, Turn::new(due, timestamp));
         }
     }
 
-    /// Removes a place from the tree.
+    /// Takes a place out: those behind it move up, and its seat is the first of the empty ones.
     pub(crate) fn remove(&mut self, place: Place) {
-        let Node { left, right, up, height, below, .. } = *self.node(place);
-        if place == self.last {
-            // Nothing is to its right, so at most a leaf is to its left.
-            self.last = if left == NIL { up } else { left };
+        let behind = usize::from(place.rank)..self.len;
+        let Some(timestamps) = self.timestamps.get_mut(behind.clone()) else { return };
+        let Some(seats) = self.seats.get_mut(behind).filter(|seats| !seats.is_empty()) else {
+            return;
+        };
+        timestamps.copy_within(1.., 0);
+        seats.copy_within(1.., 0);
+        if let Some(last) = seats.last_mut() {
+            *last = place.seat;
         }
-        if left == NIL || right == NIL {
-            self.replace(place, if left == NIL { right } else { left });
-            self.mend(up);
-        } else {
-            let heir = self.leftmost(right);
-            let mut lowest = self.node(heir).up;
-            if lowest == place {
-                lowest = heir;
-            } else {
-                self.replace(heir, self.node(heir).right);
-                self.join(heir, Side::Right, right);
-            }
-            self.join(heir, Side::Left, left);
-            self.replace(place, heir);
-            // Its ancestors still go by the removed node's height and due instant; mending corrects them.
-            if let Some(node) = self.nodes.get_mut(usize::from(heir.0)) {
-                node.height = height;
-                node.below = below;
-            }
-            self.mend(lowest);
-            self.mend(heir);
-        }
-        if let Some(node) = self.nodes.get_mut(usize::from(place.0)) {
-            *node = Node { right: self.free, ..Node::NIL };
-            self.free = place;
-            self.len = self.len.saturating_sub(1);
-        }
+        self.len = self.len.saturating_sub(1);
+        self.put(place.seat, Turn::NEVER);
     }
 
     pub(crate) fn find(&self, timestamp: Timestamp) -> Option<Place> {
-        // Offers follow their message's open.
-        if self.nodes.get(usize::from(self.last.0))?.timestamp == timestamp {
-            return Some(self.last);
+        let open = self.timestamps.get(..self.len)?;
+        // What comes late is mostly older than all that are open, and offers follow their message's open.
+        if timestamp < *open.first()? {
+            return None;
         }
-        let mut at = self.root;
-        for _ in 0..MAX_HEIGHT {
-            let node = self.nodes.get(usize::from(at.0))?;
-            if timestamp == node.timestamp {
-                return Some(at);
-            }
-            at = if timestamp < node.timestamp { node.left } else { node.right };
-        }
-        None
+        let rank = if timestamp == *open.last()? {
+            self.len.wrapping_sub(1)
+        } else {
+            open.binary_search(&timestamp).ok()?
+        };
+        Some(Place { rank: u16::try_from(rank).ok()?, seat: self.seats.get(rank).copied()? })
     }
 
-    /// The least open timestamp that is at least `timestamp`.
-    pub(crate) fn at_least(&self, timestamp: Timestamp) -> Option<(Timestamp, &Entry<CLOUDS>)> {
-        let mut at = self.root;
-        let mut found = None;
-        for _ in 0..MAX_HEIGHT {
-            let Some(node) = self.nodes.get(usize::from(at.0)) else { break };
-            if node.timestamp >= timestamp {
-                found = Some((node.timestamp, self.entry(at)));
-                at = node.left;
-            } else {
-                at = node.right;
-            }
-        }
-        found
+    /// The open timestamps in ascending order.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {
+        let open = self.timestamps.iter().zip(&self.seats).take(self.len);
+        open.map(|(timestamp, seat)| (*timestamp, self.kept(*seat)))
     }
 
     /// The earliest due instant.
     pub(crate) fn next_due(&self) -> Option<Instant> {
-        self.node(self.root).below
+        self.first.due()
     }
 
-    /// F5: the least timestamp with a timer due at `due`, which is the next due instant.
-    pub(crate) fn first_due_at(&self, due: Instant) -> Place {
-        let mut at = self.root;
-        for _ in 0..MAX_HEIGHT {
-            let node = self.node(at);
-            if self.node(node.left).below == Some(due) {
-                at = node.left;
-            } else if node.due == Some(due) {
-                break;
-            } else {
-                at = node.right;
-            }
-        }
-        at
+    /// F5: of the timestamps with a timer at the next due instant the least.
+    pub(crate) fn first_due(&self) -> Option<Place> {
+        self.find(self.first.timestamp)
     }
 
     pub(crate) fn entry(&self, place: Place) -> &Entry<CLOUDS> {
-        self.entries.get(usize::from(place.0)).unwrap_or(&Entry::EMPTY)
+        self.kept(place.seat)
     }
 
     pub(crate) fn timestamp(&self, place: Place) -> Timestamp {
-        self.node(place).timestamp
+        self.timestamps.get(usize::from(place.rank)).copied().unwrap_or(Timestamp::new(0))
     }
 
     pub(crate) const fn len(&self) -> usize {
         self.len
     }
 
-    fn node(&self, place: Place) -> &Node {
-        self.nodes.get(usize::from(place.0)).unwrap_or(&Node::NIL)
+    fn kept(&self, seat: u16) -> &Entry<CLOUDS> {
+        self.entries.get(usize::from(seat)).unwrap_or(&Entry::EMPTY)
     }
 
-    fn child(&self, place: Place, side: Side) -> Place {
-        match side {
-            Side::Left => self.node(place).left,
-            Side::Right => self.node(place).right,
-        }
+    /// Puts a turn earlier than the seat's: if it is not the first of its row or of all, those are as they were.
+    fn put_earlier(&mut self, seat: u16, turn: Turn) {
+        let seat = usize::from(seat);
+        let Some(own) = self.turns.get_mut(seat) else { return };
+        let Some(first) = self.firsts.get_mut(seat >> Self::ROW_BITS) else { return };
+        *own = turn;
+        *first = first.earlier(turn);
+        self.first = self.first.earlier(turn);
     }
 
-    fn leftmost(&self, mut place: Place) -> Place {
-        for _ in 0..MAX_HEIGHT {
-            let left = self.node(place).left;
-            if left == NIL {
-                break;
-            }
-            place = left;
+    /// Puts a seat's turn, and finds the first of its row and of all rows again.
+    fn put(&mut self, seat: u16, turn: Turn) {
+        let seat = usize::from(seat);
+        let Some(own) = self.turns.get_mut(seat) else { return };
+        if *own == turn {
+            return;
         }
-        place
-    }
-
-    /// Makes `child` the child of `parent` on that side.
-    fn join(&mut self, parent: Place, side: Side, child: Place) {
-        if let Some(node) = self.nodes.get_mut(usize::from(parent.0)) {
-            match side {
-                Side::Left => node.left = child,
-                Side::Right => node.right = child,
-            }
-        }
-        if let Some(node) = self.nodes.get_mut(usize::from(child.0)) {
-            node.up = parent;
-        }
-    }
-
-    /// Puts `new` in the place of `old` below its parent.
-    fn replace(&mut self, old: Place, new: Place) {
-        let up = self.node(old).up;
-        if up == NIL {
-            self.root = new;
-            if let Some(node) = self.nodes.get_mut(usize::from(new.0)) {
-                node.up = NIL;
-            }
-        } else {
-            let side = if self.node(up).left == old { Side::Left } else { Side::Right };
-            self.join(up, side, new);
-        }
-    }
-
-    /// Restores balance and due instants from `at` upwards, until an ancestor needs no change.
-    fn mend(&mut self, mut at: Place) {
-        for _ in 0..MAX_HEIGHT {
-            let Some(node) = self.nodes.get(usize::from(at.0)) else { break };
-            let (height, below) = (node.height, node.below);
-            let top = match self.lean(node) {
-                Some(side) => self.rotate_towards(at, side.other()),
-                None => at,
-            };
-            self.pull(top);
-            let node = self.node(top);
-            if node.height == height && node.below == below {
-                break;
-            }
-            at = node.up;
-        }
-    }
-
-    /// The side that is two levels higher than the other, if any.
-    fn lean(&self, node: &Node) -> Option<Side> {
-        let (left, right) = (self.node(node.left).height, self.node(node.right).height);
-        if left > right.saturating_add(1) {
-            Some(Side::Left)
-        } else if right > left.saturating_add(1) {
-            Some(Side::Right)
-        } else {
-            None
-        }
-    }
-
-    /// Computes what `at` knows from its children.
-    fn pull(&mut self, at: Place) {
-        let node = self.node(at);
-        let (left, right) = (self.node(node.left), self.node(node.right));
-        let below = earlier(node.due, earlier(left.below, right.below));
-        let height = left.height.max(right.height).saturating_add(1);
-        if let Some(node) = self.nodes.get_mut(usize::from(at.0)) {
-            node.below = below;
-            node.height = height;
-        }
-    }
-
-    /// Lowers `at` to that side, after making its other child lean outwards.
-    fn rotate_towards(&mut self, at: Place, side: Side) -> Place {
-        let high = self.child(at, side.other());
-        let (outer, inner) = (self.child(high, side.other()), self.child(high, side));
-        if self.node(inner).height > self.node(outer).height {
-            self.rotate(high, side.other());
-        }
-        self.rotate(at, side)
-    }
-
-    fn rotate(&mut self, at: Place, side: Side) -> Place {
-        let riser = self.child(at, side.other());
-        let moved = self.child(riser, side);
-        self.replace(at, riser);
-        self.join(at, side.other(), moved);
-        self.join(riser, side, at);
-        self.pull(at);
-        self.pull(riser);
-        riser
+        *own = turn;
+        let row = seat >> Self::ROW_BITS;
+        let Some(first) = self.firsts.get_mut(row) else { return };
+        *first = Turn::first(self.turns.chunks(Self::ROW).nth(row).unwrap_or_default());
+        self.first = Turn::first(self.firsts.get(..Self::ROWS).unwrap_or_default());
     }
 }
 

@@ -45,6 +45,39 @@ struct Proofs {
     faults: BTreeMap<String, Caught>,
 }
 
+/// What the rules keep of themselves, as far as it is of use here.
+#[derive(Deserialize)]
+struct Rules {
+    /// The solvers' versions by their names.
+    solvers: BTreeMap<String, String>,
+    obligations: Vec<Obligation>,
+}
+
+#[derive(Deserialize)]
+struct Obligation {
+    name: String,
+    /// The identifiers that it cites.
+    shows: BTreeSet<String>,
+    /// The faults of the rules under which it was refuted.
+    faults: Vec<String>,
+}
+
+impl Rules {
+    fn load(tree: &Tree) -> Result<Self, Error> {
+        let path = tree.path(RULES);
+        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        serde_json::from_str(&text).map_err(|error| Error::content(&path, error.to_string()))
+    }
+}
+
+/// The identifiers that an obligation of the rules cites.
+pub(crate) fn cited_by_obligation(tree: &Tree, name: &str) -> Result<BTreeSet<String>, Error> {
+    let known = Rules::load(tree)?.obligations.into_iter().find(|known| known.name == name);
+    Ok(known.map(|known| known.shows).unwrap_or_default())
+}
+
+const RULES: &str = "proofs/rules/record.json";
+
 /// The folder of the records.
 #[must_use]
 pub fn folder(tree: &Tree) -> PathBuf {
@@ -57,6 +90,17 @@ impl Record {
     /// # Errors
     /// It cannot be read.
     pub fn load(tree: &Tree, kind: &Kind) -> Result<Option<Self>, Error> {
+        if kind.has_own_faults() {
+            let Rules { solvers, obligations } = Rules::load(tree)?;
+            let held = obligations.into_iter().filter(|known| !known.faults.is_empty());
+            let solvers: Vec<_> = solvers.iter().map(|(name, of)| format!("{name} {of}")).collect();
+            return Ok(Some(Self {
+                sources: kind.digest(tree)?,
+                rustc: format!("proofs/rules/prove with {}", solvers.join(" and ")),
+                held: held.map(|known| known.name).collect(),
+                faults: BTreeMap::new(),
+            }));
+        }
         let path = path(tree, kind);
         if !path.exists() {
             return Ok(None);

@@ -54,7 +54,8 @@ const HEAD: &str = "\
 
 What shows each rule, promise and ambiguity of `SPEC.md`, by result: a witness stands in its row only if it cites
 the identifier and went red under a seeded fault that violates it. The faults are in `tests/faults.toml` and
-`tests/faults-around.toml`, the results in `evidence/results/`. This file is made by `cargo run -p fuseline-evidence -- matrix`; do not edit it.
+`tests/faults-around.toml`, the results in `evidence/results/`. The obligations of the rules have faults of their own, in
+`proofs/rules/faults.toml`. This file is made by `cargo run -p fuseline-evidence -- matrix`; do not edit it.
 ";
 
 fn markdown(matrix: &Matrix) -> String {
@@ -149,6 +150,7 @@ fn places(code: &[String]) -> Vec<String> {
 }
 
 fn faults(matrix: &Matrix, text: &mut String) {
+    let ran = |matrix| ran(matrix).filter(|kind| !kind.has_own_faults());
     let titles: Vec<&str> = ran(matrix).map(|kind| kind.title).collect();
     let _ = writeln!(text, "| fault | violates | {} |", titles.join(" | "));
     let _ = writeln!(text, "|---|---|{}", "--:|".repeat(titles.len()));

@@ -8,7 +8,7 @@ use crate::priority::Priority;
 use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
-use crate::window::{NIL, Node, Place, Window};
+use crate::window::{Turn, Window};
 
 /// Any number below `cases`. A checker that is asked about one case at a time is told which when this is compiled, so that
 /// all that hangs on it is a constant; a line `Cases:` tells the runner how many there are.
@@ -85,30 +85,9 @@ pub(crate) fn any_timestamp() -> Timestamp {
     Timestamp::new(kani::any())
 }
 
-/// The shape of a balanced tree of up to four nodes. Node `i` has the `i`-th least timestamp and lies at place `i`.
-pub(crate) struct Shape {
-    /// How many nodes there are.
-    pub(crate) len: usize,
-    root: u16,
-    children: [(u16, u16); 4],
-    heights: [u8; 4],
-}
-
-/// No node.
-const N: u16 = u16::MAX;
-
-/// All nine.
-pub(crate) const SHAPES: [Shape; 9] = [
-    Shape { len: 0, root: N, children: [(N, N); 4], heights: [0, 0, 0, 0] },
-    Shape { len: 1, root: 0, children: [(N, N); 4], heights: [1, 0, 0, 0] },
-    Shape { len: 2, root: 0, children: [(N, 1), (N, N), (N, N), (N, N)], heights: [2, 1, 0, 0] },
-    Shape { len: 2, root: 1, children: [(N, N), (0, N), (N, N), (N, N)], heights: [1, 2, 0, 0] },
-    Shape { len: 3, root: 1, children: [(N, N), (0, 2), (N, N), (N, N)], heights: [1, 2, 1, 0] },
-    Shape { len: 4, root: 1, children: [(N, N), (0, 2), (N, 3), (N, N)], heights: [1, 3, 2, 1] },
-    Shape { len: 4, root: 1, children: [(N, N), (0, 3), (N, N), (2, N)], heights: [1, 3, 1, 2] },
-    Shape { len: 4, root: 2, children: [(N, 1), (N, N), (0, 3), (N, N)], heights: [2, 1, 3, 1] },
-    Shape { len: 4, root: 2, children: [(N, N), (0, N), (1, 3), (N, N)], heights: [1, 2, 3, 1] },
-];
+/// The seats of a window of four by rank, the empty ones last: two rows of two. Which ranks share a row makes a difference,
+/// and these are all three ways; which of the rows, and where in it, makes none.
+pub(crate) const SEATINGS: [[u16; 4]; 3] = [[0, 1, 2, 3], [0, 2, 1, 3], [2, 0, 1, 3]];
 
 /// The earliest due instant of an entry's armed timers, by looking at each.
 pub(crate) fn earliest<const CLOUDS: usize>(entry: &Entry<CLOUDS>) -> Option<Instant> {
@@ -133,78 +112,86 @@ pub(crate) fn least(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
     }
 }
 
-/// Any open timestamp's entry.
+/// Any open timestamp's entry. What is armed is due after the clock's start: a due instant lies after some clock's.
 pub(crate) fn any_entry<const CLOUDS: usize>(commit: Commit) -> Entry<CLOUDS> {
     let mut entry = Entry { slot: any_slot(commit, CLOUDS as u8), ..Entry::EMPTY };
-    entry.local_due = any_instant();
-    for due in &mut entry.dues {
-        *due = any_instant();
+    let armed = entry.slot.armed().bits();
+    entry.local_due = any_due(armed & 1 != 0);
+    for (i, due) in entry.dues.iter_mut().enumerate() {
+        *due = any_due(armed >> (i + 1) & 1 != 0);
     }
     entry
 }
 
-/// Any tree of this shape: any timestamps in ascending order, any entries.
-pub(crate) fn any_window<const CLOUDS: usize, const SHAPE: usize>(
-    commit: Commit,
-) -> Window<CLOUDS, 4> {
-    let len = const { SHAPES[SHAPE].len };
-    let timestamps = kani::any_where(|of: &[u64; 4]| (1..len).all(|i| of[i - 1] < of[i]));
-    any_window_at::<CLOUDS, SHAPE>(commit, timestamps)
+fn any_due(is_armed: bool) -> Instant {
+    let nanos: u64 = kani::any();
+    Instant::from_nanos(if is_armed && nanos == 0 { 1 } else { nanos })
 }
 
-/// Any tree of this shape with these timestamps: any entries.
-pub(crate) fn any_window_at<const CLOUDS: usize, const SHAPE: usize>(
+/// The turn of a timestamp with this earliest due instant.
+pub(crate) fn turn_of(due: Option<Instant>, timestamp: Timestamp) -> Turn {
+    match due {
+        Some(due) => Turn { key: due.as_nanos() - 1, timestamp },
+        None => Turn::NEVER,
+    }
+}
+
+/// The earlier of two turns: by due instant, then by timestamp.
+pub(crate) fn earlier(a: Turn, b: Turn) -> Turn {
+    let is_first = a.key < b.key || a.key == b.key && a.timestamp <= b.timestamp;
+    if is_first { a } else { b }
+}
+
+/// Any window of four with as many open timestamps: any in ascending order, any entries.
+pub(crate) fn any_window<const CLOUDS: usize, const SEATING: usize, const LEN: usize>(
+    commit: Commit,
+) -> Window<CLOUDS, 4> {
+    let timestamps = kani::any_where(|of: &[u64; 4]| (1..LEN).all(|i| of[i - 1] < of[i]));
+    any_window_at::<CLOUDS, SEATING, LEN>(commit, timestamps)
+}
+
+/// Any window of four with the first of these timestamps open: any entries.
+pub(crate) fn any_window_at<const CLOUDS: usize, const SEATING: usize, const LEN: usize>(
     commit: Commit,
     timestamps: [u64; 4],
 ) -> Window<CLOUDS, 4> {
-    let shape = const { &SHAPES[SHAPE] };
-    let mut window = Window {
-        nodes: [Node::NIL; 4],
-        entries: [Entry::EMPTY; 4],
-        root: Place(shape.root),
-        last: if shape.len > 0 { Place(shape.len as u16 - 1) } else { NIL },
-        free: NIL,
-        len: shape.len,
-    };
-    for i in 0..4 {
-        let (left, right) = shape.children[i];
-        let node = &mut window.nodes[i];
-        if i < shape.len {
-            window.entries[i] = any_entry(commit);
-            node.timestamp = Timestamp::new(timestamps[i]);
-            node.due = earliest(&window.entries[i]);
-            (node.left, node.right) = (Place(left), Place(right));
-            node.height = shape.heights[i];
-        } else {
-            node.right = window.free;
-            window.free = Place(i as u16);
-        }
+    let seats = const { SEATINGS[SEATING] };
+    let timestamps = timestamps.map(Timestamp::new);
+    // What was kept in a seat stays there when it is empty.
+    let entries = core::array::from_fn(|_| any_entry(commit));
+    let mut turns = [Turn::NEVER; 4];
+    for rank in 0..LEN {
+        let seat = usize::from(seats[rank]);
+        turns[seat] = turn_of(earliest(&entries[seat]), timestamps[rank]);
     }
-    // From the leaves up: parents, and what each knows of the dues below.
-    for level in 1..=3 {
-        for i in 0..shape.len {
-            if shape.heights[i] == level {
-                let (left, right) = shape.children[i];
-                let mut below = window.nodes[i].due;
-                for child in [left, right] {
-                    if child != N {
-                        window.nodes[usize::from(child)].up = Place(i as u16);
-                        below = least(below, window.nodes[usize::from(child)].below);
-                    }
-                }
-                window.nodes[i].below = below;
-            }
-        }
-    }
-    window
+    let rows = [earlier(turns[0], turns[1]), earlier(turns[2], turns[3])];
+    // Beyond the rows there is nothing.
+    let firsts = [rows[0], rows[1], Turn::NEVER, Turn::NEVER];
+    let first = earlier(rows[0], rows[1]);
+    Window { timestamps, seats, len: LEN, entries, turns, firsts, first }
 }
 
 /// A window of one, with any timestamp open in it.
 fn any_window_of_one<const CLOUDS: usize>(commit: Commit) -> Window<CLOUDS, 1> {
     let entry = any_entry(commit);
-    let due = earliest(&entry);
-    let node = Node { timestamp: any_timestamp(), due, below: due, height: 1, ..Node::NIL };
-    Window { nodes: [node], entries: [entry], root: Place(0), last: Place(0), free: NIL, len: 1 }
+    window_of_one(any_timestamp(), entry)
+}
+
+/// A window of one, with this timestamp open in it.
+pub(crate) fn window_of_one<const CLOUDS: usize>(
+    timestamp: Timestamp,
+    entry: Entry<CLOUDS>,
+) -> Window<CLOUDS, 1> {
+    let turn = turn_of(earliest(&entry), timestamp);
+    Window {
+        timestamps: [timestamp],
+        seats: [0],
+        len: 1,
+        entries: [entry],
+        turns: [turn],
+        firsts: [turn],
+        first: turn,
+    }
 }
 
 /// A machine with a window of one and any timestamp open in it; any clock, clouds and gates.
@@ -212,7 +199,7 @@ pub(crate) fn any_single<const CLOUDS: usize>() -> Fusion<CLOUDS, 1> {
     let commit = any_commit();
     let open = any_window_of_one(commit);
     // F1: no later timestamp is open than the greatest ever opened.
-    let least = open.nodes[0].timestamp;
+    let least = open.timestamps[0];
     let newest = kani::any_where(|newest: &u64| *newest >= least.as_u64());
     let newest = Some(Timestamp::new(newest));
     Fusion { commit, window: 1, clouds: any_clouds(), now: any_instant(), newest, open }

@@ -1,9 +1,10 @@
 //! The invariant, once, from the words of `SPEC.md` and not from the core.
 
-use crate::any::{earliest, least};
+use crate::any::{earlier, earliest, turn_of};
 use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
-use crate::window::{NIL, Node, Window};
+use crate::time::Instant;
+use crate::window::{Turn, Window};
 
 /// What holds of every open timestamp between two inputs, and between two firings.
 pub(crate) fn is_valid(commit: Commit, slot: Slot) -> bool {
@@ -32,91 +33,47 @@ pub(crate) fn is_limited(slot: Slot) -> bool {
     !slot.pending().contains(Source::LOCAL) || slot.armed().contains(Source::LOCAL)
 }
 
-/// The places of a tree's nodes in ascending order of their timestamps, and how many there are; none if the links are not
-/// those of a tree.
-pub(crate) fn in_order<const CLOUDS: usize, const CAPACITY: usize>(
-    window: &Window<CLOUDS, CAPACITY>,
-) -> Option<([usize; CAPACITY], usize)> {
-    let mut order = [0; CAPACITY];
-    let mut stack = [0; CAPACITY];
-    let (mut len, mut depth, mut at, mut up) = (0, 0, window.root, NIL);
-    // Each node is met on the way down and on the way up.
-    for _ in 0..=2 * CAPACITY {
-        if at == NIL {
-            if depth == 0 {
-                return Some((order, len));
-            }
-            depth -= 1;
-            if len == CAPACITY {
-                return None;
-            }
-            order[len] = stack[depth];
-            len += 1;
-            up = crate::window::Place(stack[depth] as u16);
-            at = window.nodes[stack[depth]].right;
-        } else {
-            let place = usize::from(at.0);
-            if place >= CAPACITY || depth == CAPACITY || window.nodes[place].up != up {
-                return None;
-            }
-            stack[depth] = place;
-            depth += 1;
-            up = at;
-            at = window.nodes[place].left;
-        }
-    }
-    None
+/// Whether two turns are the same, field by field.
+pub(crate) fn same_turn(a: Turn, b: Turn) -> bool {
+    a.key == b.key && a.timestamp == b.timestamp
 }
 
-/// Whether two nodes are the same, field by field.
-pub(crate) fn same_node(a: &Node, b: &Node) -> bool {
-    a.timestamp == b.timestamp
-        && a.due == b.due
-        && a.below == b.below
-        && a.left == b.left
-        && a.right == b.right
-        && a.up == b.up
-        && a.height == b.height
-}
-
-/// What holds of the window: a balanced search tree, in which each node knows the earliest due instant at and below it,
-/// beside a list of all other places.
-pub(crate) fn is_tree<const CLOUDS: usize, const CAPACITY: usize>(
+/// What holds of the window: the timestamps ascend, each seat is taken by one of them or empty, and each seat, each row and
+/// the window know their first turn.
+pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
     window: &Window<CLOUDS, CAPACITY>,
 ) -> bool {
-    let Some((order, len)) = in_order(window) else { return false };
-    let mut valid = window.len == len;
-    valid &=
-        if len == 0 { window.last == NIL } else { usize::from(window.last.0) == order[len - 1] };
-    let mut taken = [false; CAPACITY];
-    for i in 0..len {
-        let node = &window.nodes[order[i]];
-        valid &= !taken[order[i]];
-        taken[order[i]] = true;
-        valid &= i == 0 || window.nodes[order[i - 1]].timestamp < node.timestamp;
-        let [left, right] = [node.left, node.right].map(|child| {
-            if child == NIL {
-                (0, None)
-            } else {
-                (
-                    window.nodes[usize::from(child.0)].height,
-                    window.nodes[usize::from(child.0)].below,
-                )
+    let len = window.len;
+    let mut valid = len <= CAPACITY;
+    for rank in 1..CAPACITY {
+        valid &= rank >= len || window.timestamps[rank - 1] < window.timestamps[rank];
+    }
+    // By seat, so that no place is looked for.
+    let mut turns = [Turn::NEVER; CAPACITY];
+    for seat in 0..CAPACITY {
+        let due = earliest(&window.entries[seat]);
+        let mut times = 0;
+        for rank in 0..CAPACITY {
+            if usize::from(window.seats[rank]) == seat {
+                times += 1;
+                if rank < len {
+                    turns[seat] = turn_of(due, window.timestamps[rank]);
+                    // F2: a due instant lies after some clock's.
+                    valid &= due != Some(Instant::START);
+                }
             }
-        });
-        let (high, low) = if left.0 > right.0 { (left.0, right.0) } else { (right.0, left.0) };
-        valid &= node.height == high + 1 && high - low <= 1;
-        valid &= node.due == earliest(&window.entries[order[i]]);
-        valid &= node.below == least(node.due, least(left.1, right.1));
-    }
-    let mut free = window.free;
-    for _ in len..CAPACITY {
-        let place = usize::from(free.0);
-        if place >= CAPACITY || taken[place] {
-            return false;
         }
-        taken[place] = true;
-        free = window.nodes[place].right;
+        valid &= times == 1 && same_turn(window.turns[seat], turns[seat]);
     }
-    valid && free == NIL
+    let (row, rows) = (Window::<CLOUDS, CAPACITY>::ROW, Window::<CLOUDS, CAPACITY>::ROWS);
+    let mut all = Turn::NEVER;
+    for i in 0..rows {
+        let mut first = Turn::NEVER;
+        for seat in row * i..CAPACITY.min(row * (i + 1)) {
+            first = earlier(first, turns[seat]);
+        }
+        valid &= same_turn(window.firsts[i], first);
+        all = earlier(all, first);
+    }
+    valid && same_turn(window.first, all)
 }

@@ -1,4 +1,4 @@
-//! P9: what is found through the tree is what a plain map finds, with hundreds of timestamps open.
+//! P9: what is found in the window is what a plain map finds, with hundreds of timestamps open.
 
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};

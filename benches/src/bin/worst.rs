@@ -1,7 +1,7 @@
 //! Inputs chosen to be expensive, one function a kind, for tools that count instructions and stack from outside.
 //!
-//! `benches/worst-case` runs it. Argument `inputs`: the whole sequence; `stack`: the same on a thread of its own;
-//! `idle`: a thread that does nothing, to subtract.
+//! `benches/worst-case` runs it. Argument `inputs`: the whole sequence; `stack`: the same on a thread of its own, the
+//! machines elsewhere; `idle`: such a thread that does nothing, to subtract.
 
 use std::hint::black_box;
 
@@ -9,7 +9,7 @@ use fuseline_core::{At, Cloud, Commit, Deadline, Fusion, Instant, Priority, Read
 
 type Machine = Fusion<3, 16>;
 
-/// Enough for the tree to take all its shapes many times over.
+/// Enough for timestamps to take all seats many times over.
 const ROUNDS: u64 = 4_000;
 
 /// Steele and Vigna's `SplitMix64`.
@@ -72,10 +72,15 @@ fn input_done() {
     black_box(());
 }
 
-fn inputs() {
+/// One for each commit rule, on the heap: a thread's stack then holds what the inputs need and no machine.
+fn machines() -> [Box<Machine>; 2] {
     let clouds = [3, 1, 2].map(|p| Cloud::new(Priority::new(p), 31));
-    for commit in [Commit::Eager, Commit::Patient] {
-        let mut machine = Machine::new(16, commit, &clouds).expect("a valid configuration");
+    [Commit::Eager, Commit::Patient]
+        .map(|commit| Box::new(Machine::new(16, commit, &clouds).expect("a valid configuration")))
+}
+
+fn inputs(machines: &mut [Box<Machine>; 2]) {
+    for machine in machines {
         let mut random = SplitMix(1);
         let (mut now, mut newest) = (0, 0);
         for _ in 0..ROUNDS {
@@ -84,37 +89,51 @@ fn inputs() {
                 newest += 1 + random.below(5);
                 let deadline =
                     (random.below(2) == 0).then(|| Deadline::from_nanos(1 + random.below(40)));
-                worst_open(&mut machine, now, newest, deadline);
+                worst_open(machine, now, newest, deadline);
                 input_done();
             }
             let nth = usize::try_from(random.below(16)).unwrap_or_default() % machine.len().max(1);
             let t = machine.open().nth(nth).map_or(newest, |open| open.0.as_u64());
             let p = u16::try_from(random.below(4)).unwrap_or_default();
             match random.below(4) {
-                0 | 1 => worst_offer(&mut machine, now, t, p, 1 + random.below(60)),
-                2 => worst_result(&mut machine, now, t, p),
-                _ => worst_fail(&mut machine, now, t, p),
+                0 | 1 => worst_offer(machine, now, t, p, 1 + random.below(60)),
+                2 => worst_result(machine, now, t, p),
+                _ => worst_fail(machine, now, t, p),
             }
             input_done();
             if random.below(4) == 0 {
                 now += random.below(10);
                 while machine.next_due().is_some_and(|due| due.as_nanos() <= now) {
-                    worst_firing(&mut machine, now);
+                    worst_firing(machine, now);
                     input_done();
                 }
             }
         }
-        println!("{commit:?}: {} open at the end, {} ns", machine.len(), now);
     }
+}
+
+/// Runs deeper in the stack than a thread's start and end ever are, so that the greatest depth is that of `run`.
+#[inline(never)]
+fn below_all_else(run: impl FnOnce()) {
+    let above = black_box([0_u8; 1 << 14]);
+    run();
+    black_box(above);
 }
 
 fn main() {
     let mode = std::env::args().nth(1).unwrap_or_default();
     match mode.as_str() {
-        "inputs" => inputs(),
+        "inputs" => inputs(&mut machines()),
         "stack" | "idle" => {
             let busy = mode == "stack";
-            let thread = std::thread::spawn(move || if busy { inputs() } else { println!("idle") });
+            let mut machines = machines();
+            let thread = std::thread::spawn(move || {
+                below_all_else(|| {
+                    if busy {
+                        inputs(&mut machines)
+                    }
+                });
+            });
             assert!(thread.join().is_ok());
         }
         _ => {

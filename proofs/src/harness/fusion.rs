@@ -1,9 +1,11 @@
 //! The machine around one timestamp: any clock, any due instants, any gates, a window of one.
 //!
-//! What the façade adds to the step of one timestamp is the same code for every window; `window` shows that the tree of
+//! What the façade adds to the step of one timestamp is the same code for every window; `window` shows that the window of
 //! open timestamps finds, changes and retires the one that is meant.
 
-use crate::any::{any_deadline, any_empty, any_instant, any_single, any_timestamp, earliest};
+use crate::any::{
+    any_deadline, any_empty, any_instant, any_single, any_timestamp, earliest, window_of_one,
+};
 use crate::entry::Entry;
 use crate::fusion::{At, Fusion};
 use crate::priority::Priority;
@@ -11,8 +13,7 @@ use crate::slot::{Cause, Decision, Slot};
 use crate::source::Source;
 use crate::time::{Deadline, Instant};
 use crate::told;
-use crate::valid::{is_limited, is_tree, is_valid};
-use crate::window::{NIL, Node, Place, Window};
+use crate::valid::{is_limited, is_valid, is_window, same_turn};
 use crate::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
 
 /// The clouds of most harnesses. What a set of sources does is proved for all 15 in `slot`.
@@ -23,9 +24,9 @@ type Single<const CLOUDS: usize> = Fusion<CLOUDS, 1>;
 /// Between two inputs, and between two firings.
 fn holds<const CLOUDS: usize>(fusion: &Single<CLOUDS>) -> bool {
     let open = &fusion.open;
-    let reached = fusion.newest.is_some_and(|newest| newest >= open.nodes[0].timestamp);
+    let reached = fusion.newest.is_some_and(|newest| newest >= open.timestamps[0]);
     let slot = open.entries[0].slot;
-    is_tree(open) && (open.len == 0 || reached && is_valid(fusion.commit, slot))
+    is_window(open) && (open.len == 0 || reached && is_valid(fusion.commit, slot))
 }
 
 /// The later of two instants.
@@ -96,7 +97,7 @@ pub fn f5_expire_by_the_rule() {
     let mut fusion = any_single::<CLOUDS>();
     let (clock, now) = (fusion.now, any_instant());
     let entry = fusion.open.entries[0];
-    let timestamp = fusion.open.nodes[0].timestamp;
+    let timestamp = fusion.open.timestamps[0];
     let due = earliest(&entry);
     let is_due = due.is_some_and(|due| due <= later(clock, now));
     let fired = match told::at(&mut fusion, now) {
@@ -167,7 +168,7 @@ pub fn f1_open_by_the_rule() {
     kani::assert(fusion.now == before.now, "F0: the clock stays");
     if opening == Opening::Accepted {
         let entry = &fusion.open.entries[0];
-        let is_open = fusion.open.nodes[0].timestamp == timestamp && fusion.len() == 1;
+        let is_open = fusion.open.timestamps[0] == timestamp && fusion.len() == 1;
         kani::assert(is_open && entry.slot == Slot::open(deadline.is_some()), "F1: it is open");
         kani::assert(fusion.newest == Some(timestamp), "F1: it is the greatest ever opened");
         kani::assert(fusion.next_due() == due, "P8: its deadline is armed, nothing else");
@@ -212,7 +213,7 @@ pub fn f2_offer_and_its_due() {
     let mut expected = Admission::Admitted { due };
     if source == Source::LOCAL || !reached {
         expected = Admission::Refused(OfferRefusal::Unknown);
-    } else if timestamp != before.open.nodes[0].timestamp {
+    } else if timestamp != before.open.timestamps[0] {
         expected = Admission::Refused(OfferRefusal::Closed);
     } else if let Some(reason) = refusal {
         expected = Admission::Refused(reason);
@@ -255,7 +256,7 @@ pub fn f2_offer_and_its_due() {
 fn arrival<const CLOUDS: usize>(cause: fn(Source) -> Cause, is_result: bool) -> Outcome<CLOUDS> {
     let mut fusion = at_rest::<CLOUDS>();
     let (now, newest) = (fusion.now, fusion.newest);
-    let (entry, open) = (fusion.open.entries[0], fusion.open.nodes[0].timestamp);
+    let (entry, open) = (fusion.open.entries[0], fusion.open.timestamps[0]);
     let (timestamp, priority) = (any_timestamp(), Priority::new(kani::any()));
     let outcome = if is_result {
         told::result(&mut fusion, timestamp, priority)
@@ -426,7 +427,7 @@ pub fn p12_retired_by_local_at_last() {
     let latest = any_instant();
     kani::assume(asked_by(&entry, latest));
     let passed = fusion.now >= latest;
-    let timestamp = fusion.open.nodes[0].timestamp;
+    let timestamp = fusion.open.timestamps[0];
     let is_result: bool = kani::any();
     let outcome = if is_result {
         told::result(&mut fusion, timestamp, Priority::LOCAL)
@@ -499,15 +500,13 @@ fn same_open<const CLOUDS: usize>(a: &Single<CLOUDS>, b: &Single<CLOUDS>) -> boo
 
 /// The machine with its timestamp open, put together anew, so that what lies where is known to the next step.
 fn again<const CLOUDS: usize>(fusion: &Single<CLOUDS>) -> Single<CLOUDS> {
-    let (entries, old) = (fusion.open.entries, &fusion.open.nodes[0]);
-    let due = earliest(&entries[0]);
-    let node = Node { timestamp: old.timestamp, due, below: due, height: 1, ..Node::NIL };
-    let open = Window { nodes: [node], entries, root: Place(0), last: Place(0), free: NIL, len: 1 };
+    let open = window_of_one(fusion.open.timestamps[0], fusion.open.entries[0]);
     let same = fusion.len() == 1
-        && (fusion.open.root, fusion.open.last, fusion.open.free) == (open.root, open.last, NIL)
-        && (old.due, old.below, old.height) == (due, due, 1)
-        && (old.left, old.right, old.up) == (NIL, NIL, NIL);
-    kani::assert(same, "P9: the window is a tree of one");
+        && fusion.open.seats[0] == 0
+        && same_turn(fusion.open.turns[0], open.turns[0])
+        && same_turn(fusion.open.firsts[0], open.first)
+        && same_turn(fusion.open.first, open.first);
+    kani::assert(same, "P9: it is a window with one open");
     let (commit, window, now, newest) = (fusion.commit, 1, fusion.now, fusion.newest);
     Fusion { commit, window, clouds: fusion.clouds, now, newest, open }
 }

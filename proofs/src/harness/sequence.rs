@@ -3,7 +3,10 @@
 //! Between two steps little of the machine is not known. The machine of each step is put together of this and constants,
 //! and what the step leaves is shown to be of that form again: so no step looks at places that are not known.
 
-use crate::any::{any_case, any_commit, any_deadline, any_instant, any_timestamp, earliest, least};
+use crate::any::{
+    any_case, any_commit, any_deadline, any_instant, any_timestamp, earlier, earliest, least,
+    turn_of,
+};
 use crate::clouds::{Cloud, Clouds};
 use crate::entry::Entry;
 use crate::fusion::{At, Fusion};
@@ -12,8 +15,8 @@ use crate::priority::Priority;
 use crate::slot::Commit;
 use crate::time::{Instant, Timestamp};
 use crate::told;
-use crate::valid::same_node;
-use crate::window::{NIL, Node, Place, Window};
+use crate::valid::same_turn;
+use crate::window::Window;
 use crate::{Admission, DropReason, OpenRefusal, Opening, Outcome};
 
 /// The one cloud. What a set of sources does is proved for all 15 in `slot`.
@@ -43,17 +46,12 @@ struct Known<const WINDOW: usize> {
     is_shut: bool,
 }
 
-/// Where a timestamp lies: the last place is given first.
-const fn place<const WINDOW: usize>(of: usize) -> usize {
-    WINDOW - 1 - of
-}
-
 impl<const WINDOW: usize> Known<WINDOW> {
     /// Takes a machine apart, and shows that there is nothing else to it.
     fn of(fusion: &Fusion<1, WINDOW>, newest: Timestamp) -> Self {
         let known = Self {
-            open: core::array::from_fn(|i| fusion.open.nodes[place::<WINDOW>(i)].height > 0),
-            entries: core::array::from_fn(|i| fusion.open.entries[place::<WINDOW>(i)]),
+            open: core::array::from_fn(|i| is_open(fusion, TIMESTAMPS[i])),
+            entries: fusion.open.entries,
             commit: fusion.commit,
             now: fusion.now,
             is_shut: fusion.clouds.gates[0].is_shut(),
@@ -63,26 +61,27 @@ impl<const WINDOW: usize> Known<WINDOW> {
             2 => known.is_all::<2>(fusion, newest),
             3 => known.is_all::<3>(fusion, newest),
             _ if WINDOW == 1 => known.is_all::<0>(fusion, newest),
-            // Which place is the first free one hangs on the order of the two ends, and no step follows.
-            _ => fusion.is_empty() && fusion.open.root == NIL,
+            // Which seat is the first empty one hangs on the order of the two ends, and no step follows.
+            _ => fusion.is_empty() && fusion.next_due().is_none(),
         };
-        kani::assert(is_all, "P9: the window is a tree of those that are open");
+        kani::assert(is_all, "P9: the window has those that are open");
         known
     }
 
     /// Whether the machine is what is put together.
     fn is_all<const OPEN: u8>(&self, fusion: &Fusion<1, WINDOW>, newest: Timestamp) -> bool {
-        let all = self.machine::<OPEN>(self.next::<OPEN>(), newest);
+        let all = self.machine::<OPEN>(newest);
         fusion.window == all.window
             && fusion.clouds.priorities[0] == all.clouds.priorities[0]
             && fusion.clouds.gates[0] == all.clouds.gates[0]
             && fusion.clouds.len == all.clouds.len
             && fusion.newest == all.newest
-            && fusion.open.root == all.open.root
-            && fusion.open.last == all.open.last
-            && fusion.open.free == all.open.free
             && fusion.open.len == all.open.len
-            && (0..WINDOW).all(|i| same_node(&fusion.open.nodes[i], &all.open.nodes[i]))
+            && (0..all.open.len).all(|i| fusion.open.timestamps[i] == all.open.timestamps[i])
+            && (0..WINDOW).all(|i| fusion.open.seats[i] == all.open.seats[i])
+            && (0..WINDOW).all(|i| same_turn(fusion.open.turns[i], all.open.turns[i]))
+            && same_turn(fusion.open.firsts[0], all.open.first)
+            && same_turn(fusion.open.first, all.open.first)
     }
 
     /// Which are open, as bits.
@@ -96,42 +95,27 @@ impl<const WINDOW: usize> Known<WINDOW> {
         open.fold(None, |next, i| least(next, earliest(&self.entries[i])))
     }
 
-    /// The machine with those of `OPEN` open, of which `next` is the earliest due instant.
-    fn machine<const OPEN: u8>(
-        &self,
-        next: Option<Instant>,
-        newest: Timestamp,
-    ) -> Fusion<1, WINDOW> {
-        let mut window = Window {
-            nodes: [Node::NIL; WINDOW],
-            entries: core::array::from_fn(|i| self.entries[place::<WINDOW>(i)]),
-            root: NIL,
-            last: NIL,
-            free: NIL,
-            len: 0,
-        };
-        for i in 0..WINDOW {
-            let at = place::<WINDOW>(i);
-            let here = Place(at as u16);
+    /// The machine with those of `OPEN` open.
+    fn machine<const OPEN: u8>(&self, newest: Timestamp) -> Fusion<1, WINDOW> {
+        // Each timestamp stays in its seat; the two are one row.
+        let mut window = Window { len: 0, entries: self.entries, ..Window::<1, WINDOW>::new() };
+        let mut empty = WINDOW;
+        for i in (0..WINDOW).rev() {
             if OPEN >> i & 1 == 0 {
-                window.free = here;
-                continue;
+                empty -= 1;
+                window.seats[empty] = i as u16;
             }
-            let due = earliest(&self.entries[i]);
-            let node = Node { timestamp: TIMESTAMPS[i], due, below: due, height: 1, ..Node::NIL };
-            window.nodes[at] = node;
-            // The second hangs at the right of the first.
-            if window.root == NIL {
-                window.root = here;
-                window.nodes[at].below = next;
-            } else {
-                let root = &mut window.nodes[place::<WINDOW>(0)];
-                (root.right, root.height) = (here, 2);
-                window.nodes[at].up = window.root;
-            }
-            window.last = here;
-            window.len += 1;
         }
+        for i in 0..WINDOW {
+            if OPEN >> i & 1 == 1 {
+                window.timestamps[window.len] = TIMESTAMPS[i];
+                window.seats[window.len] = i as u16;
+                window.turns[i] = turn_of(earliest(&self.entries[i]), TIMESTAMPS[i]);
+                window.first = earlier(window.first, window.turns[i]);
+                window.len += 1;
+            }
+        }
+        window.firsts[0] = window.first;
         let gate = Gate { limit: 2, resume: 1, shut: self.is_shut };
         Fusion {
             commit: self.commit,
@@ -155,6 +139,11 @@ impl<const WINDOW: usize> Known<WINDOW> {
     }
 }
 
+/// Whether a timestamp is open, by looking at each.
+fn is_open<const WINDOW: usize>(fusion: &Fusion<1, WINDOW>, timestamp: Timestamp) -> bool {
+    (0..WINDOW).any(|i| i < fusion.open.len && fusion.open.timestamps[i] == timestamp)
+}
+
 /// A machine just made, at any instant, with the first timestamp opened.
 #[inline(never)]
 fn start<const WINDOW: usize>() -> Option<(Known<WINDOW>, Seen)> {
@@ -170,7 +159,7 @@ fn start<const WINDOW: usize>() -> Option<(Known<WINDOW>, Seen)> {
 /// F1, P9: the second timestamp is opened too, and no third.
 #[inline(never)]
 fn second(known: &Known<2>) -> Option<(Known<2>, Seen)> {
-    let mut fusion = known.machine::<1>(known.next::<1>(), TIMESTAMPS[0]);
+    let mut fusion = known.machine::<1>(TIMESTAMPS[0]);
     let seen = opens(&mut fusion, TIMESTAMPS[1])?;
     let after = Known::of(&fusion, TIMESTAMPS[1]);
     kani::assert(after.is_as(known, 1), "P9: only its own timestamp changes");
@@ -180,7 +169,7 @@ fn second(known: &Known<2>) -> Option<(Known<2>, Seen)> {
 /// P9: no third timestamp is opened.
 #[inline(never)]
 fn third(known: &Known<2>) -> Opening {
-    let mut fusion = known.machine::<3>(known.next::<3>(), TIMESTAMPS[1]);
+    let mut fusion = known.machine::<3>(TIMESTAMPS[1]);
     let opening = told::open(&mut fusion, any_timestamp(), None);
     let is_refused = matches!(opening, Opening::Refused(OpenRefusal::Full | OpenRefusal::Order));
     kani::assert(is_refused && fusion.len() == 2, "P9: at most the window is open");
@@ -272,7 +261,7 @@ fn offer<const WINDOW: usize>(
 /// F0, F5: one firing at most, and whether there was one.
 #[inline(never)]
 fn fires(known: &Known<1>, seen: &mut Seen, now: Instant) -> (Known<1>, bool) {
-    let mut fusion = known.machine::<1>(known.next::<1>(), TIMESTAMPS[0]);
+    let mut fusion = known.machine::<1>(TIMESTAMPS[0]);
     let At::Fired(firing) = told::at(&mut fusion, now) else {
         return (Known::of(&fusion, TIMESTAMPS[0]), false);
     };
@@ -291,7 +280,7 @@ fn input<const WINDOW: usize, const OPEN: u8, const OF: usize>(
 ) -> Known<WINDOW> {
     let next = known.next::<OPEN>();
     kani::assert(next.is_none_or(|due| due > known.now), "F0: then nothing is due");
-    let mut fusion = known.machine::<OPEN>(next, TIMESTAMPS[WINDOW - 1]);
+    let mut fusion = known.machine::<OPEN>(TIMESTAMPS[WINDOW - 1]);
     match kani::any_where(|kind: &u8| *kind < 3) {
         0 => offer(&mut fusion, TIMESTAMPS[OF], &mut seen[OF]),
         1 => result(&mut fusion, TIMESTAMPS[OF], &mut seen[OF]),

@@ -1,12 +1,12 @@
-//! The tree of open timestamps: from any tree of up to four, each way to change it and each question to it.
+//! The window of open timestamps: from any window of four, each way to change it and each question to it.
 //!
-//! Every shape that balance allows is taken, nine in all, with any timestamps, sets and due instants. Where a node lies in
-//! the arrays is fixed: the tree compares places with each other and with none, and never orders them.
+//! Four seats are two rows of two. Every number of open timestamps is taken, and every way to share the rows, three at most, with
+//! any timestamps, sets and due instants.
 
 use crate::Admission;
 use crate::any::{
-    any_case, any_commit, any_deadline, any_entry, any_gate, any_instant, any_slot, any_source,
-    any_timestamp, earliest, least,
+    SEATINGS, any_case, any_commit, any_deadline, any_entry, any_gate, any_instant, any_slot,
+    any_source, any_timestamp, any_window, any_window_at, earliest, least,
 };
 use crate::clouds::Clouds;
 use crate::entry::Entry;
@@ -16,288 +16,304 @@ use crate::slot::Cause;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 use crate::told;
-use crate::valid::{in_order, is_tree, same_node};
+use crate::valid::{is_window, same_turn};
 use crate::window::{Place, Window};
 
-/// The tree knows one due instant of each timestamp, the earliest. Local's is enough for it to be any, or none; that
+/// The window knows one due instant of each timestamp, the earliest. Local's is enough for it to be any, or none; that
 /// it is the earliest of several, `fusion` shows.
-type Tree = Window<0, 4>;
+type Four = Window<0, 4>;
 
-/// Calls a function for each shape, of which one is any.
-macro_rules! any_shape {
-    ($harness:ident) => {
-        match any_case(9) {
-            0 => $harness::<0>(),
-            1 => $harness::<1>(),
-            2 => $harness::<2>(),
-            3 => $harness::<3>(),
-            4 => $harness::<4>(),
-            5 => $harness::<5>(),
-            6 => $harness::<6>(),
-            7 => $harness::<7>(),
-            _ => $harness::<8>(),
-        }
-    };
-}
-
-/// The same for each shape of up to three nodes, or of four.
-macro_rules! any_shape_of {
+/// Calls a function for each seating of up to three open timestamps, or of four, of which one is any.
+macro_rules! any_of {
     (three, $harness:ident) => {
-        match any_case(5) {
-            0 => $harness::<0>(),
-            1 => $harness::<1>(),
-            2 => $harness::<2>(),
-            3 => $harness::<3>(),
-            _ => $harness::<4>(),
+        match any_case(7) {
+            0 => $harness::<0, 0>(),
+            1 => $harness::<0, 1>(),
+            2 => $harness::<0, 2>(),
+            3 => $harness::<1, 2>(),
+            4 => $harness::<0, 3>(),
+            5 => $harness::<1, 3>(),
+            _ => $harness::<2, 3>(),
         }
     };
     (four, $harness:ident) => {
-        match any_case(4) {
-            0 => $harness::<5>(),
-            1 => $harness::<6>(),
-            2 => $harness::<7>(),
-            _ => $harness::<8>(),
+        match any_case(3) {
+            0 => $harness::<0, 4>(),
+            1 => $harness::<1, 4>(),
+            _ => $harness::<2, 4>(),
         }
     };
 }
 
-/// Calls a function for each node of each shape with up to three nodes, of which one is any.
-macro_rules! any_node_of_three {
-    ($harness:ident) => {
-        match any_case(8) {
-            0 => $harness::<1, 0>(),
-            1 => $harness::<2, 0>(),
-            2 => $harness::<2, 1>(),
-            3 => $harness::<3, 0>(),
-            4 => $harness::<3, 1>(),
-            5 => $harness::<4, 0>(),
-            6 => $harness::<4, 1>(),
-            _ => $harness::<4, 2>(),
+/// Calls a function for each of the timestamps in each seating of up to three, or of four, of which one is any.
+macro_rules! any_place_of {
+    (three, $harness:ident) => {
+        match any_case(14) {
+            0 => $harness::<0, 1, 0>(),
+            1 => $harness::<0, 2, 0>(),
+            2 => $harness::<0, 2, 1>(),
+            3 => $harness::<1, 2, 0>(),
+            4 => $harness::<1, 2, 1>(),
+            5 => $harness::<0, 3, 0>(),
+            6 => $harness::<0, 3, 1>(),
+            7 => $harness::<0, 3, 2>(),
+            8 => $harness::<1, 3, 0>(),
+            9 => $harness::<1, 3, 1>(),
+            10 => $harness::<1, 3, 2>(),
+            11 => $harness::<2, 3, 0>(),
+            12 => $harness::<2, 3, 1>(),
+            _ => $harness::<2, 3, 2>(),
+        }
+    };
+    (four, $harness:ident) => {
+        match any_case(12) {
+            0 => $harness::<0, 4, 0>(),
+            1 => $harness::<0, 4, 1>(),
+            2 => $harness::<0, 4, 2>(),
+            3 => $harness::<0, 4, 3>(),
+            4 => $harness::<1, 4, 0>(),
+            5 => $harness::<1, 4, 1>(),
+            6 => $harness::<1, 4, 2>(),
+            7 => $harness::<1, 4, 3>(),
+            8 => $harness::<2, 4, 0>(),
+            9 => $harness::<2, 4, 1>(),
+            10 => $harness::<2, 4, 2>(),
+            _ => $harness::<2, 4, 3>(),
         }
     };
 }
 
-/// The same for each shape with four nodes, first of all the one whose loss leaves the tree leaning to the left.
-macro_rules! any_node_of_four {
-    ($harness:ident) => {
-        match any_case(16) {
-            0 => $harness::<7, 3>(),
-            1 => $harness::<5, 0>(),
-            2 => $harness::<5, 1>(),
-            3 => $harness::<5, 2>(),
-            4 => $harness::<5, 3>(),
-            5 => $harness::<6, 0>(),
-            6 => $harness::<6, 1>(),
-            7 => $harness::<6, 2>(),
-            8 => $harness::<6, 3>(),
-            9 => $harness::<7, 0>(),
-            10 => $harness::<7, 1>(),
-            11 => $harness::<7, 2>(),
-            12 => $harness::<8, 0>(),
-            13 => $harness::<8, 1>(),
-            14 => $harness::<8, 2>(),
-            _ => $harness::<8, 3>(),
-        }
-    };
+/// The place of a rank in a seating.
+const fn place<const SEATING: usize, const AT: usize>() -> Place {
+    Place { rank: AT as u16, seat: SEATINGS[SEATING][AT] }
 }
 
 fn same_entry<const CLOUDS: usize>(a: &Entry<CLOUDS>, b: &Entry<CLOUDS>) -> bool {
     a.slot == b.slot && a.local_due == b.local_due && (0..CLOUDS).all(|i| a.dues[i] == b.dues[i])
 }
 
-/// Whether every timestamp but that of `place` is in both trees, at the same place, with the same entry.
+/// Whether every seat but one has the same entry and turn in both windows.
 fn others_stay<const CLOUDS: usize>(
     before: &Window<CLOUDS, 4>,
     after: &Window<CLOUDS, 4>,
-    len: usize,
-    place: usize,
+    seat: u16,
 ) -> bool {
-    (0..len).filter(|i| *i != place).all(|i| {
-        before.nodes[i].timestamp == after.nodes[i].timestamp
+    (0..4).filter(|i| *i != usize::from(seat)).all(|i| {
+        same_turn(before.turns[i], after.turns[i])
             && same_entry(&before.entries[i], &after.entries[i])
     })
 }
 
-fn generated<const SHAPE: usize>() -> usize {
-    let tree = any_window::<SHAPE>();
-    kani::assert(is_tree(&tree), "what is generated is a tree");
-    kani::assert(is_tree(&Tree::new()), "an empty window is a tree");
-    tree.len
+/// Whether the same timestamps are open in both windows, in the same seats.
+fn same_order<const CLOUDS: usize>(a: &Window<CLOUDS, 4>, b: &Window<CLOUDS, 4>) -> bool {
+    let same = a.len == b.len && a.seats == b.seats;
+    same && (0..4).all(|i| i >= a.len || a.timestamps[i] == b.timestamps[i])
 }
 
-fn any_window<const SHAPE: usize>() -> Tree {
-    crate::any::any_window::<0, SHAPE>(any_commit())
+fn generated<const SEATING: usize, const LEN: usize>() -> usize {
+    let window: Four = any_window::<0, SEATING, LEN>(any_commit());
+    kani::assert(is_window(&window), "what is generated is a window");
+    kani::assert(is_window(&Four::new()), "what is made is a window");
+    window.len
 }
 
-/// The trees that harnesses start from are valid.
+/// The windows that harnesses start from are valid.
 ///
-/// Bounds: trees of 0 to 4.
+/// Bounds: window of 4.
 #[kani::proof]
-#[kani::unwind(10)]
-pub fn every_generated_tree_is_valid() {
-    let len = any_shape!(generated);
+#[kani::unwind(6)]
+pub fn every_generated_window_is_valid() {
+    let len = if kani::any() { any_of!(three, generated) } else { any_of!(four, generated) };
     kani::cover!(len == 0, "an empty one");
     kani::cover!(len == 4, "a full one");
 }
 
-fn found<const SHAPE: usize>() -> Option<usize> {
-    let tree = any_window::<SHAPE>();
+fn found<const SEATING: usize, const LEN: usize>() -> Option<usize> {
+    let window: Four = any_window::<0, SEATING, LEN>(any_commit());
     let timestamp = any_timestamp();
-    let place = (0..tree.len).find(|i| tree.nodes[*i].timestamp == timestamp);
-    let found = tree.find(timestamp).map(|place| usize::from(place.0));
-    kani::assert(found == place, "P9: it finds what is open and nothing else");
-    found
+    let rank = (0..LEN).find(|i| window.timestamps[*i] == timestamp);
+    let found = window.find(timestamp);
+    let place = found.map(|place| usize::from(place.rank));
+    kani::assert(place == rank, "P9: it finds what is open and nothing else");
+    for i in 0..LEN {
+        let seat = found.filter(|place| usize::from(place.rank) == i).map(|place| place.seat);
+        kani::assert(seat.is_none_or(|seat| seat == window.seats[i]), "P9: it tells its seat");
+    }
+    rank
 }
 
 /// P9, F8: lookup finds what is open and nothing else.
 ///
-/// Bounds: trees of 0 to 3.
+/// Cases: 7.
+/// Bounds: window of 4, 0 to 3 open.
 #[kani::proof]
 #[kani::unwind(6)]
 pub fn p9_lookup_in_three() {
-    let found = any_shape_of!(three, found);
+    let found = any_of!(three, found);
     kani::cover!(found == Some(0), "it finds the first");
     kani::cover!(found.is_none(), "there is none");
 }
 
-/// As `p9_lookup_in_three`, for P9 in larger trees.
+/// As `p9_lookup_in_three`, for P9 in a full window.
 ///
-/// Bounds: trees of 4.
+/// Cases: 3.
+/// Bounds: window of 4, 4 open.
 #[kani::proof]
 #[kani::unwind(6)]
 pub fn p9_lookup_in_four() {
-    let found = any_shape_of!(four, found);
+    let found = any_of!(four, found);
     kani::cover!(found == Some(0), "it finds the first");
     kani::cover!(found.is_none(), "there is none");
 }
 
-fn next<const SHAPE: usize>() -> (bool, bool) {
-    let tree = any_window::<SHAPE>();
-    let due = tree.next_due();
-    let all = (0..tree.len).fold(None, |due, i| least(due, earliest(&tree.entries[i])));
+fn next<const SEATING: usize, const LEN: usize>() -> (bool, bool) {
+    let window: Four = any_window::<0, SEATING, LEN>(any_commit());
+    let seats = const { SEATINGS[SEATING] };
+    let of = |rank: usize| earliest(&window.entries[usize::from(seats[rank])]);
+    let due = window.next_due();
+    let all = (0..LEN).fold(None, |due, rank| least(due, of(rank)));
     kani::assert(due == all, "P9: the next due instant is the least armed one");
-    let Some(due) = due else { return (true, false) };
-    let first = (0..tree.len).find(|i| tree.nodes[*i].due == Some(due));
-    let found = usize::from(tree.first_due_at(due).0);
-    kani::assert(Some(found) == first, "F5: of those due then the least timestamp fires");
-    let last = (0..tree.len).rfind(|i| tree.nodes[*i].due == Some(due));
+    if due.is_none() {
+        return (true, false);
+    }
+    let first = (0..LEN).find(|rank| of(*rank) == due);
+    let found = window.first_due().map(|place| usize::from(place.rank));
+    kani::assert(found == first, "F5: of those due then the least timestamp fires");
+    let last = (0..LEN).rfind(|rank| of(*rank) == due);
     (false, first != last)
 }
 
 /// P9, F5, A23: the next due instant is the least armed one, and the least timestamp that is due then fires.
 ///
-/// Bounds: trees of 0 to 3.
+/// Cases: 7.
+/// Bounds: window of 4, 0 to 3 open.
 #[kani::proof]
 #[kani::unwind(6)]
 pub fn p9_next_due_in_three() {
-    let (is_none, is_tie) = any_shape_of!(three, next);
+    let (is_none, is_tie) = any_of!(three, next);
     kani::cover!(is_none, "nothing is armed");
     kani::cover!(is_tie, "two are due at one instant");
 }
 
-/// As `p9_next_due_in_three`, for P9, F5 and A23 in larger trees.
+/// As `p9_next_due_in_three`, for P9, F5 and A23 in a full window.
 ///
-/// Cases: 4.
-/// Bounds: trees of 4.
+/// Cases: 3.
+/// Bounds: window of 4, 4 open.
 #[kani::proof]
 #[kani::unwind(6)]
 pub fn p9_next_due_in_four() {
-    let (is_none, is_tie) = any_shape_of!(four, next);
+    let (is_none, is_tie) = any_of!(four, next);
     kani::cover!(is_none, "nothing is armed");
     kani::cover!(is_tie, "two are due at one instant");
 }
 
-fn pushed<const SHAPE: usize>() -> (usize, bool) {
-    let before = any_window::<SHAPE>();
-    let len = before.len;
+fn pushed<const SEATING: usize, const LEN: usize>() -> (usize, bool) {
+    let before: Four = any_window::<0, SEATING, LEN>(any_commit());
     let (timestamp, entry) = (any_timestamp(), any_entry::<0>(any_commit()));
-    kani::assume(len == 0 || before.nodes[len - 1].timestamp < timestamp);
+    // What is full takes no more, whatever it is.
+    kani::assume(LEN == 0 || LEN == 4 || before.timestamps[LEN - 1] < timestamp);
     let mut after = before.clone();
     let added = after.push(timestamp, entry);
-    kani::assert(added == (len < 4), "P9: there is room for as many as the window");
-    kani::assert(is_tree(&after), "P9: it is a tree");
-    kani::assert(others_stay(&before, &after, len, len), "P9: only its own timestamp changes");
-    kani::assert(after.len == len + usize::from(added), "P9: it is one more");
-    if added {
-        let last = usize::from(after.last.0);
-        let is_there =
-            after.nodes[last].timestamp == timestamp && same_entry(&after.entries[last], &entry);
+    kani::assert(added == (LEN < 4), "P9: there is room for as many as the window");
+    kani::assert(is_window(&after), "P9: it is a window");
+    kani::assert(after.len == LEN + usize::from(added), "P9: it is one more");
+    let seat = if LEN < 4 { SEATINGS[SEATING][LEN] } else { u16::MAX };
+    kani::assert(others_stay(&before, &after, seat), "P9: only its own timestamp changes");
+    let same = (0..LEN).all(|i| before.timestamps[i] == after.timestamps[i]);
+    kani::assert(same && before.seats == after.seats, "P9: the others stay where they are");
+    if LEN < 4 {
+        let kept = &after.entries[usize::from(seat)];
+        let is_there = after.timestamps[LEN] == timestamp && same_entry(kept, &entry);
         kani::assert(is_there, "P9: it is there with its entry");
     }
-    (len, added)
+    (LEN, added)
 }
 
-/// P9, F1, F8: opening adds the timestamp and changes no other; what is full takes no more.
+/// P9, F1, F8: opening adds the timestamp and changes no other.
 ///
 /// The timestamp is assumed to be greater than all open ones: F1 refuses it otherwise, which `f1_open_by_the_rule` shows.
 ///
-/// Bounds: trees of 0 to 4.
+/// Cases: 7.
+/// Bounds: window of 4, 0 to 3 open.
 #[kani::proof]
-#[kani::unwind(10)]
+#[kani::unwind(6)]
 pub fn p9_open() {
-    let (len, added) = any_shape!(pushed);
-    kani::cover!(len == 3 && added, "it takes the last place");
+    let (len, added) = any_of!(three, pushed);
+    kani::cover!(len == 0 && added, "it is the first");
+    kani::cover!(len == 3 && added, "it takes the last seat");
+}
+
+/// As `p9_open`, for P9 in a full window, which takes no more.
+///
+/// Cases: 3.
+/// Bounds: window of 4, 4 open.
+#[kani::proof]
+#[kani::unwind(6)]
+pub fn p9_open_in_four() {
+    let (_, added) = any_of!(four, pushed);
     kani::cover!(!added, "it is full");
 }
 
-fn armed<const SHAPE: usize, const AT: usize>() -> bool {
-    let commit = any_commit();
-    let before = crate::any::any_window::<1, SHAPE>(commit);
-    let due = any_instant();
+fn armed<const SEATING: usize, const LEN: usize, const AT: usize>() -> bool {
+    let before = any_window::<1, SEATING, LEN>(any_commit());
+    let place = place::<SEATING, AT>();
+    let seat = usize::from(place.seat);
+    let now = any_instant();
     let source = Source::new(1).unwrap_or(Source::LOCAL);
-    let (slot, refusal) = before.entries[AT].slot.offer(source);
-    kani::assume(refusal.is_none());
+    let (slot, refusal) = before.entries[seat].slot.offer(source);
+    let due = now.due(any_deadline());
+    kani::assume(refusal.is_none() && due.is_some());
+    let due = due.unwrap_or(Instant::END);
     let mut after = before.clone();
-    after.arm(Place(AT as u16), slot, source, due);
-    kani::assert(is_tree(&after), "P9: it is a tree");
-    kani::assert(
-        others_stay(&before, &after, before.len, AT),
-        "P9: only its own timestamp changes",
-    );
-    let mut entry = before.entries[AT];
+    after.arm(place, slot, source, due);
+    kani::assert(is_window(&after), "P9: it is a window");
+    let same = others_stay(&before, &after, place.seat) && same_order(&before, &after);
+    kani::assert(same, "P9: only its own timestamp changes");
+    let mut entry = before.entries[seat];
     entry.slot = slot;
     entry.dues[0] = due;
-    kani::assert(same_entry(&after.entries[AT], &entry), "P9: its timer is armed");
+    kani::assert(same_entry(&after.entries[seat], &entry), "P9: its timer is armed");
     after.next_due() != before.next_due()
 }
 
 /// P9, F2: arming a timer changes no other timestamp, and the next due instant is still the least.
 ///
-/// That the request is admitted is assumed: the tree is told of no other.
+/// That the request is admitted is assumed: the window is told of no other.
 ///
-/// Bounds: trees of 1 to 3.
+/// Cases: 14.
+/// Bounds: window of 4, 1 to 3 open, 1 cloud.
 #[kani::proof]
-#[kani::unwind(10)]
+#[kani::unwind(6)]
 pub fn p9_offer_in_three() {
-    let is_next = any_node_of_three!(armed);
+    let is_next = any_place_of!(three, armed);
     kani::cover!(is_next, "it is the next due");
 }
 
-/// As `p9_offer_in_three`, for P9 in trees of four.
+/// As `p9_offer_in_three`, for P9 in a full window.
 ///
-/// Cases: 16.
-/// Bounds: trees of 4.
+/// Cases: 12.
+/// Bounds: window of 4, 4 open, 1 cloud.
 #[kani::proof]
-#[kani::unwind(10)]
+#[kani::unwind(6)]
 pub fn p9_offer_in_four() {
-    let is_next = any_node_of_four!(armed);
+    let is_next = any_place_of!(four, armed);
     kani::cover!(is_next, "it is the next due");
 }
 
-fn set<const SHAPE: usize, const AT: usize>() -> bool {
+fn set<const SEATING: usize, const LEN: usize, const AT: usize>() -> bool {
     let commit = any_commit();
-    let before = crate::any::any_window::<1, SHAPE>(commit);
+    let before = any_window::<1, SEATING, LEN>(commit);
+    let place = place::<SEATING, AT>();
+    let seat = usize::from(place.seat);
     let slot = any_slot(commit, 1);
-    kani::assume(before.entries[AT].slot.armed().contains_all(slot.armed()));
+    kani::assume(before.entries[seat].slot.armed().contains_all(slot.armed()));
     let mut after = before.clone();
-    after.set(Place(AT as u16), slot);
-    kani::assert(is_tree(&after), "P9: it is a tree");
-    kani::assert(
-        others_stay(&before, &after, before.len, AT),
-        "P9: only its own timestamp changes",
-    );
-    let entry = Entry { slot, ..before.entries[AT] };
-    kani::assert(same_entry(&after.entries[AT], &entry), "P9: it has the new state");
+    after.set(place, slot);
+    kani::assert(is_window(&after), "P9: it is a window");
+    let same = others_stay(&before, &after, place.seat) && same_order(&before, &after);
+    kani::assert(same, "P9: only its own timestamp changes");
+    let entry = Entry { slot, ..before.entries[seat] };
+    kani::assert(same_entry(&after.entries[seat], &entry), "P9: it has the new state");
     after.next_due() != before.next_due()
 }
 
@@ -305,58 +321,62 @@ fn set<const SHAPE: usize, const AT: usize>() -> bool {
 ///
 /// That no timer is armed anew is assumed: `p7_no_stall` shows it of every event.
 ///
-/// Cases: 8.
-/// Bounds: trees of 1 to 3.
+/// Cases: 14.
+/// Bounds: window of 4, 1 to 3 open, 1 cloud.
 #[kani::proof]
-#[kani::unwind(10)]
+#[kani::unwind(6)]
 pub fn p9_close_in_three() {
-    let is_other = any_node_of_three!(set);
+    let is_other = any_place_of!(three, set);
     kani::cover!(is_other, "the next due is another");
 }
 
-/// As `p9_close_in_three`, for P9 in trees of four.
+/// As `p9_close_in_three`, for P9 in a full window.
 ///
-/// Cases: 16.
-/// Bounds: trees of 4.
+/// Cases: 12.
+/// Bounds: window of 4, 4 open, 1 cloud.
 #[kani::proof]
-#[kani::unwind(10)]
+#[kani::unwind(6)]
 pub fn p9_close_in_four() {
-    let is_other = any_node_of_four!(set);
+    let is_other = any_place_of!(four, set);
     kani::cover!(is_other, "the next due is another");
 }
 
-fn removed<const SHAPE: usize, const AT: usize>() -> bool {
-    let before = any_window::<SHAPE>();
+fn removed<const SEATING: usize, const LEN: usize, const AT: usize>() -> bool {
+    let before: Four = any_window::<0, SEATING, LEN>(any_commit());
+    let place = place::<SEATING, AT>();
     let mut after = before.clone();
-    after.remove(Place(AT as u16));
-    kani::assert(is_tree(&after), "P9: it is a tree");
-    kani::assert(
-        others_stay(&before, &after, before.len, AT),
-        "P9: only its own timestamp changes",
-    );
-    let is_gone = in_order(&after).is_some_and(|(order, len)| !order[..len].contains(&AT));
-    kani::assert(is_gone && after.len == before.len - 1, "P9: it is open no more");
+    after.remove(place);
+    kani::assert(is_window(&after), "P9: it is a window");
+    kani::assert(others_stay(&before, &after, place.seat), "P9: only its own timestamp changes");
+    let mut moved = after.len == LEN - 1;
+    for i in 0..LEN - 1 {
+        let was = if i < AT { i } else { i + 1 };
+        moved &= after.timestamps[i] == before.timestamps[was];
+        moved &= after.seats[i] == before.seats[was];
+    }
+    kani::assert(moved, "P9: it is open no more, and the others are, in their seats");
     after.next_due() != before.next_due()
 }
 
-/// P9, F7: retiring a timestamp changes no other, leaves a tree, and its place is free again.
+/// P9, F7: retiring a timestamp changes no other, leaves a window, and its seat is free again.
 ///
-/// Bounds: trees of 1 to 3.
+/// Cases: 14.
+/// Bounds: window of 4, 1 to 3 open.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_retire_in_three() {
-    let is_other = any_node_of_three!(removed);
+    let is_other = any_place_of!(three, removed);
     kani::cover!(is_other, "the next due is another");
 }
 
-/// As `p9_retire_in_three`, for P9 in trees of four.
+/// As `p9_retire_in_three`, for P9 in a full window.
 ///
-/// Cases: 16.
-/// Bounds: trees of 4.
+/// Cases: 12.
+/// Bounds: window of 4, 4 open.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_retire_in_four() {
-    let is_other = any_node_of_four!(removed);
+    let is_other = any_place_of!(four, removed);
     kani::cover!(is_other, "the next due is another");
 }
 
@@ -371,9 +391,11 @@ enum Kind {
     Offer,
 }
 
+const SEATING: usize = 1;
+
 fn one_of<const AT: usize>(kind: Kind) -> (bool, bool) {
     let commit = any_commit();
-    let open = crate::any::any_window_at::<1, 5>(commit, TIMESTAMPS);
+    let open = any_window_at::<1, SEATING, 4>(commit, TIMESTAMPS);
     let clouds = Clouds { priorities: [Priority::new(1)], gates: [any_gate()], len: 1 };
     let newest = Some(Timestamp::new(TIMESTAMPS[3]));
     let due = open.next_due();
@@ -381,8 +403,9 @@ fn one_of<const AT: usize>(kind: Kind) -> (bool, bool) {
     let now = Instant::from_nanos(now);
     let mut fusion = Fusion { commit, window: 4, clouds, now, newest, open };
     let before = fusion.open.clone();
-    let mut tree = before.clone();
-    let (slot, place) = (before.entries[AT].slot, Place(AT as u16));
+    let mut window = before.clone();
+    let place = place::<SEATING, AT>();
+    let slot = before.entries[usize::from(place.seat)].slot;
     let (timestamp, source) = (Timestamp::new(TIMESTAMPS[AT]), any_source(1));
     let priority = Priority::new(source.index().into());
     let mut is_retired = false;
@@ -391,7 +414,7 @@ fn one_of<const AT: usize>(kind: Kind) -> (bool, bool) {
         let asked = told::offer(&mut fusion, timestamp, priority, any_deadline(), kani::any());
         if let Admission::Admitted { due } = asked {
             is_offer = true;
-            tree.arm(place, slot.offer(source).0, source, due);
+            window.arm(place, slot.offer(source).0, source, due);
         }
     } else {
         let event = if kind == Kind::Result {
@@ -403,27 +426,28 @@ fn one_of<const AT: usize>(kind: Kind) -> (bool, bool) {
         };
         let after = slot.step(commit, event).0;
         is_retired = !after.is_open();
-        if is_retired { tree.remove(place) } else { tree.set(place, after) }
+        if is_retired { window.remove(place) } else { window.set(place, after) }
     }
-    kani::assert(same_tree(&fusion.open, &tree), "P9: the tree is changed at its place");
-    let same = others_stay(&before, &fusion.open, before.len, AT);
+    kani::assert(same_window(&fusion.open, &window), "P9: the window is changed at its place");
+    let same = others_stay(&before, &fusion.open, place.seat);
     kani::assert(same, "P9: only its own timestamp changes");
     kani::assert(fusion.len() == 4 - usize::from(is_retired), "P9: as many are open as were left");
     (is_retired, is_offer)
 }
 
-/// Whether the trees are the same, node by node and entry by entry.
-fn same_tree<const CLOUDS: usize>(a: &Window<CLOUDS, 4>, b: &Window<CLOUDS, 4>) -> bool {
-    let same = a.root == b.root && a.last == b.last && a.free == b.free && a.len == b.len;
-    same && (0..4)
-        .all(|i| same_node(&a.nodes[i], &b.nodes[i]) && same_entry(&a.entries[i], &b.entries[i]))
+/// Whether the windows are the same, seat by seat.
+fn same_window<const CLOUDS: usize>(a: &Window<CLOUDS, 4>, b: &Window<CLOUDS, 4>) -> bool {
+    let same = same_order(a, b) && same_turn(a.first, b.first);
+    same && (0..2).all(|i| same_turn(a.firsts[i], b.firsts[i]))
+        && (0..4)
+            .all(|i| same_turn(a.turns[i], b.turns[i]) && same_entry(&a.entries[i], &b.entries[i]))
 }
 
-/// P9, F2, F3, F4, F7: an input to the whole machine for one timestamp of four does to the tree what `p9_offer_in_four`,
+/// P9, F2, F3, F4, F7: an input to the whole machine for one timestamp of four does to the window what `p9_offer_in_four`,
 /// `p9_close_in_four` and `p9_retire_in_four` look at, there and nowhere else.
 ///
 /// Cases: 12.
-/// Bounds: window of 4, 1 cloud, one shape of tree, fixed timestamps.
+/// Bounds: window of 4, 1 cloud, one seating, fixed timestamps.
 #[kani::proof]
 #[kani::unwind(10)]
 pub fn p9_one_of_four() {

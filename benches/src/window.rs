@@ -1,0 +1,224 @@
+//! Full windows of 4 to 1024 timestamps, touched in random order, about the core's window and about a tree.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant as Clock};
+
+/// How many inputs one pass times: as many machines as give so many open timestamps, so that small and great windows
+/// work on as much memory.
+pub const INPUTS: usize = 1024;
+
+/// Steele and Vigna's `SplitMix64`.
+struct SplitMix(u64);
+
+impl SplitMix {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn shuffle<T>(&mut self, items: &mut [T]) {
+        for i in (1..items.len()).rev() {
+            items.swap(i, usize::try_from(self.next() % (i as u64 + 1)).unwrap_or_default());
+        }
+    }
+}
+
+/// What is timed, and what the open timestamps have seen before.
+#[derive(Clone, Copy, Debug)]
+#[expect(missing_docs, reason = "an input and what comes of it")]
+pub enum Kind {
+    Open,
+    Offer,
+    ResultHeld,
+    ResultForwarded,
+    ResultSuperseded,
+    FailWaiting,
+    FailMissed,
+    ExpireWaiting,
+    ExpireForwarded,
+}
+
+impl Kind {
+    /// Each by its name.
+    pub const ALL: [(&str, Self); 9] = [
+        ("open", Self::Open),
+        ("offer", Self::Offer),
+        ("result, held", Self::ResultHeld),
+        ("result, forwarded", Self::ResultForwarded),
+        ("result, superseded", Self::ResultSuperseded),
+        ("fail, waiting", Self::FailWaiting),
+        ("fail, missed", Self::FailMissed),
+        ("expire, waiting", Self::ExpireWaiting),
+        ("expire, forwarded", Self::ExpireForwarded),
+    ];
+}
+
+/// How the open timestamps lie to one another.
+#[derive(Clone, Copy, Debug)]
+#[expect(missing_docs, reason = "their names say it")]
+pub enum Spacing {
+    Dense,
+    Strided,
+    Random,
+}
+
+/// Timestamps of full windows, and the order in which they are touched, each with a due instant of its own.
+#[derive(Debug)]
+pub struct Load {
+    timestamps: Vec<(usize, u64)>,
+    touched: Vec<(usize, u64, u64)>,
+}
+
+impl Load {
+    /// For windows of so many.
+    #[must_use]
+    pub fn new(window: usize, spacing: Spacing) -> Self {
+        let mut random = SplitMix(window as u64);
+        let mut timestamps = Vec::new();
+        for machine in 0..INPUTS / window {
+            let mut t = 1;
+            for _ in 0..window {
+                timestamps.push((machine, t));
+                t += match spacing {
+                    Spacing::Dense => 1,
+                    Spacing::Strided => 64,
+                    Spacing::Random => 1 + random.next() % 1_000_000,
+                };
+            }
+        }
+        let mut touched: Vec<_> = timestamps
+            .iter()
+            .map(|(machine, t)| (*machine, *t, 1_000 + random.next() % 1_000_000))
+            .collect();
+        random.shuffle(&mut touched);
+        Self { timestamps, touched }
+    }
+}
+
+/// The same code over two crates with the same names.
+macro_rules! contestant {
+    ($(#[$doc:meta])* $name:ident, $core:ident) => {
+        $(#[$doc])*
+        #[must_use]
+        pub fn $name<const WINDOW: usize>(load: &Load, kind: Kind) -> Duration {
+            use $core::{
+                Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome,
+                Priority, Ready, Timestamp,
+            };
+
+            const NEAR: Priority = Priority::new(1);
+            const FAR: Priority = Priority::new(2);
+            type Machine<const WINDOW: usize> = Fusion<3, WINDOW>;
+
+            fn ready<const WINDOW: usize>(machine: &mut Machine<WINDOW>) -> Ready<'_, 3, WINDOW> {
+                match machine.at(Instant::START) {
+                    At::Ready(ready) => ready,
+                    At::Fired(firing) => unreachable!("{firing:?}"),
+                }
+            }
+
+            /// With all timestamps open, as far as the kind needs it.
+            fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>> {
+                let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
+                let machine =
+                    || Fusion::new(WINDOW, Commit::Eager, &clouds).expect("a valid configuration");
+                let mut machines: Vec<Machine<WINDOW>> =
+                    (0..INPUTS / WINDOW).map(|_| machine()).collect();
+                if matches!(kind, Kind::Open) {
+                    return machines;
+                }
+                let limited = matches!(kind, Kind::ExpireWaiting);
+                for (i, t) in &load.timestamps {
+                    // A deadline long after every cloud's due.
+                    let deadline = limited.then_some(Deadline::from_nanos(1_000_000_000));
+                    let opening = ready(&mut machines[*i]).open(Timestamp::new(*t), deadline);
+                    assert_eq!(opening, Opening::Accepted);
+                }
+                for (nth, (i, t, deadline)) in load.touched.iter().enumerate() {
+                    let t = Timestamp::new(*t);
+                    let mut ready = ready(&mut machines[*i]);
+                    let mut offer = |cloud| {
+                        let admission = ready.offer(t, cloud, Deadline::from_nanos(*deadline), 0);
+                        assert!(matches!(admission, Admission::Admitted { .. }));
+                    };
+                    match kind {
+                        Kind::Open | Kind::Offer | Kind::FailMissed => {}
+                        Kind::ResultHeld | Kind::ExpireWaiting => offer(NEAR),
+                        Kind::FailWaiting | Kind::ResultForwarded => {
+                            offer(NEAR);
+                            offer(FAR);
+                        }
+                        Kind::ResultSuperseded => {
+                            if nth % 2 == 0 {
+                                let outcome = ready.result(t, Priority::LOCAL);
+                                assert!(matches!(outcome, Outcome::Forwarded { .. }));
+                            }
+                        }
+                        Kind::ExpireForwarded => {
+                            offer(FAR);
+                            assert_eq!(ready.result(t, Priority::LOCAL), Outcome::Held);
+                        }
+                    }
+                }
+                machines
+            }
+
+            let mut machines = machines::<WINDOW>(load, kind);
+            let start = Clock::now();
+            match kind {
+                Kind::Open => {
+                    for (i, t) in &load.timestamps {
+                        let _ = black_box(ready(&mut machines[*i]).open(Timestamp::new(*t), None));
+                    }
+                }
+                Kind::ExpireWaiting | Kind::ExpireForwarded => {
+                    for machine in &mut machines {
+                        // A tick at each due instant, as a driver would.
+                        for _ in 0..WINDOW {
+                            let Some(due) = machine.next_due() else { break };
+                            assert!(matches!(black_box(machine.at(due)), At::Fired(_)));
+                        }
+                    }
+                }
+                _ => {
+                    for (i, t, deadline) in &load.touched {
+                        let t = Timestamp::new(*t);
+                        let mut ready = ready(&mut machines[*i]);
+                        match kind {
+                            Kind::Offer => {
+                                let deadline = Deadline::from_nanos(*deadline);
+                                let _ = black_box(ready.offer(t, NEAR, deadline, 0));
+                            }
+                            Kind::ResultHeld => {
+                                let _ = black_box(ready.result(t, Priority::LOCAL));
+                            }
+                            Kind::ResultForwarded | Kind::ResultSuperseded => {
+                                let _ = black_box(ready.result(t, FAR));
+                            }
+                            Kind::FailWaiting => {
+                                let _ = black_box(ready.fail(t, FAR));
+                            }
+                            _ => {
+                                let _ = black_box(ready.fail(t, Priority::LOCAL));
+                            }
+                        }
+                    }
+                }
+            }
+            let elapsed = start.elapsed();
+            black_box(&machines);
+            elapsed
+        }
+    };
+}
+
+contestant! {
+    /// Times one input of the kind for every timestamp of the load, by the core.
+    flat, fuseline_core
+}
+contestant! {
+    /// The same about a tree.
+    tree, fuseline_tree
+}
