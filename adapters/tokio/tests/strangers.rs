@@ -375,7 +375,7 @@ async fn requests_that_never_end_hold_no_more_than_they_may() {
         raw.frame(DATA, 0, 1, &[0, 0, 0]).await;
         LOG.says("the request did not come whole in time").await;
     };
-    under(Bounds { stall: Duration::from_millis(300), ..WIDE }, dribble).await;
+    under(Bounds { stall: Duration::from_secs(2), ..WIDE }, dribble).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -394,7 +394,7 @@ async fn garbage_on_the_port_is_closed_and_named() {
         LOG.says("HTTP/2: ").await;
     }
     // Nothing, half of the preface, and a greeting without a call.
-    let bounds = Bounds { greeting: Duration::from_millis(300), ..WIDE };
+    let bounds = Bounds { greeting: Duration::from_secs(2), ..WIDE };
     for garbage in [&b""[..], b"PRI * HTTP/2", &hostile::GREETING] {
         under(bounds, async |mut raw: Raw| {
             raw.open().await;
@@ -421,7 +421,7 @@ async fn garbage_on_the_port_is_closed_and_named() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn who_makes_no_calls_any_more_is_closed() {
     let _turn = TURN.lock().await;
-    let bounds = Bounds { idle: Duration::from_millis(300), ..WIDE };
+    let bounds = Bounds { idle: Duration::from_secs(2), ..WIDE };
     under(bounds, async |mut raw: Raw| {
         raw.greet().await;
         raw.frame(HEADERS, END_HEADERS | 1, 1, &hostile::call()).await;
