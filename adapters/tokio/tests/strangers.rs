@@ -143,6 +143,9 @@ async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Ou
     out
 }
 
+/// What the log says of a stranger, and how it comes.
+type Stranger<'a> = (&'a str, &'a dyn Fn(&Cloud) -> Remote);
+
 /// D12: each is refused, is named in the log, and the known client is served before and after.
 #[tokio::test]
 async fn strangers_are_refused_and_named() {
@@ -160,8 +163,7 @@ async fn strangers_are_refused_and_named() {
         token: token(),
         ..cloud.https(&ca)
     };
-    type Stranger<'a> = (&'a str, &'a dyn Fn(&Cloud) -> Remote);
-    let strangers: [Stranger; 6] = [
+    let strangers: [Stranger<'_>; 6] = [
         ("TLS: peer sent no certificates", &|c| Remote { identity: None, ..known(c) }),
         ("TLS: invalid peer certificate", &|c| Remote {
             identity: Some(other.sign("vehicle")),
@@ -235,7 +237,7 @@ async fn who_takes_back_calls_faster_than_it_may_is_closed() {
     under(Bounds { resets: 100, ..WIDE }, rapid_reset).await;
     LOG.says("a client was turned away").await;
     // One by one, so that each has begun.
-    under(Bounds { resets: 20, ..WIDE }, async |mut raw: Raw| {
+    under(Bounds { resets: 2, ..WIDE }, async |mut raw: Raw| {
         raw.greet().await;
         let mut calls = 0_u32;
         while raw.frame(HEADERS, END_HEADERS, 2 * calls + 1, &hostile::call()).await {

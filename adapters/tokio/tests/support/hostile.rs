@@ -182,8 +182,7 @@ impl Raw {
     fn hear(&mut self, said: &[u8]) {
         self.read.extend_from_slice(said);
         while let Some((head, rest)) = self.read.split_at_checked(9) {
-            let length =
-                usize::from(head[0]) << 16 | usize::from(head[1]) << 8 | usize::from(head[2]);
+            let length = u32::from_be_bytes([0, head[0], head[1], head[2]]) as usize;
             let Some(payload) = rest.get(..length) else { return };
             let number = |of: &[u8]| u32::from_be_bytes(of.try_into().unwrap());
             let settings = payload.chunks_exact(6).find(|setting| setting[..2] == [0, 4]);
