@@ -130,6 +130,7 @@ fn answering(args: &Args, infer: impl Infer, what: &str) -> Result<Exit, Fault> 
         identity: files::identity(args.cert.as_deref(), args.key.as_deref())?,
         client_ca: args.client_ca.as_deref().map(files::certificates).transpose()?,
         token: token(args)?,
+        bounds: grpc::Bounds::default(),
     };
     let interrupt = Interrupt::watch();
     let runtime = Runtime::new().map_err(Fault::Runtime)?;

@@ -127,6 +127,7 @@ impl Args {
             identity: files::identity(self.cert.as_deref(), self.key.as_deref())?,
             client_ca: self.client_ca.as_deref().map(files::certificates).transpose()?,
             token: self.token()?,
+            bounds: grpc::Bounds::default(),
         })
     }
 

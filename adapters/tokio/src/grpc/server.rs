@@ -1,19 +1,32 @@
 //! The cloud's side: a server for the `Infer` service.
 
+mod bounds;
+mod guest;
+mod held;
+mod house;
+mod tls;
+
+use std::sync::Arc;
+use std::time::Duration;
+
 use thiserror::Error;
 use tokio::net::TcpListener;
-use tonic::service::interceptor::InterceptedService;
-use tonic::transport::server::TcpIncoming;
-use tonic::transport::{self, Certificate, ServerTlsConfig};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tracing::warn;
+
+pub use bounds::Bounds;
 
 use crate::grpc::infer::{Infer, InferServer};
 use crate::grpc::remote::Identity;
+use crate::grpc::server::guest::Guest;
+use crate::grpc::server::house::House;
 use crate::grpc::token::{Doorman, Token};
 
-/// How many calls one connection may have under way.
-const CALLS: u32 = 64;
+/// How long nobody is let in after the system had no room for one more connection.
+const BREATH: Duration = Duration::from_millis(100);
 
-/// Whom a server accepts; by default everybody, without TLS.
+/// Whom a server accepts, and what they may take; by default everybody, without TLS.
 #[derive(Clone, Debug, Default)]
 pub struct Server {
     /// The server's certificate; with it, the server speaks TLS.
@@ -22,9 +35,11 @@ pub struct Server {
     pub client_ca: Option<Vec<u8>>,
     /// The token that each call must bear.
     pub token: Option<Token>,
+    /// What clients, known or not, may take of the server.
+    pub bounds: Bounds,
 }
 
-/// Why a server ended by itself.
+/// Why nothing can be served.
 #[derive(Debug, Error)]
 pub enum ServeError {
     /// Client certificates are required but the server has no identity.
@@ -32,37 +47,53 @@ pub enum ServeError {
     Identity,
     /// The certificates or the key cannot be used.
     #[error("the server's certificates: {0}")]
-    Tls(#[source] transport::Error),
-    /// The network failed.
-    #[error("the server: {0}")]
-    Network(#[source] transport::Error),
+    Tls(#[source] crate::Error),
 }
 
 /// Serves `infer` on `listener` until `until` is ready, then lets the calls under way end.
 ///
+/// A client that is refused, or whose connection is closed for what it does, is a warning in the log,
+/// with its address and the reason; of each reason one a second, with the number of the others. A system that has no
+/// room for a connection is a warning too: the server goes on with those that it has.
+///
 /// # Errors
-/// If certificates cannot be used, or the listener fails.
+/// If certificates cannot be used.
 pub async fn serve(
     infer: impl Infer,
     server: Server,
     listener: TcpListener,
     until: impl Future<Output = ()>,
 ) -> Result<(), ServeError> {
-    let mut builder = transport::Server::builder().max_concurrent_streams(CALLS);
-    match (server.identity, server.client_ca) {
-        (Some(Identity { certificate, key }), client_ca) => {
-            let identity = transport::Identity::from_pem(certificate, key);
-            let mut tls = ServerTlsConfig::new().identity(identity);
-            if let Some(ca) = client_ca {
-                tls = tls.client_ca_root(Certificate::from_pem(ca));
-            }
-            builder = builder.tls_config(tls).map_err(ServeError::Tls)?;
+    let tls = tls::acceptor(server.identity.as_ref(), server.client_ca.as_deref())?;
+    let house = Arc::new(House::new(server.bounds));
+    let (close, closing) = watch::channel(());
+    let guest = Guest {
+        house: Arc::clone(&house),
+        infer: InferServer::new(infer),
+        doorman: Doorman(server.token),
+        tls,
+        closing,
+    };
+    let mut guests = JoinSet::new();
+    let mut until = std::pin::pin!(until);
+    loop {
+        tokio::select! {
+            () = &mut until => break,
+            accepted = listener.accept() => match accepted {
+                Ok((socket, peer)) => match house.seat(peer.ip()) {
+                    Ok(seat) => drop(guests.spawn(guest.clone().host(socket, peer, seat))),
+                    Err(why) => house.tell(peer, &why),
+                },
+                Err(error) => {
+                    warn!(%error, "no connection can be taken on");
+                    tokio::time::sleep(BREATH).await;
+                }
+            },
+            Some(_) = guests.join_next() => {}
         }
-        (None, Some(_)) => return Err(ServeError::Identity),
-        (None, None) => {}
     }
-    let service = InterceptedService::new(InferServer::new(infer), Doorman(server.token));
-    let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
-    let router = builder.add_service(service);
-    router.serve_with_incoming_shutdown(incoming, until).await.map_err(ServeError::Network)
+    drop(listener);
+    let _ = close.send(());
+    while guests.join_next().await.is_some() {}
+    Ok(())
 }

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::sync::{Arc, PoisonError, RwLock};
 
+use http::HeaderMap;
 use thiserror::Error;
 use tonic::metadata::{Ascii, MetadataValue};
 use tonic::service::Interceptor;
@@ -63,13 +64,11 @@ impl Interceptor for Bearer {
 #[derive(Clone, Debug)]
 pub(crate) struct Doorman(pub(crate) Option<Token>);
 
-impl Interceptor for Doorman {
-    fn call(&mut self, request: Request<()>) -> Result<Request<()>, Status> {
-        let Some(token) = &self.0 else { return Ok(request) };
-        match request.metadata().get("authorization") {
-            Some(shown) if is_same(shown.as_encoded_bytes(), token.header().as_encoded_bytes()) => {
-                Ok(request)
-            }
+impl Doorman {
+    pub(crate) fn check(&self, headers: &HeaderMap) -> Result<(), Status> {
+        let Some(token) = &self.0 else { return Ok(()) };
+        match headers.get("authorization") {
+            Some(shown) if is_same(shown.as_bytes(), token.header().as_encoded_bytes()) => Ok(()),
             Some(_) => Err(Status::unauthenticated("the bearer token is wrong")),
             None => Err(Status::unauthenticated("a bearer token is needed")),
         }

@@ -1,0 +1,164 @@
+//! Requests as they come and replies as they go, counted byte by byte.
+
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::task::{Context, Poll, ready};
+
+use bytes::Bytes;
+use http_body::Frame;
+use hyper::body::Incoming;
+use tokio::time::{Sleep, sleep};
+use tonic::Status;
+use tonic::body::Body;
+
+use crate::grpc::server::guest::Watch;
+
+/// How much of a reply goes at a time, so that a reader who is slow can be told from one who stands still.
+const PIECE: usize = 64 * 1024;
+
+/// The bytes of one call's request, given back when its body and its handler are done with it.
+pub(crate) struct Held {
+    watch: Arc<Watch>,
+    bytes: AtomicUsize,
+}
+
+impl Held {
+    pub(crate) fn new(watch: Arc<Watch>) -> Arc<Self> {
+        Arc::new(Self { watch, bytes: AtomicUsize::new(0) })
+    }
+
+    fn take(&self, bytes: usize) -> Result<(), Status> {
+        if !self.watch.house.take(bytes) {
+            let words = "the server holds as many bytes as it may";
+            return Err(self.watch.refused(Status::resource_exhausted(words)));
+        }
+        self.bytes.fetch_add(bytes, Ordering::Relaxed);
+        Ok(())
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        self.watch.house.give_back(self.bytes.load(Ordering::Relaxed));
+    }
+}
+
+/// A request's body, which must come whole in time.
+pub(crate) struct Coming {
+    body: Incoming,
+    held: Arc<Held>,
+    in_time: Pin<Box<Sleep>>,
+}
+
+impl Coming {
+    pub(crate) fn new(body: Incoming, held: Arc<Held>) -> Self {
+        let in_time = Box::pin(sleep(held.watch.house.bounds.stall));
+        Self { body, held, in_time }
+    }
+}
+
+impl http_body::Body for Coming {
+    type Data = Bytes;
+    type Error = Status;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
+        let Poll::Ready(frame) = Pin::new(&mut self.body).poll_frame(cx) else {
+            ready!(self.in_time.as_mut().poll(cx));
+            let late = Status::deadline_exceeded("the request did not come whole in time");
+            return Poll::Ready(Some(Err(self.held.watch.refused(late))));
+        };
+        let frame = frame.map(|frame| {
+            let frame = frame.map_err(|error| {
+                self.held.watch.taken_back();
+                Status::from_error(error.into())
+            })?;
+            self.held.take(frame.data_ref().map_or(0, Bytes::len))?;
+            Ok(frame)
+        });
+        Poll::Ready(frame)
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+}
+
+/// A reply's body, which goes in pieces.
+pub(crate) struct Going {
+    body: Body,
+    watch: Arc<Watch>,
+    rest: Owed,
+}
+
+impl Going {
+    pub(crate) fn new(body: Body, watch: Arc<Watch>) -> Self {
+        let rest = Owed { bytes: Bytes::new(), watch: Arc::clone(&watch) };
+        Self { body, watch, rest }
+    }
+}
+
+impl http_body::Body for Going {
+    type Data = Bytes;
+    type Error = Status;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
+        if self.rest.bytes.is_empty() {
+            let frame = match ready!(Pin::new(&mut self.body).poll_frame(cx)) {
+                Some(Ok(frame)) => frame,
+                end => return Poll::Ready(end),
+            };
+            match frame.into_data() {
+                Ok(bytes) => self.rest = Owed::new(bytes, &self.watch)?,
+                Err(trailers) => return Poll::Ready(Some(Ok(trailers))),
+            }
+        }
+        let piece = self.rest.split();
+        Poll::Ready(Some(Ok(Frame::data(Bytes::from_owner(piece)))))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.rest.bytes.is_empty() && self.body.is_end_stream()
+    }
+}
+
+/// Bytes of a reply that the client has not taken yet.
+struct Owed {
+    bytes: Bytes,
+    watch: Arc<Watch>,
+}
+
+impl Owed {
+    fn new(bytes: Bytes, watch: &Arc<Watch>) -> Result<Self, Status> {
+        if !watch.house.take(bytes.len()) {
+            let words = "the server holds as many bytes as it may";
+            return Err(watch.refused(Status::resource_exhausted(words)));
+        }
+        watch.owe(bytes.len());
+        Ok(Self { bytes, watch: Arc::clone(watch) })
+    }
+
+    fn split(&mut self) -> Self {
+        let bytes = self.bytes.split_to(self.bytes.len().min(PIECE));
+        Self { bytes, watch: Arc::clone(&self.watch) }
+    }
+}
+
+impl AsRef<[u8]> for Owed {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+impl Drop for Owed {
+    fn drop(&mut self) {
+        self.watch.house.give_back(self.bytes.len());
+        self.watch.paid(self.bytes.len());
+    }
+}

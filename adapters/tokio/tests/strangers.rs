@@ -1,0 +1,492 @@
+//! Strangers and floods at the door of a server, over real sockets on loopback.
+//!
+//! Each is refused or closed, is named in the log, and takes no more memory than it may; another client is
+//! served all the while.
+#![cfg(feature = "grpc")]
+
+#[path = "support/hostile.rs"]
+mod hostile;
+#[path = "support/hosts.rs"]
+mod hosts;
+
+use std::future::ready;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+use std::time::Duration;
+
+use bytes::Bytes;
+use fuseline_tokio::grpc::tonic::{self, Status};
+use fuseline_tokio::grpc::{Bounds, InferClient, Remote, Reply, Request, Server, Token};
+use futures_util::future::join_all;
+use hostile::{CONTINUATION, DATA, END_HEADERS, HEADERS, PING, RST_STREAM, Raw, SETTINGS};
+use hosts::{Ca, Cloud};
+use tokio::net::{TcpSocket, TcpStream};
+use tokio::sync::oneshot;
+use tracing_subscriber::fmt::MakeWriter;
+
+const MIB: usize = 1024 * 1024;
+
+/// Long enough that no test sees it.
+const NEVER: Duration = Duration::from_secs(3600);
+
+/// Bounds of which no flood comes to one before the others.
+const WIDE: Bounds = Bounds {
+    connections: 100_000,
+    connections_each: 100_000,
+    calls: 64,
+    resets: 1_000_000_000,
+    header_bytes: 16 * 1024,
+    held_bytes: 64 * MIB,
+    greeting: NEVER,
+    stall: NEVER,
+    idle: NEVER,
+};
+
+/// One test at a time: they look at the log and at the memory of the whole process.
+static TURN: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
+
+/// What the servers said.
+static LOG: LazyLock<Log> = LazyLock::new(|| {
+    let log = Log::default();
+    tracing_subscriber::fmt().with_writer(log.clone()).with_ansi(false).init();
+    log
+});
+
+#[derive(Clone, Default)]
+struct Log(Arc<Mutex<Vec<u8>>>);
+
+impl Log {
+    fn text(&self) -> String {
+        String::from_utf8_lossy(&self.0.lock().unwrap_or_else(PoisonError::into_inner)).into_owned()
+    }
+
+    /// Waits until the log says so.
+    async fn says(&self, words: &str) {
+        let soon = async {
+            while !self.text().contains(words) {
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+        };
+        let said = tokio::time::timeout(Duration::from_secs(30), soon).await;
+        assert!(said.is_ok(), "no {words:?} in the log:\n{}", self.text());
+    }
+}
+
+impl std::io::Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl<'a> MakeWriter<'a> for Log {
+    type Writer = Self;
+
+    fn make_writer(&'a self) -> Self {
+        self.clone()
+    }
+}
+
+/// Answers with as many bytes as the timestamp says.
+fn sized(request: Request) -> impl Future<Output = Result<Reply, Status>> {
+    let bytes = usize::try_from(request.timestamp).unwrap();
+    ready(Ok(Reply { payload: vec![7; bytes].into() }))
+}
+
+async fn call(remote: &Remote) -> Result<usize, Status> {
+    let mut client = InferClient::new(remote.connect().unwrap());
+    one(&mut client).await
+}
+
+async fn one(client: &mut InferClient) -> Result<usize, Status> {
+    let mut request = tonic::Request::new(Request { timestamp: 9, payload: Bytes::new() });
+    request.set_timeout(Duration::from_secs(30));
+    Ok(client.infer(request).await?.into_inner().payload.len())
+}
+
+/// Bytes of this process in memory.
+fn resident() -> usize {
+    let pages = std::fs::read_to_string("/proc/self/statm").unwrap();
+    pages.split(' ').nth(1).unwrap().parse::<usize>().unwrap() * 4096
+}
+
+/// A server under a flood, with a client that is served before, during and after.
+async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Output {
+    LOG.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    let cloud = Cloud::start("127.0.0.1:0", Server { bounds, ..Server::default() }, sized);
+    let mut known = InferClient::new(cloud.http().connect().unwrap());
+    one(&mut known).await.unwrap();
+    let before = resident();
+    let (stop, mut stopped) = oneshot::channel::<()>();
+    let good = tokio::spawn(async move {
+        let (mut served, mut most) = (0, 0);
+        loop {
+            assert_eq!(one(&mut known).await.unwrap(), 9);
+            (served, most) = (served + 1, most.max(resident()));
+            if stopped.try_recv().is_ok() {
+                return (served, most);
+            }
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    });
+    let address = cloud.address;
+    let out = flood(Raw::new(address)).await;
+    stop.send(()).unwrap();
+    let (served, most) = good.await.unwrap();
+    println!("{served} calls served; {} MiB more memory at most", (most - before.min(most)) / MIB);
+    assert!(most < before + bounds.held_bytes * 3 + 32 * MIB, "{before} {most}");
+    assert!(call(&cloud.http()).await.is_ok(), "a new client is served too");
+    cloud.kill();
+    out
+}
+
+/// What the log says of a stranger, and how it comes.
+type Stranger<'a> = (&'a str, &'a dyn Fn(&Cloud) -> Remote);
+
+/// D12: each is refused, is named in the log, and the known client is served before and after.
+#[tokio::test]
+async fn strangers_are_refused_and_named() {
+    let _turn = TURN.lock().await;
+    let (ca, other) = (Ca::new(), Ca::new());
+    let token = || Some(Token::new("right").unwrap());
+    let server = || Server {
+        identity: Some(ca.sign("localhost")),
+        client_ca: Some(ca.certificate.clone()),
+        token: token(),
+        ..Server::default()
+    };
+    let known = |cloud: &Cloud| Remote {
+        identity: Some(ca.sign("vehicle")),
+        token: token(),
+        ..cloud.https(&ca)
+    };
+    let strangers: [Stranger<'_>; 6] = [
+        ("TLS: peer sent no certificates", &|c| Remote { identity: None, ..known(c) }),
+        ("TLS: invalid peer certificate", &|c| Remote {
+            identity: Some(other.sign("vehicle")),
+            ..known(c)
+        }),
+        ("TLS: invalid peer certificate: certificate expired", &|c| Remote {
+            identity: Some(ca.sign_until("vehicle", 2020)),
+            ..known(c)
+        }),
+        ("TLS: received corrupt message", &|c| Remote { token: token(), ..c.http() }),
+        ("its call: a bearer token is needed", &|c| Remote { token: None, ..known(c) }),
+        ("its call: the bearer token is wrong", &|c| Remote {
+            token: Some(Token::new("wrong").unwrap()),
+            ..known(c)
+        }),
+    ];
+    for (words, stranger) in strangers {
+        LazyLock::force(&LOG).0.lock().unwrap().clear();
+        let cloud = Cloud::start("127.0.0.1:0", server(), sized);
+        assert_eq!(call(&known(&cloud)).await.unwrap(), 9);
+        assert_eq!(LOG.text(), "", "nobody was refused");
+        call(&stranger(&cloud)).await.expect_err(words);
+        LOG.says(words).await;
+        assert!(LOG.text().contains("peer=127.0.0.1:"), "{}", LOG.text());
+        assert_eq!(call(&known(&cloud)).await.unwrap(), 9);
+        cloud.kill();
+    }
+}
+
+/// D12: a certificate is revoked by taking its CA away; while both are trusted, both are served.
+#[tokio::test]
+async fn a_client_is_refused_once_its_ca_is_taken_away() {
+    let _turn = TURN.lock().await;
+    let (old, new) = (Ca::new(), Ca::new());
+    let serve = |address: &str, client_ca: Vec<u8>| {
+        let (identity, client_ca) = (Some(new.sign("localhost")), Some(client_ca));
+        Cloud::start(address, Server { identity, client_ca, ..Server::default() }, sized)
+    };
+    let cloud = serve("127.0.0.1:0", [&old.certificate[..], &new.certificate[..]].concat());
+    let was = Remote { identity: Some(old.sign("vehicle")), ..cloud.https(&new) };
+    let is = Remote { identity: Some(new.sign("vehicle")), ..cloud.https(&new) };
+    let mut kept = InferClient::new(was.connect().unwrap());
+    assert_eq!((one(&mut kept).await.unwrap(), call(&is).await.unwrap()), (9, 9));
+    let address = cloud.address.to_string();
+    cloud.kill();
+
+    let cloud = serve(&address, new.certificate.clone());
+    one(&mut kept).await.expect_err("its CA is gone");
+    call(&was).await.expect_err("its CA is gone");
+    assert_eq!(call(&is).await.unwrap(), 9);
+    cloud.kill();
+}
+
+/// Takes back each call as soon as it is made, until the server has had enough.
+async fn rapid_reset(mut raw: Raw) -> usize {
+    raw.greet().await;
+    for n in 0..200_000_u32 {
+        let stream = 2 * n + 1;
+        let is_open = raw.frame(HEADERS, END_HEADERS, stream, &hostile::call()).await
+            && raw.frame(RST_STREAM, 0, stream, &8_u32.to_be_bytes()).await;
+        if !is_open {
+            return n as usize;
+        }
+    }
+    panic!("200,000 calls were taken back")
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn who_takes_back_calls_faster_than_it_may_is_closed() {
+    let _turn = TURN.lock().await;
+    under(Bounds { resets: 100, ..WIDE }, rapid_reset).await;
+    LOG.says("a client was turned away").await;
+    // One by one, so that each has begun.
+    under(Bounds { resets: 2, ..WIDE }, async |mut raw: Raw| {
+        raw.greet().await;
+        let mut calls = 0_u32;
+        while raw.frame(HEADERS, END_HEADERS, 2 * calls + 1, &hostile::call()).await {
+            raw.taken_in().await;
+            raw.frame(RST_STREAM, 0, 2 * calls + 1, &8_u32.to_be_bytes()).await;
+            calls += 1;
+            assert!(calls < 20_000, "20,000 calls were taken back one by one");
+        }
+    })
+    .await;
+    LOG.says("it takes back calls faster than it may").await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn headers_are_bounded() {
+    let _turn = TURN.lock().await;
+    under(WIDE, async |raw: Raw| {
+        let (mut send, connection) = h2::client::handshake(raw.connect().await).await.unwrap();
+        let connection = tokio::spawn(connection);
+        let request = |bytes: usize| {
+            http::Request::post("http://x/fuseline.v1.Infer/Infer")
+                .header("x-long", "x".repeat(bytes))
+                .body(())
+                .unwrap()
+        };
+        let (answer, _) = send.send_request(request(64 * 1024), true).unwrap();
+        let refused = answer.await;
+        let is_refused = refused.as_ref().map_or(true, |answer| answer.status() == 431);
+        assert!(is_refused, "{refused:?}");
+        connection.abort();
+    })
+    .await;
+    // A block of headers that never ends.
+    under(WIDE, async |mut raw: Raw| {
+        raw.greet().await;
+        assert!(raw.frame(HEADERS, 0, 1, &hostile::call()).await);
+        let part = hostile::header("x-long", &"x".repeat(16_000));
+        for _ in 0..20_000 {
+            if !raw.frame(CONTINUATION, 0, 1, &part).await {
+                return;
+            }
+        }
+        panic!("320 MB of headers were taken");
+    })
+    .await;
+    LOG.says("HTTP/2: ").await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn streams_are_bounded() {
+    let _turn = TURN.lock().await;
+    under(Bounds { calls: 8, ..WIDE }, async |mut raw: Raw| {
+        raw.greet().await;
+        for n in 0..100_000_u32 {
+            if !raw.frame(HEADERS, END_HEADERS, 2 * n + 1, &hostile::call()).await {
+                return;
+            }
+        }
+        panic!("100,000 streams were opened");
+    })
+    .await;
+    LOG.says("HTTP/2: ").await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn floods_of_pings_and_settings_take_no_memory() {
+    let _turn = TURN.lock().await;
+    for (kind, payload) in [(PING, vec![0; 8]), (SETTINGS, [0, 4, 0, 1, 0, 0].repeat(500))] {
+        under(WIDE, async |mut raw: Raw| {
+            raw.greet().await;
+            for _ in 0..20_000 {
+                if !raw.frame(kind, 0, 0, &payload).await {
+                    return;
+                }
+            }
+        })
+        .await;
+    }
+}
+
+/// D8 bounded.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn who_does_not_take_its_replies_is_closed_and_holds_no_more_than_it_may() {
+    let _turn = TURN.lock().await;
+    let bounds = Bounds { held_bytes: 32 * MIB, stall: Duration::from_secs(2), ..WIDE };
+    under(bounds, async |raw: Raw| {
+        let (mut send, connection) = h2::client::handshake(raw.connect().await).await.unwrap();
+        let connection = tokio::spawn(connection);
+        // 60 replies of 8 MiB, of which nothing is read.
+        let mut bodies = Vec::new();
+        for _ in 0..60 {
+            let request = http::Request::post("http://x/fuseline.v1.Infer/Infer")
+                .header("content-type", "application/grpc")
+                .header("te", "trailers");
+            let request = request.body(()).unwrap();
+            let Ok(mut ready) = send.ready().await else { break };
+            let (answer, mut body) = ready.send_request(request, false).unwrap();
+            send = ready;
+            body.send_data(hostile::request(8 * MIB as u64), true).unwrap();
+            bodies.push(answer.await);
+        }
+        let ended = tokio::time::timeout(Duration::from_secs(60), connection).await;
+        ended.expect("the server closes the connection").unwrap().ok();
+    })
+    .await;
+    LOG.says("it does not take its replies").await;
+    assert!(LOG.text().contains("the server holds as many bytes as it may"), "{}", LOG.text());
+}
+
+/// D8 bounded.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn requests_that_never_end_hold_no_more_than_they_may() {
+    let _turn = TURN.lock().await;
+    let long = 30 * MIB;
+    // Each sends 30 MiB but the last byte, and waits.
+    let flood = async |mut raw: Raw| {
+        raw.greet().await;
+        let block = vec![0; 16 * 1024];
+        for stream in [1, 3, 5, 7] {
+            assert!(raw.frame(HEADERS, END_HEADERS, stream, &hostile::call()).await);
+            let head = [&[0][..], &u32::try_from(long).unwrap().to_be_bytes()].concat();
+            raw.frame(DATA, 0, stream, &head).await;
+            for _ in 0..long / block.len() - 1 {
+                raw.room(stream, block.len()).await;
+                if raw.is_reset(stream) || !raw.frame(DATA, 0, stream, &block).await {
+                    break;
+                }
+            }
+        }
+        LOG.says("its call: ").await;
+    };
+    under(Bounds { held_bytes: 16 * MIB, ..WIDE }, flood).await;
+    LOG.says("the server holds as many bytes as it may").await;
+    let dribble = async |mut raw: Raw| {
+        raw.greet().await;
+        raw.frame(HEADERS, END_HEADERS, 1, &hostile::call()).await;
+        raw.frame(DATA, 0, 1, &[0, 0, 0]).await;
+        LOG.says("the request did not come whole in time").await;
+    };
+    under(Bounds { stall: Duration::from_secs(2), ..WIDE }, dribble).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn garbage_on_the_port_is_closed_and_named() {
+    let _turn = TURN.lock().await;
+    let mut noise = fastrand::Rng::with_seed(1);
+    let noise: Vec<u8> = (0..100_000).map(|_| noise.u8(..)).collect();
+    let tls = [&[22, 3, 1, 2, 0, 1, 0, 1, 252, 3, 3][..], &[7; 600]].concat();
+    for garbage in [&noise[..], b"GET / HTTP/1.1\r\nhost: x\r\n\r\n", &tls, &[0; 4096]] {
+        under(WIDE, async |mut raw: Raw| {
+            raw.open().await;
+            raw.bytes(garbage).await;
+            raw.ended().await;
+        })
+        .await;
+        LOG.says("HTTP/2: ").await;
+    }
+    // Nothing, half of the preface, and a greeting without a call.
+    let bounds = Bounds { greeting: Duration::from_secs(2), ..WIDE };
+    for garbage in [&b""[..], b"PRI * HTTP/2", &hostile::GREETING] {
+        under(bounds, async |mut raw: Raw| {
+            raw.open().await;
+            raw.bytes(garbage).await;
+            raw.ended().await;
+        })
+        .await;
+        LOG.says("it made no call in time").await;
+    }
+    // The same before a handshake of TLS.
+    let identity = Some(Ca::new().sign("localhost"));
+    let cloud =
+        Cloud::start("127.0.0.1:0", Server { identity, bounds, ..Server::default() }, sized);
+    for (garbage, words) in [(&b""[..], "it made no call in time"), (&noise[..], "TLS: ")] {
+        let mut raw = Raw::new(cloud.address);
+        raw.open().await;
+        raw.bytes(garbage).await;
+        raw.ended().await;
+        LOG.says(words).await;
+    }
+    cloud.kill();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn who_makes_no_calls_any_more_is_closed() {
+    let _turn = TURN.lock().await;
+    let bounds = Bounds { idle: Duration::from_secs(2), ..WIDE };
+    under(bounds, async |mut raw: Raw| {
+        raw.greet().await;
+        raw.frame(HEADERS, END_HEADERS | 1, 1, &hostile::call()).await;
+        raw.ended().await;
+    })
+    .await;
+    LOG.says("it makes no calls any more").await;
+}
+
+/// D6: the server ends a call by itself, whatever the client does.
+#[tokio::test]
+async fn a_call_ends_with_its_deadline_though_the_client_goes_on() {
+    let _turn = TURN.lock().await;
+    let never = |_: Request| std::future::pending::<Result<Reply, Status>>();
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), never);
+    let mut raw = Raw::new(cloud.address);
+    raw.greet().await;
+    let call = [hostile::call(), hostile::header("grpc-timeout", "50m")].concat();
+    raw.frame(HEADERS, END_HEADERS, 1, &call).await;
+    raw.frame(DATA, 1, 1, &hostile::request(0)).await;
+    let answer = async { while !raw.is_answered(1) && raw.heard().await {} };
+    let answer = tokio::time::timeout(Duration::from_secs(30), answer).await;
+    assert!(answer.is_ok() && raw.is_answered(1), "the call went on");
+    cloud.kill();
+}
+
+/// How many connect at the same time.
+const TURNS: usize = 500;
+
+/// Connects from one of 200 addresses.
+async fn knock(address: SocketAddr, host: usize) -> std::io::Result<TcpStream> {
+    let from = Ipv4Addr::new(127, 0, 1, 1 + u8::try_from(host).unwrap());
+    let socket = TcpSocket::new_v4()?;
+    // So that none of them keeps its port for a minute.
+    socket.set_zero_linger()?;
+    socket.bind((from, 0).into())?;
+    socket.connect(address).await
+}
+
+/// `STRANGERS` of them, 10,000 by default; as many at once as the limits on open files allow both ends of.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn connections_are_bounded_for_each_address_and_in_all() {
+    let _turn = TURN.lock().await;
+    let in_all = std::env::var("STRANGERS").map_or(10_000, |count| count.parse().unwrap());
+    let at_once = (rustix::process::getrlimit(rustix::process::Resource::Nofile).current)
+        .map_or(5_000, |files| usize::try_from(files).unwrap_or(usize::MAX) / 4)
+        .clamp(100, 5_000);
+    let bounds = Bounds { connections: 1024, connections_each: 64, ..WIDE };
+    let flood = |hosts: usize, in_all: usize| {
+        move |raw: Raw| async move {
+            let mut held: Vec<TcpStream> = Vec::new();
+            for first in (0..in_all).step_by(TURNS) {
+                let turn = (first..first + TURNS).map(|n| knock(raw.address, n % hosts));
+                // The system may refuse what the server has not got to yet.
+                held.extend(join_all(turn).await.into_iter().flatten());
+                if held.len() >= at_once {
+                    held.clear();
+                }
+            }
+        }
+    };
+    under(bounds, flood(10, in_all / 2)).await;
+    LOG.says("its address has as many connections as it may").await;
+    under(bounds, flood(200, in_all / 2)).await;
+    LOG.says("the server has as many connections as it may").await;
+}

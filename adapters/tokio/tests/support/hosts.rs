@@ -1,0 +1,83 @@
+//! Servers and certificates for tests over real sockets on loopback.
+
+use std::net::SocketAddr;
+use std::sync::mpsc;
+use std::thread::{self, JoinHandle};
+
+use fuseline_tokio::grpc::{Identity, Infer, Remote, Server, serve};
+use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
+use std::future::pending;
+use tokio::net::TcpListener;
+use tokio::sync::oneshot;
+
+/// A server with a runtime of its own, so that it can be killed with all its connections.
+pub(crate) struct Cloud {
+    pub(crate) address: SocketAddr,
+    kill: oneshot::Sender<()>,
+    thread: JoinHandle<()>,
+}
+
+impl Cloud {
+    /// Listens at `address`; port 0 is any.
+    pub(crate) fn start(address: &str, server: Server, infer: impl Infer) -> Self {
+        let (kill, killed) = oneshot::channel();
+        let (tell, told) = mpsc::channel();
+        let address = address.to_owned();
+        let thread = thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+            runtime.unwrap().block_on(async {
+                let listener = TcpListener::bind(address).await.unwrap();
+                tell.send(listener.local_addr().unwrap()).unwrap();
+                tokio::select! {
+                    ended = serve(infer, server, listener, pending()) => ended.unwrap(),
+                    _ = killed => {}
+                }
+            });
+        });
+        Self { address: told.recv().unwrap(), kill, thread }
+    }
+
+    /// Leaves no socket open.
+    pub(crate) fn kill(self) {
+        self.kill.send(()).unwrap();
+        self.thread.join().unwrap();
+    }
+
+    pub(crate) fn http(&self) -> Remote {
+        Remote::new(format!("http://{}", self.address))
+    }
+
+    pub(crate) fn https(&self, ca: &Ca) -> Remote {
+        let url = format!("https://localhost:{}", self.address.port());
+        Remote { ca: Some(ca.certificate.clone()), ..Remote::new(url) }
+    }
+}
+
+/// A certificate authority for a test.
+pub(crate) struct Ca {
+    pub(crate) certificate: Vec<u8>,
+    issuer: Issuer<'static, KeyPair>,
+}
+
+impl Ca {
+    pub(crate) fn new() -> Self {
+        let mut params = CertificateParams::new([]).unwrap();
+        params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+        let key = KeyPair::generate().unwrap();
+        let certificate = params.self_signed(&key).unwrap().pem().into_bytes();
+        Self { certificate, issuer: Issuer::new(params, key) }
+    }
+
+    pub(crate) fn sign(&self, name: &str) -> Identity {
+        self.sign_until(name, 4000)
+    }
+
+    /// A certificate that ended with the year before.
+    pub(crate) fn sign_until(&self, name: &str, year: i32) -> Identity {
+        let key = KeyPair::generate().unwrap();
+        let mut params = CertificateParams::new([name.to_owned()]).unwrap();
+        params.not_after = rcgen::date_time_ymd(year, 1, 1);
+        let certificate = params.signed_by(&key, &self.issuer).unwrap().pem().into_bytes();
+        Identity { certificate, key: key.serialize_pem().into_bytes() }
+    }
+}
