@@ -209,6 +209,7 @@ mod tests {
                 identity: Some(Identity { certificate: theirs.into(), key: their_key.into() }),
                 client_ca: Some(ca.into()),
                 token: Some(Token::new("a-token").unwrap()),
+                ..Server::default()
             };
             Self { folder, server }
         }
