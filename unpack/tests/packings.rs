@@ -10,7 +10,7 @@ use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 
 const TRACE: &str = concat!(
-    "{\"fuseline\":1,\"window\":16,\"clouds\":[]}\n",
+    "{\"fuseline\":1,\"window\":16,\"commit\":\"eager\",\"clouds\":[]}\n",
     "{\"ev\":\"open\",\"at\":5,\"t\":7}\n",
     "{\"ev\":\"result\",\"at\":9,\"t\":7,\"p\":0}\n",
     "{\"ev\":\"emit\",\"at\":9,\"t\":7,\"p\":0}\n",
