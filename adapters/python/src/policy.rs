@@ -99,7 +99,7 @@ enum AnyLoss {
 
 /// A loss that is a function of Python's.
 struct Function {
-    function: Py<PyAny>,
+    called: Py<PyAny>,
     /// The situation that the policy is asked about.
     situation: Mutex<Option<Py<PyAny>>>,
     /// The first exception that it raised.
@@ -224,7 +224,7 @@ impl TryFrom<Priced> for AnyLoss {
             }
             Priced::Function(function) => {
                 let (situation, raised) = (Mutex::new(None), Mutex::new(None));
-                Self::Function(Arc::new(Function { function, situation, raised }))
+                Self::Function(Arc::new(Function { called: function, situation, raised }))
             }
         })
     }
@@ -240,7 +240,7 @@ impl Function {
         let told = Python::attach(|py| {
             let situation = locked(&self.situation).as_ref().map(|it| it.clone_ref(py));
             let response = Words::get(py)?.ns(py, nanos(response))?;
-            self.function.call1(py, (situation, word, response))?.extract(py)
+            self.called.call1(py, (situation, word, response))?.extract(py)
         });
         told.unwrap_or_else(|error| {
             locked(&self.raised).get_or_insert(error);
