@@ -253,7 +253,7 @@ def ask(rows: Path) -> dict[str, list[dict[str, Any]]]:
         engine.execute(f"CREATE VIEW verdicts AS SELECT * FROM '{rows}'")
         engine.execute(fleet.FLATTEN["duckdb"])
         return {
-            name: engine.execute(sql).to_arrow_table().to_pylist()
+            name: engine.sql(sql).to_arrow_table().to_pylist()
             for name, sql in fleet.SUMMARIES.items()
         }
 

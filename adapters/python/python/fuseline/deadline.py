@@ -185,8 +185,8 @@ class _Priced:
 class Impact(_Priced):
     """A loss: the square of the speed at impact with an obstacle at rest, in m²/s².
 
-    >>> Impact(Parameters())(Situation(speed=17.5), "local", 0.3017)
-    30...
+    >>> Impact(Parameters())(Situation(speed=22.0), "local", 0.3017)
+    64.56...
     """
 
     vehicle: Parameters
