@@ -130,7 +130,7 @@ fn main() {
             let thread = std::thread::spawn(move || {
                 below_all_else(|| {
                     if busy {
-                        inputs(&mut machines)
+                        inputs(&mut machines);
                     }
                 });
             });
