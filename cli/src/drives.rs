@@ -208,7 +208,8 @@ fn find_network(
         (Some(wanted), found) => found.iter().find(|(_, network)| *network == wanted),
         (None, [only]) => Some(only),
         (None, found) if found.len() > 1 => {
-            let found = found.iter().map(|(_, network)| (*network).to_owned()).collect();
+            let found =
+                found.iter().map(|(_, network)| network.escape_debug().to_string()).collect();
             return Err(DriveError::ManyColumns { name: file.to_owned(), found });
         }
         (None, _) => None,
@@ -217,7 +218,8 @@ fn find_network(
     .ok_or_else(|| DriveError::NoColumn {
         name: file.to_owned(),
         wanted: network.map_or_else(|| "rtt_ms".to_owned(), |network| format!("{network}_rtt_ms")),
-        found: columns.iter().collect::<Vec<_>>().join(", "),
+        // In one line, whatever the columns are called.
+        found: columns.iter().collect::<Vec<_>>().join(", ").escape_debug().to_string(),
     })
 }
 

@@ -198,7 +198,9 @@ impl<'a, R: Read> Rows<'a, R> {
         let name = cell("ev");
         let event = self.columns.events.get(name).copied().unwrap_or(name);
         let Some((_, takes)) = EVENTS.iter().find(|(known, _)| *known == event) else {
-            let message = format!("unknown event {name:?}; say what it is with --event {name}=EV");
+            // In one line, whatever the cell holds.
+            let shown = name.escape_debug();
+            let message = format!("unknown event {name:?}; say what it is with --event {shown}=EV");
             return Err(self.fault(message));
         };
         let mut line = format!("{{\"ev\":\"{event}\"");
