@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use ::csv::{ReaderBuilder, Trim};
+use fuseline_deadline::Observation;
 use fuseline_unpack::rows::{Columns, RowError, Rows, Unit};
 use serde_json::{Map, Value};
 
@@ -129,8 +130,8 @@ fn drive(path: &Path, ends: &mut Ends) -> Check {
     if length.is_zero() {
         return Err("a drive of no length".to_owned());
     }
-    let nanosecond = Duration::from_nanos(1);
-    for moment in [Duration::ZERO, length / 3, length / 2, length - nanosecond] {
+    let last = length.saturating_sub(Duration::from_nanos(1));
+    for moment in [Duration::ZERO, length / 3, length / 2, last] {
         let found = drive.round_trip(moment);
         if found.is_some_and(|found| found > length.saturating_add(LONGEST)) {
             return Err(format!("{moment:?}: back after {found:?}, a lap is {length:?}"));
@@ -178,7 +179,7 @@ fn calls(bytes: &[u8], ends: &mut Ends) -> Check {
     match crate::deadline::read("calls", bytes) {
         Ok(calls) => {
             ends.insert("calls");
-            let is_sorted = calls.is_sorted_by_key(|call| call.key());
+            let is_sorted = calls.is_sorted_by_key(Observation::key);
             let is_any = calls.iter().any(|call| call.count > 0);
             if is_sorted && is_any { Ok(()) } else { Err(format!("calls: {calls:?}")) }
         }

@@ -70,10 +70,8 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
 /// A number, digit by digit.
 fn number(bytes: &[u8], is_big: bool, is_signed: bool) -> i128 {
     let digit = |number: i128, byte: &u8| number * 256 + i128::from(*byte);
-    let number = match is_big {
-        true => bytes.iter().fold(0, digit),
-        false => bytes.iter().rev().fold(0, digit),
-    };
+    let number =
+        if is_big { bytes.iter().fold(0, digit) } else { bytes.iter().rev().fold(0, digit) };
     let all = 1_i128 << (8 * bytes.len());
     if is_signed && number >= all / 2 { number - all } else { number }
 }
