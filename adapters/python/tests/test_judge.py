@@ -104,7 +104,8 @@ def test_a_page_is_the_commands_page_to_the_byte(
         argv += ["--observed", "--tolerance", "3us", "--lateness", "1ms"]
         slack = {"tolerance": 3e-6, "lateness": timedelta(milliseconds=1)}
     done = subprocess.run(argv, capture_output=True, check=False)
-    assert done.returncode == (0 if all(verdict.conforms for verdict in _each(traces, slack)) else 1)
+    conforms = all(verdict.conforms for verdict in _each(traces, slack))
+    assert done.returncode == (0 if conforms else 1)
     verdicts = report(*traces, page=page, **slack)
     assert verdicts == _each(traces, slack)
     assert page.read_bytes() == (tmp_path / "theirs.html").read_bytes()
