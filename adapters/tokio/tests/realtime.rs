@@ -2,6 +2,7 @@
 #![cfg(target_os = "linux")]
 
 use std::fs;
+use std::hint::black_box;
 use std::thread;
 
 use fuseline_tokio::realtime::{RealtimeError, lock_memory, schedule};
@@ -47,8 +48,9 @@ fn memory_is_locked_or_the_limit_is_told() {
         Ok(()) => {
             let before = locked();
             assert!(before > 0);
-            let later = vec![1_u8; 8 << 20];
-            assert!(locked() >= before + 8 * 1024, "what it gets later too");
+            let later = black_box(vec![1_u8; 64 << 20]);
+            // Threads of other tests may end meanwhile, and with them their stacks.
+            assert!(locked() > before + 48 * 1024, "what it gets later too");
             drop(later);
         }
         Err(RealtimeError::Limit(_)) => assert_eq!(locked(), 0),
