@@ -68,8 +68,8 @@ pub(crate) enum DriveError {
     #[error("{name}:{line}: {column} is {found:?}; it must be milliseconds from 0 to a day, or -1")]
     RoundTrip { name: String, line: u64, column: String, found: String },
     #[error(
-        "{name}:{line}: {column} is {found:?}; it must be a number greater than the line before, within a \
-         year of the first"
+        "{name}:{line}: {column} is {found:?}; it must be a number greater than the line before, \
+         within a year of the first"
     )]
     Time { name: String, line: u64, column: String, found: String },
     #[error("{name}: fewer than two rows; a drive needs at least two")]

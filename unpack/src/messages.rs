@@ -98,7 +98,8 @@ impl<'a, R: Read> Messages<'a, R> {
                 }
                 Some(LinearReadEvent::Record { data, opcode }) => (data, opcode),
             };
-            // Others are not asked for, and the library takes the memory that a text in them claims to need.
+            // Others are not asked for, and the library takes the memory that a text in them claims
+            // to need.
             if !matches!(opcode, op::CHANNEL | op::MESSAGE) {
                 continue;
             }

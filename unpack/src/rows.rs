@@ -60,8 +60,8 @@ pub struct Columns<'a> {
 
 /// A CSV file that is being read: a row an event, the columns named in the first row.
 ///
-/// The columns `at`, `ev`, `t`, `p`, `due`, `deadline`, `backlog` and `why` are read, those that a row's event
-/// has; an empty cell is none.
+/// The columns `at`, `ev`, `t`, `p`, `due`, `deadline`, `backlog` and `why` are read, those that a
+/// row's event has; an empty cell is none.
 #[derive(Debug)]
 pub struct Rows<'a, R> {
     inner: Reader<R>,
@@ -123,7 +123,8 @@ impl Unit {
 }
 
 impl<'a> Columns<'a> {
-    /// The columns of keys that have other names than theirs, what the file calls some events, and its unit.
+    /// The columns of keys that have other names than theirs, what the file calls some events, and
+    /// its unit.
     #[must_use]
     pub fn new(
         named: &'a [(&'static str, String)],

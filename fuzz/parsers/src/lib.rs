@@ -1,4 +1,5 @@
-//! What the fuzz targets of the parsers share: one check, again and again, in bounded memory, until it finds something.
+//! What the fuzz targets of the parsers share: one check, again and again, in bounded memory, until
+//! it finds something.
 
 use std::alloc::System;
 use std::sync::{LazyLock, Mutex, PoisonError};
@@ -16,7 +17,8 @@ static MEMORY_IN_USE: Cap<System> = Cap::new(System, MEMORY);
 /// How reading ended so far; nothing once it ended in every way.
 static ENDS: LazyLock<Mutex<(Ends, bool)>> = LazyLock::new(Mutex::default);
 
-/// Checks bytes by the parser of that name, and says so when reading ended in every way for the first time.
+/// Checks bytes by the parser of that name, and says so when reading ended in every way for the
+/// first time.
 ///
 /// # Panics
 /// If the check finds something, with what is wrong.

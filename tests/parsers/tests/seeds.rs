@@ -1,4 +1,5 @@
-//! The seeds of the fuzz targets of every parser, replayed: what was found once is looked at by every `cargo test`.
+//! The seeds of the fuzz targets of every parser, replayed: what was found once is looked at by
+//! every `cargo test`.
 
 use std::alloc::System;
 use std::fs;

@@ -105,7 +105,8 @@ fn nanos(cell: &str) -> Option<u64> {
     (nanos % unit == 0).then(|| u64::try_from(nanos / unit).ok())?
 }
 
-/// A drive begins again when it is over, and a message that comes back does so within a lap and a day.
+/// A drive begins again when it is over, and a message that comes back does so within a lap and a
+/// day.
 fn drive(path: &Path, ends: &mut Ends) -> Check {
     let drive = match Drive::load(&path.display().to_string()) {
         Ok(drive) => drive,
