@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{self, BufReader, IsTerminal, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
+use fuseline_report::{Found, Judging};
 use fuseline_unpack::{Packing, unpack};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
@@ -14,11 +15,11 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::interrupt::Interrupt;
-use crate::judging::{End, How, Judging, judge, next_event, reader};
+use crate::judging::{End, How, finish, judge, next_event, reader};
 use crate::results::{Files, Judged};
 use crate::sink::Sink;
 use crate::tail::Tail;
-use crate::verdict::Found;
+use crate::verdict::{self, tell_violation};
 
 /// Files shorter than this, in bytes, are judged before anyone could see a bar.
 const LONG: u64 = 16 << 20;
@@ -109,8 +110,8 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
             }
             exit = exit.max(match found {
                 Ok(found) => {
-                    found.tell(&mut out, 0, args.json).map_err(Fault::Output)?;
-                    found.exit()
+                    verdict::tell(&found, &mut out, 0, args.json).map_err(Fault::Output)?;
+                    verdict::exit(&found)
                 }
                 Err(fault) => {
                     complain(format_args!("error: {fault}"));
@@ -182,12 +183,12 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
             continue;
         }
         for violation in judging.since(told) {
-            bar.suspend(|| violation.tell(out, &name)).map_err(Fault::Output)?;
+            bar.suspend(|| tell_violation(&violation, &name, out)).map_err(Fault::Output)?;
             told += 1;
         }
     }
     bar.finish_and_clear();
-    let found = judging.finish(End::Early);
-    found.tell(out, told, args.json).map_err(Fault::Output)?;
-    Ok(found.exit())
+    let found = finish(judging, End::Early);
+    verdict::tell(&found, out, told, args.json).map_err(Fault::Output)?;
+    Ok(verdict::exit(&found))
 }

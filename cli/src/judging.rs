@@ -3,13 +3,13 @@
 use std::io::{self, BufRead};
 use std::time::Duration;
 
-use fuseline_traces::observed::{self, Slack};
-use fuseline_traces::{Event, Events, Header, Judge, ReadError, Verdict};
+use fuseline_report::{Found, Judging, Manner, Summary};
+use fuseline_traces::observed::Slack;
+use fuseline_traces::{Event, Events, ReadError};
 use thiserror::Error;
 
 use crate::complain::complain;
 use crate::fault::Fault;
-use crate::verdict::{AnyViolation, Found};
 
 /// How the end of a trace is judged.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -19,9 +19,6 @@ pub(crate) enum End {
     /// The trace may go on, or was cut short: what is not there may still have come.
     Early,
 }
-
-/// How a trace is judged: strictly, or as observed within this.
-pub(crate) type Manner = Option<Slack>;
 
 /// The options that tell the manner.
 #[derive(clap::Args)]
@@ -43,12 +40,6 @@ pub(crate) struct How {
     truncated: bool,
 }
 
-/// A judge of one trace.
-pub(crate) enum Judging {
-    Strict(Judge),
-    Observed(observed::Judge),
-}
-
 /// Judges a trace to its end.
 pub(crate) fn judge(how: &How, name: &str, trace: impl BufRead) -> Result<Found, Fault> {
     let (manner, end) = (how.manner(), how.end());
@@ -57,7 +48,7 @@ pub(crate) fn judge(how: &How, name: &str, trace: impl BufRead) -> Result<Found,
     while let Some(event) = next_event(&mut reader, end)? {
         judging.line(reader.line(), &event)?;
     }
-    let mut found = judging.finish(end);
+    let mut found = finish(judging, end);
     if let Found::Observed(verdict) = &mut found {
         verdict.violations.sort_by_key(|violation| violation.line);
     }
@@ -118,55 +109,20 @@ fn time(text: &str) -> Result<Duration, &'static str> {
     humantime::parse_duration(text).map_err(|_| "it must be 0 or more with a unit, such as 2ms")
 }
 
-impl Judging {
-    pub(crate) fn new(manner: Manner, name: &str, header: &Header) -> Self {
-        match manner {
-            None => Self::Strict(Judge::new(name, header)),
-            Some(slack) => Self::Observed(observed::Judge::new(name, header, slack)),
-        }
-    }
-
-    pub(crate) fn line(&mut self, line: u64, event: &Event) -> Result<(), Fault> {
-        match self {
-            Self::Strict(judge) => judge.line(line, event),
-            Self::Observed(judge) => judge.line(line, event)?,
-        }
-        Ok(())
-    }
-
-    /// The violations found so far, without the first of them.
-    pub(crate) fn since(&self, told: usize) -> Vec<AnyViolation<'_>> {
-        match self {
-            Self::Strict(judge) => {
-                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
-            }
-            Self::Observed(judge) => {
-                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
-            }
-        }
-    }
-
-    pub(crate) fn finish(self, end: End) -> Found {
-        match (self, end) {
-            (Self::Strict(judge), End::Whole) => Found::Strict(judge.finish()),
-            (Self::Strict(judge), End::Early) => Found::Strict(without_last(judge)),
-            (Self::Observed(judge), End::Whole) => Found::Observed(judge.finish()),
-            (Self::Observed(judge), End::Early) => Found::Observed(judge.finish_early()),
-        }
+/// The verdict at that end. A note says what is not judged.
+pub(crate) fn finish(judging: Judging, end: End) -> Found {
+    match end {
+        End::Whole => judging.finish(),
+        End::Early => noted(judging.finish_early()),
     }
 }
 
-/// The verdict without decisions that the last input still lacks, and whether there are any.
-fn without_last(judge: Judge) -> Verdict {
-    let so_far = judge.so_far();
-    let (conforms, known, more) = (so_far.conforms, so_far.violations.len(), so_far.more);
-    let mut verdict = judge.finish();
-    if verdict.violations.len() as u64 + verdict.more > known as u64 + more {
-        let (file, line) = (&verdict.file, verdict.lines);
+/// A verdict with a note about decisions that were missing at its end.
+pub(crate) fn noted((found, is_cut): (Found, bool)) -> Found {
+    if is_cut {
+        let Summary { file, lines, .. } = found.summary();
         let what = "the trace ends before all that was decided then; that is not judged";
-        complain(format_args!("note: {file}:{line}: {what}"));
-        verdict.violations.truncate(known);
-        (verdict.more, verdict.conforms) = (more, conforms);
+        complain(format_args!("note: {file}:{lines}: {what}"));
     }
-    verdict
+    found
 }

@@ -22,7 +22,6 @@ mod output;
 mod plot;
 mod policies;
 mod probe;
-mod reckoning;
 mod remedy;
 mod replay;
 mod report;

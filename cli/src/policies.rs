@@ -3,43 +3,11 @@
 
 mod constant;
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
-use serde::{Serialize, Serializer};
+use fuseline_report::{Arrival, Forwarded, Message, Quantile, quantiles};
 
 pub(crate) use constant::Constant;
-
-/// One message: when each source's result was there, and what fusion forwarded.
-#[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Message {
-    /// By source; local is 0.
-    pub(crate) arrivals: Vec<Arrival>,
-    /// None: missed, or refused for a full window.
-    pub(crate) forwarded: Option<Forwarded>,
-}
-
-/// When a source's result was there, or would have been, since its message came.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Arrival {
-    /// At this time.
-    At(Duration),
-    /// Unknown, but not before: the call was ended then.
-    After(Duration),
-    /// No result will come, as was known then; at once if the source was not asked.
-    Failed(Duration),
-    /// Its network never came back.
-    Never,
-}
-
-/// What fusion put out for a message.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Forwarded {
-    /// Whose result; local is 0.
-    pub(crate) source: usize,
-    /// When it left, since the message came.
-    pub(crate) response: Duration,
-}
 
 /// A way to choose one result for each message.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -71,51 +39,11 @@ pub(crate) struct Score {
     pub(crate) outage: Option<Quantile>,
 }
 
-/// A response time among all messages; one without output never ends.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Quantile {
-    /// Exactly this.
-    Exactly(Duration),
-    /// No less than this: some response times are not known.
-    AtLeast(Duration),
-    /// Never: too many messages have no output.
-    Never,
-}
-
-impl Serialize for Quantile {
-    /// Milliseconds; `{"at_least":…}` where some are not known, null where it never ends.
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let ms = |at: Duration| at.as_secs_f64() * 1000.0;
-        match *self {
-            Self::Exactly(at) => serializer.serialize_f64(ms(at)),
-            Self::AtLeast(at) => {
-                [("at_least", ms(at))].into_iter().collect::<BTreeMap<_, _>>().serialize(serializer)
-            }
-            Self::Never => serializer.serialize_none(),
-        }
-    }
-}
-
-/// The quantiles shown, in percent.
-pub(crate) const PERCENT: [usize; 3] = [50, 90, 99];
-
 /// What a policy does with one message.
 struct Choice {
     response: Arrival,
     /// Whose result it is and when that was there; none if there is no output or it is unknown.
     result: Option<(usize, Duration)>,
-}
-
-impl Message {
-    /// Whether some cloud had no result for it before the deadline, though it was asked and did not
-    /// fail.
-    pub(crate) fn is_in_outage(&self, deadline: Duration) -> bool {
-        self.arrivals.iter().skip(1).any(|arrival| match *arrival {
-            Arrival::At(at) | Arrival::After(at) => at >= deadline,
-            Arrival::Failed(_) => false,
-            Arrival::Never => true,
-        })
-    }
 }
 
 impl Policy {
@@ -183,7 +111,7 @@ impl Policy {
             Self::LocalOnly => alone(0),
             Self::CloudOnly(source) => alone(source),
             Self::FirstWins => {
-                let first = (0..message.arrivals.len()).min_by_key(|i| key(message.arrivals[*i]));
+                let first = (0..message.arrivals.len()).min_by_key(|i| message.arrivals[*i].key());
                 first.map_or(Choice { response: Arrival::Never, result: None }, alone)
             }
             Self::Fusion => put_out(message.forwarded),
@@ -204,33 +132,6 @@ impl Policy {
             }
         }
     }
-}
-
-/// Sorts arrivals; at the same instant an unknown one comes first, since it may be the later one.
-const fn key(arrival: Arrival) -> (Duration, u8) {
-    match arrival {
-        Arrival::After(bound) => (bound, 0),
-        Arrival::At(at) => (at, 1),
-        // No output however long one waits.
-        Arrival::Failed(_) | Arrival::Never => (Duration::MAX, 2),
-    }
-}
-
-/// Nearest ranks. An unknown response that may exceed its place makes all later ones lower bounds.
-pub(crate) fn quantiles(responses: &mut [Arrival]) -> [Option<Quantile>; 3] {
-    responses.sort_unstable_by_key(|arrival| key(*arrival));
-    let unknown = responses
-        .iter()
-        .position(|arrival| matches!(arrival, Arrival::After(_)))
-        .unwrap_or(responses.len());
-    PERCENT.map(|percent| {
-        let place = (responses.len() * percent).div_ceil(100).checked_sub(1)?;
-        Some(match *responses.get(place)? {
-            Arrival::At(at) if place < unknown => Quantile::Exactly(at),
-            Arrival::At(bound) | Arrival::After(bound) => Quantile::AtLeast(bound),
-            Arrival::Failed(_) | Arrival::Never => Quantile::Never,
-        })
-    })
 }
 
 #[cfg(test)]
@@ -323,23 +224,6 @@ mod tests {
         // Who is first is known while the unknown one is later.
         assert!(close(score(&Policy::FirstWins, &ended(499)).ap, 44.0));
         assert_eq!(score(&Policy::FirstWins, &ended(150)).ap, None);
-    }
-
-    #[test]
-    fn an_unknown_response_makes_all_quantiles_above_it_lower_bounds() {
-        let mut responses = [at(100), Arrival::After(ms(200)), at(300)];
-        let quantiles = quantiles(&mut responses).map(Option::unwrap);
-        assert_eq!(quantiles[0], Quantile::AtLeast(ms(200)));
-        assert_eq!(quantiles[2], Quantile::AtLeast(ms(300)));
-    }
-
-    #[test]
-    fn quantiles_are_nearest_ranks() {
-        let mut responses: Vec<Arrival> = (1..=200).rev().map(at).collect();
-        let exactly = |millis| Some(Quantile::Exactly(ms(millis)));
-        assert_eq!(quantiles(&mut responses), [exactly(100), exactly(180), exactly(198)]);
-        assert_eq!(quantiles(&mut responses[..1]), [exactly(1); 3]);
-        assert_eq!(quantiles(&mut []), [None; 3]);
     }
 
     #[test]

@@ -1,12 +1,15 @@
 //! Reading, judging and replaying traces, with the interpreter's lock released.
 
+use std::io::BufRead;
+
 use fuseline_arbiter::Arbiter;
+use fuseline_report::{Found, Judging, Manner, Page};
 use fuseline_traces::observed::{self, Slack};
-use fuseline_traces::{Decision, Event, Events, Input, Verdict, judge};
+use fuseline_traces::{Decision, Event, Events, Header, Input, Verdict};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::raised::{config, unjudged, unreadable};
+use crate::raised::{config, unjudged, unreadable, unshown};
 use crate::reading::with_trace;
 use crate::time::Nanos;
 
@@ -18,30 +21,82 @@ pub(crate) type Violated =
 type Row = (u64, &'static str, u64, Numbers, Option<&'static str>);
 type Numbers = (Option<u64>, Option<u64>, Option<u64>, Option<u64>, Option<u64>);
 
-/// Judges a trace strictly.
-#[pyfunction]
-#[pyo3(signature = (trace, name))]
-pub(crate) fn check(trace: &Bound<'_, PyAny>, name: Option<String>) -> PyResult<Told> {
-    with_trace(trace, name, |name, trace| judge(name, trace).map(strict).map_err(unreadable))
+/// A tolerance and a lateness, if a trace is to be judged as observed.
+pub(crate) type Slackness = Option<(Nanos, Nanos)>;
+
+pub(crate) fn manner(slack: Slackness) -> Manner {
+    slack.map(|(tolerance, lateness)| Slack { tolerance: tolerance.0, lateness: lateness.0 })
 }
 
-/// Judges a trace as observed.
+/// Judges a trace, strictly or as observed.
 #[pyfunction]
-#[pyo3(signature = (trace, name, tolerance, lateness))]
-pub(crate) fn check_observed(
+#[pyo3(signature = (trace, name, slack))]
+pub(crate) fn check(
     trace: &Bound<'_, PyAny>,
     name: Option<String>,
-    tolerance: Nanos,
-    lateness: Nanos,
+    slack: Slackness,
 ) -> PyResult<Told> {
-    let slack = Slack { tolerance: tolerance.0, lateness: lateness.0 };
-    with_trace(trace, name, |name, trace| {
-        observed::judge(name, slack, trace).map(seen).map_err(unjudged)
-    })
+    with_trace(trace, name, |name, trace| Ok(told(judged(slack, name, trace, |_| {})?.1)))
 }
 
-/// The strict judge's verdict.
-pub(crate) fn strict(verdict: Verdict) -> Told {
+/// Judges a trace as it is read; `each` is given every event.
+pub(crate) fn judged(
+    slack: Slackness,
+    name: &str,
+    trace: impl BufRead,
+    mut each: impl FnMut(&Event),
+) -> PyResult<(Header, Found)> {
+    let manner = manner(slack);
+    let mut reader = reader(manner, name, trace)?;
+    let mut judging = Judging::new(manner, name, reader.header());
+    while let Some(event) = reader.next_event().map_err(unreadable)? {
+        judging.line(reader.line(), &event).map_err(|disorder| unjudged(&disorder))?;
+        each(&event);
+    }
+    Ok((reader.header().clone(), judging.finish()))
+}
+
+/// Judges traces and makes the page about them: the verdicts, and the page's HTML.
+#[pyfunction]
+#[pyo3(signature = (traces, slack))]
+pub(crate) fn report<'py>(
+    py: Python<'py>,
+    traces: Vec<(Bound<'py, PyAny>, Option<String>)>,
+    slack: Slackness,
+) -> PyResult<(Vec<Told>, Bound<'py, PyBytes>)> {
+    let (mut page, manner) = (Page::default(), manner(slack));
+    let mut verdicts = Vec::with_capacity(traces.len());
+    for (trace, name) in traces {
+        verdicts.push(with_trace(&trace, name, |name, trace| {
+            let mut reader = reader(manner, name, trace)?;
+            let mut sheet = page.begin(manner, name, reader.header());
+            while let Some(event) = reader.next_event().map_err(unreadable)? {
+                sheet.event(reader.line(), event).map_err(unshown)?;
+            }
+            Ok(told(sheet.finish()))
+        })?);
+    }
+    let html = py.detach(|| {
+        let mut html = Vec::new();
+        page.write(&mut html).map(|()| html)
+    })?;
+    Ok((verdicts, PyBytes::new(py, &html)))
+}
+
+fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> PyResult<Events<R>> {
+    let read = if manner.is_none() { Events::new } else { Events::observed };
+    read(name, trace).map_err(unreadable)
+}
+
+/// A verdict as the package takes it.
+pub(crate) fn told(found: Found) -> Told {
+    match found {
+        Found::Strict(verdict) => strict(verdict),
+        Found::Observed(verdict) => observed(verdict),
+    }
+}
+
+fn strict(verdict: Verdict) -> Told {
     let Verdict { file, conforms, judged, lines, violations, more } = verdict;
     let violations = violations.into_iter().map(|found| {
         let (rule, sentence) = (found.rule.id(), found.rule.sentence());
@@ -50,8 +105,7 @@ pub(crate) fn strict(verdict: Verdict) -> Told {
     (file, conforms, judged, lines, violations.collect(), more)
 }
 
-/// The verdict of the judge of observed traces.
-pub(crate) fn seen(verdict: observed::Verdict) -> Told {
+fn observed(verdict: observed::Verdict) -> Told {
     let observed::Verdict { file, conforms, judged, lines, violations, more } = verdict;
     let violations = violations.into_iter().map(|found| {
         let (t, rule, sentence) = (Some(found.t), found.rule.id(), found.rule.sentence());

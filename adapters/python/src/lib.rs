@@ -20,7 +20,7 @@ mod _fuseline {
     #[pymodule_export]
     use crate::fusion::Fusion;
     #[pymodule_export]
-    use crate::judging::{check, check_observed, read, replay};
+    use crate::judging::{check, read, replay, report};
     #[pymodule_export]
     use crate::policy::{Expected, Guard, Observations, loss};
     #[pymodule_export]

@@ -2,8 +2,10 @@
 
 use std::fmt::Display;
 
+use fuseline_report::PageError;
 use fuseline_traces::Defect;
-use fuseline_traces::observed::JudgeError;
+use fuseline_traces::observed::Disorder;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 pyo3::import_exception!(fuseline._errors, ConfigError);
@@ -23,16 +25,19 @@ pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
     }
 }
 
-/// A trace that cannot be judged as observed.
-pub(crate) fn unjudged(error: JudgeError) -> PyErr {
+/// A trace that is out of order, and so cannot be judged as observed.
+pub(crate) fn unjudged(error: &Disorder) -> PyErr {
+    let told = error.to_string();
+    let place = format!("{}:{}:1: ", error.file, error.line);
+    let what = told.strip_prefix(&place).unwrap_or(&told).to_owned();
+    read_error((error.file.clone(), error.line, 1, what))
+}
+
+/// A trace that a page cannot show.
+pub(crate) fn unshown(error: PageError) -> PyErr {
     match error {
-        JudgeError::Read(error) => unreadable(error),
-        JudgeError::Disorder(error) => {
-            let told = error.to_string();
-            let place = format!("{}:{}:1: ", error.file, error.line);
-            let what = told.strip_prefix(&place).unwrap_or(&told).to_owned();
-            read_error((error.file, error.line, 1, what))
-        }
+        PageError::Disorder(error) => unjudged(&error),
+        PageError::TooLong { .. } => PyValueError::new_err(error.to_string()),
     }
 }
 

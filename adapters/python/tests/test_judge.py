@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,7 +18,7 @@ import fuseline
 import pyarrow as pa
 import pytest
 from conftest import BAD, CORPUS
-from fuseline import Trace, check, check_observed, ns, replay
+from fuseline import Trace, check, check_observed, ns, replay, report
 
 HEADER = b'{"fuseline":1,"window":16,"clouds":[{"p":1,"limit":31}]}\n'
 GOOD = (
@@ -89,6 +90,48 @@ def test_the_command_says_the_same_of_a_trace(command: str, tmp_path: Path) -> N
     (violation,) = check(path).violations
     for part in (violation.sentence, violation.found, violation.expected, *violation.story):
         assert part in words
+
+
+@pytest.mark.parametrize("observed", [False, True], ids=["strictly", "as-observed"])
+def test_a_page_is_the_commands_page_to_the_byte(
+    command: str, tmp_path: Path, observed: bool
+) -> None:
+    traces = [CORPUS[0], BAD[0]]
+    page = tmp_path / "page.html"
+    argv = [command, "report", *traces, "-o", tmp_path / "theirs.html"]
+    slack: dict[str, Any] = {}
+    if observed:
+        argv += ["--observed", "--tolerance", "3us", "--lateness", "1ms"]
+        slack = {"tolerance": 3e-6, "lateness": timedelta(milliseconds=1)}
+    done = subprocess.run(argv, capture_output=True, check=False)
+    assert done.returncode == (0 if all(verdict.conforms for verdict in _each(traces, slack)) else 1)
+    verdicts = report(*traces, page=page, **slack)
+    assert verdicts == _each(traces, slack)
+    assert page.read_bytes() == (tmp_path / "theirs.html").read_bytes()
+    named = report(BAD[0].read_bytes(), page=page, names=["of <script>"])
+    assert named[0].file == "of <script>"
+    assert b"of \\u003cscript>" in page.read_bytes()
+
+
+def _each(traces: list[Path], slack: dict[str, Any]) -> tuple[fuseline.Verdict, ...]:
+    return tuple(check_observed(it, **slack) if slack else check(it) for it in traces)
+
+
+def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.write_text("before")
+    with pytest.raises(fuseline.ReadError, match="broken"):
+        report(GOOD, GOOD + b"broken\n", page=page, names=["good", "broken"])
+    with pytest.raises(ValueError, match="at least one trace"):
+        report(page=page)
+    with pytest.raises(ValueError, match="1 traces and 2 names"):
+        report(GOOD, page=page, names=["one", "two"])
+    with pytest.raises(ValueError, match="go together"):
+        report(GOOD, page=page, lateness=0.1)
+    assert page.read_text() == "before"
+    with pytest.raises(OSError):
+        report(GOOD, page=tmp_path / "nowhere" / "page.html")
+    assert list(tmp_path.iterdir()) == [page]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use fuseline_kit::Reach;
+use fuseline_report::AnyViolation;
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
 use serde_json::{Map, Value, json};
@@ -16,7 +17,7 @@ use super::peer::Misbehaviour;
 use super::shrink::{Finding, What};
 use super::words;
 use crate::exit::Exit;
-use crate::verdict::{AnyViolation, BAD, GOOD, plain};
+use crate::verdict::{BAD, GOOD, plain, tell_violation};
 
 /// How many failed cases are named.
 const NAMED: usize = 5;
@@ -117,7 +118,7 @@ impl Found {
                 if let Some(verdict) = self.verdict()
                     && let Some(violation) = verdict.violations.first()
                 {
-                    AnyViolation::from(violation).tell(out, &verdict.file)?;
+                    tell_violation(&AnyViolation::from(violation), &verdict.file, out)?;
                     self.tell_story(out, "in words")?;
                     writeln!(out, "{INDENT}  found: {}", words::told(&violation.found))?;
                     writeln!(out, "{INDENT}  expected: {}", words::told(&violation.expected))?;

@@ -1,9 +1,10 @@
 //! The report for other tools.
 
+use fuseline_report::AnyViolation;
+
 use crate::drive::report::{Found, Report};
 use crate::exit::Exit;
 use crate::results::{Judged, Problem};
-use crate::verdict::AnyViolation;
 
 /// What a command breaks that answers otherwise than it must.
 const PROTOCOL: (&str, &str) = (

@@ -5,7 +5,7 @@ use std::time::Duration;
 use fuseline_arbiter::Arbiter;
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
-use crate::policies::{Arrival, Forwarded};
+use fuseline_report::{Arrival, Forwarded};
 
 /// The one timestamp of each run.
 const T: u64 = 0;

@@ -7,9 +7,9 @@ use std::sync::LazyLock;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use serde::{Deserialize, Serialize};
 
-use crate::policies::Quantile;
 use crate::probe::figures::{Counts, Figures, Told};
 use crate::probe::options::Args;
+use fuseline_report::Quantile;
 
 /// A line below the header and no other.
 const STYLE: TableStyle =

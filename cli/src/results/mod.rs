@@ -8,11 +8,12 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use fuseline_report::{AnyViolation, Found};
 use fuseline_traces::Rule;
 
 use crate::fault::Fault;
 use crate::output::Output;
-use crate::verdict::{AnyViolation, Found};
+use crate::verdict::{plain, tell_summary, tell_violation};
 
 /// A rule's identifier and its sentence.
 type Named = (&'static str, &'static str);
@@ -102,7 +103,7 @@ impl Judged {
             rule: violation.rule,
             file: summary.file.to_owned(),
             line: Some(violation.line),
-            text: violation.text(summary.file),
+            text: plain(|out| tell_violation(violation, summary.file, out)),
         };
         Self {
             name: summary.file.to_owned(),
@@ -111,7 +112,7 @@ impl Judged {
                 Found::Observed(_) => "observed",
             },
             conforms: summary.conforms,
-            verdict: Ok(summary.text()),
+            verdict: Ok(plain(|out| tell_summary(&summary, out))),
             problems: found.violations().iter().map(problem).collect(),
         }
     }

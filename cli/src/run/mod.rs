@@ -29,6 +29,7 @@ use crate::run::plan::Plan;
 use crate::run::report::Reading;
 use crate::run::table::Introduction;
 use crate::sink::Sink;
+use crate::verdict;
 
 pub(crate) use crate::run::plan::Args;
 #[cfg(test)]
@@ -60,7 +61,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
             .map_err(io::Error::from)
             .and_then(|()| writeln!(out))
     } else {
-        writeln!(out, "{report}").and_then(|()| report.trace.tell(&mut out, 0, false))
+        writeln!(out, "{report}").and_then(|()| verdict::tell(&report.trace, &mut out, 0, false))
     }
     .map_err(Fault::Output)?;
     if let Some(page) = plan.page.as_ref().filter(|_| driven.unrecorded.is_none()) {
@@ -71,7 +72,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     }
     match driven.unrecorded {
         Some(why) => Err(RunError::Unrecorded { trace: name, why }.into()),
-        None => Ok(report.trace.exit()),
+        None => Ok(verdict::exit(&report.trace)),
     }
 }
 

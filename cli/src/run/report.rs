@@ -6,18 +6,17 @@ use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
 
+use fuseline_report::{Arrival, COLUMNS, Found, Message, Quantile, Reckoning, Row, Totals};
 use fuseline_tokio::{SourceTally, grpc};
 use fuseline_traces::{Events, Judge, Verdict};
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
-use crate::policies::{Arrival, Constant, Message, Policy, Quantile, Score};
-use crate::reckoning::{COLUMNS, Reckoning, Row, Totals};
+use crate::policies::{Constant, Policy, Score};
 use crate::run::driven::Driven;
 use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::queue::Queues;
 use crate::run::served::Served;
-use crate::verdict::Found;
 
 /// What a run came to.
 #[derive(Debug, Serialize)]

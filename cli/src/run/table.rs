@@ -6,10 +6,9 @@ use std::time::Duration;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
-use crate::policies::Quantile;
-use crate::reckoning::{COLUMNS, Row, Totals};
 use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::report::{PolicyReport, Report, SourceReport, share};
+use fuseline_report::{COLUMNS, Quantile, Row, Totals};
 
 /// Shorter outages are not worth a word.
 const OUTAGE: Duration = Duration::from_secs(1);

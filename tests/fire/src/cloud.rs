@@ -31,7 +31,8 @@ pub(crate) struct Args {
     name: String,
 }
 
-/// Replies with what came and its own number; each line of standard input is a delay in milliseconds to add from now on.
+/// Replies with what came and its own number; each line of standard input is a delay in
+/// milliseconds to add from now on.
 pub(crate) async fn cloud(args: Args) -> Result<(), Error> {
     let read = |name: String| std::fs::read(args.folder.join(name));
     let identity = Identity {

@@ -45,7 +45,7 @@ impl Field {
         fs::write(folder.join("ca.pem"), &ca.certificate)?;
         let mut field =
             Self { folder: folder.to_owned(), clouds: Vec::new(), clock: clock.into(), ca };
-        field.resolve(clouds, None)?;
+        resolve(clouds, None)?;
         for cloud in 0..clouds {
             for (name, year) in [("good", YEARS.0), ("expired", YEARS.1)] {
                 let identity = field.ca.sign(&host(cloud), year)?;
@@ -83,12 +83,12 @@ impl Field {
             Harm::BlackHole => nft(port, "drop")?,
             Harm::Loss => nft(port, "numgen random mod 100 < 20 drop")?,
             Harm::Slow => {
-                run("tc", "qdisc add dev lo root tbf rate 1mbit burst 64kb latency 400ms")?
+                run("tc", "qdisc add dev lo root tbf rate 1mbit burst 64kb latency 400ms")?;
             }
             Harm::Latency => self.tell(cloud, "150"),
             Harm::Step => self.tell(cloud, "40"),
             Harm::Dns => {
-                self.resolve(self.clouds.len(), Some(cloud))?;
+                resolve(self.clouds.len(), Some(cloud))?;
                 self.kill(cloud)?;
                 self.clouds[cloud] = self.start(cloud, "good")?;
             }
@@ -111,7 +111,7 @@ impl Field {
             Harm::Reset | Harm::BlackHole | Harm::Loss => run("nft", "flush chain inet chaos out")?,
             Harm::Slow => run("tc", "qdisc del dev lo root")?,
             Harm::Latency | Harm::Step => self.tell(cloud, "0"),
-            Harm::Dns => self.resolve(self.clouds.len(), None)?,
+            Harm::Dns => resolve(self.clouds.len(), None)?,
             Harm::Expired => {
                 self.kill(cloud)?;
                 self.clouds[cloud] = self.start(cloud, "good")?;
@@ -143,7 +143,8 @@ impl Field {
         Ok(kill_process(pid, signal)?)
     }
 
-    /// Sets by how many seconds the wall clock is off. The words are of one length: whoever reads meanwhile reads a number.
+    /// Sets by how many seconds the wall clock is off. The words are of one length, so that whoever
+    /// reads meanwhile reads a number.
     fn step(&self, by: &str) -> Result<(), Error> {
         let before = SystemTime::now();
         fs::write(&self.clock, by)?;
@@ -159,13 +160,6 @@ impl Field {
             let _ = writeln!(stdin, "{delay_ms}");
         }
     }
-
-    /// Lets the names of all clouds but one be resolved.
-    fn resolve(&self, clouds: usize, but: Option<usize>) -> Result<(), Error> {
-        let known = (0..clouds).filter(|cloud| Some(*cloud) != but);
-        let lines: String = known.map(|cloud| format!("127.0.0.1 {}\n", host(cloud))).collect();
-        Ok(fs::write("/etc/hosts", lines)?)
-    }
 }
 
 impl Drop for Field {
@@ -175,6 +169,13 @@ impl Drop for Field {
             let _ = cloud.wait();
         }
     }
+}
+
+/// Lets the names of all clouds but one be resolved.
+fn resolve(clouds: usize, but: Option<usize>) -> Result<(), Error> {
+    let known = (0..clouds).filter(|cloud| Some(*cloud) != but);
+    let lines: Vec<String> = known.map(|cloud| format!("127.0.0.1 {}\n", host(cloud))).collect();
+    Ok(fs::write("/etc/hosts", lines.concat())?)
 }
 
 fn host(cloud: usize) -> String {

@@ -75,7 +75,8 @@ pub(crate) struct Fate {
 }
 
 impl Fleet {
-    /// Starts so many operators, which take so many messages each, so many a second. Their traces are in this folder.
+    /// Starts so many operators, which take so many messages each, so many a second. Their traces
+    /// are in this folder.
     pub(crate) fn launch(
         field: &Field,
         operators: u32,
@@ -145,7 +146,8 @@ impl Fleet {
         unheard
     }
 
-    /// Waits for all ends and has the traces judged. What an operator that does not end leaves behind is in its place.
+    /// Waits for all ends and has the traces judged. What an operator that does not end leaves
+    /// behind is in its place.
     pub(crate) async fn land(self) -> Result<Vec<Result<Fate, String>>, Error> {
         let mut fates = Vec::new();
         for vessel in self.vessels {
@@ -228,9 +230,8 @@ async fn see(mut output: Items<Answer>, number: u64, messages: u64, read: Arc<At
         }
         let took = item.took();
         seen.longest = seen.longest.max(took);
-        if took > DEADLINE {
-            seen.late.push(Overrun::now(took - DEADLINE));
-        }
+        let late = took.checked_sub(DEADLINE).filter(|late| !late.is_zero());
+        seen.late.extend(late.map(Overrun::now));
     }
     seen
 }

@@ -70,7 +70,8 @@ struct HeldUp {
     thread: Duration,
 }
 
-/// How late things are by no fault of an operator: a timer in the same runtime, and what Linux says of the threads.
+/// How late things are by no fault of an operator: a timer in the same runtime, and what Linux says
+/// of the threads.
 pub(crate) struct Lateness {
     start: Instant,
     tenths: Mutex<Vec<HeldUp>>,
@@ -99,8 +100,8 @@ impl Lateness {
         lateness
     }
 
-    /// How much later something may be over that was due and over at about these instants: twice the timer's lateness, and
-    /// as long as a thread waited for a processor.
+    /// How much later something may be over that was due and over at about these instants: twice
+    /// the timer's lateness, and as long as a thread waited for a processor.
     pub(crate) fn allows(&self, Overrun { at, by }: Overrun) -> Duration {
         let tenths = self.tenths.lock().unwrap_or_else(PoisonError::into_inner);
         let last = self.tenth(at) + 3;
@@ -130,7 +131,8 @@ impl Lateness {
     }
 }
 
-/// How long each thread was ready without a processor, since it began. Empty where Linux does not count it.
+/// How long each thread was ready without a processor, since it began. Empty where Linux does not
+/// count it.
 fn waits() -> BTreeMap<std::ffi::OsString, Duration> {
     let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     let waits = threads.filter_map(|thread| {

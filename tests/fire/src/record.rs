@@ -17,7 +17,8 @@ const PATH: &str = "tests/fire/soak.json";
 /// Where the reason is, while it is older than its sources.
 const OLDER: &str = "tests/fire/older.toml";
 
-/// What a soak is of, as little as is honest: what decides, what drives it, and what judges. Not the libraries around.
+/// What a soak is of, as little as is honest: what decides, what drives it, and what judges. Not
+/// the libraries around.
 const SOURCES: [&str; 8] = [
     "core/src",
     "adapters/arbiter/src",
@@ -101,8 +102,8 @@ impl fmt::Display for Soaked {
         let strikes: u64 = self.strikes.values().map(|spell| spell.times).sum();
         write!(
             f,
-            "{} messages of {} operators, {strikes} strikes, {} s, seed {}; the longest output took {} ms, a timer was \
-             {} ms late",
+            "{} messages of {} operators, {strikes} strikes, {} s, seed {}; the longest output took \
+             {} ms, a timer was {} ms late",
             self.messages,
             self.operators,
             self.seconds,

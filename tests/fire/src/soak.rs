@@ -18,8 +18,7 @@ use crate::strike::{Harm, Strike, schedule};
 /// How many clouds there are; each operator has two of them.
 const CLOUDS: usize = 3;
 
-/// After so long nothing that was under way before a strike, or before its end, is under way still: pings and connecting again
-/// included.
+/// After so long of calm nothing is left of what was before: pings and connecting again included.
 const SETTLES: Duration = Duration::from_secs(4);
 
 /// How long a calm is looked at.

@@ -64,7 +64,8 @@ impl Harm {
         )
     }
 
-    /// Whether the cloud or its host refuses at once, so that calls fail long before their deadline.
+    /// Whether the cloud or its host refuses at once, so that calls fail long before their
+    /// deadline.
     pub(crate) const fn refuses(self) -> bool {
         matches!(self, Self::Kill | Self::Reset | Self::Dns | Self::Expired)
     }

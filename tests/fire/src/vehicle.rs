@@ -50,7 +50,7 @@ impl Operator for Vehicle {
         let operator = self.number;
         for (priority, (number, connection)) in (1..).zip(self.clouds) {
             let message_handler = move |message: &u64, timestamp| {
-                let is_asked = priority == 1 || message % LOWER_ALONE > 0;
+                let is_asked = priority == 1 || !message.is_multiple_of(LOWER_ALONE);
                 let mut payload = BytesMut::new();
                 payload.put_u64(operator);
                 payload.put_u64(*message);

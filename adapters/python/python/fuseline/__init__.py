@@ -1,8 +1,8 @@
 """Operators that compute each message on board and in clouds, and forward the best in time.
 
 `Operator` does that within asyncio; `Fusion` is the machine that decides, without a clock or a
-network, for loops of your own. `check`, `check_observed` and `replay` judge what either recorded.
-`fuseline.deadline` chooses deadlines, `fuseline.grpc` asks clouds and serves them.
+network, for loops of your own. `check`, `check_observed` and `replay` judge what either recorded,
+and `report` shows it on a page. `fuseline.deadline` chooses deadlines, `fuseline.grpc` asks clouds and serves them.
 
 The words are those of SPEC.md.
 """
@@ -20,7 +20,7 @@ from fuseline._errors import (
 )
 from fuseline._fuseline import Fusion, nanoseconds
 from fuseline._item import Call, Ending, Failure, Item, Source, Trigger
-from fuseline._judge import Verdict, Violation, check, check_observed, replay
+from fuseline._judge import Verdict, Violation, check, check_observed, replay, report
 from fuseline._local import Local
 from fuseline._operator import Operator
 from fuseline._trace import Line, Trace
@@ -90,4 +90,5 @@ __all__ = [
     "nanoseconds",
     "ns",
     "replay",
+    "report",
 ]

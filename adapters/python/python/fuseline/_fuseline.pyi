@@ -13,16 +13,17 @@ __all__ = [
     "Guard",
     "Observations",
     "check",
-    "check_observed",
     "loss",
     "nanoseconds",
     "read",
     "replay",
+    "report",
     "survey",
 ]
 
 _Duration: TypeAlias = float | timedelta | ns
 _Traced: TypeAlias = bytes | str | PathLike[str] | BinaryIO | Iterable[bytes] | Iterable[str]
+_Slack: TypeAlias = tuple[_Duration, _Duration] | None
 _Figure: TypeAlias = float | tuple[float, float]
 _Violation: TypeAlias = tuple[int, int | None, str, str, str, str, int | None, list[str]]
 _Verdict: TypeAlias = tuple[str, bool, int, int, list[_Violation], int]
@@ -163,15 +164,13 @@ class Observations:
     def survival(self, under_way: Sequence[_Duration]) -> list[tuple[int, float, float]]: ...
 
 def nanoseconds(duration: _Duration, /) -> ns: ...
-def check(trace: _Traced, name: str | None) -> _Verdict: ...
-def check_observed(
-    trace: _Traced, name: str | None, tolerance: _Duration, lateness: _Duration
-) -> _Verdict: ...
+def check(trace: _Traced, name: str | None, slack: _Slack) -> _Verdict: ...
 def read(trace: _Traced, name: str | None) -> tuple[str, str, list[_Row]]: ...
 def replay(trace: _Traced, name: str | None) -> bytes: ...
-def survey(
-    trace: _Traced, name: str | None, slack: tuple[_Duration, _Duration] | None
-) -> _Survey: ...
+def report(
+    traces: Sequence[tuple[_Traced, str | None]], slack: _Slack
+) -> tuple[list[_Verdict], bytes]: ...
+def survey(trace: _Traced, name: str | None, slack: _Slack) -> _Survey: ...
 def loss(
     loss: _Impact | _Accuracy, known: _Situation, source: str, response: _Duration
 ) -> float: ...

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from html import escape
@@ -134,7 +136,7 @@ def check(trace: Traced, *, name: str | None = None) -> Verdict:
         ReadError: if it cannot be read to its end.
         OSError: if its file cannot be opened or read.
     """
-    return _verdict(_fuseline.check(trace, name))
+    return _verdict(_fuseline.check(trace, name, None))
 
 
 def check_observed(
@@ -157,7 +159,7 @@ def check_observed(
         ReadError: if it cannot be read to its end, or is further out of order than the tolerance.
         OSError: if its file cannot be opened or read.
     """
-    return _verdict(_fuseline.check_observed(trace, name, tolerance, lateness))
+    return _verdict(_fuseline.check(trace, name, (tolerance, lateness)))
 
 
 def replay(trace: Traced, *, name: str | None = None) -> bytes:
@@ -175,6 +177,70 @@ def replay(trace: Traced, *, name: str | None = None) -> bytes:
         OSError: if its file cannot be opened or read.
     """
     return _fuseline.replay(trace, name)
+
+
+def report(
+    *traces: Traced,
+    page: str | PathLike[str] = "report.html",
+    names: Sequence[str] | None = None,
+    tolerance: Duration | None = None,
+    lateness: Duration | None = None,
+) -> tuple[Verdict, ...]:
+    """Judge traces and write the page about them: the page of ``fuseline report``.
+
+    It is one file that needs no network: a summary by source, the response times, and a timeline
+    from the whole run down to what happened to one timestamp and why, with violations in it.
+
+    Args:
+        traces: The traces, each as for `check`.
+        page: Where the page goes. It is written once all traces are read; what was there before
+            stays as it is until then.
+        names: What the traces are called, one for each; by default their paths.
+        tolerance: The error of recorded instants. With it, and ``lateness``, the traces are judged
+            as `check_observed` does, else strictly.
+        lateness: How late timers and outputs may be.
+
+    Returns:
+        A verdict for each trace.
+
+    Raises:
+        ReadError: if a trace cannot be read to its end.
+        OSError: if a trace cannot be opened or read, or the page cannot be written.
+        ValueError: if there is no trace, only one of tolerance and lateness, another number of
+            names than of traces, or more than 10,000,000 events.
+    """
+    if not traces:
+        raise ValueError("report takes at least one trace")
+    if names is not None and len(names) != len(traces):
+        raise ValueError(f"there are {len(traces)} traces and {len(names)} names")
+    named = zip(traces, names or [None] * len(traces), strict=True)
+    verdicts, html = _fuseline.report(list(named), slack(tolerance, lateness))
+    _replace(os.fspath(page), html)
+    return tuple(map(_verdict, verdicts))
+
+
+def slack(
+    tolerance: Duration | None, lateness: Duration | None
+) -> tuple[Duration, Duration] | None:
+    """Both, or none of them; one without the other is an error."""
+    if tolerance is None and lateness is None:
+        return None
+    if tolerance is None or lateness is None:
+        raise ValueError("tolerance and lateness go together; give both, or none to judge strictly")
+    return tolerance, lateness
+
+
+def _replace(path: str, content: bytes) -> None:
+    """Write a file whole or not at all."""
+    beside = f"{path}.{os.getpid()}.part"
+    try:
+        with open(beside, "xb") as file:
+            file.write(content)
+        os.replace(beside, path)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(beside)
+        raise
 
 
 def _verdict(told: _fuseline._Verdict) -> Verdict:

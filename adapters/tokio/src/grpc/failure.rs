@@ -61,8 +61,9 @@ fn is_broken(error: &io::Error) -> bool {
     matches!(error.kind(), BrokenPipe | ConnectionAborted | ConnectionReset | UnexpectedEof)
 }
 
-/// `connection refused`: without the system's number, as the middle of a sentence. The second at which a certificate was
-/// looked at is left out too: with it each second would be a reason of its own in tallies.
+/// `connection refused`: without the system's number, as the middle of a sentence. The second at
+/// which a certificate was looked at is left out too: with it each second would be a reason of its
+/// own in tallies.
 fn plain(error: &io::Error) -> String {
     let words = error.to_string();
     if words.contains("InvalidContentType") {

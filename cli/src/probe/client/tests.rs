@@ -4,10 +4,10 @@ use std::sync::{Arc, Mutex};
 use tokio::time::{advance, sleep};
 
 use super::*;
-use crate::policies::Quantile;
 use crate::probe::figures::Counts;
 use crate::probe::position::Fixes;
 use crate::probe::row::Rows;
+use fuseline_report::Quantile;
 
 const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)

@@ -4,9 +4,9 @@ use plotters::element::Circle;
 use plotters::style::{Color, RGBColor};
 
 use crate::plot::{Axes, DRAWN, Label, Line, Plot, Theme, logarithmic, sheet};
-use crate::policies::Quantile;
 use crate::probe::plots::extent::Extent;
 use crate::probe::summary::PAPER;
+use fuseline_report::Quantile;
 
 /// What is told apart, in parts of all answers.
 const STEPS: u64 = 500;

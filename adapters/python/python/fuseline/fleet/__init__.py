@@ -28,7 +28,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeAlias
 
 from fuseline import _fuseline
 from fuseline._errors import Error, ReadError
-from fuseline._judge import Duration
+from fuseline._fuseline import nanoseconds
+from fuseline._judge import Duration, slack
 from fuseline.fleet._summaries import FLATTEN, SUMMARIES
 
 if TYPE_CHECKING:
@@ -127,15 +128,15 @@ def judge(
         ValueError: if only one of tolerance and lateness is given.
         TimeError: if one of them is none.
     """
-    manner, slack = _manner(tolerance, lateness)
+    manner, within = _manner(tolerance, lateness)
     file = os.fspath(path)
     named = (drive or _drive)(file)
     try:
         if open is None:
-            told = _fuseline.survey(file, None, slack)
+            told = _fuseline.survey(file, None, within)
         else:
             with open(file) as stream:
-                told = _fuseline.survey(stream, file, slack)
+                told = _fuseline.survey(stream, file, within)
     except (Error, OSError, ValueError, EOFError) as error:
         said = _said(error, file)
         return [Row(file, named, None, False, manner, digest(), said)]
@@ -223,12 +224,11 @@ def digest() -> str:
 def _manner(
     tolerance: Duration | None, lateness: Duration | None
 ) -> tuple[str, tuple[int, int] | None]:
-    if tolerance is None and lateness is None:
+    given = slack(tolerance, lateness)
+    if given is None:
         return "strict", None
-    if tolerance is None or lateness is None:
-        raise ValueError("tolerance and lateness go together; give both, or none to judge strictly")
-    slack = _fuseline.nanoseconds(tolerance), _fuseline.nanoseconds(lateness)
-    return f"observed, tolerance {slack[0]} ns, lateness {slack[1]} ns", slack
+    nanos = nanoseconds(given[0]), nanoseconds(given[1])
+    return f"observed, tolerance {nanos[0]} ns, lateness {nanos[1]} ns", nanos
 
 
 def _drive(file: str) -> str:

@@ -12,12 +12,12 @@ use std::time::Duration;
 
 use fuseline_traces::{Decision, DropReason, Event, Input};
 
-use crate::policies::{Arrival, Forwarded, Message, Quantile, quantiles};
+use crate::quantile::{Arrival, Quantile, quantiles};
 use crate::reckoning::story::{Call, End, Fate, Seal, Story};
 
 /// What is counted about a source's requests, each with its meaning. Local has a request for each
 /// message that was taken on. The first is the sum of the next six.
-pub(crate) const COLUMNS: [(&str, &str); 8] = [
+pub const COLUMNS: [(&str, &str); 8] = [
     ("requests", "offers admitted (F2); local's are the messages taken on (F1)"),
     ("forwarded", "its result went downstream (F7)"),
     ("discarded", "its result came in time and was held; another source's was forwarded (F7)"),
@@ -37,7 +37,7 @@ pub(crate) const COLUMNS: [(&str, &str); 8] = [
 /// Each request has one fate, so that a row adds up whatever the trace holds. Where an observed
 /// trace lacks a decision's line, the request's own lines tell its fate: a result before its due
 /// instant and its message's end was in time.
-pub(crate) struct Reckoning {
+pub struct Reckoning {
     /// Local's priority, the clouds', then those of strangers that a trace asks or forwards against
     /// the rules.
     priorities: Vec<u64>,
@@ -55,60 +55,104 @@ pub(crate) struct Reckoning {
 
 /// What a trace comes to.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Totals {
+pub struct Totals {
     /// Messages that came: forwarded, missed, refused or open.
-    pub(crate) messages: u64,
-    pub(crate) forwarded: u64,
-    pub(crate) missed: u64,
+    pub messages: u64,
+    /// A result went downstream (F7).
+    pub forwarded: u64,
+    /// Nothing came in time: retired without a result (F6).
+    pub missed: u64,
     /// Opens refused (F1).
-    pub(crate) refused: u64,
+    pub refused: u64,
     /// Open as the trace ends.
-    pub(crate) open: u64,
+    pub open: u64,
     /// Response times over all messages that ended: 50, 90 and 99 % of them do not exceed these.
-    pub(crate) response: [Option<Quantile>; 3],
+    pub response: [Option<Quantile>; 3],
     /// Local first, then the clouds in the order given.
-    pub(crate) rows: Vec<Row>,
+    pub rows: Vec<Row>,
 }
 
 /// What one source's requests came to.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Row {
-    pub(crate) p: u64,
+pub struct Row {
+    /// Its priority; local's is 0.
+    pub p: u64,
     /// As [`COLUMNS`] says.
-    pub(crate) counts: [u64; 8],
+    pub counts: [u64; 8],
     /// Response times of the messages that its results answered.
-    pub(crate) response: [Option<Quantile>; 3],
+    pub response: [Option<Quantile>; 3],
+}
+
+/// One message: when each source's result was there, and what was forwarded.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Message {
+    /// By source; local is 0.
+    pub arrivals: Vec<Arrival>,
+    /// None: missed, or refused for a full window.
+    pub forwarded: Option<Forwarded>,
+}
+
+/// What was put out for a message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Forwarded {
+    /// Whose result, by its place in [`Message::arrivals`].
+    pub source: usize,
+    /// When it left, since the message came.
+    pub response: Duration,
 }
 
 /// What became of a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Ending {
+pub enum Ending {
+    /// A result went downstream.
     Forwarded {
+        /// Whose, by its priority.
         p: u64,
     },
+    /// It was retired without a result.
     Missed,
+    /// It is open as the trace ends.
     Open,
     /// Its open was refused, or there is none.
     Unopened,
 }
 
+impl Message {
+    /// Whether some cloud had no result for it before the deadline, though it was asked and did not
+    /// fail.
+    #[must_use]
+    pub fn is_in_outage(&self, deadline: Duration) -> bool {
+        self.arrivals.iter().skip(1).any(|arrival| match *arrival {
+            Arrival::At(at) | Arrival::After(at) => at >= deadline,
+            Arrival::Failed(_) => false,
+            Arrival::Never => true,
+        })
+    }
+}
+
 impl Row {
-    pub(crate) const fn requests(&self) -> u64 {
+    /// Offers admitted; local's are the messages taken on.
+    #[must_use]
+    pub const fn requests(&self) -> u64 {
         self.counts[0]
     }
 
-    pub(crate) const fn refused(&self) -> u64 {
+    /// Offers refused.
+    #[must_use]
+    pub const fn refused(&self) -> u64 {
         self.counts[7]
     }
 
-    pub(crate) const fn forwarded(&self) -> u64 {
+    /// Results that went downstream.
+    #[must_use]
+    pub const fn forwarded(&self) -> u64 {
         self.counts[Fate::Forwarded as usize]
     }
 }
 
 impl Reckoning {
     /// Nothing yet, for clouds of these priorities.
-    pub(crate) fn new(clouds: impl IntoIterator<Item = u16>, is_observed: bool) -> Self {
+    pub fn new(clouds: impl IntoIterator<Item = u16>, is_observed: bool) -> Self {
         let priorities: Vec<u64> =
             [0].into_iter().chain(clouds.into_iter().map(u64::from)).collect();
         let known = priorities.len();
@@ -124,7 +168,7 @@ impl Reckoning {
     }
 
     /// Takes the next line of the trace.
-    pub(crate) fn event(&mut self, event: &Event) {
+    pub fn event(&mut self, event: &Event) {
         match event {
             Event::Input(input) => self.input(input),
             Event::Decision(decision) => self.decision(decision),
@@ -208,12 +252,14 @@ impl Reckoning {
     }
 
     /// How long after its due instant a timer was served at most; none if none fired.
-    pub(crate) const fn timer_lag(&self) -> Option<Duration> {
+    #[must_use]
+    pub const fn timer_lag(&self) -> Option<Duration> {
         self.timer_lag
     }
 
     /// What became of a timestamp.
-    pub(crate) fn outcome(&self, t: u64) -> Ending {
+    #[must_use]
+    pub fn outcome(&self, t: u64) -> Ending {
         match self.stories.get(&t) {
             Some(Story { end: Some(End { source: Some(source), .. }), .. }) => {
                 Ending::Forwarded { p: self.priorities[*source] }
@@ -226,13 +272,14 @@ impl Reckoning {
 
     /// What became of the request for a timestamp, as its place in [`COLUMNS`]; none if there is
     /// none.
-    pub(crate) fn fate(&self, t: u64, p: u64) -> Option<usize> {
+    #[must_use]
+    pub fn fate(&self, t: u64, p: u64) -> Option<usize> {
         let story = self.stories.get(&t).filter(|story| story.is_message())?;
         Some(story.fate(self.source(p)?, self.is_observed)? as usize)
     }
 
     /// What it all comes to.
-    pub(crate) fn totals(&self) -> Totals {
+    pub fn totals(&self) -> Totals {
         let row = |(source, p): (usize, &u64)| {
             let refused = self.refused.get(source).copied().unwrap_or_default();
             (Row { p: *p, counts: [0, 0, 0, 0, 0, 0, 0, refused], response: [None; 3] }, Vec::new())
@@ -281,10 +328,7 @@ impl Reckoning {
     ///
     /// What was refused nobody got. Where a call was ended before its result, `planned(source,
     /// opened, t)` tells when that would have come since the message's instant, if it can.
-    pub(crate) fn messages(
-        &self,
-        planned: impl Fn(usize, u64, u64) -> Option<Arrival>,
-    ) -> Vec<Message> {
+    pub fn messages(&self, planned: impl Fn(usize, u64, u64) -> Option<Arrival>) -> Vec<Message> {
         let ended = |(t, story): (&u64, &Story)| {
             if story.begin().is_some() && story.end.is_none() {
                 return None;

@@ -10,11 +10,10 @@ use fuseline_traces::{Decision, Event, Header, Input};
 use serde::Serialize;
 use serde::ser::Serializer;
 
-use crate::judging::Manner;
-use crate::policies::Quantile;
+use crate::judging::{AnyViolation, Found, Manner};
+use crate::quantile::Quantile;
+use crate::reasons;
 use crate::reckoning::{Ending, Reckoning, Row, Totals};
-use crate::report::reasons;
-use crate::verdict::{AnyViolation, Found};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;

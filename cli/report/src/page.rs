@@ -4,16 +4,16 @@ use std::io::{self, Write};
 
 use serde::Serialize;
 
+use crate::columns::Told;
+use crate::reasons::{Reason, drops, refusals};
 use crate::reckoning::COLUMNS;
-use crate::report::columns::Told;
-use crate::report::reasons::{Reason, drops, refusals};
 
 /// The text; each mark in it is replaced by what it names.
-const PAGE: &str = include_str!("../../report/page.html");
-/// Made by `report/build`, with the licences of what is in them.
-const SCRIPT: &str = include_str!("../../report/dist/report.js");
-const STYLE: &str = include_str!("../../report/dist/report.css");
-const LICENSES: &str = include_str!("../../report/dist/LICENSES.txt");
+const PAGE: &str = include_str!("../page/page.html");
+/// Made by `npm run build`, with the licences of what is in them.
+const SCRIPT: &str = include_str!("../page/dist/report.js");
+const STYLE: &str = include_str!("../page/dist/report.css");
+const LICENSES: &str = include_str!("../page/dist/LICENSES.txt");
 
 /// All of the page's data; it has no words of its own for these.
 #[derive(Serialize)]

@@ -1,0 +1,192 @@
+//! Either judge, line by line, and what it found.
+
+use fuseline_traces::observed::{self, Disorder, Slack};
+use fuseline_traces::{Event, Header, Judge, Verdict, Violation};
+use serde::Serialize;
+
+/// How a trace is judged: strictly, or as observed within this.
+pub type Manner = Option<Slack>;
+
+/// A judge of one trace.
+#[derive(Debug)]
+pub enum Judging {
+    /// Every decision is the one that the rules demand.
+    Strict(Judge),
+    /// The rules can explain each timestamp.
+    Observed(observed::Judge),
+}
+
+/// What one of the judges found.
+#[derive(Clone, Debug, Serialize)]
+#[serde(untagged)]
+pub enum Found {
+    /// The strict judge.
+    Strict(Verdict),
+    /// That of observed traces.
+    Observed(observed::Verdict),
+}
+
+/// A verdict without its violations.
+#[derive(Clone, Copy, Debug)]
+pub struct Summary<'a> {
+    /// The trace's name.
+    pub file: &'a str,
+    /// Whether the rules explain all of it.
+    pub conforms: bool,
+    /// Timestamps judged.
+    pub judged: u64,
+    /// Lines, the header's too.
+    pub lines: u64,
+    /// All violations, those that are not told too.
+    pub violations: u64,
+}
+
+/// One violation of either judge.
+#[derive(Clone, Copy, Debug)]
+pub struct AnyViolation<'a> {
+    /// From 1.
+    pub line: u64,
+    /// The timestamp that it is about.
+    pub t: Option<u64>,
+    /// The rule's identifier and its sentence.
+    pub rule: (&'static str, &'static str),
+    /// What was found.
+    pub found: &'a str,
+    /// What the rules demand or allow.
+    pub expected: &'a str,
+    /// Of an observed trace: by how much it came too late, in nanoseconds.
+    pub late: Option<u64>,
+    /// The last lines about the timestamp.
+    pub story: &'a [String],
+}
+
+impl Judging {
+    /// A judge of the trace `name`.
+    #[must_use]
+    pub fn new(manner: Manner, name: &str, header: &Header) -> Self {
+        match manner {
+            None => Self::Strict(Judge::new(name, header)),
+            Some(slack) => Self::Observed(observed::Judge::new(name, header, slack)),
+        }
+    }
+
+    /// Judges the next line.
+    ///
+    /// # Errors
+    /// If an observed trace is further out of order than its tolerance.
+    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), Disorder> {
+        match self {
+            Self::Strict(judge) => judge.line(line, event),
+            Self::Observed(judge) => judge.line(line, event)?,
+        }
+        Ok(())
+    }
+
+    /// The violations found so far, without the first `told` of them.
+    #[must_use]
+    pub fn since(&self, told: usize) -> Vec<AnyViolation<'_>> {
+        match self {
+            Self::Strict(judge) => {
+                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
+            }
+            Self::Observed(judge) => {
+                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
+            }
+        }
+    }
+
+    /// The verdict on the whole: what is not there is missing. Violations stand by their lines.
+    #[must_use]
+    pub fn finish(self) -> Found {
+        match self {
+            Self::Strict(judge) => Found::Strict(judge.finish()),
+            Self::Observed(judge) => Found::observed(judge.finish()),
+        }
+    }
+
+    /// The verdict on a trace that may go on, or was cut short: what is not there may still have come. Violations stand as
+    /// they were found. Also whether decisions of the last input were missing, which are not judged.
+    #[must_use]
+    pub fn finish_early(self) -> (Found, bool) {
+        match self {
+            Self::Strict(judge) => {
+                let (verdict, is_cut) = without_last(judge);
+                (Found::Strict(verdict), is_cut)
+            }
+            Self::Observed(judge) => (Found::Observed(judge.finish_early()), false),
+        }
+    }
+}
+
+/// The verdict without decisions that the last input still lacks, and whether there are any.
+fn without_last(judge: Judge) -> (Verdict, bool) {
+    let so_far = judge.so_far();
+    let (conforms, known, more) = (so_far.conforms, so_far.violations.len(), so_far.more);
+    let mut verdict = judge.finish();
+    let is_cut = verdict.violations.len() as u64 + verdict.more > known as u64 + more;
+    if is_cut {
+        verdict.violations.truncate(known);
+        (verdict.more, verdict.conforms) = (more, conforms);
+    }
+    (verdict, is_cut)
+}
+
+impl Found {
+    fn observed(mut verdict: observed::Verdict) -> Self {
+        verdict.violations.sort_by_key(|violation| violation.line);
+        Self::Observed(verdict)
+    }
+
+    /// The verdict in short.
+    #[must_use]
+    pub const fn summary(&self) -> Summary<'_> {
+        match self {
+            Self::Strict(Verdict { file, conforms, judged, lines, violations, more }) => Summary {
+                file: file.as_str(),
+                conforms: *conforms,
+                judged: *judged,
+                lines: *lines,
+                violations: violations.len() as u64 + *more,
+            },
+            Self::Observed(observed::Verdict {
+                file,
+                conforms,
+                judged,
+                lines,
+                violations,
+                more,
+            }) => Summary {
+                file: file.as_str(),
+                conforms: *conforms,
+                judged: *judged,
+                lines: *lines,
+                violations: violations.len() as u64 + *more,
+            },
+        }
+    }
+
+    /// The violations that are told.
+    #[must_use]
+    pub fn violations(&self) -> Vec<AnyViolation<'_>> {
+        match self {
+            Self::Strict(verdict) => verdict.violations.iter().map(AnyViolation::from).collect(),
+            Self::Observed(verdict) => verdict.violations.iter().map(AnyViolation::from).collect(),
+        }
+    }
+}
+
+impl<'a> From<&'a Violation> for AnyViolation<'a> {
+    fn from(violation: &'a Violation) -> Self {
+        let Violation { line, t, rule, found, expected, story } = violation;
+        let rule = (rule.id(), rule.sentence());
+        Self { line: *line, t: *t, rule, found, expected, late: None, story }
+    }
+}
+
+impl<'a> From<&'a observed::Violation> for AnyViolation<'a> {
+    fn from(violation: &'a observed::Violation) -> Self {
+        let observed::Violation { line, t, rule, found, expected, late, story } = violation;
+        let rule = (rule.id(), rule.sentence());
+        Self { line: *line, t: Some(*t), rule, found, expected, late: *late, story }
+    }
+}

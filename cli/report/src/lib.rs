@@ -1,0 +1,14 @@
+#![doc = include_str!("../README.md")]
+
+mod columns;
+mod judging;
+mod page;
+mod quantile;
+mod reasons;
+mod reckoning;
+mod sheet;
+
+pub use judging::{AnyViolation, Found, Judging, Manner, Summary};
+pub use quantile::{Arrival, PERCENT, Quantile, quantiles};
+pub use reckoning::{COLUMNS, Ending, Forwarded, Message, Reckoning, Row, Totals};
+pub use sheet::{MOST_EVENTS, Page, PageError, Sheet};

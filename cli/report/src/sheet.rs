@@ -1,0 +1,108 @@
+//! The page: the traces that it shows, each judged as it is read.
+
+use std::io::{self, Write};
+
+use fuseline_traces::observed::Disorder;
+use fuseline_traces::{Event, Header};
+use thiserror::Error;
+
+use crate::columns::{Columns, Told};
+use crate::judging::{Found, Judging, Manner};
+use crate::page::{self, Data};
+
+/// How many events a page holds; a browser takes no text much longer than theirs.
+pub const MOST_EVENTS: usize = 10_000_000;
+
+/// A page about traces.
+pub struct Page {
+    told: Vec<Told>,
+    /// How many events more it can hold.
+    room: usize,
+}
+
+/// One trace while it is read. If it is dropped, the page does not show it.
+pub struct Sheet<'a> {
+    page: &'a mut Page,
+    manner: Manner,
+    name: String,
+    header: Header,
+    judging: Judging,
+    columns: Columns,
+    room: usize,
+}
+
+/// Why a trace cannot be shown.
+#[derive(Debug, Error)]
+pub enum PageError {
+    /// The page is full.
+    #[error("{file}: a page holds 10,000,000 events, and there are more; cut the trace")]
+    TooLong {
+        /// The trace.
+        file: String,
+    },
+    /// It cannot be judged as observed.
+    #[error(transparent)]
+    Disorder(#[from] Disorder),
+}
+
+impl Default for Page {
+    fn default() -> Self {
+        Self { told: Vec::new(), room: MOST_EVENTS }
+    }
+}
+
+impl Page {
+    /// Begins a trace, which is called `name`.
+    pub fn begin(&mut self, manner: Manner, name: &str, header: &Header) -> Sheet<'_> {
+        Sheet {
+            room: self.room,
+            page: self,
+            manner,
+            name: name.to_owned(),
+            header: header.clone(),
+            judging: Judging::new(manner, name, header),
+            columns: Columns::new(header, manner.is_some()),
+        }
+    }
+
+    /// Writes it: HTML in UTF-8, whole.
+    ///
+    /// # Errors
+    /// If `out` cannot be written to.
+    pub fn write(&self, out: &mut impl Write) -> io::Result<()> {
+        page::write(out, &Data::new(&self.told))
+    }
+}
+
+impl Sheet<'_> {
+    /// Takes the next event, with its line.
+    ///
+    /// # Errors
+    /// If the page is full, or an observed trace is further out of order than its tolerance.
+    pub fn event(&mut self, line: u64, event: Event) -> Result<(), PageError> {
+        let too_long = || PageError::TooLong { file: self.name.clone() };
+        self.room = self.room.checked_sub(1).ok_or_else(too_long)?;
+        self.judging.line(line, &event)?;
+        self.columns.push(event);
+        Ok(())
+    }
+
+    /// Judges it as a whole and puts it on the page; see [`Judging::finish`].
+    #[must_use = "whether it conforms"]
+    pub fn finish(self) -> Found {
+        self.end(|judging| (judging.finish(), false)).0
+    }
+
+    /// The same for a trace that may go on, or was cut short; see [`Judging::finish_early`].
+    #[must_use = "whether it conforms"]
+    pub fn finish_early(self) -> (Found, bool) {
+        self.end(Judging::finish_early)
+    }
+
+    fn end(self, finish: impl FnOnce(Judging) -> (Found, bool)) -> (Found, bool) {
+        let (found, is_cut) = finish(self.judging);
+        self.page.told.push(self.columns.told(&self.header, self.manner, &found));
+        self.page.room = self.room;
+        (found, is_cut)
+    }
+}

@@ -1,0 +1,95 @@
+//! `fuseline report`: traces and what the judge says of them, as one page for a browser.
+
+use std::io::{BufReader, Write};
+use std::path::{Path, PathBuf};
+
+use fuseline_report::{Found, Manner, Page, PageError};
+use fuseline_unpack::unpack;
+
+use crate::exit::Exit;
+use crate::fault::Fault;
+use crate::input::open;
+use crate::judging::{End, How, next_event, noted, reader};
+use crate::output::Output;
+use crate::sink::Sink;
+use crate::verdict;
+
+#[cfg(test)]
+mod tests;
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+The page is one file that needs no network: a summary by source, the response times, and a timeline
+from the whole run down to what happened to one timestamp and why. Violations stand in it with the
+rule that they break.
+
+Traces are judged as fuseline check does it, strictly or as observed. Exit code 0 if all conform, 1
+if some do not, 2 if one cannot be read; then there is no page.
+
+Examples:
+  fuseline report trace.jsonl
+  fuseline report west.jsonl east.jsonl.gz -o drive.html
+  fuseline report --observed --tolerance 2ms --lateness 5ms node.jsonl -o node.html")]
+pub(crate) struct Args {
+    /// The traces, plain or packed (gzip, zstd, MCAP); - is standard input.
+    #[arg(value_name = "TRACE", required = true)]
+    traces: Vec<PathBuf>,
+    /// The page; - is standard output.
+    #[arg(short, long, value_name = "FILE", default_value = "report.html")]
+    output: PathBuf,
+    #[command(flatten)]
+    how: How,
+}
+
+impl From<PageError> for Fault {
+    fn from(error: PageError) -> Self {
+        Self::own(error)
+    }
+}
+
+/// Judges each trace and writes the page once all are read.
+pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
+    let inputs: Vec<&Path> = args.traces.iter().map(PathBuf::as_path).collect();
+    let output = Output::new(&args.output, &inputs)?;
+    let (mut page, mut exit) = (Page::default(), Exit::Conforms);
+    let mut out: Box<dyn Write> = if output.is_stdout() {
+        Box::new(Sink::new(anstream::stderr()))
+    } else {
+        Box::new(Sink::new(anstream::stdout()))
+    };
+    for path in &args.traces {
+        let found = read_file(&mut page, args.how.manner(), args.how.end(), path)?;
+        verdict::tell_summary(&found.summary(), &mut out).map_err(Fault::Output)?;
+        exit = exit.max(verdict::exit(&found));
+    }
+    write(&output, &page)?;
+    Ok(exit)
+}
+
+/// Makes the page of one trace, judged strictly.
+pub(crate) fn of(trace: &Path, output: &Path) -> Result<(), Fault> {
+    let output = Output::new(output, &[trace])?;
+    let mut page = Page::default();
+    read_file(&mut page, None, End::Whole, trace)?;
+    write(&output, &page)
+}
+
+fn write(output: &Output, page: &Page) -> Result<(), Fault> {
+    output.write(|mut out| page.write(&mut out).map_err(Fault::Output))
+}
+
+/// Reads and judges one trace, and puts it on the page.
+fn read_file(page: &mut Page, manner: Manner, end: End, path: &Path) -> Result<Found, Fault> {
+    let (name, file) = open(path)?;
+    let trace = unpack(BufReader::new(file))
+        .map_err(|source| Fault::Open { name: name.clone(), source })?;
+    let mut reader = reader(manner, &name, trace)?;
+    let mut sheet = page.begin(manner, &name, reader.header());
+    while let Some(event) = next_event(&mut reader, end)? {
+        sheet.event(reader.line(), event)?;
+    }
+    Ok(match end {
+        End::Whole => sheet.finish(),
+        End::Early => noted(sheet.finish_early()),
+    })
+}
