@@ -2,18 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::time::Duration;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use fuseline_tokio::Tally;
 
-use crate::fleet::{Fate, outputs};
-use crate::gauges::{Lateness, Overrun, Taken};
+use crate::fleet::{Fate, Late, outputs};
+use crate::gauges::{Lateness, Taken};
 use crate::spell::Spell;
 use crate::strike::Harm;
-
-/// How much later than the machine's own lateness something may be: the loop's turn.
-const TURN: Duration = Duration::from_millis(2);
 
 /// A line below the header and no other.
 const STYLE: TableStyle =
@@ -47,26 +43,21 @@ pub(crate) fn checks(
     messages: u64,
     course: &Course,
     fates: &[Result<Fate, String>],
+    late: &Late,
     lateness: &Lateness,
 ) -> Vec<Check> {
     let ended: Vec<&Fate> = fates.iter().flatten().collect();
     let each = |found: &dyn Fn(&Fate) -> Vec<String>| ended.iter().flat_map(|f| found(f)).collect();
-    let late = |what: &str, fate: &Fate, of: &[Overrun]| {
-        let beyond = of.iter().filter(|over| over.by > TURN + lateness.allows(**over));
-        let told = |over: &Overrun| {
-            let (by, allowed) = (over.by, lateness.allows(*over));
-            format!("operator {}: {what} by {by:?}, the machine by {allowed:?}", fate.number)
-        };
-        beyond.map(told).collect::<Vec<_>>()
-    };
     let answered: u64 = ended.iter().flat_map(|fate| fate.seen.answers.values()).sum();
     let mut once: Vec<String> = each(&|fate| fate.seen.wrong.1.clone());
     once.extend((answered != messages).then(|| format!("{answered} of {messages} are answered")));
+    let mut none_late = late.outputs.beyond(lateness);
+    none_late.extend(mostly_late(&ended));
     let found = [
         ("everything ends", fates.iter().filter_map(|fate| fate.as_ref().err().cloned()).collect()),
         ("answered once", once),
-        ("none late", each(&|fate| late("an output is late", fate, &fate.seen.late))),
-        ("aborted", each(&|fate| late("a call is aborted late", fate, &fate.outlived))),
+        ("none late", none_late),
+        ("aborted", late.calls.beyond(lateness)),
         ("the rules decide", each(&|fate| by_the_rules(fate))),
         ("one account", each(&|fate| one_account(fate))),
         ("each with its reason", each(&|fate| reasons(&fate.tally))),
@@ -76,6 +67,13 @@ pub(crate) fn checks(
         ("nothing is left", course.left()),
     ];
     found.into_iter().map(|(name, found)| Check { name, found }).collect()
+}
+
+/// Whether half of what timers decided is long after the deadline.
+fn mostly_late(ended: &[&Fate]) -> Option<String> {
+    let after: u64 = ended.iter().map(|fate| fate.seen.after).sum();
+    let long: u64 = ended.iter().map(|fate| fate.seen.long_after).sum();
+    (long * 2 > after).then(|| format!("{long} of {after} outputs are long after the deadline"))
 }
 
 /// What the judge found in the trace, and whether all messages are in it.
@@ -128,7 +126,7 @@ impl Course {
             if harm.breaks_calls() && spell.failed + spell.timed_out == 0 {
                 found.push(format!("{name}: no call fails, {spell:?}"));
             }
-            if harm.refuses() && spell.failed < spell.timed_out {
+            if harm.is_told() && spell.failed == 0 {
                 found.push(format!("{name}: calls wait, {spell:?}"));
             }
         }

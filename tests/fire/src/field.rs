@@ -37,7 +37,7 @@ impl Field {
         let clock = std::env::var_os("CLOCK_OFFSET").ok_or("it is started by .ci/fire")?;
         for rule in [
             "add table inet chaos",
-            "add chain inet chaos out { type filter hook output priority 0; }",
+            "add chain inet chaos arrives { type filter hook input priority 0; }",
         ] {
             run("nft", rule)?;
         }
@@ -108,7 +108,9 @@ impl Field {
         match strike.harm {
             Harm::Kill => self.clouds[cloud] = self.start(cloud, "good")?,
             Harm::Stop => self.signal(cloud, Signal::CONT)?,
-            Harm::Reset | Harm::BlackHole | Harm::Loss => run("nft", "flush chain inet chaos out")?,
+            Harm::Reset | Harm::BlackHole | Harm::Loss => {
+                run("nft", "flush chain inet chaos arrives")?;
+            }
             Harm::Slow => run("tc", "qdisc del dev lo root")?,
             Harm::Latency | Harm::Step => self.tell(cloud, "0"),
             Harm::Dns => resolve(self.clouds.len(), None)?,
@@ -188,8 +190,8 @@ fn port(cloud: usize) -> u16 {
 
 /// What happens to packets to and from a port.
 fn nft(port: u16, verdict: &str) -> Result<(), Error> {
-    run("nft", &format!("add rule inet chaos out tcp dport {port} {verdict}"))?;
-    run("nft", &format!("add rule inet chaos out tcp sport {port} {verdict}"))
+    run("nft", &format!("add rule inet chaos arrives tcp dport {port} {verdict}"))?;
+    run("nft", &format!("add rule inet chaos arrives tcp sport {port} {verdict}"))
 }
 
 fn run(tool: &str, words: &str) -> Result<(), Error> {

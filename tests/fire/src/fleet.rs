@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use fuseline_tokio::{
@@ -13,17 +13,26 @@ use fuseline_tokio::{
 };
 use fuseline_traces::judge;
 use tokio::task::JoinHandle;
-use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout_at};
 
 use crate::field::Field;
-use crate::gauges::Overrun;
+use crate::gauges::Overruns;
 use crate::vehicle::{Answer, DEADLINE, Vehicle, name};
 
-/// How long an operator may take to end once its camera has.
+/// How long operators may take to end once all cameras have.
 const ENDS: Duration = Duration::from_secs(30);
+
+/// An output that is so much later than its deadline is long after it.
+const LONG: Duration = Duration::from_millis(25);
 
 /// How many wrong items of an operator are told.
 const TOLD: usize = 3;
+
+/// What was over after its deadline.
+pub(crate) struct Late {
+    pub(crate) outputs: Arc<Overruns>,
+    pub(crate) calls: Arc<Overruns>,
+}
 
 /// All operators.
 pub(crate) struct Fleet {
@@ -44,7 +53,6 @@ struct Vessel {
     trace: PathBuf,
     camera: JoinHandle<()>,
     reader: JoinHandle<Seen>,
-    outlived: Arc<Mutex<Vec<Overrun>>>,
 }
 
 /// What a reader saw.
@@ -54,8 +62,9 @@ pub(crate) struct Seen {
     pub(crate) answers: BTreeMap<String, u64>,
     /// Items that are missed, refused, another's or there twice: how many, and the first in words.
     pub(crate) wrong: (u64, Vec<String>),
-    /// Items that were decided after the deadline.
-    pub(crate) late: Vec<Overrun>,
+    /// Items decided after the deadline, as those are that a timer decides, and long after.
+    pub(crate) after: u64,
+    pub(crate) long_after: u64,
     pub(crate) longest: Duration,
 }
 
@@ -63,8 +72,6 @@ pub(crate) struct Seen {
 pub(crate) struct Fate {
     pub(crate) number: u64,
     pub(crate) seen: Seen,
-    /// Calls that lived on after their deadlines.
-    pub(crate) outlived: Vec<Overrun>,
     pub(crate) tally: Tally,
     /// Messages that the judge found in the trace.
     pub(crate) judged: u64,
@@ -83,6 +90,7 @@ impl Fleet {
         each: u64,
         rate: u32,
         folder: &Path,
+        late: &Late,
     ) -> Result<Self, Error> {
         let read = Arc::default();
         let every = Duration::from_secs(1) / rate;
@@ -92,11 +100,10 @@ impl Fleet {
             let clouds = [lower, (lower + 1) % field.len()];
             let connected =
                 [field.remote(clouds[0])?.connect()?, field.remote(clouds[1])?.connect()?];
-            let outlived = Arc::default();
             let vehicle = Vehicle {
                 number: number.into(),
                 clouds: std::array::from_fn(|place| (clouds[place], connected[place].clone())),
-                outlived: Arc::clone(&outlived),
+                outlived: Arc::clone(&late.calls),
             };
             let trace = folder.join(format!("{number}.jsonl"));
             let recorded = Trace { path: trace.clone(), recording: Recording::default() };
@@ -104,9 +111,11 @@ impl Fleet {
             let config = Config { trace: Some(recorded), ..Config::default() };
             let (running, output) = spawn(vehicle, config, frames)?;
             let camera = tokio::spawn(film(writer, each, every, every * number / operators));
-            let reader = tokio::spawn(see(output, number.into(), each, Arc::clone(&read)));
+            let reader =
+                see(output, number.into(), each, Arc::clone(&read), Arc::clone(&late.outputs));
+            let reader = tokio::spawn(reader);
             let number = number.into();
-            vessels.push(Vessel { number, clouds, running, trace, camera, reader, outlived });
+            vessels.push(Vessel { number, clouds, running, trace, camera, reader });
         }
         Ok(Self { vessels, read, messages: each * u64::from(operators), rate: rate * operators })
     }
@@ -148,14 +157,16 @@ impl Fleet {
 
     /// Waits for all ends and has the traces judged. What an operator that does not end leaves
     /// behind is in its place.
-    pub(crate) async fn land(self) -> Result<Vec<Result<Fate, String>>, Error> {
-        let mut fates = Vec::new();
+    pub(crate) async fn land(mut self) -> Result<Vec<Result<Fate, String>>, Error> {
+        for vessel in &mut self.vessels {
+            (&mut vessel.camera).await?;
+        }
+        let (mut fates, until) = (Vec::new(), Instant::now() + ENDS);
         for vessel in self.vessels {
-            vessel.camera.await?;
             let (number, tally) = (vessel.number, vessel.running.tally());
             let ended =
                 async { Ok::<_, Error>((vessel.reader.await?, vessel.running.join().await?)) };
-            let Ok(ended) = timeout(ENDS, ended).await else {
+            let Ok(ended) = timeout_at(until, ended).await else {
                 fates.push(Err(format!("operator {number} does not end: {tally:?}")));
                 continue;
             };
@@ -175,11 +186,9 @@ impl Fleet {
             };
             let (verdict, trace_bytes) = tokio::task::spawn_blocking(judged).await??;
             let finding = verdict.violations.first().map(|finding| format!("{finding:?}"));
-            let outlived = vessel.outlived.lock().unwrap_or_else(PoisonError::into_inner).clone();
             fates.push(Ok(Fate {
                 number,
                 seen,
-                outlived,
                 tally,
                 judged: verdict.judged,
                 trace_lines: verdict.lines,
@@ -210,7 +219,13 @@ async fn film(mut writer: Writer<u64>, messages: u64, every: Duration, offset: D
 }
 
 /// Reads items to their end.
-async fn see(mut output: Items<Answer>, number: u64, messages: u64, read: Arc<AtomicU64>) -> Seen {
+async fn see(
+    mut output: Items<Answer>,
+    number: u64,
+    messages: u64,
+    read: Arc<AtomicU64>,
+    late_outputs: Arc<Overruns>,
+) -> Seen {
     let mut seen = Seen::default();
     let mut times = vec![0_u8; usize::try_from(messages).unwrap_or(0)];
     while let Some(item) = output.read().await {
@@ -231,7 +246,11 @@ async fn see(mut output: Items<Answer>, number: u64, messages: u64, read: Arc<At
         let took = item.took();
         seen.longest = seen.longest.max(took);
         let late = took.checked_sub(DEADLINE).filter(|late| !late.is_zero());
-        seen.late.extend(late.map(Overrun::now));
+        if let Some(by) = late {
+            late_outputs.note(by);
+            seen.after += 1;
+            seen.long_after += u64::from(by > LONG);
+        }
     }
     seen
 }

@@ -42,22 +42,54 @@ impl Taken {
 
 /// Something that was over later than it should have been.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Overrun {
+struct Overrun {
     /// When it was over.
-    pub(crate) at: Instant,
+    at: Instant,
     /// How much too late.
-    pub(crate) by: Duration,
+    by: Duration,
 }
 
-impl Overrun {
-    /// Of what is over now.
-    pub(crate) fn now(by: Duration) -> Self {
-        Self { at: Instant::now(), by }
+/// The greatest overrun of each tenth of a second, of all operators: as many as there are tenths.
+pub(crate) struct Overruns {
+    start: Instant,
+    greatest: Mutex<BTreeMap<u128, Overrun>>,
+}
+
+impl Overruns {
+    /// None yet.
+    pub(crate) fn new() -> Arc<Self> {
+        Arc::new(Self { start: Instant::now(), greatest: Mutex::default() })
+    }
+
+    /// Something is over now, so much too late.
+    pub(crate) fn note(&self, by: Duration) {
+        let at = Instant::now();
+        let mut greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
+        let tenth = (at - self.start).as_millis() / TENTH;
+        let before = greatest.entry(tenth).or_insert(Overrun { at, by });
+        if before.by < by {
+            *before = Overrun { at, by };
+        }
+    }
+
+    /// Those that were greater than an operator's turn and what held the machine up.
+    pub(crate) fn beyond(&self, lateness: &Lateness) -> Vec<String> {
+        let greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
+        let told = greatest.values().map(|over| (over, lateness.allows(*over)));
+        told.filter(|(over, allowed)| over.by > TURN + *allowed)
+            .map(|(over, allowed)| {
+                let at = (over.at - self.start).as_secs_f64();
+                format!("at {at:.1} s by {:?}, the machine by {allowed:?}", over.by)
+            })
+            .collect()
     }
 }
 
+/// How much later than the machine's own lateness something may be: the turn of an operator's loop.
+const TURN: Duration = Duration::from_millis(2);
+
 /// Between two looks at the timer.
-const TURN: Duration = Duration::from_millis(5);
+const LOOK: Duration = Duration::from_millis(5);
 /// Between two looks at the threads, in milliseconds.
 const TENTH: u128 = 100;
 
@@ -85,7 +117,7 @@ impl Lateness {
         tokio::spawn(async move {
             let (mut looked, mut waited) = (Instant::now(), waits());
             loop {
-                let due = Instant::now() + TURN;
+                let due = Instant::now() + LOOK;
                 sleep_until(due).await;
                 let now = Instant::now();
                 measured.note(due, now, |held| held.timer = held.timer.max(now - due));
@@ -102,7 +134,7 @@ impl Lateness {
 
     /// How much later something may be over that was due and over at about these instants: twice
     /// the timer's lateness, and as long as a thread waited for a processor.
-    pub(crate) fn allows(&self, Overrun { at, by }: Overrun) -> Duration {
+    fn allows(&self, Overrun { at, by }: Overrun) -> Duration {
         let tenths = self.tenths.lock().unwrap_or_else(PoisonError::into_inner);
         let last = self.tenth(at) + 3;
         let first = self.tenth(at.checked_sub(by).unwrap_or(self.start)).saturating_sub(2);

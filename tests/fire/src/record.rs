@@ -102,8 +102,8 @@ impl fmt::Display for Soaked {
         let strikes: u64 = self.strikes.values().map(|spell| spell.times).sum();
         write!(
             f,
-            "{} messages of {} operators, {strikes} strikes, {} s, seed {}; the longest output took \
-             {} ms, a timer was {} ms late",
+            "{} messages of {} operators, {strikes} strikes, {} s, seed {}; the longest output \
+             took {} ms, a timer was {} ms late",
             self.messages,
             self.operators,
             self.seconds,

@@ -9,8 +9,8 @@ use tokio::time::{Instant, sleep, sleep_until};
 
 use crate::checks::{Course, checks};
 use crate::field::Field;
-use crate::fleet::{Fate, Fleet};
-use crate::gauges::{Lateness, Taken};
+use crate::fleet::{Fate, Fleet, Late};
+use crate::gauges::{Lateness, Overruns, Taken};
 use crate::record::{self, Soaked};
 use crate::spell::{Done, Spell};
 use crate::strike::{Harm, Strike, schedule};
@@ -56,14 +56,15 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     let mut field = Field::new(folder.path(), CLOUDS)?;
     let lateness = Lateness::start();
     let (start, before) = (Instant::now(), Taken::now()?);
-    let fleet = Fleet::launch(&field, operators, each, rate, folder.path())?;
+    let late = Late { outputs: Overruns::new(), calls: Overruns::new() };
+    let fleet = Fleet::launch(&field, operators, each, rate, folder.path(), &late)?;
     let messages = fleet.messages();
 
     let mut course = run(&mut field, &fleet, seed, start).await?;
     let fates = fleet.land().await?;
     course.left = (before, emptied(before).await?);
     let seconds = start.elapsed().as_secs();
-    let checks = checks(messages, &course, &fates, &lateness);
+    let checks = checks(messages, &course, &fates, &late, &lateness);
     print!("{}", course.table());
     for check in &checks {
         println!("{check}");

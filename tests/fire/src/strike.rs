@@ -64,10 +64,9 @@ impl Harm {
         )
     }
 
-    /// Whether the cloud or its host refuses at once, so that calls fail long before their
-    /// deadline.
-    pub(crate) const fn refuses(self) -> bool {
-        matches!(self, Self::Kill | Self::Reset | Self::Dns | Self::Expired)
+    /// Whether calls are told that the cloud is gone, some of them at least, and do not only wait.
+    pub(crate) const fn is_told(self) -> bool {
+        matches!(self, Self::Kill | Self::Reset | Self::BlackHole | Self::Dns | Self::Expired)
     }
 
     /// Whether calls come to nothing, be it some of them.

@@ -1,6 +1,6 @@
 //! The operator under test: local and two clouds, nothing else configured.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::{Buf, BufMut, BytesMut};
@@ -8,7 +8,7 @@ use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{Call, Error, Local, Operator, Setup};
 use tokio::time::{Instant, sleep};
 
-use crate::gauges::Overrun;
+use crate::gauges::Overruns;
 
 /// How long a cloud may take.
 pub(crate) const DEADLINE: Duration = Duration::from_millis(100);
@@ -34,7 +34,7 @@ pub(crate) struct Vehicle {
     /// Number and connection, the lower first.
     pub(crate) clouds: [(usize, Connection); 2],
     /// Calls that lived on after their deadlines.
-    pub(crate) outlived: Arc<Mutex<Vec<Overrun>>>,
+    pub(crate) outlived: Arc<Overruns>,
 }
 
 /// A cloud's name in tallies and traces.
@@ -90,15 +90,14 @@ impl Operator for Vehicle {
 /// A call's life, which ends by its deadline.
 struct Life {
     ends: Instant,
-    outlived: Arc<Mutex<Vec<Overrun>>>,
+    outlived: Arc<Overruns>,
 }
 
 impl Drop for Life {
     fn drop(&mut self) {
         let by = self.ends.elapsed();
         if !by.is_zero() {
-            let mut outlived = self.outlived.lock().unwrap_or_else(PoisonError::into_inner);
-            outlived.push(Overrun::now(by));
+            self.outlived.note(by);
         }
     }
 }
