@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, available_parallelism};
 use std::time::{Duration, Instant};
 
+use fuseline_tokio::realtime::schedule;
 use fuseline_tokio::{Config, Error, Local, Operator, Setup, Timers, spawn, stream};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_gettime};
@@ -28,11 +29,13 @@ fn main() {
         "{:26}{:>8}{:>8}{:>8}{:>6}{:>8}{:>8}{:>8}",
         "", "p50", "p99", "max", "", "p50", "p99", "max"
     );
-    let ways: [(&str, Run); 4] = [
+    let ways: [(&str, Run); 6] = [
         ("adapter, tokio's timers", || of_adapter(Timers::Tokio)),
         ("adapter, kernel's timers", || of_adapter(Timers::Kernel)),
+        ("the same, SCHED_FIFO", || first(|| of_adapter(Timers::Kernel))),
         ("select! by hand", of_select),
         ("clock_nanosleep", of_sleeping_thread),
+        ("the same, SCHED_FIFO", || first(of_sleeping_thread)),
     ];
     for (name, run) in ways {
         let idle = quantiles(run());
@@ -99,6 +102,15 @@ impl Operator for Forsaken {
             1024;
         Local::futures(1024, |message: Arc<u64>, _| async move { Ok(*message) })
     }
+}
+
+/// On a thread under `SCHED_FIFO`.
+fn first(run: Run) -> Vec<Duration> {
+    let run = move || {
+        schedule(50).unwrap_or_else(|error| panic!("{error}"));
+        run()
+    };
+    thread::spawn(run).join().expect("it does not panic")
 }
 
 fn of_adapter(timers: Timers) -> Vec<Duration> {

@@ -96,17 +96,20 @@ def test_the_command_says_the_same_of_a_trace(command: str, tmp_path: Path) -> N
 def test_a_page_is_the_commands_page_to_the_byte(
     command: str, tmp_path: Path, observed: bool
 ) -> None:
-    traces = [CORPUS[0], BAD[0]]
+    traces = [tmp_path / "good.jsonl", tmp_path / "late.jsonl"]
+    traces[0].write_bytes(GOOD)
+    traces[1].write_bytes(LATE)
     page = tmp_path / "page.html"
-    argv = [command, "report", *traces, "-o", tmp_path / "theirs.html"]
+    argv = [command, "report", *map(str, traces), "-o", str(tmp_path / "theirs.html")]
     slack: dict[str, Any] = {}
     if observed:
         argv += ["--observed", "--tolerance", "3us", "--lateness", "1ms"]
         slack = {"tolerance": 3e-6, "lateness": timedelta(milliseconds=1)}
     done = subprocess.run(argv, capture_output=True, check=False)
-    assert done.returncode == (0 if all(verdict.conforms for verdict in _each(traces, slack)) else 1)
     verdicts = report(*traces, page=page, **slack)
     assert verdicts == _each(traces, slack)
+    assert [verdict.conforms for verdict in verdicts] == [True, observed]
+    assert done.returncode == (0 if observed else 1)
     assert page.read_bytes() == (tmp_path / "theirs.html").read_bytes()
     named = report(BAD[0].read_bytes(), page=page, names=["of <script>"])
     assert named[0].file == "of <script>"
@@ -131,6 +134,17 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert page.read_text() == "before"
     with pytest.raises(OSError):
         report(GOOD, page=tmp_path / "nowhere" / "page.html")
+    # A disk that has no room for it.
+    program = """
+import resource, signal, sys, fuseline
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+fuseline.report(bytes(sys.argv[1], "ascii"), page=sys.argv[2])
+"""
+    argv = [sys.executable, "-c", program, GOOD.decode(), str(page)]
+    done = subprocess.run(argv, capture_output=True, text=True, check=False)
+    assert "OSError: [Errno 27] File too large" in done.stderr
+    assert page.read_text() == "before"
     assert list(tmp_path.iterdir()) == [page]
 
 

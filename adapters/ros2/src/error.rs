@@ -37,6 +37,9 @@ pub enum NodeError {
     /// There is no timer of the kind that was set.
     #[error("no timer to wake the node: {0}; timers:=tokio needs nothing of the system")]
     Timers(std::io::Error),
+    /// Real-time scheduling or locked memory is not granted.
+    #[error("realtime: {0}; realtime:=0 does without")]
+    Realtime(String),
     /// DDS refuses an end of a topic, or the domain.
     #[error("DDS: {0}")]
     Dds(#[from] CreateError),

@@ -40,6 +40,7 @@ pub async fn run(
 ) -> Result<Tally, NodeError> {
     // What is refused is refused before anybody notices the node.
     check(settings)?;
+    realtime(settings.realtime)?;
     let mut engine = engine(settings)?;
     record(&mut engine, settings)?;
     let counting = engine.counts();
@@ -88,6 +89,8 @@ pub async fn run(
         stop,
     };
     let driver = Driver::new(engine, fusion, settings.timers).map_err(NodeError::Timers)?;
+    // The threads of DDS and of the recorder are there already: they stay as they are.
+    schedule(settings.realtime)?;
     info!(
         node = settings.node.full(),
         domain = settings.domain,
@@ -106,6 +109,44 @@ pub async fn run(
     let tally = counting.tally();
     info!(messages = tally.messages, forwarded = tally.forwarded(), missed = tally.missed, "ended");
     Ok(tally)
+}
+
+/// Locks memory, and tries whether a thread gets this priority under `SCHED_FIFO`; nothing of it for 0.
+#[cfg(target_os = "linux")]
+fn realtime(priority: u8) -> Result<(), NodeError> {
+    if priority == 0 {
+        return Ok(());
+    }
+    let tried = std::thread::spawn(move || schedule(priority)).join();
+    tried.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+    fuseline_tokio::realtime::lock_memory().map_err(ungranted)
+}
+
+/// Puts the calling thread under `SCHED_FIFO`, unless the priority is 0.
+#[cfg(target_os = "linux")]
+fn schedule(priority: u8) -> Result<(), NodeError> {
+    match priority {
+        0 => Ok(()),
+        _ => fuseline_tokio::realtime::schedule(priority).map_err(ungranted),
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn ungranted(error: fuseline_tokio::realtime::RealtimeError) -> NodeError {
+    NodeError::Realtime(error.to_string())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn realtime(priority: u8) -> Result<(), NodeError> {
+    match priority {
+        0 => Ok(()),
+        _ => Err(NodeError::Realtime("this system has none".to_owned())),
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn schedule(_: u8) -> Result<(), NodeError> {
+    Ok(())
 }
 
 /// Whether the node could start, as far as that can be told without starting it: whether its

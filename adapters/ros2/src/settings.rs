@@ -54,6 +54,8 @@ pub struct Settings {
     pub commit: Commit,
     /// Whose timers wake the node at a due instant.
     pub timers: Timers,
+    /// The priority under `SCHED_FIFO` of the thread that serves what is due, with memory locked; 0 for neither.
+    pub realtime: u8,
     /// How long a cloud without a deadline of its own may take.
     pub deadline: Duration,
     /// The topic that changes `deadline`, if any.
@@ -249,6 +251,8 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         "Whose timers wake the node at a due instant",
         &[("kernel", Timers::Kernel), ("tokio", Timers::Tokio)],
     )?;
+    let about = "The thread's priority under SCHED_FIFO, with memory locked; 0 for neither";
+    let realtime = r.integer("realtime", 0..=99, 0, about)?;
     let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
     let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;
@@ -276,6 +280,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         window,
         commit,
         timers,
+        realtime: realtime.value,
         deadline,
         deadline_topic: Some(deadline_topic).filter(|topic| !topic.is_empty()),
         deadlines,

@@ -10,6 +10,8 @@ mod operator;
 mod panics;
 #[cfg(feature = "prometheus")]
 mod prometheus;
+#[cfg(target_os = "linux")]
+pub mod realtime;
 mod run;
 mod setup;
 mod stream;

@@ -2,7 +2,8 @@
 
 `Operator` does that within asyncio; `Fusion` is the machine that decides, without a clock or a
 network, for loops of your own. `check`, `check_observed` and `replay` judge what either recorded,
-and `report` shows it on a page. `fuseline.deadline` chooses deadlines, `fuseline.grpc` asks clouds and serves them.
+and `report` shows it on a page. `fuseline.deadline` chooses deadlines, `fuseline.grpc` asks clouds
+and serves them.
 
 The words are those of SPEC.md.
 """

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from html import escape
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from fuseline import _fuseline
@@ -213,9 +213,10 @@ def report(
         raise ValueError("report takes at least one trace")
     if names is not None and len(names) != len(traces):
         raise ValueError(f"there are {len(traces)} traces and {len(names)} names")
-    named = zip(traces, names or [None] * len(traces), strict=True)
-    verdicts, html = _fuseline.report(list(named), slack(tolerance, lateness))
-    _replace(os.fspath(page), html)
+    called: Sequence[str | None] = names or [None] * len(traces)
+    named = list(zip(traces, called, strict=True))
+    verdicts, html = _fuseline.report(named, slack(tolerance, lateness))
+    _replace(Path(page), html)
     return tuple(map(_verdict, verdicts))
 
 
@@ -230,16 +231,15 @@ def slack(
     return tolerance, lateness
 
 
-def _replace(path: str, content: bytes) -> None:
+def _replace(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
-    beside = f"{path}.{os.getpid()}.part"
+    beside = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        with open(beside, "xb") as file:
+        with beside.open("xb") as file:
             file.write(content)
-        os.replace(beside, path)
+        beside.replace(path)
     except BaseException:
-        with suppress(OSError):
-            os.unlink(beside)
+        beside.unlink(missing_ok=True)
         raise
 
 

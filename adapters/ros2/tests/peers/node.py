@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+from pathlib import Path
 
 from graph import until
 
@@ -53,6 +54,18 @@ class Node:
         # One write, for it is read all the time.
         with open(self.offset_file, "r+b", buffering=0) as offset:
             offset.write(f"{seconds:<16}\n".encode())
+
+    def urgent_threads(self):
+        """The real-time priority and the policy of each thread that has one; SCHED_FIFO is 1."""
+        # Fields 40 and 41 of proc_pid_stat(5); the third follows the name in brackets.
+        stats = [stat.read_text() for stat in Path(f"/proc/{self.process.pid}/task").glob("*/stat")]
+        fields = [stat.rpartition(")")[2].split() for stat in stats]
+        return [(int(field[37]), int(field[38])) for field in fields if field[38] != "0"]
+
+    def locked_kib(self):
+        """How much of its memory is locked."""
+        status = Path(f"/proc/{self.process.pid}/status").read_text()
+        return int(status.partition("VmLck:")[2].split()[0])
 
     def until_exit(self, cap=15):
         self.code = self.process.wait(timeout=cap)

@@ -232,6 +232,24 @@ def parameters_are_read_and_set_by_their_services(bench):
     assert node.ends() == 0
 
 
+def a_node_in_real_time_has_one_urgent_thread_and_its_memory_locked_or_says_what_would_grant_it(bench):
+    node = bench.node(parameters(["west"], realtime=20))
+    camera, listener, local = Camera(), Listener(), Model("local")
+    until(lambda: node.process.poll() is not None or camera.output.matched() > 0, "the node is there, or says why not")
+    if node.process.poll() is not None:
+        assert node.until_exit() == 1, f"exit {node.code}"
+        assert "realtime: " in node.log() and "realtime:=0 does without" in node.log(), node.log()
+        print("not granted here:", node.log().strip().splitlines()[-1])
+        return
+    ready(camera, listener, local)
+    assert node.urgent_threads() == [(20, 1)], node.urgent_threads()
+    assert node.locked_kib() > 0
+    stamp, at = camera.ask("local=0.02")
+    listener.until_answered([stamp])
+    check(listener, stamp, at, "local", "F3")
+    assert node.ends() == 0
+
+
 def tools_of_ros_find_the_node_and_its_log(bench):
     nodes = subscribes("ros_discovery_info", ParticipantEntitiesInfo, quality(transient=True))
     logs = subscribes("/rosout", Log, quality(transient=True))

@@ -111,6 +111,7 @@ fn what_is_wrong_with_a_stream_is_told() {
             "output.topic is /input, and so is input.topic; give each a topic of its own",
         ),
         ("commit:=lazy", "commit is \"lazy\"; give eager or patient"),
+        ("realtime:=100", "realtime is 100; give an integer from 0 to 99"),
         ("timers:=mine", "timers is \"mine\"; give kernel or tokio"),
         ("deadline:=0", "deadline is 0.0; give seconds, more than 0 and at most 1e9"),
         ("deadline:=.nan", "deadline is NaN; give seconds, more than 0 and at most 1e9"),
