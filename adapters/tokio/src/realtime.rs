@@ -41,7 +41,9 @@ pub enum RealtimeError {
     #[error("priority {0}: SCHED_FIFO has 1 to {MOST_URGENT}")]
     Priority(u8),
     /// The thread may not have that priority.
-    #[error("SCHED_FIFO {priority}: {source}; grant CAP_SYS_NICE, or raise `ulimit -r` to {priority}")]
+    #[error(
+        "SCHED_FIFO {priority}: {source}; grant CAP_SYS_NICE, or raise `ulimit -r` to {priority}"
+    )]
     Schedule {
         /// What was asked for.
         priority: u8,
@@ -82,8 +84,8 @@ pub fn schedule(priority: u8) -> Result<(), RealtimeError> {
 /// # Errors
 /// If the system does not grant it, or grants so many bytes and no more: the process would end where it needs more.
 pub fn lock_memory() -> Result<(), RealtimeError> {
-    let may_exceed = capabilities(None)
-        .is_ok_and(|granted| granted.effective.contains(CapabilitySet::IPC_LOCK));
+    let may_exceed =
+        capabilities(None).is_ok_and(|granted| granted.effective.contains(CapabilitySet::IPC_LOCK));
     if let Some(limit) = getrlimit(Resource::Memlock).current.filter(|_| !may_exceed) {
         return Err(RealtimeError::Limit(limit));
     }

@@ -32,7 +32,9 @@ fn a_thread_has_the_priority_that_it_asked_for_or_is_told_what_would_grant_it() 
 #[test]
 fn what_is_no_priority_is_refused() {
     for none in [0, 100, 255] {
-        assert!(matches!(schedule(none), Err(RealtimeError::Priority(priority)) if priority == none));
+        assert!(
+            matches!(schedule(none), Err(RealtimeError::Priority(priority)) if priority == none)
+        );
     }
     assert_eq!(scheduling(), (0, 0));
 }

@@ -22,9 +22,6 @@ use crate::vehicle::{Answer, DEADLINE, Vehicle, name};
 /// How long operators may take to end once all cameras have.
 const ENDS: Duration = Duration::from_secs(30);
 
-/// An output that is so much later than its deadline is long after it.
-const LONG: Duration = Duration::from_millis(25);
-
 /// How many wrong items of an operator are told.
 const TOLD: usize = 3;
 
@@ -62,9 +59,6 @@ pub(crate) struct Seen {
     pub(crate) answers: BTreeMap<String, u64>,
     /// Items that are missed, refused, another's or there twice: how many, and the first in words.
     pub(crate) wrong: (u64, Vec<String>),
-    /// Items decided after the deadline, as those are that a timer decides, and long after.
-    pub(crate) after: u64,
-    pub(crate) long_after: u64,
     pub(crate) longest: Duration,
 }
 
@@ -248,8 +242,6 @@ async fn see(
         let late = took.checked_sub(DEADLINE).filter(|late| !late.is_zero());
         if let Some(by) = late {
             late_outputs.note(by);
-            seen.after += 1;
-            seen.long_after += u64::from(by > LONG);
         }
     }
     seen

@@ -87,9 +87,11 @@ pub(crate) fn shown(root: &Path) -> Result<bool, Error> {
         ),
     };
     println!("{soaked}\n{age}");
-    let holds = soaked.broken.is_empty() && soaked.messages >= MESSAGES;
+    soaked.broken.iter().for_each(|check| println!("{check}"));
+    // What is named as older shows nothing, and says so.
+    let holds = because.is_some() || soaked.broken.is_empty() && soaked.messages >= MESSAGES;
     if !holds {
-        println!("{PATH} is of {} messages; broken: {:?}", soaked.messages, soaked.broken);
+        println!("{PATH} is no record of {MESSAGES} messages in which all holds");
     }
     Ok(is_well && holds)
 }
