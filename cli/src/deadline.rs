@@ -266,7 +266,7 @@ impl fmt::Display for Told<'_> {
 }
 
 /// The observations in a file, sorted.
-fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
+pub(crate) fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
     let fault = |line, message| DeadlineError::Row { file: file.to_owned(), line, message };
     let broken = |error: csv::Error| {
         let line = error.position().map_or(1, Position::line);

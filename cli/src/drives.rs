@@ -10,6 +10,8 @@ use thiserror::Error;
 const FILE_BYTES: u64 = 64 << 20;
 /// No round trip is longer than this; larger figures are mistaken units.
 const LONGEST_MS: f64 = 86_400_000.0;
+/// No drive is longer than a year.
+const LONGEST: Duration = Duration::from_secs(365 * 86_400);
 
 macro_rules! built_in {
     ($($name:literal),* $(,)?) => {
@@ -66,7 +68,8 @@ pub(crate) enum DriveError {
     #[error("{name}:{line}: {column} is {found:?}; it must be milliseconds from 0 to a day, or -1")]
     RoundTrip { name: String, line: u64, column: String, found: String },
     #[error(
-        "{name}:{line}: {column} is {found:?}; it must be a number greater than the line before"
+        "{name}:{line}: {column} is {found:?}; it must be a number greater than the line before, \
+         within a year of the first"
     )]
     Time { name: String, line: u64, column: String, found: String },
     #[error("{name}: fewer than two rows; a drive needs at least two")]
@@ -125,7 +128,7 @@ impl Drive {
             let start = *first.get_or_insert(seconds.unwrap_or_default());
             let at = seconds
                 .and_then(|seconds| Duration::try_from_secs_f64(seconds - start).ok())
-                .filter(|at| samples.last().is_none_or(|last| *at > last.at))
+                .filter(|at| *at <= LONGEST && samples.last().is_none_or(|last| *at > last.at))
                 .ok_or_else(|| DriveError::Time {
                     name: owned(),
                     line,
@@ -205,7 +208,8 @@ fn find_network(
         (Some(wanted), found) => found.iter().find(|(_, network)| *network == wanted),
         (None, [only]) => Some(only),
         (None, found) if found.len() > 1 => {
-            let found = found.iter().map(|(_, network)| (*network).to_owned()).collect();
+            let found =
+                found.iter().map(|(_, network)| network.escape_debug().to_string()).collect();
             return Err(DriveError::ManyColumns { name: file.to_owned(), found });
         }
         (None, _) => None,
@@ -214,7 +218,8 @@ fn find_network(
     .ok_or_else(|| DriveError::NoColumn {
         name: file.to_owned(),
         wanted: network.map_or_else(|| "rtt_ms".to_owned(), |network| format!("{network}_rtt_ms")),
-        found: columns.iter().collect::<Vec<_>>().join(", "),
+        // In one line, whatever the columns are called.
+        found: columns.iter().collect::<Vec<_>>().join(", ").escape_debug().to_string(),
     })
 }
 
@@ -344,6 +349,8 @@ mod tests {
             ("sent_ms,rtt_ms\n0,1\n50,NaN\n", "d.csv:3: rtt_ms is \"NaN\""),
             ("sent_ms,rtt_ms\n0,1\n50,86400001\n", "d.csv:3: rtt_ms is \"86400001\""),
             ("sent_ms,rtt_ms\n0,1\n0,1\n", "d.csv:3: sent_ms is \"0\""),
+            ("second,rtt_ms\n0,1\n31536000,1\n31536001,1\n", "d.csv:4: second is \"31536001\""),
+            ("second,rtt_ms\n0,1\n1e19,1\n", "d.csv:3: second is \"1e19\""),
             ("sent_ms,rtt_ms\nx,1\n1,1\n", "d.csv:2: sent_ms is \"x\""),
             ("sent_ms,rtt_ms\n0,1\ninf,1\n", "d.csv:3: sent_ms is \"inf\""),
             ("sent_ms,rtt_ms\n0,1\n2\n", "d.csv: CSV error"),

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod messages;
+pub mod rows;
 
 use std::io::{self, BufRead, BufReader};
 

@@ -6,7 +6,7 @@ use std::io::{self, BufRead, Read};
 
 use fuseline_traces::{Line, ParseError, observed};
 use mcap::McapError;
-use mcap::records::Record;
+use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -17,12 +17,14 @@ pub const TOPIC: &str = "/fuseline/trace";
 
 /// The longest record of a channel of lines, in bytes.
 const RECORD: usize = 256 << 20;
+/// How much is read at once, in bytes: what a record claims to hold takes memory as it comes.
+const PIECE: usize = 64 << 10;
 
 /// Why an MCAP file gives no more lines.
 #[derive(Debug, Error)]
 pub enum MessageError {
     /// The file cannot be read, or is none.
-    #[error("{0}")]
+    #[error("{}", plain(.0))]
     File(#[from] McapError),
     /// The bytes could not be read.
     #[error("{0}")]
@@ -90,12 +92,20 @@ impl<'a, R: Read> Messages<'a, R> {
             let (data, opcode) = match self.reader.next_event().transpose()? {
                 None => return Ok(None),
                 Some(LinearReadEvent::ReadRequest(wanted)) => {
-                    let read = self.inner.read(self.reader.insert(wanted))?;
+                    let read = self.inner.read(self.reader.insert(wanted.min(PIECE)))?;
                     self.reader.notify_read(read);
                     continue;
                 }
                 Some(LinearReadEvent::Record { data, opcode }) => (data, opcode),
             };
+            // Others are not asked for, and the library takes the memory that a text in them claims
+            // to need.
+            if !matches!(opcode, op::CHANNEL | op::MESSAGE) {
+                continue;
+            }
+            if opcode == op::CHANNEL && !is_whole(data) {
+                return Err(McapError::UnexpectedEof.into());
+            }
             match mcap::parse_record(opcode, data)? {
                 Record::Channel(channel) if channel.topic == self.topic => {
                     if channel.message_encoding != "json" {
@@ -174,6 +184,33 @@ fn io_error(error: MessageError) -> io::Error {
         }
         error => io::Error::new(io::ErrorKind::InvalidData, error),
     }
+}
+
+/// The library's words, which may quote the file, as one line that no terminal takes for a command.
+fn plain(error: &McapError) -> String {
+    error.to_string().replace(char::is_control, "\u{fffd}")
+}
+
+/// Whether the texts of a channel's record end within it: topic, encoding, and pairs of metadata.
+fn is_whole(channel: &[u8]) -> bool {
+    // The channel's and its schema's number come before.
+    let texts = channel.get(4..).and_then(after_text).and_then(after_text);
+    let Some((len, rest)) = texts.and_then(|rest| rest.split_first_chunk::<4>()) else {
+        return false;
+    };
+    // What a later version of the format adds may follow.
+    let pairs = usize::try_from(u32::from_le_bytes(*len)).ok().and_then(|len| rest.get(..len));
+    let Some(mut pairs) = pairs else { return false };
+    while let Some(rest) = after_text(pairs) {
+        pairs = rest;
+    }
+    pairs.is_empty()
+}
+
+/// What follows a text: its length in 4 bytes, then itself.
+fn after_text(bytes: &[u8]) -> Option<&[u8]> {
+    let (len, rest) = bytes.split_first_chunk::<4>()?;
+    rest.get(usize::try_from(u32::from_le_bytes(*len)).ok()?..)
 }
 
 /// A message with its log time as `at`, if it has none.

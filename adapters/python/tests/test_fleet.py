@@ -241,6 +241,8 @@ def test_the_summaries_say_what_is_in_the_rows(logs: Path, rows: Path) -> None:
     assert answers["operators"] == [{"operator": "perception", **it} for it in answers["sources"]]
     assert answers["worst"][0]["drive"] == "drive-4"
     assert answers["worst"][1]["drive"] == "drive-5"
+    wrong = {row.drive for row in own if not row.conforms or row.missed or row.refused}
+    assert {it["drive"] for it in answers["worst"]} == wrong < {row.drive for row in own}
     assert sum(it["drives"] for it in answers["on_board"]) == 5
     assert sum(it["violations"] for it in answers["rules"]) == len(every) - len(own)
     (unread,) = answers["unreadable"]

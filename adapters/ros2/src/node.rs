@@ -119,7 +119,7 @@ fn realtime(priority: u8) -> Result<(), NodeError> {
     }
     let tried = std::thread::spawn(move || schedule(priority)).join();
     tried.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-    fuseline_tokio::realtime::lock_memory().map_err(ungranted)
+    fuseline_tokio::realtime::lock_memory().map_err(|error| ungranted(&error))
 }
 
 /// Puts the calling thread under `SCHED_FIFO`, unless the priority is 0.
@@ -127,12 +127,12 @@ fn realtime(priority: u8) -> Result<(), NodeError> {
 fn schedule(priority: u8) -> Result<(), NodeError> {
     match priority {
         0 => Ok(()),
-        _ => fuseline_tokio::realtime::schedule(priority).map_err(ungranted),
+        _ => fuseline_tokio::realtime::schedule(priority).map_err(|error| ungranted(&error)),
     }
 }
 
 #[cfg(target_os = "linux")]
-fn ungranted(error: fuseline_tokio::realtime::RealtimeError) -> NodeError {
+fn ungranted(error: &fuseline_tokio::realtime::RealtimeError) -> NodeError {
     NodeError::Realtime(error.to_string())
 }
 

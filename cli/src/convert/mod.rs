@@ -7,9 +7,11 @@ mod recorded;
 use std::io::{self, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use fuseline_traces::{Decision, Event, Events, Header, Input};
+use fuseline_unpack::rows::{self, Columns, Unit};
 
-use crate::convert::csv::{Columns, Unit};
+use crate::convert::csv::Table;
 use crate::convert::recorded::{ConvertError, Recorded};
 use crate::exit::Exit;
 use crate::fault::Fault;
@@ -40,13 +42,13 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     header: Option<PathBuf>,
     /// Where a key of the trace stands in a CSV file, such as at=stamp.
-    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = csv::column)]
+    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = rows::column)]
     column: Vec<(&'static str, String)>,
     /// What the file calls an event, such as response=result.
-    #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = csv::event)]
+    #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = rows::event)]
     event: Vec<(String, &'static str)>,
     /// The unit of a CSV file's instants and durations; decimals are read exactly.
-    #[arg(long, default_value = "ns")]
+    #[arg(long, default_value = "ns", value_parser = unit())]
     unit: Unit,
     /// The MCAP file's topic.
     #[arg(long, default_value = fuseline_unpack::TOPIC)]
@@ -81,7 +83,7 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let mut recorded: Box<dyn Recorded> = match format {
         Format::Csv => {
             let columns = Columns::new(&args.column, &args.event, args.unit);
-            Box::new(csv::Rows::new(&name, file, columns)?)
+            Box::new(Table::new(&name, file, columns)?)
         }
         Format::Mcap => Box::new(mcap::Recording::new(&name, file, &args.topic)),
     };
@@ -101,6 +103,12 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
         write(&mut BufWriter::new(io::stdout().lock()))?;
     }
     Ok(Exit::Conforms)
+}
+
+fn unit() -> impl TypedValueParser<Value = Unit> {
+    let named = |name: String| Unit::ALL.into_iter().find(|unit| unit.as_str() == name);
+    PossibleValuesParser::new(Unit::ALL.map(Unit::as_str))
+        .try_map(move |name| named(name).ok_or("no such unit"))
 }
 
 fn format_of(path: &Path) -> Option<Format> {

@@ -1,6 +1,6 @@
 //! Values, read from YAML as rcl reads them.
 
-use std::fmt;
+use std::fmt::{self, Write as _};
 
 use crate::parameters::Flaw;
 use crate::parameters::yaml::{Content, Mark, Node};
@@ -62,13 +62,44 @@ impl fmt::Display for Value {
         match self {
             Self::Bool(bool) => bool.fmt(f),
             Self::Integer(integer) => integer.fmt(f),
-            Self::Double(double) => write!(f, "{double:?}"),
-            Self::String(string) => write!(f, "{string:?}"),
+            Self::Double(double) => write!(f, "{:?}", Shown(double)),
+            Self::String(string) => write!(f, "{:?}", Shown(string)),
             Self::Bools(list) => write!(f, "{list:?}"),
             Self::Integers(list) => write!(f, "{list:?}"),
-            Self::Doubles(list) => write!(f, "{list:?}"),
-            Self::Strings(list) => write!(f, "{list:?}"),
+            Self::Doubles(list) => f.debug_list().entries(list.iter().map(Shown)).finish(),
+            Self::Strings(list) => f.debug_list().entries(list.iter().map(Shown)).finish(),
         }
+    }
+}
+
+/// A value as YAML, in one line of printable characters.
+struct Shown<'a, T>(&'a T);
+
+impl fmt::Debug for Shown<'_, f64> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self.0 {
+            number if number.is_nan() => f.write_str(".nan"),
+            f64::INFINITY => f.write_str(".inf"),
+            f64::NEG_INFINITY => f.write_str("-.inf"),
+            number => write!(f, "{number:?}"),
+        }
+    }
+}
+
+impl fmt::Debug for Shown<'_, String> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_char('"')?;
+        for c in self.0.chars() {
+            let is_printable = c == '\'' || c.escape_debug().len() == 1;
+            match c {
+                '\n' => f.write_str("\\n")?,
+                '\t' => f.write_str("\\t")?,
+                '"' | '\\' => write!(f, "\\{c}")?,
+                c if is_printable => f.write_char(c)?,
+                c => write!(f, "\\U{:08x}", u32::from(c))?,
+            }
+        }
+        f.write_char('"')
     }
 }
 
@@ -184,6 +215,12 @@ mod tests {
             (Value::Integer(-1), "-1"),
             (Value::Double(1.0), "1.0"),
             (Value::String("a \"b\"".to_owned()), r#""a \"b\"""#),
+            (
+                Value::String("it's\n\u{1b}\u{200b}é\\".to_owned()),
+                r#""it's\n\U0000001b\U0000200bé\\""#,
+            ),
+            (Value::Double(f64::NAN), ".nan"),
+            (Value::Doubles(vec![f64::INFINITY, f64::NEG_INFINITY]), "[.inf, -.inf]"),
             (Value::Strings(vec!["a".to_owned(), "b".to_owned()]), "[\"a\", \"b\"]"),
             (Value::Doubles(vec![0.5, 2.0]), "[0.5, 2.0]"),
             (Value::Bools(vec![true]), "[true]"),

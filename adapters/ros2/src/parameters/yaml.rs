@@ -53,7 +53,7 @@ pub enum YamlError {
     /// Too many levels.
     #[error("more than {NESTING} levels; flatten the names with dots")]
     Deep,
-    /// A key that is a list or a mapping.
+    /// A key that is a list or a mapping, or has control characters.
     #[error("a key must be a name")]
     Key,
     /// A key twice in one mapping.
@@ -163,8 +163,12 @@ impl<'a> Reader<'a> {
                 (event, mark) => (event, mark),
             };
             let key = self.node(event, mark, depth + 1)?;
-            let Content::Scalar { text: key, .. } = key.content else {
-                return Err((mark, YamlError::Key));
+            let key = match key.content {
+                // A terminal would take them for commands when the name is told.
+                Content::Scalar { text, .. } if !text.contains(char::is_control) => text,
+                Content::Scalar { .. } | Content::List(_) | Content::Mapping(_) => {
+                    return Err((mark, YamlError::Key));
+                }
             };
             if !keys.insert(key.clone()) {
                 return Err((mark, YamlError::Twice(key)));
@@ -182,7 +186,9 @@ fn begin(span: Span) -> Mark {
 
 fn syntax(error: &ScanError) -> (Mark, YamlError) {
     let mark = error.marker();
-    ((mark.line(), mark.col() + 1), YamlError::Syntax(error.info().to_owned()))
+    // It may tell a character of the text.
+    let info = error.info().replace(char::is_control, "\u{fffd}");
+    ((mark.line(), mark.col() + 1), YamlError::Syntax(info))
 }
 
 #[cfg(test)]
@@ -204,6 +210,7 @@ mod tests {
             ("a: !!int 1", "1:4: tags other than !!str are not supported; leave it out"),
             ("a: !x [1]", "1:4: tags other than !!str are not supported; leave it out"),
             ("? [a]\n: 1", "1:3: a key must be a name"),
+            (r#"{"\e[31m": 1}"#, "1:2: a key must be a name"),
             ("a: 1\nb: 2\na: 3", "3:1: a is given twice; leave one out"),
             (
                 "a: 1\n---\nb: 2",

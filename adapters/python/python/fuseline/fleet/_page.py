@@ -77,7 +77,7 @@ def _page(answers: dict[str, Answer], title: str) -> str:
         _table("By operator", answers["operators"]),
         _bars(answers["on_board"]),
         _table("Rules that are broken", answers["rules"], "None is broken."),
-        _table("The worst drives", answers["worst"]),
+        _table("The worst drives", answers["worst"], "Nothing went wrong in any drive."),
         _table("Traces that cannot be read", answers["unreadable"], "All could be read."),
     ]
     return (

@@ -68,7 +68,8 @@ FROM verdicts
 SELECT rule, count(*) AS violations, count(DISTINCT drive) AS drives, max(late) AS latest
 FROM verdicts WHERE rule IS NOT NULL GROUP BY rule ORDER BY violations DESC, rule
 """,
-    # The drives with the most violations, then those that most often had nothing to put out.
+    # Of the drives in which something went wrong, those with the most violations, then those that
+    # most often had nothing to put out.
     "worst": """
 WITH drives AS (
   SELECT drive, count(DISTINCT file) AS files,
@@ -79,7 +80,7 @@ WITH drives AS (
     CAST(coalesce(sum(messages), 0) AS BIGINT) AS messages
   FROM verdicts GROUP BY drive
 )
-SELECT * FROM drives
+SELECT * FROM drives WHERE violations + unreadable + missed + refused > 0
 ORDER BY violations DESC, unreadable DESC, missed + refused DESC, drive LIMIT 50
 """,
     # How many drives had which share of their outputs from local: twentieths, the last one whole.

@@ -1,0 +1,46 @@
+//! The checks, each of one kind of bytes from outside.
+
+mod csv;
+mod frames;
+mod held;
+mod keys;
+mod packed;
+mod page;
+mod yaml;
+
+use std::collections::BTreeSet;
+
+/// What is wrong, in words.
+type Check = Result<(), String>;
+
+/// One kind of bytes from outside.
+#[derive(Clone, Copy, Debug)]
+pub struct Parser {
+    /// The name of its fuzz target, and of the folder of its seeds.
+    pub name: &'static str,
+    /// Reads bytes, notes how that ended, and says what is wrong.
+    pub check: fn(&[u8], &mut Ends) -> Result<(), String>,
+    /// Every way in which reading can end; the seeds come to each.
+    pub ends: &'static [&'static str],
+}
+
+/// The ways in which reading ended so far.
+pub type Ends = BTreeSet<&'static str>;
+
+/// All of them, but for the trace's own reader, which `fuseline-tests` has.
+pub const ALL: [Parser; 6] = [
+    Parser { name: "csv", check: csv::check, ends: csv::ENDS },
+    Parser { name: "packed", check: packed::check, ends: packed::ENDS },
+    Parser { name: "yaml", check: yaml::check, ends: yaml::ENDS },
+    Parser { name: "keys", check: keys::check, ends: keys::ENDS },
+    Parser { name: "frames", check: frames::check, ends: frames::ENDS },
+    Parser { name: "page", check: page::check, ends: page::ENDS },
+];
+
+/// A message about a file is one line that no terminal takes for a command.
+fn fit(message: &str) -> Check {
+    if message.contains(char::is_control) {
+        return Err(format!("not fit for a terminal: {message:?}"));
+    }
+    Ok(())
+}
