@@ -96,6 +96,8 @@ async fn a_call_that_came_to_nothing_says_why_in_plain_words() {
     let plain = Cloud::start("127.0.0.1:0", Server::default(), echo);
     let secure = Server { identity: Some(ca.sign("localhost")), ..Server::default() };
     let secure = Cloud::start("127.0.0.1:0", secure, echo);
+    let old = Server { identity: Some(ca.sign_until("localhost", 2020)), ..Server::default() };
+    let old = Cloud::start("127.0.0.1:0", old, echo);
     let locked = Server { token: Some(Token::new("secret").unwrap()), ..Server::default() };
     let locked = Cloud::start("127.0.0.1:0", locked, echo);
     assert_eq!(failure(&Remote::new("http://127.0.0.1:1")).await, "connection refused");
@@ -104,7 +106,10 @@ async fn a_call_that_came_to_nothing_says_why_in_plain_words() {
     assert_eq!(failure(&secure.http()).await, "the connection broke");
     let stranger = failure(&secure.https(&Ca::new())).await;
     assert_eq!(stranger, "invalid peer certificate: BadSignature");
-    [plain, secure, locked].into_iter().for_each(Cloud::kill);
+    // Words that were others each second would be a reason each.
+    let expired = failure(&old.https(&ca)).await;
+    assert_eq!(expired, "invalid peer certificate: certificate expired");
+    [plain, secure, old, locked].into_iter().for_each(Cloud::kill);
 }
 
 #[tokio::test]

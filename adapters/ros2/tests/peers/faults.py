@@ -2,9 +2,11 @@
 
 import os
 import signal
+import subprocess
 import threading
 import time
 
+from bench import Skipped
 from forwarding import check
 from graph import again, publishes, quality, subscribes, until
 from messages import ERROR, OK, WARN, Header, Image, Point, PointStamped, String, Time, answered, bytes_as
@@ -278,3 +280,54 @@ def peers_whose_quality_of_service_does_not_fit_are_reported(bench):
     assert demanding.matched() == careless.matched() == demanding.count == 0
     assert node.ends() == 0
     check(listener, stamp, at, "west", "F3")
+
+
+LOSES = """
+add table inet loss
+add chain inet loss arrives { type filter hook input priority 0; }
+add rule inet loss arrives meta l4proto udp numgen random mod 100 < 20 drop
+"""
+
+
+def firewall(rules):
+    """Sets rules of nftables in the test's own network, and in no other."""
+    with open("/proc/self/net/dev") as devices:
+        names = [line.split(":")[0].strip() for line in devices if ":" in line]
+    if names != ["lo"]:
+        raise Skipped("the network is not the test's own")
+    try:
+        done = subprocess.run(["nft", "-f", "-"], input=rules, capture_output=True, text=True)
+    except FileNotFoundError:
+        raise Skipped("no nft (package nftables)") from None
+    if done.returncode:
+        raise Skipped(f"no packet can be lost here: {done.stderr}")
+
+
+def a_network_that_loses_one_packet_in_five_costs_no_input_its_one_answer(bench):
+    node = bench.node(parameters(["west"], deadline=0.3, window=64, west={"in_flight": 64}))
+    camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
+    ready(camera, listener, local, west)
+    stream = Stream(camera, "local=0.02 west=0.05")
+    firewall(LOSES)
+    time.sleep(5)
+    firewall("delete table inet loss")
+    lossy = len(stream.run)
+
+    def is_well():
+        last = [heard.message["source"] for heard in list(listener.status.heard)[-20:]]
+        return last == ["west"] * 20
+
+    until(is_well, "west's results again")
+    stream.end()
+    listener.until_answered([stream.run[-1][0]])
+    assert node.ends() == 0
+    # Over best effort an input may be lost on its way; one that was taken on may not.
+    taken = [line["t"] for line in node.events("open")]
+    told = [heard.message["key"] for heard in listener.status.heard]
+    assert len(told) == len(set(told)) == len(taken), (len(told), len(set(told)), len(taken))
+    sources = [listener.status_of(stamp)[0].message for stamp, _ in stream.run if listener.status_of(stamp)]
+    assert all(len(listener.of(stamp)) <= 1 for stamp, _ in stream.run)
+    by_local = [heard for heard in listener.status.heard if heard.message["source"] == "local"]
+    assert by_local, "no result was lost"
+    print(f"{len(stream.run)} inputs, {lossy} of them while packets were lost: {len(taken)} taken on, "
+          f"{len(by_local)} answered by local, {sources.count('missed')} missed")
