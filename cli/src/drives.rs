@@ -132,14 +132,14 @@ impl Drive {
                 .ok_or_else(|| DriveError::Time {
                     name: owned(),
                     line,
-                    column: columns[time].to_owned(),
+                    column: columns[time].escape_debug().to_string(),
                     found: field(time).to_owned(),
                 })?;
             let round_trip =
                 parse_round_trip(field(round_trip)).map_err(|NotMillis| DriveError::RoundTrip {
                     name: owned(),
                     line,
-                    column: columns[round_trip].to_owned(),
+                    column: columns[round_trip].escape_debug().to_string(),
                     found: field(round_trip).to_owned(),
                 })?;
             samples.push(Sample { at, round_trip });
