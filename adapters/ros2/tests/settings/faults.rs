@@ -114,7 +114,7 @@ fn what_is_wrong_with_a_stream_is_told() {
         ("realtime:=100", "realtime is 100; give an integer from 0 to 99"),
         ("timers:=mine", "timers is \"mine\"; give kernel or tokio"),
         ("deadline:=0", "deadline is 0.0; give seconds, more than 0 and at most 1e9"),
-        ("deadline:=.nan", "deadline is NaN; give seconds, more than 0 and at most 1e9"),
+        ("deadline:=.nan", "deadline is .nan; give seconds, more than 0 and at most 1e9"),
         ("deadline:=1e10", "deadline is 10000000000.0; give seconds, more than 0 and at most 1e9"),
         (
             "local.deadline:=1e-12",
