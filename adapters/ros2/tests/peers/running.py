@@ -233,14 +233,15 @@ def parameters_are_read_and_set_by_their_services(bench):
 
 
 def a_node_in_real_time_has_one_urgent_thread_and_its_memory_locked_or_says_what_would_grant_it(bench):
-    node = bench.node(parameters(["west"], realtime=20))
-    camera, listener, local = Camera(), Listener(), Model("local")
-    until(lambda: node.process.poll() is not None or camera.output.matched() > 0, "the node is there, or says why not")
+    node = bench.refused(parameters(["west"], realtime=20))
+    until(lambda: node.process.poll() is not None or node.trace_file.exists(), "the node's trace, or why there is none")
     if node.process.poll() is not None:
         assert node.until_exit() == 1, f"exit {node.code}"
         assert "realtime: " in node.log() and "realtime:=0 does without" in node.log(), node.log()
+        bench.nodes.remove(node)
         print("not granted here:", node.log().strip().splitlines()[-1])
         return
+    camera, listener, local = Camera(), Listener(), Model("local")
     ready(camera, listener, local)
     assert node.urgent_threads() == [(20, 1)], node.urgent_threads()
     assert node.locked_kib() > 0
