@@ -70,8 +70,11 @@ def the_guard_decides_by_the_speed_that_a_peer_publishes(bench):
             known = None if speed is None else abs(speed)
             until(lambda known=known: in_force(known),
                   lambda: f"{ALLOWED[known]}, last {listener.health('west')} and {listener.health('fusion')}")
-            # What is asked now has it for sure.
-            firsts[camera.ask("local=0.02")] = known
+            # What is asked now has it for sure; the next speed waits until the cloud has the request, for topics keep
+            # no order among each other.
+            stamp, at = camera.ask("local=0.02")
+            firsts[stamp, at] = known
+            until(lambda stamp=stamp: west.asked_for(stamp), "a request at this speed")
         listener.until_answered([stamp for _, stamp, _ in run] + [stamp for stamp, _ in firsts])
         assert node.ends() == 0
         for (stamp, at), speed in firsts.items():
