@@ -1,9 +1,10 @@
-//! The slow tier's last ledger, as it is committed.
+//! The ledger: what was proved and what was caught, as it is committed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use fuseline_evidence::hex;
 use serde::{Deserialize, Serialize};
@@ -12,15 +13,17 @@ use sha2::{Digest, Sha256};
 use crate::error::Error;
 use crate::ledger::Line;
 use crate::record;
-use crate::source::{Harness, Sources};
+use crate::source::Sources;
+use crate::tools::Tools;
+use crate::translate;
 
-/// What a proof depends on.
-const PROVED: [&str; 3] = ["core/src", "proofs/src", "proofs/engine"];
+/// What asks the checker and reads its answer, beside what it is asked about.
+const ASKING: [&str; 2] = ["proofs/runner/src/check.rs", "proofs/runner/src/translate.rs"];
 
 /// The verdict about a harness that no run proved.
 const NOT_YET: &str = "not proved yet";
 
-/// By harness, what was proved and what it cost.
+/// By question (a harness, or a fault and a harness), the good verdict about it and what it cost.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Kept {
@@ -30,21 +33,46 @@ pub(crate) struct Kept {
 }
 
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 struct Proof {
-    engine: String,
     bounds: String,
     solver: String,
     verdict: String,
     seconds: f64,
     memory_mib: u64,
-    /// A digest of the sources that it is about.
+    #[serde(flatten)]
+    about: About,
+}
+
+/// What a verdict is about: the same verdict would be given again while this is the same.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct About {
+    /// A digest of the sources, of what asks the checker among them.
     sources: String,
+    /// The checker and the compiler, with their versions.
+    tools: String,
+    /// A digest of the change that the seeded fault makes; empty without one.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    change: String,
+}
+
+impl About {
+    /// The sources as they are, without a fault.
+    ///
+    /// # Errors
+    /// A file cannot be read, or a tool does not tell its version.
+    pub(crate) fn now(root: &Path, tools: &Tools) -> Result<Self, Error> {
+        Ok(Self { sources: digest(root)?, tools: tools.versions()?, change: String::new() })
+    }
+
+    /// The same sources with a fault in them.
+    pub(crate) fn with(&self, change: String) -> Self {
+        Self { change, ..self.clone() }
+    }
 }
 
 impl Kept {
     fn path(root: &Path) -> PathBuf {
-        root.join("proofs/results/slow.json")
+        root.join("proofs/results/kept.json")
     }
 
     /// The committed one; empty if there is none yet.
@@ -55,15 +83,14 @@ impl Kept {
         record::load(&Self::path(root))
     }
 
-    /// Takes over which harnesses the slow tier has. A new one is not proved yet.
+    /// Takes over which harnesses there are. A new one is not proved yet.
     ///
     /// # Errors
     /// The file cannot be written.
     pub(crate) fn take(&mut self, root: &Path, sources: &Sources) -> Result<(), Error> {
-        let slow: Vec<&Harness> =
-            sources.harnesses.iter().filter(|harness| harness.is_slow()).collect();
-        self.proved.retain(|name, _| slow.iter().any(|harness| harness.name == *name));
-        for harness in slow {
+        let harnesses = &sources.harnesses;
+        self.proved.retain(|question, _| harnesses.iter().any(|of| of.name == asked(question)));
+        for harness in harnesses {
             self.proved.entry(harness.name.clone()).or_insert_with(|| Proof {
                 bounds: harness.bounds.clone(),
                 solver: harness.solver.clone(),
@@ -74,66 +101,101 @@ impl Kept {
         record::save(&Self::path(root), self)
     }
 
-    /// Keeps a line, if it is of the slow tier.
+    /// Keeps a line, if it is good.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub(crate) fn add(&mut self, root: &Path, line: &Line, digest: &str) -> Result<(), Error> {
+    pub(crate) fn add(&mut self, root: &Path, line: &Line, about: &About) -> Result<(), Error> {
+        if !line.good {
+            return Ok(());
+        }
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         self.machine = format!("{cores} cores, {}", std::env::consts::ARCH.replace('_', "-"));
-        let Some(proof) = self.proved.get_mut(&line.harness) else { return Ok(()) };
-        *proof = Proof {
-            engine: line.engine.clone(),
+        let proof = Proof {
             bounds: line.bounds.clone(),
             solver: line.solver.clone(),
             verdict: line.verdict.clone(),
             seconds: line.seconds,
             memory_mib: line.memory_mib,
-            sources: digest.to_owned(),
+            about: about.clone(),
         };
+        self.proved.insert(line.name(), proof);
         record::save(&Self::path(root), self)
     }
 
-    /// What is wrong with it: a harness of the slow tier that it lacks, or one that is not of that tier.
+    /// Of these questions the ones to ask: each that is not answered here about the very same, and of the others as many,
+    /// drawn anew, as took about `budget`; one at least. Says what was left out.
+    pub(crate) fn sample(
+        &self,
+        questions: &[(String, About)],
+        budget: Duration,
+    ) -> (BTreeSet<String>, String) {
+        let answered = |(name, about): &&(String, About)| {
+            self.proved.get(name).is_some_and(|p| p.verdict != NOT_YET && p.about == *about)
+        };
+        let (mut kept, open): (Vec<_>, Vec<_>) = questions.iter().partition(answered);
+        let mut asked: BTreeSet<String> = open.into_iter().map(|(name, _)| name.clone()).collect();
+        let (new, all) = (asked.len(), kept.len());
+        fastrand::shuffle(&mut kept);
+        let mut left = budget.as_secs_f64();
+        for (nth, (name, _)) in kept.into_iter().enumerate() {
+            let seconds = self.proved.get(name).map_or(0.0, |proof| proof.seconds);
+            if nth == 0 || seconds <= left {
+                left -= seconds;
+                asked.insert(name.clone());
+            }
+        }
+        let told = format!(
+            "{all} of {} are in the ledger of these very sources: {} of them, drawn anew, and {new} others are asked",
+            questions.len(),
+            asked.len() - new,
+        );
+        (asked, told)
+    }
+
+    /// What is wrong with it: a harness that it lacks, or one that is gone.
     pub(crate) fn differs(&self, sources: &Sources) -> Vec<String> {
-        let slow = slow(sources);
-        let kept: BTreeSet<&str> = self.proved.keys().map(String::as_str).collect();
-        let lacks = slow.difference(&kept).map(|name| format!("the slow ledger lacks {name}"));
-        let more = kept.difference(&slow).map(|name| format!("{name} is not of the slow tier"));
+        let there: BTreeSet<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();
+        let kept: BTreeSet<&str> = self.proved.keys().map(|question| asked(question)).collect();
+        let lacks = there.difference(&kept).map(|name| format!("the ledger lacks {name}"));
+        let more = kept.difference(&there).map(|name| format!("the ledger has {name}"));
         lacks.chain(more).collect()
     }
 
-    /// How many are proved, and what is not or is of other sources than these, in words.
+    /// How many harnesses are proved, and which are not or were as other sources than these, in words.
     pub(crate) fn told(&self, digest: &str) -> String {
+        let harnesses = || self.proved.iter().filter(|(question, _)| asked(question) == *question);
         let names = |wanted: &dyn Fn(&Proof) -> bool| {
-            let of = self.proved.iter().filter(|(_, proof)| wanted(proof));
+            let of = harnesses().filter(|(_, proof)| wanted(proof));
             of.map(|(name, _)| name.as_str()).collect::<Vec<_>>()
         };
         let open = names(&|proof| proof.verdict == NOT_YET);
-        let stale = names(&|proof| proof.verdict != NOT_YET && proof.sources != digest);
-        let (proved, all) = (self.proved.len() - open.len(), self.proved.len());
-        let mut told = format!("slow tier: {proved} of {all} proved");
+        let stale = names(&|proof| proof.verdict != NOT_YET && proof.about.sources != digest);
+        let all = harnesses().count();
+        let mut told = format!("ledger: {} of {all} harnesses proved", all - open.len());
         for (names, what) in [(open, NOT_YET), (stale, "of earlier sources")] {
-            if !names.is_empty() {
-                let _ = write!(told, "; {what}: {}", names.join(", "));
+            match names.len() {
+                0 => {}
+                many @ 9.. => drop(write!(told, "; {what}: {many}")),
+                _ => drop(write!(told, "; {what}: {}", names.join(", "))),
             }
         }
         told
     }
 }
 
-fn slow(sources: &Sources) -> BTreeSet<&str> {
-    let slow = sources.harnesses.iter().filter(|harness| harness.is_slow());
-    slow.map(|harness| harness.name.as_str()).collect()
+/// The harness that a question is asked of.
+fn asked(question: &str) -> &str {
+    question.rsplit_once(" / ").map_or(question, |(_, harness)| harness)
 }
 
-/// A digest of what proofs are about.
+/// A digest of what verdicts depend on.
 ///
 /// # Errors
 /// A file cannot be read.
 pub(crate) fn digest(root: &Path) -> Result<String, Error> {
     let mut files = Vec::new();
-    for name in PROVED {
+    for name in translate::SOURCES.iter().chain(&ASKING) {
         walk(&root.join(name), &mut files)?;
     }
     files.sort();
@@ -161,18 +223,4 @@ fn walk(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), Error> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::source;
-
-    #[test]
-    fn the_committed_ledger_has_the_harnesses_of_the_slow_tier() {
-        let tree = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
-        let sources = source::read(tree).expect("the harnesses");
-        let kept = Kept::load(tree).expect("a ledger");
-        assert_eq!(kept.differs(&sources), Vec::<String>::new());
-        assert_eq!(Kept::default().differs(&sources).len(), kept.proved.len());
-        let told = kept.told("");
-        assert!(told.ends_with(&format!("of {} proved", kept.proved.len())) || told.contains("; "));
-    }
-}
+mod tests;

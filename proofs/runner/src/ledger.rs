@@ -1,4 +1,4 @@
-//! The ledger: one line a harness, one a fault.
+//! What a run says: one line a harness, one a fault.
 
 use std::fmt;
 
@@ -28,10 +28,15 @@ impl Line {
     /// The harness, and the fault if there is one.
     pub(crate) fn name(&self) -> String {
         match &self.fault {
-            Some(fault) => format!("{fault} / {}", self.harness),
+            Some(fault) => under(fault, &self.harness),
             None => self.harness.clone(),
         }
     }
+}
+
+/// How a harness under a fault is called.
+pub(crate) fn under(fault: &str, harness: &str) -> String {
+    format!("{fault} / {harness}")
 }
 
 impl fmt::Display for Line {

@@ -49,9 +49,13 @@ struct Cli {
     /// Record the harnesses, assertions and covers that there are now.
     #[arg(long)]
     record: bool,
-    /// Keep the slow tier's verdicts in its committed ledger.
+    /// Keep the verdicts in the committed ledger.
     #[arg(long)]
     keep: bool,
+    /// Of what the ledger answers for these very sources and tools ask only as much, drawn anew each time, as took so
+    /// long: harnesses, and as long again for faults. What it does not answer is asked as always.
+    #[arg(long, value_name = "SECONDS", conflicts_with_all = ["harness", "keep", "search"])]
+    sample: Option<u64>,
     /// List what there is to prove, and stop.
     #[arg(long)]
     list: bool,
@@ -134,6 +138,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
         limits,
         json: cli.json,
         keep: cli.keep,
+        sample: cli.sample.map(Duration::from_secs),
     };
     let slow = cli.tier == Tier::Slow;
     if cli.search {
@@ -147,10 +152,8 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     if whole {
         let mut wrong = record.shrunk(&sources);
         let kept = kept::Kept::load(tree)?;
-        if !slow {
-            wrong.extend(kept.differs(&sources));
-            eprintln!("{}", kept.told(&kept::digest(tree)?));
-        }
+        wrong.extend(kept.differs(&sources));
+        eprintln!("{}", kept.told(&kept::digest(tree)?));
         for wrong in &wrong {
             eprintln!("{wrong}");
         }

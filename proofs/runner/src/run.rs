@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
+use std::time::Duration;
 
 use fuseline_evidence::{SeededFault, Tree, load_faults};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -12,8 +13,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::beyond::Beyond;
 use crate::check::{self, Checked, Verdict};
 use crate::error::Error;
-use crate::kept::{self, Kept};
-use crate::ledger::Line;
+use crate::kept::{About, Kept};
+use crate::ledger::{Line, under};
 use crate::record::{Caught, Record};
 use crate::source::{Harness, Sources};
 use crate::tools::{Limits, Tools};
@@ -30,8 +31,10 @@ pub(crate) struct Run<'a> {
     pub(crate) jobs: usize,
     pub(crate) limits: Limits,
     pub(crate) json: bool,
-    /// Whether the slow tier's ledger is written anew.
+    /// Whether good verdicts go into the committed ledger.
     pub(crate) keep: bool,
+    /// How much of what the ledger answers is asked again; all unless given.
+    pub(crate) sample: Option<Duration>,
 }
 
 impl Run<'_> {
@@ -40,7 +43,7 @@ impl Run<'_> {
     /// # Errors
     /// There is no harness of a name, one does not build, or Ctrl-C.
     pub(crate) fn harnesses(&self, names: &[String], slow: bool) -> Result<bool, Error> {
-        let harnesses: Vec<&Harness> = if names.is_empty() {
+        let mut harnesses: Vec<&Harness> = if names.is_empty() {
             self.sources.harnesses.iter().filter(|harness| harness.is_slow() == slow).collect()
         } else {
             names.iter().map(|name| self.harness(name)).collect::<Result<_, _>>()?
@@ -48,7 +51,8 @@ impl Run<'_> {
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
         let kept = Mutex::new(Kept::load(self.tree)?);
-        let digest = kept::digest(self.tree)?;
+        let about = About::now(self.tree, &tools)?;
+        self.draw(&kept, &mut harnesses, |harness| Ok((harness.name.clone(), about.clone())))?;
         let lines = self.all(
             "harnesses",
             &harnesses,
@@ -56,10 +60,7 @@ impl Run<'_> {
             |harness| {
                 let checked = check::prove(&tools, &copy, harness, self.limits)?;
                 let line = line(harness, None, checked);
-                if self.keep && line.good {
-                    let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-                    kept.add(self.tree, &line, &digest)?;
-                }
+                self.keep(&kept, &line, &about)?;
                 Ok((harness.name.clone(), line))
             },
         )?;
@@ -98,7 +99,7 @@ impl Run<'_> {
         } else {
             names.iter().map(String::as_str).collect()
         };
-        let pairs: Vec<(String, String)> = record.pairs(&faults, &able).into_iter().collect();
+        let mut pairs: Vec<(String, String)> = record.pairs(&faults, &able).into_iter().collect();
         let caught: BTreeSet<&String> = pairs.iter().map(|(_, name)| name).collect();
         if names.is_empty() && !slow {
             for harness in of_tier {
@@ -109,16 +110,24 @@ impl Run<'_> {
         }
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
+        let kept = Mutex::new(Kept::load(self.tree)?);
+        let about = About::now(self.tree, &tools)?;
+        let known = |name: &String| {
+            let fault = faults.iter().find(|known| known.name == *name);
+            fault.ok_or_else(|| none("fault", name))
+        };
+        self.draw(&kept, &mut pairs, |(fault, name)| {
+            Ok((under(fault, name), about.with(known(fault)?.digest())))
+        })?;
         let lines = self.all(
             "faults",
             &pairs,
             |line| self.tell(line),
             |(fault, name)| {
-                let harness = self.harness(name)?;
-                let fault = faults.iter().find(|known| known.name == *fault);
-                let fault = fault.ok_or_else(|| none("fault", name))?;
+                let (harness, fault) = (self.harness(name)?, known(fault)?);
                 let checked = self.under(&tools, &copy, fault, harness)?;
                 let line = line(harness, Some(fault), checked);
+                self.keep(&kept, &line, &about.with(fault.digest()))?;
                 Ok((line.name(), line))
             },
         )?;
@@ -214,6 +223,31 @@ impl Run<'_> {
             println!("nothing was found for {name}");
         }
         Ok(found.values().chain(busy.values()).all(|good| *good))
+    }
+
+    /// Leaves of `tasks` those to ask, if a sample is enough, and says how many are left out.
+    fn draw<T>(
+        &self,
+        kept: &Mutex<Kept>,
+        tasks: &mut Vec<T>,
+        question: impl Fn(&T) -> Result<(String, About), Error>,
+    ) -> Result<(), Error> {
+        let Some(budget) = self.sample else { return Ok(()) };
+        let questions = tasks.iter().map(question).collect::<Result<Vec<_>, _>>()?;
+        let kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let (asked, told) = kept.sample(&questions, budget);
+        eprintln!("{told}");
+        let mut questions = questions.into_iter();
+        tasks.retain(|_| questions.next().is_some_and(|(name, _)| asked.contains(&name)));
+        Ok(())
+    }
+
+    /// Keeps a good line in the ledger, if that was asked for.
+    fn keep(&self, kept: &Mutex<Kept>, line: &Line, about: &About) -> Result<(), Error> {
+        if !self.keep {
+            return Ok(());
+        }
+        kept.lock().unwrap_or_else(PoisonError::into_inner).add(self.tree, line, about)
     }
 
     /// A harness on a machine with a fault.

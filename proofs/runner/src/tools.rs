@@ -129,6 +129,21 @@ impl Tools {
         })
     }
 
+    /// The checker and the compiler, with their versions.
+    ///
+    /// # Errors
+    /// One does not tell it.
+    pub(crate) fn versions(&self) -> Result<String, Error> {
+        let mut told = Vec::new();
+        for tool in ["cbmc", "rustc"] {
+            let ran = self.succeed(self.work(), tool, "its version", &["--version".to_owned()])?;
+            let version =
+                ran.printed.split_whitespace().find(|word| word.starts_with(char::is_numeric));
+            told.push(format!("{tool} {}", version.unwrap_or("of no known version")));
+        }
+        Ok(told.join(", "))
+    }
+
     /// Runs a tool that must succeed.
     ///
     /// # Errors
@@ -140,10 +155,20 @@ impl Tools {
         what: &str,
         arguments: &[String],
     ) -> Result<(), Error> {
+        self.succeed(folder, tool, what, arguments).map(drop)
+    }
+
+    fn succeed(
+        &self,
+        folder: &Path,
+        tool: &'static str,
+        what: &str,
+        arguments: &[String],
+    ) -> Result<Ran, Error> {
         const LIMITS: Limits = Limits { time: Duration::from_secs(120), memory_mib: 8192 };
         let ran = self.run(folder, LIMITS, tool, arguments)?;
         if ran.code == Some(0) {
-            return Ok(());
+            return Ok(ran);
         }
         let said = if ran.timed_out { "it took too long".to_owned() } else { ran.complained };
         Err(Error::Tool { tool, what: what.to_owned(), said })

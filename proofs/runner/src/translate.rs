@@ -15,7 +15,7 @@ use crate::tools::Tools;
 const STACK_BYTES: u32 = 4096;
 
 /// What goes into the root.
-const SOURCES: [&str; 5] =
+pub(crate) const SOURCES: [&str; 5] =
     ["core/src", "proofs/src", "proofs/kani/src", "proofs/kani-macros/src", "proofs/engine"];
 
 /// What LLVM makes of all that is proved: one function of constants, as far as can be, with every overflow checked.
