@@ -12,6 +12,7 @@ use tracing::{debug, error};
 
 use crate::dds::End;
 use crate::key::{Key, Stamp};
+use crate::lifecycle::Orders;
 use crate::raw::Payload;
 use crate::report::{self, Intake, Reporter};
 use crate::source::{Publish, Source, Way};
@@ -44,7 +45,9 @@ pub(crate) struct Fusion<'a> {
     pub(crate) node: String,
     pub(crate) voice: Box<dyn Speak>,
     pub(crate) counting: Counting,
-    pub(crate) heard: Heard,
+    pub(crate) heard: Heard<'a>,
+    /// What a managed node is told; a plain one is always active.
+    pub(crate) orders: Option<&'a mut Orders>,
     pub(crate) stop: &'a mut Stop,
     pub(crate) memory: Memory,
     /// The vehicle's speed, if a topic gives it.
@@ -52,7 +55,7 @@ pub(crate) struct Fusion<'a> {
 }
 
 /// How many parties take turns in [`Heard`].
-const TURNS: usize = 6;
+const TURNS: usize = 7;
 
 /// What is kept from one event to the next.
 pub(crate) struct Memory {
@@ -91,8 +94,14 @@ impl Transport for Fusion<'_> {
             self.memory.turn = (turn + 1) % TURNS;
             let heard = &mut self.heard;
             let event = match turn {
-                0 if self.stop.came() => Poll::Pending,
-                0 => known(heard.inputs.poll_recv(context)).map(|sample| self.take(sample)),
+                0 if self.stop.came()
+                    || self.orders.as_ref().is_some_and(|it| it.last.is_some()) =>
+                {
+                    Poll::Pending
+                }
+                // What comes while the node is inactive is not kept for later.
+                0 => known(heard.inputs.poll_recv(context))
+                    .map(|sample| if self.is_active() { self.take(sample) } else { None }),
                 1 => known(heard.results.poll_recv(context))
                     .map(|(place, sample)| self.result(place, sample)),
                 2 => known(heard.deadlines.poll_recv(context)).map(|sample| {
@@ -107,6 +116,7 @@ impl Transport for Fusion<'_> {
                     self.take_speed(sample);
                     None
                 }),
+                5 => self.poll_orders(context),
                 _ => heard.report.poll_tick(context).map(|_| {
                     self.report();
                     None

@@ -5,6 +5,8 @@ mod dds;
 mod error;
 mod fusion;
 pub mod key;
+mod lifecycle;
+mod managed;
 pub mod names;
 mod node;
 pub mod parameters;

@@ -4,24 +4,27 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use fuseline_operator::{self as shared, Engine, Header, Local, Mcap, Recorder, Recording, Tally};
+use fuseline_operator::{
+    self as shared, Counting, Engine, Header, Local, Mcap, Recorder, Recording, Tally,
+};
 use fuseline_tokio::drive::{Driver, finish};
 use rustdds::dds::CreateError;
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
-use crate::Payload;
 use crate::dds::{Domain, End};
 use crate::error::NodeError;
 use crate::fusion::{Fusion, Heard, Memory, Sample};
+use crate::lifecycle::Orders;
 use crate::report::Reporter;
 use crate::rosout::Lines;
-use crate::settings::{self, Role, Settings, SpeedTopic};
+use crate::settings::{self, Change, Role, Settings, SpeedTopic};
 use crate::source::{Handle, Publish, Source, Strays, Way, call};
 use crate::speed::Speed;
 use crate::stop::Stop;
-use crate::voice::Voice;
+use crate::voice::{Presence, Voice};
+use crate::{Payload, managed};
 
 /// How many results may wait for the node at once; more stay in the readers, which drop the oldest.
 const RESULTS: usize = 64;
@@ -38,18 +41,48 @@ pub async fn run(
     stop: &mut Stop,
     lines: Option<Lines>,
 ) -> Result<Tally, NodeError> {
+    realtime(settings.realtime)?;
+    if settings.lifecycle {
+        return managed::run(settings, stop, lines).await;
+    }
     // What is refused is refused before anybody notices the node.
     check(settings)?;
-    realtime(settings.realtime)?;
-    let mut engine = engine(settings)?;
-    record(&mut engine, settings)?;
-    let counting = engine.counts();
+    let engine = recorded(settings)?;
     let mut domain = Domain::join(settings.domain, settings.localhost_only)?;
-    let (setter, changes) = mpsc::unbounded_channel();
-    let (voice, mut tasks) = Voice::new(settings, &domain, setter, lines)?;
+    let Presence { voice, mut changes, mut tasks, .. } = Voice::join(settings, &domain, lines)?;
+    let outside = Outside { changes: &mut changes, orders: None, stop };
+    let open = open(settings, engine, &mut domain, voice, outside)?;
+    let ended = open.run().await;
+    tasks.shutdown().await;
+    domain.leave().await;
+    ended
+}
 
+/// What a node hears from outside its topics.
+pub(crate) struct Outside<'a> {
+    pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
+    pub(crate) orders: Option<&'a mut Orders>,
+    pub(crate) stop: &'a mut Stop,
+}
+
+/// A node whose topics are open.
+pub(crate) struct Open<'a> {
+    driver: Driver<Fusion<'a>>,
+    counting: Counting,
+}
+
+/// Opens the node's topics.
+pub(crate) fn open<'a>(
+    settings: &Settings,
+    engine: Engine<Payload, Payload>,
+    domain: &mut Domain,
+    voice: Arc<Voice>,
+    outside: Outside<'a>,
+) -> Result<Open<'a>, NodeError> {
+    let Outside { changes, orders, stop } = outside;
+    let counting = engine.counts();
     let (arrived, results) = mpsc::channel(RESULTS);
-    let sources = sources(settings, &mut domain, &arrived)?;
+    let sources = sources(settings, domain, &arrived)?;
     let stream = &settings.output;
     let qos = settings.qos(&stream.topic, Role::Publisher);
     let output = domain.outlet(&stream.topic, &stream.type_name, qos)?;
@@ -64,11 +97,11 @@ pub async fn run(
     let mut ends = vec![input_end, Arc::clone(&output.end)];
     let (decided, deadlines) = mpsc::channel(1);
     if let Some(topic) = &settings.deadline_topic {
-        ends.push(latest(&mut domain, settings, topic, "std_msgs/msg/Float64", decided)?);
+        ends.push(latest(domain, settings, topic, "std_msgs/msg/Float64", decided)?);
     }
     let (told, speeds) = mpsc::channel(1);
     if let Some(SpeedTopic { topic, type_name, .. }) = &settings.deadlines.speed {
-        ends.push(latest(&mut domain, settings, topic, type_name, told)?);
+        ends.push(latest(domain, settings, topic, type_name, told)?);
     }
     let node = settings.node.full();
     let mut report = interval(settings.diagnostics_period);
@@ -85,6 +118,7 @@ pub async fn run(
         voice: Box::new(voice),
         counting: counting.clone(),
         heard: Heard { inputs, results, deadlines, speeds, changes, report },
+        orders,
         speed: settings.deadlines.speed.as_ref().map(Speed::new),
         stop,
     };
@@ -99,16 +133,21 @@ pub async fn run(
         clouds = settings.clouds.len(),
         "fusing"
     );
-    let (mut fusion, engine) = driver.run().await;
-    fusion.report();
-    drop(fusion);
-    let written = finish(engine).await;
-    tasks.shutdown().await;
-    domain.leave().await;
-    written.map_err(NodeError::Trace)?;
-    let tally = counting.tally();
-    info!(messages = tally.messages, forwarded = tally.forwarded(), missed = tally.missed, "ended");
-    Ok(tally)
+    Ok(Open { driver, counting })
+}
+
+impl Open<'_> {
+    /// Runs until it is told to stop or to close.
+    pub(crate) async fn run(self) -> Result<Tally, NodeError> {
+        let (mut fusion, engine) = self.driver.run().await;
+        fusion.report();
+        drop(fusion);
+        finish(engine).await.map_err(NodeError::Trace)?;
+        let tally = self.counting.tally();
+        let (forwarded, missed) = (tally.forwarded(), tally.missed);
+        info!(messages = tally.messages, forwarded, missed, "ended");
+        Ok(tally)
+    }
 }
 
 /// Locks memory, and tries whether a thread gets this priority under `SCHED_FIFO`; nothing of it for 0.
@@ -206,6 +245,13 @@ fn header(settings: &Settings) -> Header {
         commit: settings.commit,
         clouds: clouds.collect(),
     }
+}
+
+/// The operator with its recordings, whose files are made.
+pub(crate) fn recorded(settings: &Settings) -> Result<Engine<Payload, Payload>, NodeError> {
+    let mut engine = engine(settings)?;
+    record(&mut engine, settings)?;
+    Ok(engine)
 }
 
 fn record<V, R>(engine: &mut Engine<V, R>, settings: &Settings) -> Result<(), NodeError> {

@@ -56,6 +56,8 @@ pub struct Settings {
     pub timers: Timers,
     /// The priority under `SCHED_FIFO` of the thread that serves what is due, with memory locked; 0 for neither.
     pub realtime: u8,
+    /// Whether the node is managed: it begins unconfigured, and is told by services what to do.
+    pub lifecycle: bool,
     /// How long a cloud without a deadline of its own may take.
     pub deadline: Duration,
     /// The topic that changes `deadline`, if any.
@@ -253,6 +255,9 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
     )?;
     let about = "The thread's priority under SCHED_FIFO, with memory locked; 0 for neither";
     let realtime = r.integer("realtime", 0..=99, 0, about)?;
+    let about =
+        "Whether the node is managed: it begins unconfigured and waits for a lifecycle manager";
+    let lifecycle = r.flag("lifecycle", false, about)?;
     let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
     let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;
@@ -281,6 +286,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         commit,
         timers,
         realtime: realtime.value,
+        lifecycle,
         deadline,
         deadline_topic: Some(deadline_topic).filter(|topic| !topic.is_empty()),
         deadlines,

@@ -39,6 +39,11 @@ impl Stop {
         self.times > 1
     }
 
+    /// Waits until it is asked again.
+    pub(crate) async fn asked(&mut self) {
+        std::future::poll_fn(|context| self.poll_next(context)).await;
+    }
+
     /// Ready when it is asked again.
     pub(crate) fn poll_next(&mut self, context: &mut Context<'_>) -> Poll<()> {
         let signals = self.signals.iter_mut().flatten();

@@ -1,7 +1,7 @@
 //! The node as ROS sees it: its parameters, and what it reports.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use ros2_client::qos::WhenFull;
 use ros2_client::{
@@ -14,6 +14,7 @@ use tracing::{debug, error};
 
 use crate::dds::Domain;
 use crate::error::NodeError;
+use crate::lifecycle::{Orders, serve};
 use crate::parameters::Value;
 use crate::report::{self, DiagnosticArray, DiagnosticStatus, Time};
 use crate::rosout::Lines;
@@ -35,29 +36,58 @@ pub(crate) struct Voice {
     status: Publisher<DiagnosticStatus>,
 }
 
+/// The node as ROS sees it, whether or not its topics are open.
+pub(crate) struct Presence {
+    pub(crate) voice: Arc<Voice>,
+    pub(crate) settings: Current,
+    /// What was set since it was last looked at.
+    pub(crate) changes: mpsc::UnboundedReceiver<Change>,
+    /// What a managed node is told; a plain one is told nothing.
+    pub(crate) orders: Option<Orders>,
+    /// They serve parameters and lifecycle, and publish the log.
+    pub(crate) tasks: JoinSet<()>,
+}
+
+/// The settings with what was set since the start.
+#[derive(Clone)]
+pub(crate) struct Current(Arc<Mutex<Settings>>);
+
+impl Current {
+    pub(crate) fn now(&self) -> Settings {
+        self.locked().clone()
+    }
+
+    /// A change is made whole, so even a poisoned lock holds sound settings.
+    fn locked(&self) -> MutexGuard<'_, Settings> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 impl Voice {
-    /// The node as ROS sees it: its parameters and what it reports; and the tasks that serve the
-    /// parameters and publish the log.
-    pub(crate) fn new(
+    /// Joins ROS, with the node's parameters, what it reports, and its lifecycle if it is managed.
+    pub(crate) fn join(
         settings: &Settings,
         domain: &Domain,
-        setter: mpsc::UnboundedSender<Change>,
         lines: Option<Lines>,
-    ) -> Result<(Self, JoinSet<()>), NodeError> {
+    ) -> Result<Presence, NodeError> {
         let wrong = |error: &dyn std::fmt::Display| NodeError::Ros(error.to_string());
         let context = Context::from_domain_participant(domain.participant.clone())
             .map_err(|error| wrong(&error))?;
         let name = NodeName::new(&settings.node.namespace, &settings.node.name);
         let name = name.map_err(|error| wrong(&error))?;
         let is_declared = Arc::new(AtomicBool::new(false));
+        let (setter, changes) = mpsc::unbounded_channel();
+        let current = Current(Arc::new(Mutex::new(settings.clone())));
         let mut ros = context
-            .new_node(name, options(settings, setter, &is_declared))
+            .new_node(name, options(settings, &current, setter, &is_declared))
             .map_err(|error| wrong(&format!("{error:?}")))?;
         is_declared.store(true, Ordering::Relaxed);
         let diagnostics = publisher(&mut ros, &settings.diagnostics, "DiagnosticArray")?;
         let status = publisher(&mut ros, &settings.status, "DiagnosticStatus")?;
         let spinner = ros.spinner().map_err(|error| wrong(&error))?;
         let mut tasks = JoinSet::new();
+        let orders = settings.lifecycle.then(|| serve(&mut ros, &settings.node, &mut tasks));
+        let orders = orders.transpose()?;
         if let Some(lines) = lines.filter(|_| settings.rosout) {
             let topic = context.get_rosout_topic();
             let log = ros.create_publisher(&topic, None).map_err(|error| wrong(&error))?;
@@ -68,7 +98,8 @@ impl Voice {
                 error!(%error, "the node's parameters are served no longer");
             }
         });
-        Ok((Self { ros, diagnostics, status }, tasks))
+        let voice = Arc::new(Self { ros, diagnostics, status });
+        Ok(Presence { voice, settings: current, changes, orders, tasks })
     }
 
     /// The time of day, or simulated time.
@@ -82,7 +113,7 @@ impl Voice {
     }
 }
 
-impl Speak for Voice {
+impl Speak for Arc<Voice> {
     fn status(&self, status: DiagnosticStatus) {
         if let Err(error) = self.status.publish(status) {
             debug!(?error, "status not sent");
@@ -119,6 +150,7 @@ async fn publish(mut lines: Lines, log: Publisher<Log>, name: String) {
 /// Declaring sets each parameter once, to its own value: changes are ignored until `is_declared`.
 fn options(
     settings: &Settings,
+    current: &Current,
     setter: mpsc::UnboundedSender<Change>,
     is_declared: &Arc<AtomicBool>,
 ) -> NodeOptions {
@@ -127,20 +159,21 @@ fn options(
         options = options.declare_parameter(&parameter.name, to_ros(&parameter.value));
     }
     let check = {
-        let (settings, is_declared) = (settings.clone(), Arc::clone(is_declared));
+        let (current, is_declared) = (current.clone(), Arc::clone(is_declared));
         move |name: &str, value: &ParameterValue| {
             if !is_declared.load(Ordering::Relaxed) {
                 return Ok(None);
             }
             let value = from_ros(value).ok_or("no parameter of this node has this type")?;
-            settings.check_change(name, &value).map(Some).map_err(|error| error.to_string())
+            current.locked().check_change(name, &value).map(Some).map_err(|error| error.to_string())
         }
     };
-    let validate = check.clone();
+    let (validate, current) = (check.clone(), current.clone());
     options
         .parameter_validator(Box::new(move |name, value| validate(name, value).map(drop)))
         .parameter_set_action(Box::new(move |name, value| {
             if let Some(change) = check(name, value)? {
+                current.locked().apply(change);
                 // The node may be ending.
                 let _ = setter.send(change);
             }

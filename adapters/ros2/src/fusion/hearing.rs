@@ -1,6 +1,6 @@
 //! What comes on topics and as parameters, taken one by one.
 
-use std::task::Poll;
+use std::task::{Context, Poll};
 
 use fuseline_tokio::drive::{Incoming, Word};
 use rustdds::dds::ReadError;
@@ -16,13 +16,13 @@ use crate::settings::{Change, seconds};
 use crate::stamps::Order;
 
 /// The channels on which the node hears.
-pub(crate) struct Heard {
+pub(crate) struct Heard<'a> {
     pub(crate) inputs: mpsc::Receiver<Sample>,
     /// Results, each with the index of its source.
     pub(crate) results: mpsc::Receiver<(usize, Sample)>,
     pub(crate) deadlines: mpsc::Receiver<Sample>,
     pub(crate) speeds: mpsc::Receiver<Sample>,
-    pub(crate) changes: mpsc::UnboundedReceiver<Change>,
+    pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
     pub(crate) report: Interval,
 }
 
@@ -30,6 +30,21 @@ pub(crate) struct Heard {
 pub(crate) type Sample = Result<Payload, ReadError>;
 
 impl Fusion<'_> {
+    /// Whether messages are taken in.
+    pub(super) fn is_active(&self) -> bool {
+        self.orders.as_ref().is_none_or(|orders| orders.is_active)
+    }
+
+    /// A managed node is told what to do.
+    pub(super) fn poll_orders(
+        &mut self,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Incoming<Payload, Payload>>> {
+        let Some(orders) = &mut self.orders else { return Poll::Pending };
+        known(orders.told.poll_recv(context))
+            .map(|order| orders.obey(order).then_some(Incoming::Last))
+    }
+
     /// Something came on the input topic: a message, if it has a key that no open message has.
     pub(super) fn take(&mut self, sample: Sample) -> Option<Incoming<Payload, Payload>> {
         let Memory { stamps, next, intake, .. } = &mut self.memory;

@@ -90,15 +90,22 @@ impl Settings {
         }
     }
 
-    /// Whether the node can keep up after this change to what it was at its start.
+    /// Whether the node can keep up after this change.
     fn keeps_pace_with(&self, change: Change) -> Result<(), Shortfalls> {
         let mut changed = self.clone();
-        match change {
-            Change::Deadline(deadline) => changed.deadline = deadline,
-            Change::CloudDeadline(at, deadline) => changed.clouds[at].deadline = deadline,
-            Change::LocalDeadline(_) | Change::CloudEnabled(..) | Change::SimTime(_) => {}
-        }
+        changed.apply(change);
         changed.keep_pace()
+    }
+
+    /// Takes a change over.
+    pub(crate) fn apply(&mut self, change: Change) {
+        match change {
+            Change::Deadline(deadline) => self.deadline = deadline,
+            Change::LocalDeadline(deadline) => self.local.deadline = deadline,
+            Change::CloudDeadline(at, deadline) => self.clouds[at].deadline = deadline,
+            Change::CloudEnabled(at, enabled) => self.clouds[at].enabled = enabled,
+            Change::SimTime(follows) => self.use_sim_time = follows,
+        }
     }
 
     /// The parameter, if it is one that may be changed.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl._support import Endianness
-from cyclonedds.idl.types import array, byte, float64, int32, int64, sequence, uint8, uint32
+from cyclonedds.idl.types import array, byte, float64, int32, int64, sequence, uint8, uint32, uint64
 
 
 class Message(IdlStruct):
@@ -257,6 +257,74 @@ class GetParametersRequest(Message, typename="rcl_interfaces::srv::dds_::GetPara
 @dataclass
 class GetParametersResponse(Message, typename="rcl_interfaces::srv::dds_::GetParameters_Response_"):
     values: sequence[ParameterValue]
+
+
+@dataclass
+class State(IdlStruct, typename="lifecycle_msgs::msg::dds_::State_"):
+    id: uint8
+    label: str
+
+
+@dataclass
+class Transition(IdlStruct, typename="lifecycle_msgs::msg::dds_::Transition_"):
+    id: uint8 = 0
+    label: str = ""
+
+
+@dataclass
+class TransitionDescription(IdlStruct, typename="lifecycle_msgs::msg::dds_::TransitionDescription_"):
+    transition: Transition
+    start_state: State
+    goal_state: State
+
+
+@dataclass
+class TransitionEvent(Message, typename="lifecycle_msgs::msg::dds_::TransitionEvent_"):
+    timestamp: uint64
+    transition: Transition
+    start_state: State
+    goal_state: State
+
+
+@dataclass
+class ChangeStateRequest(Message, typename="lifecycle_msgs::srv::dds_::ChangeState_Request_"):
+    transition: Transition
+
+
+@dataclass
+class ChangeStateResponse(Message, typename="lifecycle_msgs::srv::dds_::ChangeState_Response_"):
+    success: bool
+
+
+# A request without members has one of a byte.
+@dataclass
+class GetStateRequest(Message, typename="lifecycle_msgs::srv::dds_::GetState_Request_"):
+    structure_needs_at_least_one_member: uint8 = 0
+
+
+@dataclass
+class GetStateResponse(Message, typename="lifecycle_msgs::srv::dds_::GetState_Response_"):
+    current_state: State
+
+
+@dataclass
+class GetAvailableStatesRequest(Message, typename="lifecycle_msgs::srv::dds_::GetAvailableStates_Request_"):
+    structure_needs_at_least_one_member: uint8 = 0
+
+
+@dataclass
+class GetAvailableStatesResponse(Message, typename="lifecycle_msgs::srv::dds_::GetAvailableStates_Response_"):
+    available_states: sequence[State]
+
+
+@dataclass
+class GetAvailableTransitionsRequest(Message, typename="lifecycle_msgs::srv::dds_::GetAvailableTransitions_Request_"):
+    structure_needs_at_least_one_member: uint8 = 0
+
+
+@dataclass
+class GetAvailableTransitionsResponse(Message, typename="lifecycle_msgs::srv::dds_::GetAvailableTransitions_Response_"):
+    available_transitions: sequence[TransitionDescription]
 
 
 OK, WARN, ERROR = 0, 1, 2

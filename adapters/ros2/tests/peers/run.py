@@ -22,6 +22,7 @@ import deadlines
 import faults
 import forwarding
 import images
+import lifecycle
 import running
 from bench import Bench, Skipped
 
@@ -36,7 +37,7 @@ def cases():
     """Every public function of the test modules that takes a bench."""
     return {
         name: case
-        for module in (forwarding, deadlines, running, faults, clock, images)
+        for module in (forwarding, deadlines, running, lifecycle, faults, clock, images)
         for name, case in vars(module).items()
         if inspect.isfunction(case) and case.__module__ == module.__name__
         and list(inspect.signature(case).parameters) == ["bench"] and not name.startswith("_")

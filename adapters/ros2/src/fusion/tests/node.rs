@@ -171,7 +171,7 @@ impl Node {
         let (results, heard_results) = mpsc::channel(64);
         let (deadlines, heard_deadlines) = mpsc::channel(1);
         let (speeds, heard_speeds) = mpsc::channel(1);
-        let (changes, heard_changes) = mpsc::unbounded_channel();
+        let (changes, mut heard_changes) = mpsc::unbounded_channel();
         let (requests, asked) = topic("/local/input");
         let matched = Arc::clone(&requests.matched);
         let is_deaf = Arc::<AtomicBool>::default();
@@ -230,10 +230,11 @@ impl Node {
                     results: heard_results,
                     deadlines: heard_deadlines,
                     speeds: heard_speeds,
-                    changes: heard_changes,
+                    changes: &mut heard_changes,
                     report,
                 },
                 speed: settings.deadlines.speed.as_ref().map(Speed::new),
+                orders: None,
                 stop: &mut stop,
                 memory: Memory::new(reporter),
             };

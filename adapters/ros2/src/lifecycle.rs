@@ -1,0 +1,250 @@
+//! A managed node: its states and transitions as ROS 2 defines them, with the numbers and labels of `lifecycle_msgs`.
+
+mod messages;
+mod services;
+
+use tokio::sync::{mpsc, oneshot};
+
+pub(crate) use services::serve;
+
+/// Where a managed node is: the first four rest, the others are under way.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum State {
+    Unconfigured = 1,
+    Inactive = 2,
+    Active = 3,
+    Finalized = 4,
+    Configuring = 10,
+    CleaningUp = 11,
+    ShuttingDown = 12,
+    Activating = 13,
+    Deactivating = 14,
+    ErrorProcessing = 15,
+}
+
+use State::{
+    Activating, Active, CleaningUp, Configuring, Deactivating, ErrorProcessing, Finalized,
+    Inactive, ShuttingDown, Unconfigured,
+};
+
+/// A way from one state to another.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Transition {
+    pub(crate) id: u8,
+    pub(crate) label: &'static str,
+    pub(crate) from: State,
+    pub(crate) to: State,
+}
+
+/// All states, in the order of their numbers.
+pub(crate) const STATES: [State; 10] = [
+    Unconfigured,
+    Inactive,
+    Active,
+    Finalized,
+    Configuring,
+    CleaningUp,
+    ShuttingDown,
+    Activating,
+    Deactivating,
+    ErrorProcessing,
+];
+
+const SUCCESS: &str = "transition_success";
+const FAILURE: &str = "transition_failure";
+const ERROR: &str = "transition_error";
+
+/// All transitions: those that may be asked for, then those by which they end.
+pub(crate) const TRANSITIONS: [Transition; 25] = [
+    transition(1, "configure", Unconfigured, Configuring),
+    transition(2, "cleanup", Inactive, CleaningUp),
+    transition(3, "activate", Inactive, Activating),
+    transition(4, "deactivate", Active, Deactivating),
+    transition(5, "shutdown", Unconfigured, ShuttingDown),
+    transition(6, "shutdown", Inactive, ShuttingDown),
+    transition(7, "shutdown", Active, ShuttingDown),
+    transition(10, SUCCESS, Configuring, Inactive),
+    transition(11, FAILURE, Configuring, Unconfigured),
+    transition(12, ERROR, Configuring, ErrorProcessing),
+    transition(20, SUCCESS, CleaningUp, Unconfigured),
+    transition(21, FAILURE, CleaningUp, Inactive),
+    transition(22, ERROR, CleaningUp, ErrorProcessing),
+    transition(30, SUCCESS, Activating, Active),
+    transition(31, FAILURE, Activating, Inactive),
+    transition(32, ERROR, Activating, ErrorProcessing),
+    transition(40, SUCCESS, Deactivating, Inactive),
+    transition(41, FAILURE, Deactivating, Active),
+    transition(42, ERROR, Deactivating, ErrorProcessing),
+    transition(50, SUCCESS, ShuttingDown, Finalized),
+    transition(51, FAILURE, ShuttingDown, Finalized),
+    transition(52, ERROR, ShuttingDown, ErrorProcessing),
+    transition(60, SUCCESS, ErrorProcessing, Unconfigured),
+    transition(61, FAILURE, ErrorProcessing, Finalized),
+    transition(62, ERROR, ErrorProcessing, Finalized),
+];
+
+/// What a managed node is to do.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Task {
+    Configure,
+    CleanUp,
+    Activate,
+    Deactivate,
+    ShutDown,
+}
+
+/// How that went.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Done {
+    /// As asked.
+    Success,
+    /// It is as it was before.
+    Failure,
+    /// Something was lost on the way.
+    Error,
+}
+
+/// A task, and where to say that it is done.
+pub(crate) struct Order {
+    pub(crate) task: Task,
+    done: oneshot::Sender<Done>,
+}
+
+/// What a managed node is told.
+pub(crate) struct Orders {
+    pub(crate) told: mpsc::Receiver<Order>,
+    /// Whether messages are taken in.
+    pub(crate) is_active: bool,
+    /// The order to close what is open, once it came.
+    pub(crate) last: Option<Order>,
+}
+
+impl Order {
+    pub(crate) fn done(self, how: Done) {
+        // Nobody waits for it if the node ends.
+        let _ = self.done.send(how);
+    }
+}
+
+impl Orders {
+    /// Ready with `true` when the node is to close what is open.
+    pub(crate) fn obey(&mut self, order: Order) -> bool {
+        match order.task {
+            Task::Activate | Task::Deactivate => {
+                self.is_active = order.task == Task::Activate;
+                order.done(Done::Success);
+                false
+            }
+            Task::CleanUp | Task::ShutDown => {
+                self.is_active = false;
+                self.last = Some(order);
+                true
+            }
+            // No managed node is asked for it twice: `State::asked`.
+            Task::Configure => {
+                order.done(Done::Failure);
+                false
+            }
+        }
+    }
+}
+
+impl State {
+    pub(crate) const fn label(self) -> &'static str {
+        match self {
+            Unconfigured => "unconfigured",
+            Inactive => "inactive",
+            Active => "active",
+            Finalized => "finalized",
+            Configuring => "configuring",
+            CleaningUp => "cleaningup",
+            ShuttingDown => "shuttingdown",
+            Activating => "activating",
+            Deactivating => "deactivating",
+            ErrorProcessing => "errorprocessing",
+        }
+    }
+
+    /// The transitions from here.
+    pub(crate) fn ways(self) -> impl Iterator<Item = Transition> {
+        TRANSITIONS.into_iter().filter(move |way| way.from == self)
+    }
+
+    /// The transition that is asked for, by its label if there is one, else by its number; none if it does not begin
+    /// here.
+    pub(crate) fn asked(self, id: u8, label: &str) -> Option<(Transition, Task)> {
+        let way = self
+            .ways()
+            .find(|way| if label.is_empty() { way.id == id } else { way.label == label })?;
+        let task = match way.to {
+            Configuring => Task::Configure,
+            CleaningUp => Task::CleanUp,
+            Activating => Task::Activate,
+            Deactivating => Task::Deactivate,
+            ShuttingDown => Task::ShutDown,
+            Unconfigured | Inactive | Active | Finalized | ErrorProcessing => return None,
+        };
+        Some((way, task))
+    }
+
+    /// The transition by which what is under way ends, if anything is.
+    pub(crate) fn ended(self, how: Done) -> Option<Transition> {
+        let label = match how {
+            Done::Success => SUCCESS,
+            Done::Failure => FAILURE,
+            Done::Error => ERROR,
+        };
+        self.ways().find(|way| way.label == label)
+    }
+}
+
+const fn transition(id: u8, label: &'static str, from: State, to: State) -> Transition {
+    Transition { id, label, from, to }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_state_that_rests_has_the_transitions_of_ros() {
+        let ways = |state: State| state.ways().map(|way| way.label).collect::<Vec<_>>();
+        assert_eq!(ways(Unconfigured), ["configure", "shutdown"]);
+        assert_eq!(ways(Inactive), ["cleanup", "activate", "shutdown"]);
+        assert_eq!(ways(Active), ["deactivate", "shutdown"]);
+        assert_eq!(ways(Finalized), [""; 0]);
+    }
+
+    #[test]
+    fn a_task_leads_to_where_it_is_meant_to_lead() {
+        let goes = |state: State, id, label, how| {
+            let (way, task) = state.asked(id, label)?;
+            assert_eq!(way.from, state);
+            Some((task, way.to.ended(how)?.to))
+        };
+        assert_eq!(goes(Unconfigured, 1, "", Done::Success), Some((Task::Configure, Inactive)));
+        assert_eq!(goes(Unconfigured, 1, "", Done::Failure), Some((Task::Configure, Unconfigured)));
+        assert_eq!(goes(Inactive, 3, "", Done::Success), Some((Task::Activate, Active)));
+        assert_eq!(goes(Active, 4, "", Done::Success), Some((Task::Deactivate, Inactive)));
+        assert_eq!(goes(Inactive, 2, "", Done::Success), Some((Task::CleanUp, Unconfigured)));
+        assert_eq!(goes(Inactive, 2, "", Done::Error), Some((Task::CleanUp, ErrorProcessing)));
+        for (state, id) in [(Unconfigured, 5), (Inactive, 6), (Active, 7)] {
+            assert_eq!(goes(state, id, "", Done::Success), Some((Task::ShutDown, Finalized)));
+            assert_eq!(
+                goes(state, 0, "shutdown", Done::Success),
+                Some((Task::ShutDown, Finalized))
+            );
+        }
+        assert_eq!(ErrorProcessing.ended(Done::Success).map(|way| way.to), Some(Unconfigured));
+    }
+
+    #[test]
+    fn what_does_not_begin_here_is_refused_and_so_is_the_end_of_something_under_way() {
+        assert_eq!(Unconfigured.asked(3, ""), None);
+        assert_eq!(Active.asked(1, "configure"), None);
+        assert_eq!(Configuring.asked(10, ""), None);
+        assert_eq!(Configuring.asked(0, SUCCESS), None);
+        assert_eq!(Inactive.asked(3, "cleanup").map(|(_, task)| task), Some(Task::CleanUp));
+        assert_eq!(Inactive.ended(Done::Success), None);
+    }
+}

@@ -1,0 +1,93 @@
+//! The messages of `lifecycle_msgs`, as they are serialized.
+
+use ros2_client::Message;
+use serde::{Deserialize, Serialize};
+
+/// `msg/State`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct State {
+    pub(super) id: u8,
+    pub(super) label: String,
+}
+
+/// `msg/Transition`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct Transition {
+    pub(super) id: u8,
+    pub(super) label: String,
+}
+
+/// `msg/TransitionDescription`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct TransitionDescription {
+    transition: Transition,
+    start_state: State,
+    goal_state: State,
+}
+
+/// `msg/TransitionEvent`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct TransitionEvent {
+    /// Nanoseconds of the time of day.
+    pub(super) timestamp: u64,
+    pub(super) transition: TransitionDescription,
+}
+
+/// `srv/ChangeState_Request`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct ChangeState {
+    pub(super) transition: Transition,
+}
+
+/// `srv/ChangeState_Response`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct Changed {
+    pub(super) success: bool,
+}
+
+/// A request without content: ROS sends one byte.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct Nothing {
+    structure_needs_at_least_one_member: u8,
+}
+
+/// `srv/GetState_Response`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct CurrentState {
+    pub(super) current_state: State,
+}
+
+/// `srv/GetAvailableStates_Response`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct AvailableStates {
+    pub(super) available_states: Vec<State>,
+}
+
+/// `srv/GetAvailableTransitions_Response`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub(super) struct AvailableTransitions {
+    pub(super) available_transitions: Vec<TransitionDescription>,
+}
+
+impl Message for ChangeState {}
+impl Message for Changed {}
+impl Message for Nothing {}
+impl Message for CurrentState {}
+impl Message for AvailableStates {}
+impl Message for AvailableTransitions {}
+
+impl From<super::State> for State {
+    fn from(state: super::State) -> Self {
+        Self { id: state as u8, label: state.label().to_owned() }
+    }
+}
+
+impl From<super::Transition> for TransitionDescription {
+    fn from(way: super::Transition) -> Self {
+        Self {
+            transition: Transition { id: way.id, label: way.label.to_owned() },
+            start_state: way.from.into(),
+            goal_state: way.to.into(),
+        }
+    }
+}

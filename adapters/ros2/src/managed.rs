@@ -1,0 +1,134 @@
+//! A managed node: it opens its topics when it is configured, takes messages in while it is active, and closes them when
+//! it is cleaned up.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use fuseline_operator::Tally;
+use tokio::sync::mpsc;
+use tracing::error;
+
+use crate::dds::Domain;
+use crate::error::NodeError;
+use crate::lifecycle::{Done, Order, Orders, Task};
+use crate::node::{self, Outside};
+use crate::rosout::Lines;
+use crate::settings::{Change, Settings};
+use crate::stop::Stop;
+use crate::voice::{Presence, Voice};
+
+/// Runs the node until it is stopped; returns the counts of the last time that it was configured.
+///
+/// # Errors
+/// If ROS refuses the node, or the last trace could not be written whole.
+pub(crate) async fn run(
+    settings: &Settings,
+    stop: &mut Stop,
+    lines: Option<Lines>,
+) -> Result<Tally, NodeError> {
+    // What ROS sees of it outlives its topics, which have a participant of their own.
+    let home = Domain::join(settings.domain, settings.localhost_only)?;
+    let Presence { voice, settings, mut changes, orders, mut tasks } =
+        Voice::join(settings, &home, lines)?;
+    let mut ended = Ok(Tally::default());
+    if let Some(mut orders) = orders {
+        let mut time = 1;
+        while let Some(order) = unconfigured(&mut orders, &mut changes, stop).await {
+            if order.task == Task::ShutDown {
+                finalized(order, stop).await;
+                break;
+            }
+            let settings = numbered(settings.now(), time);
+            let outside =
+                Outside { changes: &mut changes, orders: Some(&mut orders), stop: &mut *stop };
+            ended = configured(&settings, Arc::clone(&voice), outside, order).await;
+            match orders.last.take() {
+                Some(order) if order.task == Task::ShutDown => {
+                    finalized(order, stop).await;
+                    break;
+                }
+                Some(order) => {
+                    time += 1;
+                    order.done(if ended.is_ok() { Done::Success } else { Done::Error });
+                }
+                None if stop.came() => break,
+                // It could not be configured, and said why.
+                None => ended = Ok(Tally::default()),
+            }
+        }
+    }
+    drop(voice);
+    tasks.shutdown().await;
+    home.leave().await;
+    ended
+}
+
+/// Waits for an order; none if the node is told to end.
+async fn unconfigured(
+    orders: &mut Orders,
+    changes: &mut mpsc::UnboundedReceiver<Change>,
+    stop: &mut Stop,
+) -> Option<Order> {
+    loop {
+        tokio::select! {
+            () = stop.asked() => return None,
+            order = orders.told.recv() => return order,
+            // They are in the settings already.
+            Some(_) = changes.recv() => {}
+        }
+    }
+}
+
+/// Opens what the settings name, and runs until it is to be closed again.
+async fn configured(
+    settings: &Settings,
+    voice: Arc<Voice>,
+    outside: Outside<'_>,
+    order: Order,
+) -> Result<Tally, NodeError> {
+    let refused = |order: Order, error: NodeError| {
+        error!(%error, "the node cannot be configured");
+        order.done(Done::Failure);
+        error
+    };
+    let opened = node::check(settings).and_then(|()| {
+        let engine = node::recorded(settings)?;
+        Ok((engine, Domain::join(settings.domain, settings.localhost_only)?))
+    });
+    let (engine, mut domain) = match opened {
+        Ok(opened) => opened,
+        Err(error) => return Err(refused(order, error)),
+    };
+    let ended = match node::open(settings, engine, &mut domain, voice, outside) {
+        Ok(open) => {
+            order.done(Done::Success);
+            open.run().await
+        }
+        Err(error) => Err(refused(order, error)),
+    };
+    domain.leave().await;
+    ended.inspect_err(|error| error!(%error, "the node was not closed well"))
+}
+
+/// It answers its services until it is told to end.
+async fn finalized(order: Order, stop: &mut Stop) {
+    order.done(Done::Success);
+    if !stop.came() {
+        stop.asked().await;
+    }
+}
+
+/// The first time traces have the names of the settings; later `trace.jsonl` is `trace-2.jsonl`, and so on.
+fn numbered(mut settings: Settings, time: u32) -> Settings {
+    let named = |path: &Path| {
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        let (stem, rest) = file.split_once('.').unwrap_or((&file, ""));
+        let dot = if rest.is_empty() { "" } else { "." };
+        path.with_file_name(format!("{stem}-{time}{dot}{rest}"))
+    };
+    if time > 1 {
+        settings.trace = settings.trace.as_deref().map(named);
+        settings.mcap = settings.mcap.as_deref().map(named);
+    }
+    settings
+}
