@@ -120,6 +120,12 @@ pub(crate) struct Orders {
 }
 
 impl Order {
+    /// An order, and where it is said how it went.
+    pub(crate) fn new(task: Task) -> (Self, oneshot::Receiver<Done>) {
+        let (done, heard) = oneshot::channel();
+        (Self { task, done }, heard)
+    }
+
     pub(crate) fn done(self, how: Done) {
         // Nobody waits for it if the node ends.
         let _ = self.done.send(how);

@@ -102,12 +102,12 @@ async fn configured(
     let ended = match node::open(settings, engine, &mut domain, voice, outside) {
         Ok(open) => {
             order.done(Done::Success);
-            open.run().await
+            open.run().await.inspect_err(|error| error!(%error, "the node was not closed well"))
         }
         Err(error) => Err(refused(order, error)),
     };
     domain.leave().await;
-    ended.inspect_err(|error| error!(%error, "the node was not closed well"))
+    ended
 }
 
 /// It answers its services until it is told to end.

@@ -43,7 +43,8 @@ pub async fn run(
 ) -> Result<Tally, NodeError> {
     realtime(settings.realtime)?;
     if settings.lifecycle {
-        return managed::run(settings, stop, lines).await;
+        // A plain node does not carry its future.
+        return Box::pin(managed::run(settings, stop, lines)).await;
     }
     // What is refused is refused before anybody notices the node.
     check(settings)?;

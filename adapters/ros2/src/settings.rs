@@ -35,6 +35,7 @@ const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
 
 /// A node's settings. All names are full names, and all values have been checked.
 #[derive(Clone, PartialEq, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a parameter of its own")]
 pub struct Settings {
     /// The node's namespace and name.
     pub node: NodeName,

@@ -13,6 +13,7 @@ use node::{Node, payload};
 use tokio::time::{Instant, sleep, sleep_until};
 
 use super::*;
+use crate::lifecycle::{Done, Task};
 use crate::settings::Change;
 
 const MS: Duration = Duration::from_millis(1);
@@ -320,4 +321,24 @@ async fn a_flood_of_results_keeps_no_message_from_its_turn() {
     flood.abort();
     node.until(100).await;
     assert_eq!(node.lines().len(), 1);
+}
+
+/// D16 as set: `lifecycle`.
+#[tokio::test(start_paused = true)]
+async fn d16_a_managed_node_takes_in_what_comes_while_it_is_active_and_answers_it_before_it_is_closed()
+ {
+    let node = Node::start_with(|_| Answers(300), &[], &["-p", "lifecycle:=true"]);
+    node.feed(0, [10]).await;
+    node.until(20).await;
+    assert_eq!(node.tell(Task::Activate).await.await, Ok(Done::Success));
+    node.feed(1, [30]).await;
+    node.until(40).await;
+    assert_eq!(node.tell(Task::Deactivate).await.await, Ok(Done::Success));
+    node.feed(2, [50]).await;
+    node.until(60).await;
+    let closed = node.tell(Task::CleanUp).await;
+    node.feed(3, [70]).await;
+    assert_eq!(closed.await, Ok(Done::Success));
+    assert_eq!(node.start.elapsed(), 330 * MS);
+    assert_eq!(node.lines(), ["330 ms: 0 local's of 1, asked at 30 ms by F3"]);
 }

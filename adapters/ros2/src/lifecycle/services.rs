@@ -109,11 +109,11 @@ impl Services {
         teller: &mpsc::Sender<Order>,
     ) -> Option<UnderWay> {
         let (request, ChangeState { transition }) = known(asked)?;
-        let (finisher, done) = oneshot::channel();
-        let begun = state
-            .asked(transition.id, &transition.label)
-            .filter(|(_, task)| teller.try_send(Order { task: *task, done: finisher }).is_ok());
-        let Some((way, _)) = begun else {
+        let begun = state.asked(transition.id, &transition.label).and_then(|(way, task)| {
+            let (order, done) = Order::new(task);
+            teller.try_send(order).ok().map(|()| (way, done))
+        });
+        let Some((way, done)) = begun else {
             let (id, label) = (transition.id, transition.label);
             warn!(id, label, state = state.label(), "there is no such transition from here");
             reply(&self.change, Ok((request, ())), |()| Changed { success: false });

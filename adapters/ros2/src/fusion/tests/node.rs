@@ -5,12 +5,13 @@ use std::sync::{Mutex, MutexGuard};
 
 use fuseline_operator::{Engine, Tally};
 use fuseline_tokio::drive::{Driver, Timers, finish};
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, oneshot};
 use tokio::time::{MissedTickBehavior, interval};
 
 use super::*;
 use crate::arguments::Arguments;
 use crate::key::Kind;
+use crate::lifecycle::{Done, Order, Task};
 use crate::node;
 use crate::report::DiagnosticStatus;
 use crate::settings::Settings;
@@ -105,6 +106,7 @@ pub(super) struct Node {
     pub(super) deadlines: mpsc::Sender<Sample>,
     pub(super) speeds: mpsc::Sender<Sample>,
     pub(super) changes: mpsc::UnboundedSender<Change>,
+    orders: mpsc::Sender<Order>,
     /// Local's subscriber count.
     pub(super) local: Arc<AtomicUsize>,
     /// Whether what local is sent gets lost.
@@ -156,6 +158,34 @@ fn settings(clouds: usize, more: &[&str]) -> Settings {
     Settings::from(&arguments, |_| None).unwrap()
 }
 
+/// The clouds of a node, which are called.
+fn called(
+    settings: &Settings,
+    clouds: &[(u64, Plan)],
+    (dropped, hints): (&Drops, &Hints),
+    start: Instant,
+) -> Vec<Source> {
+    let mut sources = Vec::new();
+    for (priority, (deadline, act)) in (1..).zip(clouds.iter().copied()) {
+        let handle = cloud(priority, act, Arc::clone(dropped), start);
+        let late = settings.clouds[usize::from(priority) - 1].hints.as_ref().map(|name| {
+            let (late, published) = topic(name);
+            tokio::spawn(note(published, Arc::clone(hints), start));
+            Box::new(late) as Box<dyn Publish>
+        });
+        sources.push(Source {
+            priority,
+            name: name(priority),
+            way: Way::Grpc(handle),
+            enabled: true,
+            deadline: Some(Duration::from_millis(deadline)).filter(|it| !it.is_zero()),
+            hints: late,
+            strays: Strays::default(),
+        });
+    }
+    sources
+}
+
 impl Node {
     pub(super) fn start(local: Plan, clouds: &[(u64, Plan)]) -> Self {
         Self::start_with(local, clouds, &[])
@@ -172,6 +202,7 @@ impl Node {
         let (deadlines, heard_deadlines) = mpsc::channel(1);
         let (speeds, heard_speeds) = mpsc::channel(1);
         let (changes, mut heard_changes) = mpsc::unbounded_channel();
+        let (orders, told) = mpsc::channel(1);
         let (requests, asked) = topic("/local/input");
         let matched = Arc::clone(&requests.matched);
         let is_deaf = Arc::<AtomicBool>::default();
@@ -189,23 +220,7 @@ impl Node {
             hints: None,
             strays: Strays::default(),
         }];
-        for (priority, (deadline, act)) in (1..).zip(clouds.iter().copied()) {
-            let handle = cloud(priority, act, Arc::clone(&dropped), start);
-            let late = settings.clouds[usize::from(priority) - 1].hints.as_ref().map(|name| {
-                let (late, published) = topic(name);
-                tokio::spawn(note(published, Arc::clone(&hints), start));
-                Box::new(late) as Box<dyn Publish>
-            });
-            sources.push(Source {
-                priority,
-                name: name(priority),
-                way: Way::Grpc(handle),
-                enabled: true,
-                deadline: Some(Duration::from_millis(deadline)).filter(|it| !it.is_zero()),
-                hints: late,
-                strays: Strays::default(),
-            });
-        }
+        sources.extend(called(&settings, clouds, (&dropped, &hints), start));
         let (output, published) = topic("/output");
         let said = Arc::<Mutex<Said>>::default();
         let mouth = Mouth { said: Arc::clone(&said), output: Mutex::new(published), start };
@@ -213,6 +228,7 @@ impl Node {
         let (deadline, node) = (settings.deadline, settings.node.full());
         let running = tokio::spawn(async move {
             let mut stop = Stop::never();
+            let mut told = Orders { told, is_active: false, last: None };
             let mut report = interval(1000 * MS);
             report.set_missed_tick_behavior(MissedTickBehavior::Delay);
             let fusion = Fusion {
@@ -234,7 +250,7 @@ impl Node {
                     report,
                 },
                 speed: settings.deadlines.speed.as_ref().map(Speed::new),
-                orders: None,
+                orders: settings.lifecycle.then_some(&mut told),
                 stop: &mut stop,
                 memory: Memory::new(reporter),
             };
@@ -243,6 +259,9 @@ impl Node {
             fusion.report();
             drop(fusion);
             finish(engine).await.unwrap();
+            if let Some(order) = told.last.take() {
+                order.done(Done::Success);
+            }
         });
         let local = matched;
         Self {
@@ -252,6 +271,7 @@ impl Node {
             deadlines,
             speeds,
             changes,
+            orders,
             local,
             is_deaf,
             said,
@@ -268,6 +288,13 @@ impl Node {
             sleep_until(self.start + Duration::from_millis(ms)).await;
             self.inputs.send(Ok(payload(t, "frame"))).await.unwrap();
         }
+    }
+
+    /// Tells a managed node what to do; how it goes is heard by the answer.
+    pub(super) async fn tell(&self, task: Task) -> oneshot::Receiver<Done> {
+        let (order, done) = Order::new(task);
+        assert!(self.orders.send(order).await.is_ok(), "the node ended");
+        done
     }
 
     pub(super) async fn until(&self, ms: u64) {
