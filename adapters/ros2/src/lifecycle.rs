@@ -7,9 +7,11 @@ use tokio::sync::{mpsc, oneshot};
 
 pub(crate) use services::serve;
 
-/// Where a managed node is: the first four rest, the others are under way.
+/// Where a managed node is: at rest, or from 10 on under way.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum State {
+    /// No node is; ROS lists it.
+    Unknown = 0,
     Unconfigured = 1,
     Inactive = 2,
     Active = 3,
@@ -24,7 +26,7 @@ pub(crate) enum State {
 
 use State::{
     Activating, Active, CleaningUp, Configuring, Deactivating, ErrorProcessing, Finalized,
-    Inactive, ShuttingDown, Unconfigured,
+    Inactive, ShuttingDown, Unconfigured, Unknown,
 };
 
 /// A way from one state to another.
@@ -37,7 +39,8 @@ pub(crate) struct Transition {
 }
 
 /// All states, in the order of their numbers.
-pub(crate) const STATES: [State; 10] = [
+pub(crate) const STATES: [State; 11] = [
+    Unknown,
     Unconfigured,
     Inactive,
     Active,
@@ -133,7 +136,7 @@ impl Order {
 }
 
 impl Orders {
-    /// Ready with `true` when the node is to close what is open.
+    /// Does what needs nothing but this; whether the node is to close what is open.
     pub(crate) fn obey(&mut self, order: Order) -> bool {
         match order.task {
             Task::Activate | Task::Deactivate => {
@@ -158,6 +161,7 @@ impl Orders {
 impl State {
     pub(crate) const fn label(self) -> &'static str {
         match self {
+            Unknown => "unknown",
             Unconfigured => "unconfigured",
             Inactive => "inactive",
             Active => "active",
@@ -188,7 +192,9 @@ impl State {
             Activating => Task::Activate,
             Deactivating => Task::Deactivate,
             ShuttingDown => Task::ShutDown,
-            Unconfigured | Inactive | Active | Finalized | ErrorProcessing => return None,
+            Unknown | Unconfigured | Inactive | Active | Finalized | ErrorProcessing => {
+                return None;
+            }
         };
         Some((way, task))
     }

@@ -69,7 +69,8 @@ async fn unconfigured(
     changes: &mut mpsc::UnboundedReceiver<Change>,
     stop: &mut Stop,
 ) -> Option<Order> {
-    loop {
+    // It may have been asked while the last order was carried out.
+    while !stop.came() {
         tokio::select! {
             () = stop.asked() => return None,
             order = orders.told.recv() => return order,
@@ -77,6 +78,7 @@ async fn unconfigured(
             Some(_) = changes.recv() => {}
         }
     }
+    None
 }
 
 /// Opens what the settings name, and runs until it is to be closed again.

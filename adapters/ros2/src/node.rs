@@ -41,13 +41,13 @@ pub async fn run(
     stop: &mut Stop,
     lines: Option<Lines>,
 ) -> Result<Tally, NodeError> {
-    realtime(settings.realtime)?;
     if settings.lifecycle {
         // A plain node does not carry its future.
         return Box::pin(managed::run(settings, stop, lines)).await;
     }
     // What is refused is refused before anybody notices the node.
     check(settings)?;
+    realtime(settings.realtime)?;
     let engine = recorded(settings)?;
     let mut domain = Domain::join(settings.domain, settings.localhost_only)?;
     let Presence { voice, mut changes, mut tasks, .. } = Voice::join(settings, &domain, lines)?;

@@ -255,10 +255,16 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         &[("kernel", Timers::Kernel), ("tokio", Timers::Tokio)],
     )?;
     let about = "The thread's priority under SCHED_FIFO, with memory locked; 0 for neither";
-    let realtime = r.integer("realtime", 0..=99, 0, about)?;
+    let realtime: Placed<u8> = r.integer("realtime", 0..=99, 0, about)?;
     let about =
         "Whether the node is managed: it begins unconfigured and waits for a lifecycle manager";
     let lifecycle = r.flag("lifecycle", false, about)?;
+    if lifecycle && realtime.value != 0 {
+        let value = Value::Integer(realtime.value.into());
+        let expected = "0 to a managed node, whose next configuration would start its threads with that priority";
+        let (name, expected) = ("realtime".to_owned(), expected.to_owned());
+        return Err(SettingsError::Value { place: realtime.place, name, value, expected });
+    }
     let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
     let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;

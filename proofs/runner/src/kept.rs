@@ -157,7 +157,8 @@ impl Kept {
     pub(crate) fn differs(&self, sources: &Sources) -> Vec<String> {
         let there: BTreeSet<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();
         let kept: BTreeSet<&str> = self.proved.keys().map(|question| asked(question)).collect();
-        let lacks = there.difference(&kept).map(|name| format!("the ledger lacks {name}"));
+        let own = self.proved.keys().map(String::as_str).collect();
+        let lacks = there.difference(&own).map(|name| format!("the ledger lacks {name}"));
         let more = kept.difference(&there).map(|name| format!("the ledger has {name}"));
         lacks.chain(more).collect()
     }

@@ -1,5 +1,7 @@
 """A managed node, as a lifecycle manager sees it: by Fast DDS, as `rmw_fastrtps` asks."""
 
+import signal
+import threading
 import time
 
 from fastdds import Client
@@ -77,8 +79,8 @@ def a_managed_node_takes_inputs_in_only_while_it_is_active(bench):
     assert manager.can() == ["configure", "shutdown"]
     assert len(manager.graph.call(GetAvailableTransitionsRequest()).available_transitions) == 25
     states = manager.listing.call(GetAvailableStatesRequest()).available_states
-    assert [(state.id, state.label) for state in states][:4] == [
-        (1, "unconfigured"), (2, "inactive"), (3, "active"), (4, "finalized")]
+    assert [(state.id, state.label) for state in states][:5] == [
+        (0, "unknown"), (1, "unconfigured"), (2, "inactive"), (3, "active"), (4, "finalized")]
     assert not manager.does("activate"), "a node that is not configured was activated"
     assert camera.output.matched() == 0 and not node.trace_file.exists(), "it opened something before it was told to"
 
@@ -124,6 +126,22 @@ def a_managed_node_takes_inputs_in_only_while_it_is_active(bench):
     assert bench.judge(node) == first
     node.trace_file = node.trace_file.with_name("trace-2.jsonl")
     print(f"{first} timestamps judged, {bench.judge(node)} after the second configuration")
+
+
+def a_signal_while_a_managed_node_is_cleaned_up_ends_it(bench):
+    node = bench.refused(parameters(["west"], lifecycle=True))
+    manager = Manager(bench)
+    assert manager.does("configure") and manager.does("activate")
+    camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
+    ready(camera, listener, local, west)
+    stamp, _ = camera.ask("local=0.8")
+    until(lambda: west.asked_for(stamp), "a request")
+    assert manager.does("deactivate")
+    threading.Thread(target=manager.does, args=["cleanup"], daemon=True).start()
+    until(lambda: "cleaningup" in node.log(), "the beginning")
+    node.process.send_signal(signal.SIGINT)
+    assert node.until_exit() == 0
+    listener.until_answered([stamp])
 
 
 def a_managed_node_that_cannot_be_configured_says_why_and_may_be_told_again(bench):

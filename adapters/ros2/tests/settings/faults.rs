@@ -155,6 +155,9 @@ fn what_is_wrong_with_a_stream_is_told() {
         let argument = format!("-p {parameter}");
         assert_eq!(error_with(&argument), format!("{argument}: {error}"));
     }
+    let error = "-p realtime:=20: realtime is 20; give 0 to a managed node, whose next configuration \
+                 would start its threads with that priority";
+    assert_eq!(error_with("-p lifecycle:=true -p realtime:=20"), error);
 }
 
 #[test]
