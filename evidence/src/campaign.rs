@@ -1,6 +1,7 @@
 //! Runs every kind of witness under every fault.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -9,7 +10,7 @@ use std::time::Duration;
 
 use crate::error::Error;
 use crate::fault::SeededFault;
-use crate::kind::Kind;
+use crate::kind::{Kind, Run};
 use crate::lane::Lane;
 use crate::record::{Caught, Record};
 use crate::tree::Tree;
@@ -51,6 +52,10 @@ impl Campaign<'_> {
             self.tree.copy_to(&lane.copy)?;
         }
         let rustc = compiler()?;
+        if self.kinds.iter().any(|kind| matches!(kind.run, Run::Driven { .. })) {
+            tell("the command", 0, 0);
+            self.build_command()?;
+        }
         let mut records = BTreeMap::new();
         let kinds: Vec<&'static Kind> =
             self.kinds.iter().copied().filter(|kind| kind.is_run_here()).collect();
@@ -133,11 +138,30 @@ impl Campaign<'_> {
         self.faults.iter().map(|fault| (fault.name.clone(), by_kind(fault))).collect()
     }
 
+    /// The folder of what is built of the project itself.
+    fn built(&self) -> PathBuf {
+        let named = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
+        self.tree.path(named.unwrap_or_else(|| "target".into()))
+    }
+
+    /// Builds the project's own command.
+    fn build_command(&self) -> Result<(), Error> {
+        let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        cargo.args(["build", "--locked", "--quiet", "--release", "-p", "fuseline"]);
+        let ended = cargo.arg("--target-dir").arg(self.built()).current_dir(self.tree.root());
+        let ended = ended.status().map_err(Error::file(self.tree.root()))?;
+        if ended.success() {
+            return Ok(());
+        }
+        Err(Error::content(self.tree.root(), format!("the command does not build: {ended}")))
+    }
+
     fn lane(&self, number: usize) -> Lane<'_> {
         let folder = self.tree.path("target/evidence").join(number.to_string());
         Lane {
             copy: Tree::new(folder.join("source")),
             target: folder.join("target"),
+            command: self.built().join("release/fuseline"),
             limit: self.limit,
             stop: self.stop,
         }

@@ -34,6 +34,8 @@ pub struct Kind {
 pub(crate) enum Run {
     /// cargo with these arguments and variables, under every fault.
     Cargo { arguments: &'static [&'static str], variables: &'static [(&'static str, &'static str)] },
+    /// As `Cargo`, but what cargo would run is run by the project's own command, as it is without the fault.
+    Driven { arguments: &'static [&'static str], by: &'static [&'static str] },
     /// A command of its own, which keeps its own record and holds it against the sources in each run of it.
     Prove,
     /// As `Prove`, with faults of its own too: each witness was refuted under one of them.
@@ -52,7 +54,7 @@ impl Kind {
     /// Whether its witnesses run under every fault by a campaign.
     #[must_use]
     pub fn is_run_here(&self) -> bool {
-        matches!(self.run, Run::Cargo { .. })
+        matches!(self.run, Run::Cargo { .. } | Run::Driven { .. })
     }
 
     /// Whether its witnesses were refuted under faults of their own, and not under those seeded here.

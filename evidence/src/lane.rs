@@ -1,6 +1,7 @@
 //! A copy of the project in which faults are seeded and witnesses run.
 
 use std::fs::{self, File};
+use std::iter;
 use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -26,6 +27,8 @@ pub(crate) const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
 pub(crate) struct Lane<'a> {
     pub(crate) copy: Tree,
     pub(crate) target: PathBuf,
+    /// The project's own command, built without a fault, where a kind needs it.
+    pub(crate) command: PathBuf,
     pub(crate) limit: Duration,
     pub(crate) stop: &'a AtomicBool,
 }
@@ -63,6 +66,13 @@ impl Lane<'_> {
         if outcomes.is_empty() { Err(wrong("no witness ran")) } else { Ok(outcomes) }
     }
 
+    /// What has cargo run what it built by the project's own command.
+    fn runner(&self, by: &[&str]) -> String {
+        let command = self.command.to_string_lossy();
+        let words: Vec<&str> = iter::once(&*command).chain(by.iter().copied()).collect();
+        format!("target.'cfg(all())'.runner = {words:?}")
+    }
+
     /// Runs cargo until it ends or its time is up; what ended it shows in what it printed.
     fn cargo(&self, kind: &Kind, log: &PathBuf) -> Result<(), Error> {
         let folder = log.parent().unwrap_or(log);
@@ -72,8 +82,18 @@ impl Lane<'_> {
         let mut command = Command::new("sh");
         command.args(["-c", BOUNDED, "sh"]);
         command.arg(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        let Run::Cargo { arguments, variables } = kind.run else { return Ok(()) };
-        command.args(arguments).current_dir(self.copy.root());
+        let variables = match kind.run {
+            Run::Cargo { arguments, variables } => {
+                command.args(arguments);
+                variables
+            }
+            Run::Driven { arguments, by } => {
+                command.args(arguments).arg("--config").arg(self.runner(by));
+                &[]
+            }
+            Run::Prove | Run::Solve => return Ok(()),
+        };
+        command.current_dir(self.copy.root());
         // Other flags of the compiler build everything anew.
         let target = self.target.join(if variables.is_empty() { "plain" } else { kind.name });
         let fixed = [

@@ -169,22 +169,9 @@ pub const KINDS: &[Kind] = &[
         title: "cases that `fuseline drive` sends",
         applies: |_| false,
         concerns: is_of_machine,
-        run: Run::Cargo {
-            arguments: &[
-                "run",
-                "-p",
-                "fuseline",
-                "--",
-                "drive",
-                "--json",
-                "--cases",
-                "200",
-                "--",
-                "sh",
-                "-c",
-                "exec \"$CARGO_TARGET_DIR/debug/fuseline\" impl",
-            ],
-            variables: &[],
+        run: Run::Driven {
+            arguments: &["run", "-p", "fuseline-tests", "--example", "machine"],
+            by: &["drive", "--json", "--cases", "200", "--"],
         },
         sources: &[
             CORE,
@@ -197,7 +184,7 @@ pub const KINDS: &[Kind] = &[
             KIT,
             NO_LIST_OF_KIT,
             "cli/src/drive",
-            "cli/src/implementation.rs",
+            "tests/examples/machine.rs",
         ],
         read: read_drive,
         cites: |tree, witness| match witness {
