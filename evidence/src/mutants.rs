@@ -41,6 +41,8 @@ pub(crate) fn take(
         ("CARGO_PROFILE_DEV_DEBUG", "0"),
     ];
     command.current_dir(tree.root()).envs(fixed).env_remove("PROPTEST_CASES");
+    // Each job has a folder of its own: in one they would test each other's mutants.
+    command.env_remove("CARGO_TARGET_DIR");
     let ended = command.status().map_err(Error::file(tree.root()))?;
     // 2: some survived; 3: some ran out of time.
     if !matches!(ended.code(), Some(0 | 2 | 3)) {

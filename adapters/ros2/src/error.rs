@@ -43,6 +43,18 @@ pub enum NodeError {
     /// DDS refuses an end of a topic, or the domain.
     #[error("DDS: {0}")]
     Dds(#[from] CreateError),
+    /// A topic is on Zenoh, which is not built in.
+    #[error("Zenoh: this build has none; build with --features zenoh")]
+    NoZenoh,
+    /// A topic is on a middleware that was not joined.
+    #[error("{0} is not joined")]
+    NotJoined(&'static str),
+    /// Zenoh's configuration cannot be read.
+    #[error("Zenoh: {0}")]
+    ZenohConfig(String),
+    /// Zenoh refuses the session, or an end of a topic.
+    #[error("Zenoh: {0}")]
+    Zenoh(String),
     /// ROS refuses the node or an end of a topic.
     #[error("ROS: {0}")]
     Ros(String),

@@ -10,12 +10,12 @@ use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
 use tokio::time::Instant;
 use tracing::{debug, error};
 
-use crate::dds::End;
 use crate::key::{Key, Stamp};
 use crate::lifecycle::Orders;
+use crate::middleware::{End, Publish};
 use crate::raw::Payload;
 use crate::report::{self, Intake, Reporter};
-use crate::source::{Publish, Source, Way};
+use crate::source::{Source, Way};
 use crate::speed::Speed;
 use crate::stamps::Stamps;
 use crate::stop::Stop;
@@ -25,8 +25,8 @@ mod hearing;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use hearing::Heard;
 use hearing::known;
-pub(crate) use hearing::{Heard, Sample};
 
 /// Local's place among the sources.
 const LOCAL: usize = 0;

@@ -1,12 +1,13 @@
 #![doc = include_str!("../README.md")]
 
 pub mod arguments;
-mod dds;
 mod error;
 mod fusion;
+mod home;
 pub mod key;
 mod lifecycle;
 mod managed;
+mod middleware;
 pub mod names;
 mod node;
 pub mod parameters;
@@ -14,6 +15,7 @@ mod raw;
 mod report;
 mod rhythm;
 mod rosout;
+mod service;
 pub mod settings;
 mod source;
 mod speed;

@@ -54,6 +54,7 @@ fn main() -> ExitCode {
             error @ (NodeError::Config(_)
             | NodeError::Policy(_)
             | NodeError::Recording { .. }
+            | NodeError::ZenohConfig(_)
             | NodeError::Grpc { .. }),
         ) => told(&error),
         Err(error) => {

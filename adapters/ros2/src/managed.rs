@@ -8,9 +8,9 @@ use fuseline_operator::Tally;
 use tokio::sync::mpsc;
 use tracing::error;
 
-use crate::dds::Domain;
 use crate::error::NodeError;
 use crate::lifecycle::{Done, Order, Orders, Task};
+use crate::middleware::Graph;
 use crate::node::{self, Outside};
 use crate::rosout::Lines;
 use crate::settings::{Change, Settings};
@@ -26,8 +26,8 @@ pub(crate) async fn run(
     stop: &mut Stop,
     lines: Option<Lines>,
 ) -> Result<Tally, NodeError> {
-    // What ROS sees of it outlives its topics, which have a participant of their own.
-    let home = Domain::join(settings.domain, settings.localhost_only)?;
+    // What ROS sees of it outlives its topics: over DDS these have a participant of their own.
+    let home = Graph::join(settings, |it| it == settings.middleware).await?;
     let Presence { voice, settings, mut changes, orders, mut tasks } =
         Voice::join(settings, &home, lines)?;
     let mut ended = Ok(Tally::default());
@@ -41,7 +41,7 @@ pub(crate) async fn run(
             let settings = numbered(settings.now(), time);
             let outside =
                 Outside { changes: &mut changes, orders: Some(&mut orders), stop: &mut *stop };
-            ended = configured(&settings, Arc::clone(&voice), outside, order).await;
+            ended = configured(&settings, &home, Arc::clone(&voice), outside, order).await;
             match orders.last.take() {
                 Some(order) if order.task == Task::ShutDown => {
                     finalized(order, stop).await;
@@ -84,6 +84,7 @@ async fn unconfigured(
 /// Opens what the settings name, and runs until it is to be closed again.
 async fn configured(
     settings: &Settings,
+    home: &Graph,
     voice: Arc<Voice>,
     outside: Outside<'_>,
     order: Order,
@@ -93,22 +94,23 @@ async fn configured(
         order.done(Done::Failure);
         error
     };
-    let opened = node::check(settings).and_then(|()| {
+    let opened = async {
+        node::check(settings)?;
         let engine = node::recorded(settings)?;
-        Ok((engine, Domain::join(settings.domain, settings.localhost_only)?))
-    });
-    let (engine, mut domain) = match opened {
+        Ok((engine, home.beside(settings).await?))
+    };
+    let (engine, mut graph) = match opened.await {
         Ok(opened) => opened,
         Err(error) => return Err(refused(order, error)),
     };
-    let ended = match node::open(settings, engine, &mut domain, voice, outside) {
+    let ended = match node::open(settings, engine, &mut graph, voice, outside) {
         Ok(open) => {
             order.done(Done::Success);
             open.run().await.inspect_err(|error| error!(%error, "the node was not closed well"))
         }
         Err(error) => Err(refused(order, error)),
     };
-    domain.leave().await;
+    graph.leave().await;
     ended
 }
 

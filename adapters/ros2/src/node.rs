@@ -8,19 +8,18 @@ use fuseline_operator::{
     self as shared, Counting, Engine, Header, Local, Mcap, Recorder, Recording, Tally,
 };
 use fuseline_tokio::drive::{Driver, finish};
-use rustdds::dds::CreateError;
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
-use crate::dds::{Domain, End};
 use crate::error::NodeError;
-use crate::fusion::{Fusion, Heard, Memory, Sample};
+use crate::fusion::{Fusion, Heard, Memory};
 use crate::lifecycle::Orders;
+use crate::middleware::{End, Graph, Sample};
 use crate::report::Reporter;
 use crate::rosout::Lines;
-use crate::settings::{self, Change, Role, Settings, SpeedTopic};
-use crate::source::{Handle, Publish, Source, Strays, Way, call};
+use crate::settings::{self, Change, Middleware, Role, Settings, SpeedTopic};
+use crate::source::{Handle, Source, Strays, Way, call};
 use crate::speed::Speed;
 use crate::stop::Stop;
 use crate::voice::{Presence, Voice};
@@ -49,13 +48,13 @@ pub async fn run(
     check(settings)?;
     realtime(settings.realtime)?;
     let engine = recorded(settings)?;
-    let mut domain = Domain::join(settings.domain, settings.localhost_only)?;
-    let Presence { voice, mut changes, mut tasks, .. } = Voice::join(settings, &domain, lines)?;
+    let mut graph = Graph::join(settings, |it| settings.needs(it)).await?;
+    let Presence { voice, mut changes, mut tasks, .. } = Voice::join(settings, &graph, lines)?;
     let outside = Outside { changes: &mut changes, orders: None, stop };
-    let open = open(settings, engine, &mut domain, voice, outside)?;
+    let open = open(settings, engine, &mut graph, voice, outside)?;
     let ended = open.run().await;
     tasks.shutdown().await;
-    domain.leave().await;
+    graph.leave().await;
     ended
 }
 
@@ -76,33 +75,34 @@ pub(crate) struct Open<'a> {
 pub(crate) fn open<'a>(
     settings: &Settings,
     engine: Engine<Payload, Payload>,
-    domain: &mut Domain,
+    graph: &mut Graph,
     voice: Arc<Voice>,
     outside: Outside<'a>,
 ) -> Result<Open<'a>, NodeError> {
     let Outside { changes, orders, stop } = outside;
     let counting = engine.counts();
     let (arrived, results) = mpsc::channel(RESULTS);
-    let sources = sources(settings, domain, &arrived)?;
+    let sources = sources(settings, graph, &arrived)?;
     let stream = &settings.output;
     let qos = settings.qos(&stream.topic, Role::Publisher);
-    let output = domain.outlet(&stream.topic, &stream.type_name, qos)?;
+    let own = settings.middleware;
+    let output = graph.outlet(own, &stream.topic, &stream.type_name, qos)?;
     let (taken, inputs) = mpsc::channel(1);
     let input = &settings.input;
     let qos = settings.qos(&input.topic, Role::Subscription);
-    let input_end = domain.inlet(&input.topic, &input.type_name, qos, move |sample| {
+    let input_end = graph.inlet(own, &input.topic, &input.type_name, qos, move |sample| {
         let taken = taken.clone();
         async move { drop(taken.send(sample).await) }
     })?;
     input_end.patience(settings.silence);
-    let mut ends = vec![input_end, Arc::clone(&output.end)];
+    let mut ends = vec![input_end, Arc::clone(output.end())];
     let (decided, deadlines) = mpsc::channel(1);
     if let Some(topic) = &settings.deadline_topic {
-        ends.push(latest(domain, settings, topic, "std_msgs/msg/Float64", decided)?);
+        ends.push(latest(graph, settings, topic, "std_msgs/msg/Float64", decided)?);
     }
     let (told, speeds) = mpsc::channel(1);
     if let Some(SpeedTopic { topic, type_name, .. }) = &settings.deadlines.speed {
-        ends.push(latest(domain, settings, topic, type_name, told)?);
+        ends.push(latest(graph, settings, topic, type_name, told)?);
     }
     let node = settings.node.full();
     let mut report = interval(settings.diagnostics_period);
@@ -110,7 +110,7 @@ pub(crate) fn open<'a>(
     let fusion = Fusion {
         sources,
         ends,
-        output: Box::new(output),
+        output,
         input_key: settings.input.key,
         output_key: settings.output.key,
         deadline: settings.deadline,
@@ -198,6 +198,10 @@ fn schedule(_: u8) -> Result<(), NodeError> {
 /// With the first thing that is wrong; [`run`] refuses the same.
 pub fn check(settings: &Settings) -> Result<(), NodeError> {
     engine(settings)?;
+    #[cfg(feature = "zenoh")]
+    if settings.needs(Middleware::Zenoh) {
+        crate::middleware::zenoh::config::from_environment()?;
+    }
     for cloud in &settings.clouds {
         if let settings::Way::Grpc(grpc) = &cloud.way {
             handle(cloud, grpc)?;
@@ -279,14 +283,14 @@ fn record<V, R>(engine: &mut Engine<V, R>, settings: &Settings) -> Result<(), No
 /// Local and the clouds, with their topics or their servers.
 fn sources(
     settings: &Settings,
-    domain: &mut Domain,
+    graph: &mut Graph,
     arrived: &mpsc::Sender<(usize, Sample)>,
 ) -> Result<Vec<Source>, NodeError> {
     let local = &settings.local;
     let mut sources = vec![Source {
         priority: 0,
         name: "local".into(),
-        way: topics(domain, settings, &local.input, &local.output, arrived, 0)?,
+        way: topics(graph, settings, local.middleware, [&local.input, &local.output], arrived, 0)?,
         enabled: true,
         deadline: Some(local.deadline),
         hints: None,
@@ -294,8 +298,8 @@ fn sources(
     }];
     for (place, cloud) in (1..).zip(&settings.clouds) {
         let way = match &cloud.way {
-            settings::Way::Topics { input, output } => {
-                topics(domain, settings, input, output, arrived, place)?
+            settings::Way::Topics { middleware, input, output } => {
+                topics(graph, settings, *middleware, [input, output], arrived, place)?
             }
             settings::Way::Grpc(grpc) => Way::Grpc(handle(cloud, grpc)?),
         };
@@ -303,8 +307,7 @@ fn sources(
             None => None,
             Some(topic) => {
                 let qos = settings.qos(topic, Role::Publisher);
-                let hints = domain.outlet(topic, &settings.output.type_name, qos)?;
-                Some(Box::new(hints) as Box<dyn Publish>)
+                Some(graph.outlet(settings.middleware, topic, &settings.output.type_name, qos)?)
             }
         };
         sources.push(Source {
@@ -321,34 +324,35 @@ fn sources(
 }
 
 fn topics(
-    domain: &mut Domain,
+    graph: &mut Graph,
     settings: &Settings,
-    requests: &str,
-    results: &str,
+    middleware: Middleware,
+    [requests, results]: [&str; 2],
     arrived: &mpsc::Sender<(usize, Sample)>,
     place: usize,
-) -> Result<Way, CreateError> {
+) -> Result<Way, NodeError> {
     let qos = settings.qos(requests, Role::Publisher);
-    let requests = domain.outlet(requests, &settings.input.type_name, qos)?;
+    let requests = graph.outlet(middleware, requests, &settings.input.type_name, qos)?;
     let qos = settings.qos(results, Role::Subscription);
     let arrived = arrived.clone();
-    let results = domain.inlet(results, &settings.output.type_name, qos, move |sample| {
-        let arrived = arrived.clone();
-        async move { drop(arrived.send((place, sample)).await) }
-    })?;
-    Ok(Way::Topics { requests: Box::new(requests), results })
+    let results =
+        graph.inlet(middleware, results, &settings.output.type_name, qos, move |sample| {
+            let arrived = arrived.clone();
+            async move { drop(arrived.send((place, sample)).await) }
+        })?;
+    Ok(Way::Topics { requests, results })
 }
 
 /// Subscribes to a topic that says how something is; it may say so seldom.
 fn latest(
-    domain: &mut Domain,
+    graph: &mut Graph,
     settings: &Settings,
     topic: &str,
     type_name: &str,
     heard: mpsc::Sender<Sample>,
-) -> Result<Arc<End>, CreateError> {
+) -> Result<Arc<End>, NodeError> {
     let qos = settings.qos(topic, Role::Subscription);
-    let end = domain.inlet(topic, type_name, qos, move |sample| {
+    let end = graph.inlet(settings.middleware, topic, type_name, qos, move |sample| {
         let heard = heard.clone();
         async move { drop(heard.send(sample).await) }
     })?;

@@ -1,6 +1,8 @@
 //! Parameters as they are given: in files with ROS's YAML, and one by one on the command line.
 
+pub(crate) mod ros;
 mod sections;
+pub(crate) mod services;
 mod value;
 mod yaml;
 

@@ -3,6 +3,8 @@
 use std::cell::Cell;
 use std::convert::Infallible;
 
+#[cfg(feature = "zenoh")]
+use byteorder::{BigEndian, LittleEndian};
 use bytes::Bytes;
 use rustdds::RepresentationIdentifier as Encoding;
 use rustdds::no_key::{Decode, DefaultDecoder, DeserializerAdapter, SerializerAdapter};
@@ -51,6 +53,25 @@ impl Payload {
         let encoding = ENCODINGS.into_iter().find(|known| header.starts_with(&known.to_bytes()))?;
         let body = bytes.slice(ENCAPSULATION..);
         Some(Self { big_endian: encoding == Encoding::CDR_BE, body })
+    }
+}
+
+#[cfg(feature = "zenoh")]
+impl Payload {
+    /// A message of the node's own, serialized.
+    pub(crate) fn of(message: &impl serde::Serialize) -> Option<Self> {
+        let body = cdr_encoding::to_vec::<_, LittleEndian>(message).ok()?;
+        Some(Self { big_endian: false, body: body.into() })
+    }
+
+    /// The message, if it is one of this type.
+    pub(crate) fn read<M: serde::de::DeserializeOwned>(&self) -> Option<M> {
+        let read = if self.big_endian {
+            cdr_encoding::from_bytes::<M, BigEndian>(&self.body)
+        } else {
+            cdr_encoding::from_bytes::<M, LittleEndian>(&self.body)
+        };
+        read.ok().map(|(message, _)| message)
     }
 }
 

@@ -5,8 +5,8 @@ use std::time::Duration;
 use fuseline_operator::{Ending, Item, SourceTally, Tally, Trigger};
 use serde::Serialize;
 
-use crate::dds::End;
 use crate::key::Stamp;
+use crate::middleware::End;
 use crate::raw::Payload;
 use crate::source::{Source, Strays};
 
@@ -29,6 +29,16 @@ pub(crate) struct Header {
 pub(crate) struct Time {
     pub(crate) sec: i32,
     pub(crate) nanosec: u32,
+}
+
+impl Time {
+    /// So many nanoseconds after the epoch, or before it.
+    pub(crate) fn of_nanos(nanos: i64) -> Self {
+        Self {
+            sec: i32::try_from(nanos.div_euclid(1_000_000_000)).unwrap_or(i32::MAX),
+            nanosec: u32::try_from(nanos.rem_euclid(1_000_000_000)).unwrap_or(0),
+        }
+    }
 }
 
 /// `diagnostic_msgs/msg/DiagnosticStatus`.

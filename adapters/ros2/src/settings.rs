@@ -2,7 +2,9 @@
 
 mod change;
 mod clouds;
+mod current;
 mod error;
+mod middleware;
 mod nearest;
 mod policy;
 mod qos;
@@ -21,10 +23,12 @@ use crate::key::{Key, Kind, has_header};
 use crate::names::{NodeName, check_type};
 use crate::parameters::{Given, Place, Value, given};
 pub use crate::settings::change::{Change, ChangeError};
+pub(crate) use crate::settings::current::Current;
 pub use crate::settings::error::SettingsError;
+pub use crate::settings::middleware::Middleware;
 pub use crate::settings::policy::{Deadlines, PolicyKind, SpeedTopic};
 pub use crate::settings::qos::{Qos, Role, Topic};
-pub use crate::settings::reader::Parameter;
+pub use crate::settings::reader::{Parameter, Range};
 use crate::settings::reader::{Placed, Reader};
 pub use crate::settings::seconds::seconds;
 
@@ -39,9 +43,11 @@ const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
 pub struct Settings {
     /// The node's namespace and name.
     pub node: NodeName,
-    /// The DDS domain, 0 to 232.
+    /// What carries the node's own topics, and those of input and output.
+    pub middleware: Middleware,
+    /// The domain, 0 to 232.
     pub domain: u16,
-    /// Whether to talk to this machine only.
+    /// Whether to talk over DDS to this machine only; Zenoh's configuration says whom it talks to.
     pub localhost_only: bool,
     /// The messages.
     pub input: Stream,
@@ -107,6 +113,8 @@ pub struct Stream {
 /// The computation on this robot (priority 0).
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Local {
+    /// What carries its topics.
+    pub middleware: Middleware,
     /// The topic on which it gets messages.
     pub input: String,
     /// The topic on which it sends results.
@@ -149,6 +157,8 @@ pub struct Cloud {
 pub enum Way {
     /// By two topics.
     Topics {
+        /// What carries them.
+        middleware: Middleware,
         /// The topic on which it gets messages.
         input: String,
         /// The topic on which it sends results.
@@ -191,7 +201,12 @@ impl Settings {
         let node = NodeName { namespace: "/".to_owned(), name: "fuseline".to_owned() };
         let node = node.remapped(&arguments.remaps);
         let mut given = given(&arguments.files, &arguments.assignments, &node)?;
-        for from in [domain(&environment), localhost_only(&environment)].into_iter().flatten() {
+        let from_environment = [
+            domain(&environment),
+            localhost_only(&environment),
+            middleware::from_rmw(&environment),
+        ];
+        for from in from_environment.into_iter().flatten() {
             given.entry(from.name.clone()).or_insert(from);
         }
         let log_level = log_level(arguments, &node);
@@ -223,22 +238,26 @@ impl Settings {
 }
 
 impl Settings {
+    /// The parameter with this name.
+    pub(crate) fn parameter(&self, name: &str) -> Option<&Parameter> {
+        self.declared.iter().find(|parameter| parameter.name == name)
+    }
+
     /// Where a parameter comes from.
     fn place(&self, name: &str) -> Place {
-        let found = self.declared.iter().find(|parameter| parameter.name == name);
-        found.map_or(Place::Default, |parameter| parameter.place.clone())
+        self.parameter(name).map_or(Place::Default, |parameter| parameter.place.clone())
     }
 }
 
 /// Reads all parameters but those of quality of service.
 fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
+    let about = "What carries the topics, dds or zenoh";
+    let middleware = middleware::read(r, "middleware", Middleware::Dds, about)?;
     let input = stream(r, "input", Role::Subscription)?;
-    let silence = r.read(
+    let silence = r.own_seconds(
         "input.silence",
-        Value::Double(0.0),
         "How long without an input until diagnostics warn, in seconds; 0 for ten usual gaps",
         "seconds, at most 1e9, or 0 for ten usual gaps between inputs",
-        seconds::own_seconds,
     )?;
     let output = stream(r, "output", Role::Publisher)?;
     let window = r.integer("window", 1..=1024, 16, "How many messages may be open at once")?.value;
@@ -270,24 +289,26 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
     let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;
     let deadlines = policy::read(r)?;
     let types = [input.type_name.as_str(), output.type_name.as_str()];
-    let local = local(r, types, window)?;
-    let clouds = clouds::read(r, types)?;
+    let local = local(r, types, window, middleware)?;
+    let clouds = clouds::read(r, types, middleware)?;
     let (trace, mcap) = (
         r.path("trace.file", "The file to record a trace in; empty for none")?,
         r.path("trace.mcap", "The file to record a trace in, as MCAP; empty for none")?,
     );
-    let domain = r.integer("domain_id", 0..=232, 0, "The DDS domain")?;
-    let localhost_only = r.flag("localhost_only", false, "Whether to talk to this machine only")?;
+    let domain = r.integer("domain_id", 0..=232, 0, "The domain")?;
+    let localhost_only =
+        r.flag("localhost_only", false, "Whether to talk over DDS to this machine only")?;
     let about = "How often diagnostics are published, in seconds";
     let diagnostics_period = r.seconds("diagnostics.period", 1.0, about)?;
     let about = "Whether the stamps of the node's own messages follow /clock";
     let use_sim_time = r.flag("use_sim_time", false, about)?;
     Ok(Settings {
         node,
+        middleware,
         domain: domain.value,
         localhost_only,
         input,
-        silence: seconds::none_if_zero(silence.value),
+        silence: seconds::none_if_zero(silence),
         output,
         window,
         commit,
@@ -370,14 +391,21 @@ fn key(
     Ok(Key::Integer { offset, kind })
 }
 
-fn local(r: &mut Reader, types: [&str; 2], window: u16) -> Result<Local, SettingsError> {
+fn local(
+    r: &mut Reader,
+    types: [&str; 2],
+    window: u16,
+    middleware: Middleware,
+) -> Result<Local, SettingsError> {
+    let about = "What carries local's topics";
+    let middleware = middleware::read(r, "local.middleware", middleware, about)?;
     let about = "How many messages local may have at once";
     let in_flight = r.integer("local.in_flight", 1..=1024, 4, about)?.value;
     let about = "How many more may wait for local";
     let waiting = r.integer("local.waiting", 0..=1024, window.into(), about)?.value;
     let deadline = r.seconds("local.deadline", 1.0, "How long local may take, in seconds")?;
     let [input, output] = topics(r, "local", types)?;
-    Ok(Local { input, output, deadline, in_flight, waiting })
+    Ok(Local { middleware, input, output, deadline, in_flight, waiting })
 }
 
 /// The two topics of a source.

@@ -7,7 +7,7 @@ use fuseline_tokio::grpc::{self, Identity, Remote, RemoteError, Token};
 use fuseline_tokio::{Call, Error};
 use futures_util::future::BoxFuture;
 
-use crate::dds::{End, Outlet};
+use crate::middleware::{End, Publish};
 use crate::raw::Payload;
 use crate::settings::Grpc;
 
@@ -32,32 +32,6 @@ pub(crate) enum Way {
     Topics { requests: Box<dyn Publish>, results: Arc<End> },
     /// One call for each message.
     Grpc(Handle),
-}
-
-/// Sends serialized messages to a topic's subscribers.
-pub(crate) trait Publish: Send {
-    /// Publishes without waiting; false if it cannot, as a reliable subscriber is too far behind.
-    fn publish(&self, payload: Payload) -> bool;
-
-    /// How many subscribers there are.
-    fn matched(&self) -> usize;
-
-    /// The topic's end.
-    fn end(&self) -> &End;
-}
-
-impl Publish for Outlet {
-    fn publish(&self, payload: Payload) -> bool {
-        Self::publish(self, payload)
-    }
-
-    fn matched(&self) -> usize {
-        self.end.matched()
-    }
-
-    fn end(&self) -> &End {
-        &self.end
-    }
 }
 
 /// Makes a call with a serialized message, and returns a serialized result.
@@ -127,10 +101,10 @@ impl Source {
     /// The topics' ends, to report peers that do not fit.
     pub(crate) fn ends(&self) -> impl Iterator<Item = &End> {
         let ends = match &self.way {
-            Way::Topics { requests, results } => [Some(requests.end()), Some(&**results)],
+            Way::Topics { requests, results } => [Some(&**requests.end()), Some(&**results)],
             Way::Grpc(_) => [None, None],
         };
-        ends.into_iter().flatten().chain(self.hints.iter().map(|hints| hints.end()))
+        ends.into_iter().flatten().chain(self.hints.iter().map(|hints| &**hints.end()))
     }
 }
 

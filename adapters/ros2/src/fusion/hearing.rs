@@ -3,14 +3,13 @@
 use std::task::{Context, Poll};
 
 use fuseline_tokio::drive::{Incoming, Word};
-use rustdds::dds::ReadError;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, Interval};
 use tracing::{debug, info, warn};
 
 use super::{Fusion, LOCAL, Memory};
-use crate::dds::End;
 use crate::key::KeyError;
+use crate::middleware::{End, Sample};
 use crate::raw::Payload;
 use crate::settings::{Change, seconds};
 use crate::stamps::Order;
@@ -25,9 +24,6 @@ pub(crate) struct Heard<'a> {
     pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
     pub(crate) report: Interval,
 }
-
-/// What came on a topic.
-pub(crate) type Sample = Result<Payload, ReadError>;
 
 impl Fusion<'_> {
     /// Whether messages are taken in.

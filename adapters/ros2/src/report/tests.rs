@@ -6,7 +6,6 @@ use std::time::Duration;
 use fuseline_operator::{
     self as shared, DropReason, Ending, Engine, Forwarded, Header, Local, OfferRefusal, OpenRefusal,
 };
-use rustdds::GUID;
 use tokio::time::Instant;
 
 use super::*;
@@ -41,7 +40,7 @@ fn sources() -> [Source; 2] {
 fn ends() -> [End; 2] {
     let ends = ["/input", "/output"].map(|topic| End::new(topic, "a_msgs/msg/A"));
     for end in &ends {
-        end.change(GUID::GUID_UNKNOWN, 1, None);
+        end.change([7; 16], 1, None);
     }
     ends
 }
@@ -113,11 +112,11 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
 #[test]
 fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
     let ends = |happened: fn(&[End; 2])| said(0, |_, _, _, ends| happened(ends));
-    let gone = ends(|ends| ends[1].change(GUID::GUID_UNKNOWN, -1, None));
+    let gone = ends(|ends| ends[1].change([7; 16], -1, None));
     assert_eq!(gone, (OK, "nobody on /output".to_owned()));
     let other = ends(|ends| {
-        ends[0].change(GUID::GUID_UNKNOWN, -1, None);
-        ends[0].change(GUID::GUID_UNKNOWN, 1, Some(&"other".to_owned()));
+        ends[0].change([7; 16], -1, None);
+        ends[0].change([7; 16], 1, Some(&"other".to_owned()));
     });
     assert_eq!(other, (WARN, "another type on /input: other".to_owned()));
 }
@@ -160,9 +159,9 @@ fn the_node_warns_of_inputs_that_come_no_longer() {
     assert_eq!(level, WARN, "{message}");
     assert!(message.starts_with("nothing came on /input for 72"), "{message}");
     assert!(message.ends_with(" s; matched publishers: 1"), "{message}");
-    input.change(GUID::GUID_UNKNOWN, -1, None);
+    input.change([7; 16], -1, None);
     assert_eq!(said(), (OK, "nobody on /input".to_owned()));
-    input.change(GUID::GUID_UNKNOWN, 1, None);
+    input.change([7; 16], 1, None);
     assert_eq!(said(), well, "its publisher has as long to begin");
 }
 

@@ -6,9 +6,9 @@ use fuseline_operator::Shortfalls;
 use thiserror::Error;
 
 use crate::parameters::Value;
-use crate::settings::Settings;
 use crate::settings::nearest::nearest;
 use crate::settings::seconds::{OWN_SECONDS, SECONDS, none_if_zero, own_seconds, seconds_of};
+use crate::settings::{Parameter, Settings};
 
 /// A parameter's new value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -97,8 +97,30 @@ impl Settings {
         changed.keep_pace()
     }
 
+    /// Sets a parameter; returns what that changes, and its value as it is kept: a whole number where a number with a
+    /// point is expected is one.
+    pub(crate) fn change(
+        &mut self,
+        name: &str,
+        value: Value,
+    ) -> Result<(Change, Value), ChangeError> {
+        let change = self.check_change(name, &value)?;
+        let declared = self.declared.iter_mut().find(|parameter| parameter.name == name);
+        let value = match (&declared, value.number()) {
+            (Some(Parameter { value: Value::Double(_), .. }), Some(number)) => {
+                Value::Double(number)
+            }
+            _ => value,
+        };
+        if let Some(declared) = declared {
+            declared.value = value.clone();
+        }
+        self.apply(change);
+        Ok((change, value))
+    }
+
     /// Takes a change over.
-    pub(crate) fn apply(&mut self, change: Change) {
+    fn apply(&mut self, change: Change) {
         match change {
             Change::Deadline(deadline) => self.deadline = deadline,
             Change::LocalDeadline(deadline) => self.local.deadline = deadline,

@@ -5,12 +5,15 @@ use std::time::Duration;
 use crate::names::check_token;
 use crate::parameters::{Place, Value};
 use crate::settings::reader::{Placed, Reader};
-use crate::settings::{Cloud, Grpc, Role, SettingsError, Way, seconds, topics};
+use crate::settings::{
+    Cloud, Grpc, Middleware, Role, SettingsError, Way, middleware, seconds, topics,
+};
 
 /// The most clouds, as in the core.
 const CLOUDS: usize = 15;
 /// The first parts of the node's own parameters.
-const RESERVED: [&str; 16] = [
+const RESERVED: [&str; 17] = [
+    "middleware",
     "input",
     "output",
     "window",
@@ -29,7 +32,8 @@ const RESERVED: [&str; 16] = [
     "qos_overrides",
 ];
 /// What a cloud's parameters are called, below its name.
-const PARTS: [&str; 16] = [
+const PARTS: [&str; 17] = [
+    "middleware",
     "priority",
     "deadline",
     "enabled",
@@ -49,7 +53,11 @@ const PARTS: [&str; 16] = [
 ];
 
 /// Reads which clouds there are, and then each.
-pub(super) fn read(r: &mut Reader, types: [&str; 2]) -> Result<Vec<Cloud>, SettingsError> {
+pub(super) fn read(
+    r: &mut Reader,
+    types: [&str; 2],
+    middleware: Middleware,
+) -> Result<Vec<Cloud>, SettingsError> {
     let Placed { value: names, place: listed } = r.names("clouds", "The clouds' names")?;
     for (at, cloud) in names.iter().enumerate() {
         let why = if at >= CLOUDS {
@@ -76,7 +84,7 @@ pub(super) fn read(r: &mut Reader, types: [&str; 2]) -> Result<Vec<Cloud>, Setti
             let place = if place == Place::Default { listed } else { place };
             return Err(SettingsError::Priority { place, name, priority, other });
         }
-        clouds.push(cloud(r, name, priority, types)?);
+        clouds.push(cloud(r, name, priority, types, middleware)?);
     }
     Ok(clouds)
 }
@@ -86,15 +94,11 @@ fn cloud(
     name: String,
     priority: u16,
     types: [&str; 2],
+    middleware: Middleware,
 ) -> Result<Cloud, SettingsError> {
     let of = |part: &str| format!("{name}.{part}");
-    let deadline = r.read(
-        &of("deadline"),
-        Value::Double(0.0),
-        "How long the cloud may take, in seconds; 0 means deadline",
-        seconds::OWN_SECONDS,
-        seconds::own_seconds,
-    )?;
+    let about = "How long the cloud may take, in seconds; 0 means deadline";
+    let deadline = r.own_seconds(&of("deadline"), about, seconds::OWN_SECONDS)?;
     let enabled = r.flag(&of("enabled"), true, "Whether the cloud is asked")?;
     let about = "The gate shuts when this many requests wait";
     let limit: i64 = r.integer(&of("limit"), 1..=i64::MAX, 31, about)?.value;
@@ -102,23 +106,22 @@ fn cloud(
     let resume = r.integer(&of("resume"), 0..=limit - 1, 0, about)?.value;
     let about = "How many requests may be under way";
     let in_flight = r.integer(&of("in_flight"), 1..=1024, 8, about)?.value;
-    let linger = r.read(
+    let linger = r.own_seconds(
         &of("linger"),
-        Value::Double(0.0),
         "How long a request may run on after it was due, in seconds, so that its policy learns how long it takes",
         "seconds, at most 1e9, or 0",
-        seconds::own_seconds,
     )?;
-    let linger = linger.value;
     let way = if let Some(grpc) = grpc(r, &name)? {
         Way::Grpc(grpc)
     } else {
+        let about = "What carries the cloud's topics";
+        let middleware = middleware::read(r, &of("middleware"), middleware, about)?;
         let [input, output] = topics(r, &name, types)?;
-        Way::Topics { input, output }
+        Way::Topics { middleware, input, output }
     };
     let hints = hints(r, &name, types[1], &way, linger)?;
     let limit = limit.unsigned_abs();
-    let deadline = seconds::none_if_zero(deadline.value);
+    let deadline = seconds::none_if_zero(deadline);
     Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, linger, hints, way })
 }
 
@@ -173,7 +176,8 @@ fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
             None => Ok(None),
         };
     }
-    for name in ["input_topic", "output_topic"].map(|side| format!("{cloud}.{side}")) {
+    for name in ["input_topic", "output_topic", "middleware"].map(|side| format!("{cloud}.{side}"))
+    {
         if let Some(place) = r.place(&name) {
             return Err(SettingsError::Topics { place, name, cloud: cloud.to_owned() });
         }

@@ -1,4 +1,4 @@
-//! Quality of service: what each topic asks of DDS.
+//! Quality of service: what each topic asks of its middleware.
 
 use std::fmt;
 
@@ -25,7 +25,7 @@ pub struct Topic {
     pub type_name: String,
     /// Which side of it the node is.
     pub role: Role,
-    /// What it asks of DDS.
+    /// What it asks of its middleware.
     pub qos: Qos,
     /// The parameter that names it, or its own name before it was resolved.
     pub purpose: String,
@@ -42,7 +42,7 @@ pub enum Role {
     Publisher,
 }
 
-/// What a topic asks of DDS; the history is always the last `depth` messages.
+/// What a topic asks of its middleware; the history is always the last `depth` messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Qos {
     /// Whether lost messages are sent again.
@@ -79,18 +79,18 @@ impl fmt::Display for Qos {
     }
 }
 
-/// Applies `<topic>.<role>.<policy>` to one of the topics; returns the policy's description.
+/// Applies `<topic>.<role>.<policy>` to one of the topics; returns the policy's description and the values expected.
 pub(super) fn apply(
     topics: &mut [Topic],
     name: &str,
     given: &Given,
-) -> Result<&'static str, SettingsError> {
+) -> Result<(&'static str, &'static str), SettingsError> {
     let of = |topic: &Topic, policy| format!("{}.{}.{policy}", topic.name, topic.role);
     for topic in topics.iter_mut() {
         for (policy, about, expected) in POLICIES {
             if of(topic, policy) == name {
                 return match set(&mut topic.qos, policy, &given.value) {
-                    Some(()) => Ok(about),
+                    Some(()) => Ok((about, expected)),
                     None => Err(SettingsError::Value {
                         place: given.place.clone(),
                         name: given.name.clone(),

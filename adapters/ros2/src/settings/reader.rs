@@ -10,7 +10,7 @@ use crate::parameters::{Given, Place, Value};
 use crate::settings::clouds::is_part;
 use crate::settings::nearest::nearest;
 use crate::settings::qos::{Qos, Role, Topic};
-use crate::settings::seconds::{SECONDS, seconds_of};
+use crate::settings::seconds::{MOST_SECONDS, SECONDS, own_seconds, seconds_of};
 use crate::settings::{SettingsError, qos};
 
 /// A parameter of the node.
@@ -22,10 +22,23 @@ pub struct Parameter {
     pub value: Value,
     /// What it is for, in a few words.
     pub about: &'static str,
+    /// Which values it may have, in a few words.
+    pub expected: String,
+    /// The least and the greatest value, if it is a number with bounds.
+    pub range: Option<Range>,
     /// Whether it may be changed while the node runs.
     pub at_run_time: bool,
     /// Where its value comes from.
     pub place: Place,
+}
+
+/// The least and the greatest value of a number.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Range {
+    /// Of a whole number.
+    Integer(i64, i64),
+    /// Of a number with a point.
+    Double(f64, f64),
 }
 
 /// The parameters given and not read yet, and those read.
@@ -73,8 +86,15 @@ impl<'a> Reader<'a> {
             let expected = expected.to_owned();
             return Err(SettingsError::Value { place, name, value, expected });
         };
-        let declared = Parameter { name, value, about, at_run_time: false, place: place.clone() };
-        self.declared.push(declared);
+        self.declared.push(Parameter {
+            name,
+            value,
+            about,
+            expected: expected.to_owned(),
+            range: None,
+            at_run_time: false,
+            place: place.clone(),
+        });
         Ok(Placed { value: converted, place })
     }
 
@@ -122,10 +142,20 @@ impl<'a> Reader<'a> {
             (least, i64::MAX) => format!("an integer of at least {least}"),
             (least, most) => format!("an integer from {least} to {most}"),
         };
-        self.read(name, Value::Integer(default), about, &expected, |value| match value {
-            Value::Integer(integer) if range.contains(integer) => T::try_from(*integer).ok(),
-            _ => None,
-        })
+        let read =
+            self.read(name, Value::Integer(default), about, &expected, |value| match value {
+                Value::Integer(integer) if range.contains(integer) => T::try_from(*integer).ok(),
+                _ => None,
+            });
+        self.bound(name, Range::Integer(*range.start(), *range.end()));
+        read
+    }
+
+    /// The parameter that was read last has these bounds.
+    fn bound(&mut self, name: &str, range: Range) {
+        if let Some(declared) = self.declared.last_mut().filter(|last| last.name == name) {
+            declared.range = Some(range);
+        }
     }
 
     /// One of these words, each with what it means.
@@ -166,6 +196,19 @@ impl<'a> Reader<'a> {
         about: &'static str,
     ) -> Result<Duration, SettingsError> {
         let seconds = self.read(name, Value::Double(default), about, SECONDS, seconds_of);
+        self.bound(name, MOST_SECONDS);
+        seconds.map(|seconds| seconds.value)
+    }
+
+    /// Seconds that are 0 by default, which means what `expected` says.
+    pub(super) fn own_seconds(
+        &mut self,
+        name: &str,
+        about: &'static str,
+        expected: &str,
+    ) -> Result<Duration, SettingsError> {
+        let seconds = self.read(name, Value::Double(0.0), about, expected, own_seconds);
+        self.bound(name, MOST_SECONDS);
         seconds.map(|seconds| seconds.value)
     }
 
@@ -250,10 +293,12 @@ impl<'a> Reader<'a> {
                 None => Err(self.unknown(&given)),
             };
             match applied {
-                Ok(about) => self.declared.push(Parameter {
+                Ok((about, expected)) => self.declared.push(Parameter {
                     name: given.name,
                     value: given.value,
                     about,
+                    expected: expected.to_owned(),
+                    range: None,
                     at_run_time: false,
                     place: given.place,
                 }),

@@ -3,11 +3,15 @@
 use std::time::Duration;
 
 use crate::parameters::Value;
+use crate::settings::reader::Range;
 
 /// The words for a time that is expected.
 pub(super) const SECONDS: &str = "seconds, more than 0 and at most 1e9";
 /// The words for a time that is expected and may be left to another parameter.
 pub(super) const OWN_SECONDS: &str = "seconds, at most 1e9, or 0 for deadline";
+
+/// Their bounds.
+pub(super) const MOST_SECONDS: Range = Range::Double(0.0, 1e9);
 
 /// A valid deadline: more than 0 when rounded to nanoseconds, at most 10⁹ seconds.
 #[must_use]

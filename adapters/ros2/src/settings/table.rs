@@ -17,10 +17,11 @@ impl fmt::Display for Settings {
         writeln!(f, "{} in domain {}, {hosts}", self.node.full(), self.domain)?;
         writeln!(f, "keys: {} of input, {} of output", self.input.key, self.output.key)?;
         writeln!(f, "deadlines: {}\n", self.deadlines)?;
-        let mut topics = table(["topic", "role", "type", "quality of service", "named by"]);
+        let mut topics = table(["topic", "over", "role", "type", "quality of service", "named by"]);
         for topic in &self.topics {
             topics.add_row([
                 topic.name.clone(),
+                self.middleware_of(&topic.name).to_string(),
                 topic.role.to_string(),
                 topic.type_name.clone(),
                 topic.qos.to_string(),
@@ -61,7 +62,7 @@ impl fmt::Display for Settings {
 impl Settings {
     fn cloud_row(&self, cloud: &Cloud) -> [String; 5] {
         let way = match &cloud.way {
-            Way::Topics { input, output } => format!("{input}, {output}"),
+            Way::Topics { input, output, .. } => format!("{input}, {output}"),
             Way::Grpc(grpc) => grpc.url.clone(),
         };
         let asked = if cloud.enabled { "yes" } else { "no" };

@@ -5,7 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from fastdds import FastDds
+from fastdds import Client, FastDds
+from graph import is_over_zenoh
 from node import Node
 
 
@@ -16,7 +17,9 @@ class Skipped(Exception):
 class Bench:
     def __init__(self, folder, programs):
         self.folder, self.programs = Path(folder), programs
-        self.nodes, self.others = [], []
+        self.nodes, self.others, self.peer = [], [], None
+        if is_over_zenoh():
+            self.router = self.starts_router()
 
     def node(self, settings, arguments=(), name="fuseline", wall_clock=False):
         """A node that runs; its wall clock can be moved if `wall_clock` says so."""
@@ -32,15 +35,33 @@ class Bench:
         self.nodes.append(node)
         return node
 
-    def model_process(self, source, *arguments):
-        """A model that can be killed."""
-        command = [sys.executable, str(Path(__file__).parent / "model.py"), source, *arguments]
+    def starts_router(self):
+        """The router of Zenoh through which all meet."""
+        return self.starts("router.py")
+
+    def starts(self, script, *arguments):
+        """A script as a process of its own, once it says that it is ready."""
+        command = [sys.executable, str(Path(__file__).parent / script), *arguments]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self.others.append(process)
         assert process.stdout.readline() == "ready\n"
         return process
 
+    def client(self, service, request, response):
+        """A client of one of the node's services, whose name has no slash before it."""
+        if is_over_zenoh():
+            import overzenoh
+            return overzenoh.Client(service, request, response)
+        self.peer = self.peer or self.fast_dds()
+        return Client(self.peer, service, request, response)
+
+    def model_process(self, source, *arguments):
+        """A model that can be killed."""
+        return self.starts("model.py", source, *arguments)
+
     def fast_dds(self):
+        if is_over_zenoh():
+            raise Skipped("Fast DDS does not speak Zenoh")
         if not self.programs["fastdds"]:
             raise Skipped("no Fast DDS")
         peer = FastDds(self.programs["fastdds"])

@@ -1,4 +1,5 @@
-"""The graph around the node: its peers are cyclonedds, on the loopback alone, waited for and never slept for."""
+"""The graph around the node: its peers are cyclonedds, or zenoh-ros2-sdk where MIDDLEWARE says zenoh; on the loopback alone,
+waited for and never slept for."""
 
 import functools
 import os
@@ -46,7 +47,17 @@ def again(act, holds, what):
     until(acted, what)
 
 
+def is_over_zenoh():
+    return os.environ.get("MIDDLEWARE") == "zenoh"
+
+
+if is_over_zenoh():
+    import overzenoh
+
+
 def quality(reliable=True, depth=1000, transient=False):
+    if is_over_zenoh():
+        return overzenoh.quality(reliable, depth, transient)
     reliability = Policy.Reliability.Reliable(duration(seconds=1)) if reliable else Policy.Reliability.BestEffort
     durability = Policy.Durability.TransientLocal if transient else Policy.Durability.Volatile
     return Qos(reliability, Policy.History.KeepLast(depth), durability)
@@ -78,14 +89,39 @@ class Publisher:
 class Subscription:
     """Subscribes to a topic; each message goes to `then(message, at)` and is kept if `keep` is set."""
 
-    def __init__(self, participant, topic, kind, qos, then=None, keep=True):
+    def __init__(self, topic, kind, qos, then=None, keep=True):
         self.topic, self.then, self.keep = topic, then, keep
         self.heard = []
         self.count = 0
+        receiver = overzenoh.Receiver if is_over_zenoh() else Receiver
+        self.receiver = receiver(topic, kind, qos, self.hear)
+
+    def hear(self, message, at):
+        if self.keep:
+            self.heard.append(Heard(at, message))
+        self.count += 1
+        if self.then:
+            self.then(message, at)
+
+    def matched(self):
+        return len(self.receiver.peers.there) if is_over_zenoh() else self.receiver.matched()
+
+    def until_matched(self, count=1):
+        until(lambda: self.matched() == count, f"{count} matched publications of {self.topic}")
+
+    def until_heard(self, count, cap=CAP_S):
+        until(lambda: self.count >= count, lambda: f"{count} messages on {self.topic}, heard {self.count}", cap)
+
+
+class Receiver:
+    """What comes on a topic over DDS: `hear` gets each message."""
+
+    def __init__(self, topic, kind, qos, hear):
+        self.hear = hear
         # One topic of ROS 2 has no slash at its beginning, and none of the prefix that others have in DDS.
         name = "rt" + topic if topic.startswith("/") else topic
-        self.reader = DataReader(participant, Topic(participant, name, kind), qos=qos)
-        self.waits = WaitSet(participant)
+        self.reader = DataReader(participant(), Topic(participant(), name, kind), qos=qos)
+        self.waits = WaitSet(participant())
         self.any = ReadCondition(self.reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
         self.waits.attach(self.any)
         threading.Thread(target=self.listen, daemon=True).start()
@@ -98,21 +134,8 @@ class Subscription:
                 if message.sample_info.valid_data:
                     self.hear(message, time.monotonic())
 
-    def hear(self, message, at):
-        if self.keep:
-            self.heard.append(Heard(at, message))
-        self.count += 1
-        if self.then:
-            self.then(message, at)
-
     def matched(self):
         return len(self.reader.get_matched_publications())
-
-    def until_matched(self, count=1):
-        until(lambda: self.matched() == count, f"{count} matched publications of {self.topic}")
-
-    def until_heard(self, count, cap=CAP_S):
-        until(lambda: self.count >= count, lambda: f"{count} messages on {self.topic}, heard {self.count}", cap)
 
 
 @functools.cache
@@ -122,8 +145,10 @@ def participant():
 
 
 def publishes(topic, kind, qos=None):
+    if is_over_zenoh():
+        return overzenoh.Publisher(topic, kind, qos or quality(), until)
     return Publisher(participant(), topic, kind, qos or quality())
 
 
 def subscribes(topic, kind, qos=None, then=None, keep=True):
-    return Subscription(participant(), topic, kind, qos or quality(), then, keep)
+    return Subscription(topic, kind, qos or quality(), then, keep)

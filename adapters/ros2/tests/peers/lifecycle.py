@@ -1,10 +1,9 @@
-"""A managed node, as a lifecycle manager sees it: by Fast DDS, as `rmw_fastrtps` asks."""
+"""A managed node, as a lifecycle manager sees it: over DDS by Fast DDS, as `rmw_fastrtps` asks."""
 
 import signal
 import threading
 import time
 
-from fastdds import Client
 from graph import subscribes, until
 from messages import (
     ChangeStateRequest,
@@ -32,16 +31,15 @@ class Manager:
     """Tells a node what to do, and hears what it does."""
 
     def __init__(self, bench, node="fuseline"):
-        peer = bench.fast_dds()
-        self.changing = Client(peer, f"{node}/change_state", ChangeStateRequest, ChangeStateResponse)
-        self.asking = Client(peer, f"{node}/get_state", GetStateRequest, GetStateResponse)
-        self.listing = Client(peer, f"{node}/get_available_states", GetAvailableStatesRequest,
+        self.changing = bench.client(f"{node}/change_state", ChangeStateRequest, ChangeStateResponse)
+        self.asking = bench.client(f"{node}/get_state", GetStateRequest, GetStateResponse)
+        self.listing = bench.client(f"{node}/get_available_states", GetAvailableStatesRequest,
                               GetAvailableStatesResponse)
-        self.ways = Client(peer, f"{node}/get_available_transitions", GetAvailableTransitionsRequest,
+        self.ways = bench.client(f"{node}/get_available_transitions", GetAvailableTransitionsRequest,
                            GetAvailableTransitionsResponse)
-        self.graph = Client(peer, f"{node}/get_transition_graph", GetAvailableTransitionsRequest,
+        self.graph = bench.client(f"{node}/get_transition_graph", GetAvailableTransitionsRequest,
                             GetAvailableTransitionsResponse)
-        self.setting = Client(peer, f"{node}/set_parameters", SetParametersRequest, SetParametersResponse)
+        self.setting = bench.client(f"{node}/set_parameters", SetParametersRequest, SetParametersResponse)
         self.events = subscribes(f"/{node}/transition_event", TransitionEvent)
         self.events.until_matched()
 

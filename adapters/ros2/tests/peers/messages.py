@@ -260,6 +260,59 @@ class GetParametersResponse(Message, typename="rcl_interfaces::srv::dds_::GetPar
 
 
 @dataclass
+class ListParametersResult(IdlStruct, typename="rcl_interfaces::msg::dds_::ListParametersResult_"):
+    names: sequence[str]
+    prefixes: sequence[str]
+
+
+@dataclass
+class ListParametersRequest(Message, typename="rcl_interfaces::srv::dds_::ListParameters_Request_"):
+    prefixes: sequence[str]
+    depth: uint64
+
+
+@dataclass
+class ListParametersResponse(Message, typename="rcl_interfaces::srv::dds_::ListParameters_Response_"):
+    result: ListParametersResult
+
+
+@dataclass
+class FloatingPointRange(IdlStruct, typename="rcl_interfaces::msg::dds_::FloatingPointRange_"):
+    from_value: float64
+    to_value: float64
+    step: float64
+
+
+@dataclass
+class IntegerRange(IdlStruct, typename="rcl_interfaces::msg::dds_::IntegerRange_"):
+    from_value: int64
+    to_value: int64
+    step: uint64
+
+
+@dataclass
+class ParameterDescriptor(IdlStruct, typename="rcl_interfaces::msg::dds_::ParameterDescriptor_"):
+    name: str
+    type: uint8
+    description: str
+    additional_constraints: str
+    read_only: bool
+    dynamic_typing: bool
+    floating_point_range: sequence[FloatingPointRange]
+    integer_range: sequence[IntegerRange]
+
+
+@dataclass
+class DescribeParametersRequest(Message, typename="rcl_interfaces::srv::dds_::DescribeParameters_Request_"):
+    names: sequence[str]
+
+
+@dataclass
+class DescribeParametersResponse(Message, typename="rcl_interfaces::srv::dds_::DescribeParameters_Response_"):
+    descriptors: sequence[ParameterDescriptor]
+
+
+@dataclass
 class State(IdlStruct, typename="lifecycle_msgs::msg::dds_::State_"):
     id: uint8
     label: str

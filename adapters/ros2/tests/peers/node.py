@@ -23,7 +23,8 @@ def yaml(value, indent=""):
 
 def parameters(clouds=(), **others):
     """What most tests want: stamped points both ways, a second to answer, diagnostics five times a second."""
-    usual = {"input": POINTS, "output": POINTS, "deadline": 1.0, "local": {"deadline": 5.0, "in_flight": 64},
+    middleware = {"middleware": os.environ["MIDDLEWARE"]} if "MIDDLEWARE" in os.environ else {}
+    usual = middleware | {"input": POINTS, "output": POINTS, "deadline": 1.0, "local": {"deadline": 5.0, "in_flight": 64},
              "clouds": list(clouds), "diagnostics": {"period": 0.2}, "localhost_only": True}
     return usual | others
 

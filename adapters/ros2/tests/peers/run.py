@@ -1,6 +1,6 @@
 """Runs the tests with real peers, each in a network of its own.
 
-    python3 run.py --node PROGRAM --fuseline PROGRAM [--fastdds PROGRAM] [--clock LIBRARY] [--list] [NAME…]
+    python3 run.py --node PROGRAM --fuseline PROGRAM [--fastdds PROGRAM] [--clock LIBRARY] [--zenoh] [--list] [NAME…]
 
 A NAME is a part of a test's name. Without the right to make networks the tests share the loopback of the machine,
 each with a domain of its own.
@@ -17,6 +17,9 @@ import tempfile
 import threading
 import time
 import traceback
+
+if "--zenoh" in sys.argv:
+    os.environ["MIDDLEWARE"] = "zenoh"
 
 import clock
 import deadlines
@@ -127,6 +130,7 @@ def main():
     parser.add_argument("--fuseline", required=True)
     parser.add_argument("--fastdds")
     parser.add_argument("--clock")
+    parser.add_argument("--zenoh", action="store_true", help="all topics over Zenoh, through a router")
     parser.add_argument("--alone", metavar="NAME")
     parser.add_argument("--list", action="store_true")
     parser.add_argument("names", nargs="*")
@@ -142,7 +146,8 @@ def main():
     # Who is told to end takes the test along that runs.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     prefix = network()
-    arguments = [word for name, program in programs.items() if program for word in (f"--{name}", program)]
+    arguments = ["--zenoh"] if chosen.zenoh else []
+    arguments += [word for name, program in programs.items() if program for word in (f"--{name}", program)]
     counts = {"passed": 0, "failed": 0, "skipped": 0}
     for number, name in enumerate(names):
         start = time.monotonic()

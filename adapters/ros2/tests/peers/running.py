@@ -3,14 +3,17 @@
 import signal
 import time
 
-from fastdds import Client
 from forwarding import check
-from graph import publishes, quality, subscribes, until
+from graph import is_over_zenoh, publishes, quality, subscribes, until
 from messages import (
     ERROR,
     WARN,
+    DescribeParametersRequest,
+    DescribeParametersResponse,
     GetParametersRequest,
     GetParametersResponse,
+    ListParametersRequest,
+    ListParametersResponse,
     Log,
     Parameter,
     ParameterValue,
@@ -22,6 +25,9 @@ from messages import (
 )
 from node import POINTS, parameters
 from roles import Camera, Listener, Model, ready
+
+if is_over_zenoh():
+    import overzenoh
 
 
 def two_nodes_of_one_domain_do_not_disturb_each_other(bench):
@@ -198,12 +204,11 @@ def names_and_parameters_of_the_command_line_go_before_those_of_files(bench):
 
 
 def parameters_are_read_and_set_by_their_services(bench):
-    peer = bench.fast_dds()
     node = bench.node(parameters(["west"], deadline=2.0))
     camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
     ready(camera, listener, local, west)
-    setting = Client(peer, "fuseline/set_parameters", SetParametersRequest, SetParametersResponse)
-    reading = Client(peer, "fuseline/get_parameters", GetParametersRequest, GetParametersResponse)
+    setting = bench.client("fuseline/set_parameters", SetParametersRequest, SetParametersResponse)
+    reading = bench.client("fuseline/get_parameters", GetParametersRequest, GetParametersResponse)
 
     def sets(**values):
         named = [Parameter(name.replace("__", "."), ParameterValue.of(value)) for name, value in values.items()]
@@ -232,6 +237,30 @@ def parameters_are_read_and_set_by_their_services(bench):
     assert node.ends() == 0
 
 
+def parameters_are_listed_and_described_by_their_services(bench):
+    node = bench.node(parameters(["west"]))
+    listing = bench.client("fuseline/list_parameters", ListParametersRequest, ListParametersResponse)
+    describing = bench.client("fuseline/describe_parameters", DescribeParametersRequest, DescribeParametersResponse)
+
+    def lists(*prefixes, depth=0):
+        return set(listing.call(ListParametersRequest(list(prefixes), depth)).result.names)
+
+    every = lists()
+    assert {"window", "deadline", "west.deadline", "use_sim_time"} <= every
+    assert "west.deadline" not in lists(depth=1) and "window" in lists(depth=1)
+    assert lists("west") == {name for name in every if name.startswith("west.")}
+    named = ["window", "deadline", "commit", "nonsense"]
+    window, deadline, commit, nonsense = describing.call(DescribeParametersRequest(named)).descriptors
+    (of_window,), (of_deadline,) = window.integer_range, deadline.floating_point_range
+    assert (window.type, window.read_only, of_window.from_value, of_window.to_value) == (2, True, 1, 1024), window
+    assert (deadline.type, deadline.read_only, of_deadline.to_value) == (3, False, 1e9), deadline
+    assert "cloud may take" in deadline.description and "more than 0" in deadline.additional_constraints
+    assert (commit.type, commit.additional_constraints) == (4, "eager or patient")
+    assert nonsense.type == 0
+    assert node.ends() == 0
+    print(len(every), "parameters;", deadline.description, "-", deadline.additional_constraints)
+
+
 def a_node_in_real_time_has_one_urgent_thread_and_its_memory_locked_or_says_what_would_grant_it(bench):
     node = bench.refused(parameters(["west"], realtime=20))
     until(lambda: node.process.poll() is not None or node.trace_file.exists(), "the node's trace, or why there is none")
@@ -252,17 +281,30 @@ def a_node_in_real_time_has_one_urgent_thread_and_its_memory_locked_or_says_what
 
 
 def tools_of_ros_find_the_node_and_its_log(bench):
-    nodes = subscribes("ros_discovery_info", ParticipantEntitiesInfo, quality(transient=True))
+    seen = overzenoh.seen() if is_over_zenoh() else None
+    nodes = None if seen else subscribes("ros_discovery_info", ParticipantEntitiesInfo, quality(transient=True))
     logs = subscribes("/rosout", Log, quality(transient=True))
     node = bench.node(parameters(), ["-r", "__ns:=/robot"])
 
     def listed():
+        if seen:
+            return [(entity.namespace, entity.node) for entity in seen() if entity.kind == "NN"]
         return [(info.node_namespace, info.node_name) for heard in list(nodes.heard)
                 for info in heard.message.node_entities_info_seq]
 
     until(lambda: ("/robot", "fuseline") in listed(), lambda: f"the node among {listed()}")
     until(lambda: [heard for heard in list(logs.heard) if "fuseline" in heard.message.name], "a line of the node's log")
+    if seen:
+        # With its own topics and services at once, and with the others once a peer has said their types.
+        camera, listener, local = Camera("/robot/input"), Listener("/robot"), Model("local", "/robot/local")
+        ready(camera, listener, local)
+        ends = {(entity.kind, entity.topic) for entity in seen() if (entity.namespace, entity.node) == ("/robot", "fuseline")}
+        assert ends >= {("MS", "/robot/input"), ("MP", "/robot/output"), ("MP", "/robot/local/input"),
+                        ("MS", "/robot/local/output"), ("MP", "/diagnostics"), ("MP", "/robot/fuseline/status"),
+                        ("SS", "/robot/fuseline/set_parameters")}, ends
     assert node.ends() == 0
+    if seen:
+        until(lambda: ("/robot", "fuseline") not in listed(), "the node to be gone")
     print(logs.heard[0].message.name, "-", logs.heard[0].message.msg)
 
 

@@ -33,7 +33,7 @@ impl Publish for Topic {
         self.matched.load(Ordering::Relaxed)
     }
 
-    fn end(&self) -> &End {
+    fn end(&self) -> &Arc<End> {
         &self.end
     }
 }
@@ -210,7 +210,7 @@ impl Node {
         let dropped = Arc::new(Mutex::new(Vec::new()));
         let hints = Hints::default();
         let answers = End::new("/local/output", "tests/msg/Text");
-        answers.change(rustdds::GUID::GUID_UNKNOWN, 1, None);
+        answers.change([7; 16], 1, None);
         let mut sources = vec![Source {
             priority: 0,
             name: "local".into(),

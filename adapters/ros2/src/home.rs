@@ -1,0 +1,108 @@
+//! Where the node is at home: the middleware on which ROS sees it, with its parameters and reports.
+
+mod dds;
+#[cfg(feature = "zenoh")]
+mod zenoh;
+
+use ros2_client::Message;
+use serde::Serialize;
+use tokio::task::JoinSet;
+
+use self::dds::Participant;
+use crate::error::NodeError;
+use crate::middleware::Graph;
+#[cfg(feature = "zenoh")]
+use crate::middleware::zenoh::Realm;
+use crate::parameters::Value;
+use crate::report::Time;
+use crate::service::Requests;
+use crate::settings::{Middleware, Settings};
+
+/// A node as ROS sees it.
+pub(crate) enum Home {
+    /// In a participant of DDS.
+    Dds(Participant),
+    /// In a session of Zenoh.
+    #[cfg(feature = "zenoh")]
+    Zenoh(Realm),
+}
+
+/// Publishes messages of one type; what cannot be sent is left out.
+pub(crate) type Teller<M> = Box<dyn Fn(M) + Send + Sync>;
+
+/// A type of a package of ROS.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct TypeName {
+    pub(crate) package: &'static str,
+    pub(crate) name: &'static str,
+}
+
+impl Home {
+    /// Shows the node in what was joined for its own topics.
+    pub(crate) fn show(settings: &Settings, graph: &Graph) -> Result<Self, NodeError> {
+        match settings.middleware {
+            Middleware::Dds => {
+                let domain = graph.dds.as_ref().ok_or(NodeError::NotJoined("DDS"))?;
+                Participant::show(settings, domain).map(Self::Dds)
+            }
+            #[cfg(feature = "zenoh")]
+            Middleware::Zenoh => {
+                let realm = graph.zenoh.as_ref().ok_or(NodeError::NotJoined("Zenoh"))?;
+                Ok(Self::Zenoh(realm.beside()))
+            }
+            #[cfg(not(feature = "zenoh"))]
+            Middleware::Zenoh => Err(NodeError::NoZenoh),
+        }
+    }
+
+    /// A publisher of the node's own.
+    pub(crate) fn teller<M>(&mut self, topic: &str, ty: TypeName) -> Result<Teller<M>, NodeError>
+    where
+        M: Serialize + Send + Sync + 'static,
+    {
+        match self {
+            Self::Dds(participant) => participant.teller(topic, ty),
+            #[cfg(feature = "zenoh")]
+            Self::Zenoh(realm) => realm.teller(topic, ty),
+        }
+    }
+
+    /// A service of the node's own, below its name, served in `tasks`.
+    pub(crate) fn serve<Q, R>(
+        &mut self,
+        service: &str,
+        ty: TypeName,
+        tasks: &mut JoinSet<()>,
+    ) -> Result<Requests<Q, R>, NodeError>
+    where
+        Q: Message + Clone + Send + Sync + 'static,
+        R: Message + Send + Sync + 'static,
+    {
+        match self {
+            Self::Dds(participant) => participant.serve(service, ty, tasks),
+            #[cfg(feature = "zenoh")]
+            Self::Zenoh(realm) => realm.serve(service, ty, tasks),
+        }
+    }
+
+    /// Once all is published and served. What keeps the node there runs in `tasks`, or is kept by what is returned.
+    pub(crate) fn settle(
+        self,
+        settings: &Settings,
+        tasks: &mut JoinSet<()>,
+    ) -> Result<Settled, NodeError> {
+        match self {
+            Self::Dds(participant) => participant.settle(settings, tasks),
+            #[cfg(feature = "zenoh")]
+            Self::Zenoh(realm) => realm.settle(settings, tasks),
+        }
+    }
+}
+
+/// A node that is shown whole.
+pub(crate) struct Settled {
+    /// The time that messages are stamped with.
+    pub(crate) clock: Box<dyn Fn() -> Time + Send + Sync>,
+    /// Hears of each parameter that was set.
+    pub(crate) set: Box<dyn Fn(&str, &Value) + Send + Sync>,
+}

@@ -1,0 +1,143 @@
+//! The node's end of a topic, and the peers at the other end.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use tokio::time::Instant;
+use tracing::{info, warn};
+
+use crate::rhythm::Rhythm;
+
+/// What tells one end of a topic from all others, as ROS has it.
+pub(crate) type Gid = [u8; 16];
+
+/// The node's end of a topic, and its peers.
+#[derive(Debug)]
+pub(crate) struct End {
+    pub(crate) topic: String,
+    /// The type's name in DDS.
+    type_name: String,
+    peers: Mutex<Peers>,
+    rhythm: Mutex<Rhythm>,
+}
+
+#[derive(Default, Debug)]
+struct Peers {
+    matched: BTreeSet<Gid>,
+    /// Peers with messages of another type, which no middleware checks.
+    strangers: BTreeMap<Gid, String>,
+    incompatible: Option<Incompatible>,
+}
+
+/// Peers whose quality of service does not fit.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Incompatible {
+    pub(crate) count: i32,
+    /// The policy in which the last of them differs.
+    pub(crate) policy: String,
+}
+
+impl End {
+    pub(crate) fn new(topic: &str, ty: &str) -> Self {
+        let (peers, rhythm) = (Mutex::default(), Mutex::default());
+        Self { topic: topic.into(), type_name: dds_type(ty), peers, rhythm }
+    }
+
+    /// Sets how long counts as silence; none leaves it to the gaps between messages.
+    pub(crate) fn patience(&self, patience: Option<std::time::Duration>) {
+        *self.rhythm() = Rhythm::new(patience);
+    }
+
+    /// A message came.
+    pub(crate) fn heard(&self, now: Instant) {
+        self.rhythm().beat(now);
+    }
+
+    /// How long nothing has come, if that is too long and a publisher is there.
+    pub(crate) fn silence(&self) -> Option<std::time::Duration> {
+        if self.matched() == 0 { None } else { self.rhythm().silence(Instant::now()) }
+    }
+
+    /// How many peers there are.
+    pub(crate) fn matched(&self) -> usize {
+        self.peers().matched.len()
+    }
+
+    /// The peers found whose quality of service does not fit.
+    pub(crate) fn incompatible(&self) -> Option<Incompatible> {
+        self.peers().incompatible.clone()
+    }
+
+    /// The message type of a peer that has another one, if there is such a peer.
+    pub(crate) fn other_type(&self) -> Option<String> {
+        self.peers().strangers.values().next().cloned()
+    }
+
+    pub(super) fn is_strange(&self, peer: Gid) -> bool {
+        self.peers().strangers.contains_key(&peer)
+    }
+
+    /// A peer came or left.
+    pub(crate) fn change(&self, peer: Gid, by: i32, type_name: Option<&String>) {
+        let mut peers = self.peers();
+        if by <= 0 {
+            peers.strangers.remove(&peer);
+            if peers.matched.remove(&peer) {
+                info!(topic = self.topic, peers = peers.matched.len(), "a peer left");
+            }
+        } else if let Some(other) = type_name.filter(|name| **name != self.type_name) {
+            warn!(topic = self.topic, ours = self.type_name, other, "a peer has another type");
+            peers.strangers.insert(peer, other.clone());
+        } else if peers.matched.insert(peer) {
+            info!(topic = self.topic, peers = peers.matched.len(), "a peer came");
+            self.rhythm().rest(Instant::now());
+        }
+    }
+
+    pub(super) fn refuse(&self, count: i32, policy: String) {
+        warn!(topic = self.topic, policy, "a peer's quality of service does not fit");
+        self.peers().incompatible = Some(Incompatible { count, policy });
+    }
+
+    /// Changes are made whole, so even a poisoned lock holds a sound state.
+    fn peers(&self) -> MutexGuard<'_, Peers> {
+        self.peers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn rhythm(&self) -> MutexGuard<'_, Rhythm> {
+        self.rhythm.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A message type's name in DDS: `pkg/msg/Type` is `pkg::msg::dds_::Type_`.
+pub(super) fn dds_type(ty: &str) -> String {
+    match ty.rsplit_once('/') {
+        Some((package, name)) => format!("{}::dds_::{name}_", package.replace('/', "::")),
+        None => ty.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// D14.
+    #[test]
+    fn a_peer_with_another_type_is_no_peer_until_it_leaves() {
+        let (end, peer) = (End::new("/input", "a_msgs/msg/A"), [7; 16]);
+        let other = "b_msgs::msg::dds_::B_".to_owned();
+        end.change(peer, 1, Some(&other));
+        assert_eq!((end.matched(), end.other_type(), end.is_strange(peer)), (0, Some(other), true));
+        end.change(peer, -1, None);
+        assert_eq!((end.matched(), end.other_type(), end.is_strange(peer)), (0, None, false));
+        end.change(peer, 1, Some(&"a_msgs::msg::dds_::A_".to_owned()));
+        assert_eq!((end.matched(), end.other_type(), end.is_strange(peer)), (1, None, false));
+        end.change(peer, -1, None);
+        assert_eq!(end.matched(), 0);
+    }
+
+    #[test]
+    fn names_of_types_are_those_of_dds() {
+        assert_eq!(dds_type("sensor_msgs/msg/Image"), "sensor_msgs::msg::dds_::Image_");
+    }
+}

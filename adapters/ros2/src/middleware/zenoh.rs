@@ -1,0 +1,408 @@
+//! Ends of topics over Zenoh, in the format of `rmw_zenoh`: serialized messages in and out.
+
+pub(crate) mod config;
+mod types;
+pub(crate) mod wire;
+
+use std::any::Any;
+use std::ops::Deref;
+use std::sync::atomic::{AtomicI64, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock, mpsc};
+use std::thread;
+use std::time::SystemTime;
+
+use bytes::Bytes;
+use tokio::sync::oneshot;
+use tokio::task::JoinSet;
+use tokio::time::Instant;
+use tracing::{info, warn};
+use zenoh::handlers::{RingChannel, RingChannelHandler};
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Reliability};
+use zenoh::query::{Query, Queryable};
+use zenoh::sample::SampleKind;
+use zenoh::{Session, Wait};
+use zenoh_ext::{
+    AdvancedPublisher, AdvancedPublisherBuilderExt, AdvancedSubscriberBuilderExt, CacheConfig,
+    HistoryConfig,
+};
+
+use self::types::Types;
+use self::wire::{Attachment, Entity, Kind, Owner, gid, hash_of, type_of};
+use super::end::{End, Gid, dds_type};
+use super::{Publish, Sample, Unread};
+use crate::error::NodeError;
+use crate::raw::Payload;
+use crate::settings::{Qos, Role, Settings};
+
+/// How much may wait for a link that is too slow, in messages and in bytes; one message always may.
+const WAITING: (usize, usize) = (1024, 64 << 20);
+
+/// How much of a topic may wait to be taken in at least, whatever its depth: messages come in bursts, and none is lost for that.
+const BURST: usize = 64;
+
+/// The node in its session.
+pub(crate) struct Realm {
+    shared: Arc<Shared>,
+    /// Subscribers, queryables and tokens; they end with this.
+    held: Vec<Box<dyn Any + Send + Sync>>,
+    /// The tasks that serve the ends; they end with this.
+    pub(crate) tasks: JoinSet<()>,
+    /// Whether the session ends with this.
+    is_first: bool,
+}
+
+struct Shared {
+    session: Session,
+    owner: Owner,
+    types: Types,
+    /// Numbers the node's ends; the node itself is 0.
+    ends: AtomicU64,
+}
+
+/// A publisher of serialized messages. A thread of its own publishes them, for a link that is too slow holds it up.
+pub(crate) struct Outlet {
+    end: Arc<End>,
+    queue: mpsc::Sender<Payload>,
+    waiting: Arc<Waiting>,
+}
+
+/// How much waits to be published.
+#[derive(Default)]
+struct Waiting {
+    messages: AtomicUsize,
+    bytes: AtomicUsize,
+}
+
+/// What publishes, once the type's hash is known.
+struct Voice {
+    writer: Writer,
+    source: Gid,
+    sequence: AtomicI64,
+    /// Peers see the publisher as long as it is there.
+    _token: LivelinessToken,
+}
+
+enum Writer {
+    Volatile(Publisher<'static>),
+    /// It keeps messages for subscribers that come later.
+    TransientLocal(AdvancedPublisher<'static>),
+}
+
+impl Realm {
+    /// Opens a session, which the environment configures, and shows the node in it.
+    pub(crate) async fn join(settings: &Settings) -> Result<Self, NodeError> {
+        let config = config::from_environment()?;
+        let (domain, node) = (settings.domain, settings.node.clone());
+        // Zenoh waits for threads of its own here, which it refuses to do on a thread of this runtime.
+        let opened = apart(move || -> zenoh::Result<_> {
+            let session = zenoh::open(config).wait()?;
+            let routers = session.info().routers_zid().wait().count();
+            let peers = session.info().peers_zid().wait().count();
+            let owner = Owner { domain, session: session.zid().to_string(), node };
+            let token = session.liveliness().declare_token(owner.node_token()).wait()?;
+            Ok((session, owner, token, routers, peers))
+        });
+        let (session, owner, token, routers, peers) = opened.await.map_err(refused)?;
+        if routers + peers == 0 {
+            warn!("Zenoh reaches neither a router nor a peer yet; it goes on trying");
+        } else {
+            info!(routers, peers, "Zenoh is reached");
+        }
+        let (types, ends) = (Types::default(), AtomicU64::new(1));
+        let shared = Arc::new(Shared { session, owner, types, ends });
+        let held: Vec<Box<dyn Any + Send + Sync>> = vec![Box::new(token)];
+        Ok(Self { shared, held, tasks: JoinSet::new(), is_first: true })
+    }
+
+    /// The same session, for ends that close before it does.
+    pub(crate) fn beside(&self) -> Self {
+        let shared = Arc::clone(&self.shared);
+        Self { shared, held: Vec::new(), tasks: JoinSet::new(), is_first: false }
+    }
+
+    /// Closes the ends, and the session if it began here.
+    pub(crate) async fn leave(mut self) {
+        self.tasks.shutdown().await;
+        apart(move || drop(self)).await;
+    }
+
+    /// The node's full name.
+    pub(crate) fn node(&self) -> String {
+        self.shared.owner.node.full()
+    }
+
+    /// Publishes on a topic.
+    pub(crate) fn outlet(&mut self, topic: &str, ty: &str, qos: Qos) -> Result<Outlet, NodeError> {
+        let end = self.end(topic, ty, Kind::Subscription)?;
+        let (queue, payloads) = mpsc::channel::<Payload>();
+        let waiting = Arc::new(Waiting::default());
+        let voice: Arc<OnceLock<Voice>> = Arc::default();
+        let (declared, shared) = (Arc::downgrade(&voice), Arc::clone(&self.shared));
+        let (name, type_name) = (topic.to_owned(), dds_type(ty));
+        self.when_known(ty, move |hash| {
+            // It may have closed meanwhile.
+            let Some(declared) = declared.upgrade() else { return };
+            let entity = Entity { kind: Kind::Publisher, name: &name, type_name: &type_name, hash };
+            match shared.voice(&entity, qos) {
+                Ok(voice) => drop(declared.set(voice)),
+                Err(error) => warn!(topic = name, %error, "Zenoh refuses to publish on it"),
+            }
+        })?;
+        let (done, topic) = (Arc::clone(&waiting), topic.to_owned());
+        thread::Builder::new()
+            .name("zenoh publisher".into())
+            .spawn(move || {
+                for payload in payloads {
+                    let bytes = payload.body.len();
+                    // Without a hash there is no subscriber either: it would have said it.
+                    if let Some(Err(error)) = voice.get().map(|voice| voice.publish(&payload)) {
+                        warn!(topic, %error, "not published");
+                    }
+                    done.messages.fetch_sub(1, Ordering::Relaxed);
+                    done.bytes.fetch_sub(bytes, Ordering::Relaxed);
+                }
+            })
+            .map_err(NodeError::System)?;
+        Ok(Outlet { end, queue, waiting })
+    }
+
+    /// Subscribes to a topic; `take` gets each message, in its publisher's order.
+    pub(crate) fn inlet<F>(
+        &mut self,
+        topic: &str,
+        ty: &str,
+        qos: Qos,
+        take: impl Fn(Sample) -> F + Send + 'static,
+    ) -> Result<Arc<End>, NodeError>
+    where
+        F: Future<Output = ()> + Send + 'static,
+    {
+        let end = self.end(topic, ty, Kind::Publisher)?;
+        let type_name = dds_type(ty);
+        let Shared { session, owner, types, .. } = &*self.shared;
+        let subscriber = session
+            .declare_subscriber(owner.key(topic, &type_name, "*"))
+            .with(RingChannel::new(usize::from(qos.depth).max(BURST)));
+        let samples = Samples {
+            end: Arc::clone(&end),
+            types: types.clone(),
+            type_name: type_name.clone(),
+            take,
+        };
+        if qos.transient_local {
+            let history =
+                HistoryConfig::default().detect_late_publishers().max_samples(qos.depth.into());
+            let subscriber = subscriber.advanced().history(history).wait().map_err(refused)?;
+            self.tasks.spawn(samples.run(subscriber));
+        } else {
+            let subscriber = subscriber.wait().map_err(refused)?;
+            self.tasks.spawn(samples.run(subscriber));
+        }
+        let token: Arc<OnceLock<LivelinessToken>> = Arc::default();
+        let (declared, shared, name) =
+            (Arc::downgrade(&token), Arc::clone(&self.shared), topic.to_owned());
+        self.held.push(Box::new(token));
+        self.when_known(ty, move |hash| {
+            let Some(declared) = declared.upgrade() else { return };
+            let kind = Kind::Subscription;
+            let entity = Entity { kind, name: &name, type_name: &type_name, hash };
+            match shared.token(&entity, qos) {
+                Ok((token, _)) => drop(declared.set(token)),
+                Err(error) => warn!(topic = name, %error, "Zenoh refuses to show the subscription"),
+            }
+        })?;
+        Ok(end)
+    }
+
+    /// Serves requests, of which the last `kept` wait until they are taken. The service is there as long as the token.
+    pub(crate) fn queryable(
+        &mut self,
+        name: &str,
+        ty: &str,
+        kept: usize,
+    ) -> Result<(Queryable<RingChannelHandler<Query>>, LivelinessToken), NodeError> {
+        let type_name = dds_type(ty);
+        let hash = self.shared.types.known(&type_name);
+        let hash = hash.ok_or_else(|| NodeError::Zenoh(format!("{ty} has no known hash")))?;
+        let Shared { session, owner, .. } = &*self.shared;
+        let key = owner.key(name, &type_name, &hash);
+        let queryable = session.declare_queryable(key).complete(true).with(RingChannel::new(kept));
+        let queryable = queryable.wait().map_err(refused)?;
+        let entity = Entity { kind: Kind::Service, name, type_name: &type_name, hash: &hash };
+        let (token, _) = self.shared.token(&entity, Qos::of(Role::Publisher)).map_err(refused)?;
+        Ok((queryable, token))
+    }
+
+    /// An end whose peers are of this kind.
+    fn end(&mut self, topic: &str, ty: &str, peers: Kind) -> Result<Arc<End>, NodeError> {
+        let Shared { session, owner, types, .. } = &*self.shared;
+        let (end, type_name) = (Arc::new(End::new(topic, ty)), dds_type(ty));
+        let (seen, ours, types) = (Arc::clone(&end), owner.clone(), types.clone());
+        let tokens = session
+            .liveliness()
+            .declare_subscriber(owner.tokens_of_topic(peers, topic))
+            .history(true)
+            .callback(move |token| {
+                let key = token.key_expr().as_str();
+                let Some((its_type, hash)) = type_of(key).filter(|_| !ours.owns(key)) else {
+                    return;
+                };
+                if token.kind() == SampleKind::Delete {
+                    return seen.change(gid(key), -1, None);
+                }
+                if its_type == type_name {
+                    types.learn(its_type, hash);
+                }
+                let is_ours = types.known(its_type).is_none_or(|known| known == hash);
+                let its_type =
+                    if is_ours { its_type.to_owned() } else { format!("{its_type}, {hash}") };
+                seen.change(gid(key), 1, Some(&its_type));
+            })
+            .wait()
+            .map_err(refused)?;
+        self.held.push(Box::new(tokens));
+        Ok(end)
+    }
+
+    fn when_known(
+        &self,
+        ty: &str,
+        act: impl FnOnce(&str) + Send + 'static,
+    ) -> Result<(), NodeError> {
+        let Shared { session, owner, types, .. } = &*self.shared;
+        types.when_known(session, owner, &dds_type(ty), Box::new(act)).map_err(refused)
+    }
+}
+
+/// What comes on a topic, and where it goes.
+struct Samples<T> {
+    end: Arc<End>,
+    types: Types,
+    type_name: String,
+    take: T,
+}
+
+impl<T, F> Samples<T>
+where
+    T: Fn(Sample) -> F + Send + 'static,
+    F: Future<Output = ()> + Send + 'static,
+{
+    async fn run(self, subscriber: impl Deref<Target = RingChannelHandler<zenoh::sample::Sample>>) {
+        let Self { end, types, type_name, take } = self;
+        while let Ok(sample) = subscriber.recv_async().await {
+            // Another version of the type: `/diagnostics` tells of that peer.
+            let hash = hash_of(sample.key_expr().as_str());
+            if types.known(&type_name).is_some_and(|known| known != hash) {
+                continue;
+            }
+            end.heard(Instant::now());
+            let bytes = Bytes::from(sample.payload().to_bytes().into_owned());
+            let payload = Payload::from_serialized(&bytes);
+            take(payload.ok_or_else(|| Unread("it is not plain CDR".into()))).await;
+        }
+    }
+}
+
+impl Drop for Realm {
+    fn drop(&mut self) {
+        let (held, session) = (std::mem::take(&mut self.held), self.shared.session.clone());
+        let is_first = self.is_first;
+        // Where this runtime's threads may not wait for Zenoh's.
+        let ended = thread::spawn(move || {
+            drop(held);
+            if is_first && let Err(error) = session.close().wait() {
+                warn!(%error, "Zenoh's session did not close well");
+            }
+        });
+        drop(ended.join());
+    }
+}
+
+impl Shared {
+    /// Shows an end to its peers; with what identifies it.
+    fn token(&self, entity: &Entity, qos: Qos) -> zenoh::Result<(LivelinessToken, Gid)> {
+        let number = self.ends.fetch_add(1, Ordering::Relaxed);
+        let token = self.owner.token(number, entity, qos);
+        let source = gid(&token);
+        Ok((self.session.liveliness().declare_token(token).wait()?, source))
+    }
+
+    /// What publishes on a topic. What a slow link does not take is left out, as `rmw_zenoh` does with what keeps the
+    /// last messages.
+    fn voice(&self, entity: &Entity, qos: Qos) -> zenoh::Result<Voice> {
+        let key = self.owner.key(entity.name, entity.type_name, entity.hash);
+        let reliability =
+            if qos.reliable { Reliability::Reliable } else { Reliability::BestEffort };
+        let publisher = self
+            .session
+            .declare_publisher(key)
+            .congestion_control(CongestionControl::Drop)
+            .reliability(reliability);
+        let writer = if qos.transient_local {
+            let cache = CacheConfig::default().max_samples(qos.depth.into());
+            let kept = publisher.advanced().cache(cache).publisher_detection();
+            Writer::TransientLocal(kept.wait()?)
+        } else {
+            Writer::Volatile(publisher.wait()?)
+        };
+        let (token, source) = self.token(entity, qos)?;
+        Ok(Voice { writer, source, sequence: AtomicI64::new(1), _token: token })
+    }
+}
+
+impl Voice {
+    fn publish(&self, payload: &Payload) -> zenoh::Result<()> {
+        let sequence = self.sequence.fetch_add(1, Ordering::Relaxed);
+        let attachment = Attachment { sequence, sent: time_of_day(), source: self.source };
+        let (bytes, attachment) = (payload.to_serialized(), attachment.to_bytes());
+        match &self.writer {
+            Writer::Volatile(publisher) => publisher.put(&bytes[..]).attachment(attachment).wait(),
+            Writer::TransientLocal(kept) => kept.put(&bytes[..]).attachment(attachment).wait(),
+        }
+    }
+}
+
+impl Publish for Outlet {
+    fn publish(&self, payload: Payload) -> bool {
+        let (messages, most) = (&self.waiting.messages, WAITING);
+        let length = payload.body.len();
+        let before = messages.fetch_add(1, Ordering::Relaxed);
+        let bytes = self.waiting.bytes.fetch_add(length, Ordering::Relaxed);
+        let has_room = before == 0 || (before < most.0 && bytes < most.1);
+        if has_room && self.queue.send(payload).is_ok() {
+            return true;
+        }
+        messages.fetch_sub(1, Ordering::Relaxed);
+        self.waiting.bytes.fetch_sub(length, Ordering::Relaxed);
+        false
+    }
+
+    fn end(&self) -> &Arc<End> {
+        &self.end
+    }
+}
+
+/// Now, in nanoseconds.
+pub(crate) fn time_of_day() -> i64 {
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(now.as_nanos()).unwrap_or(i64::MAX)
+}
+
+fn refused(error: zenoh::Error) -> NodeError {
+    NodeError::Zenoh(error.to_string())
+}
+
+/// Does something on a thread outside of this runtime, and waits for it.
+async fn apart<T: Send + 'static>(act: impl FnOnce() -> T + Send + 'static) -> T {
+    let (done, heard) = oneshot::channel();
+    let thread = thread::spawn(move || drop(done.send(act())));
+    match heard.await {
+        Ok(done) => done,
+        Err(_) => match thread.join() {
+            Err(panic) => std::panic::resume_unwind(panic),
+            Ok(()) => unreachable!("it says what it did, or panics"),
+        },
+    }
+}

@@ -1,0 +1,202 @@
+//! The six services by which `ros2 param` sees and sets the parameters of a node that runs.
+
+use std::collections::BTreeSet;
+
+use ros2_client::parameters::raw::{
+    FloatingPointRange, IntegerRange, Parameter as Raw, ParameterDescriptor, ParameterValue,
+    SetParametersResult,
+};
+use ros2_client::rcl_interfaces::{
+    DescribeParametersRequest, DescribeParametersResponse, GetParameterTypesRequest,
+    GetParameterTypesResponse, GetParametersRequest, GetParametersResponse, ListParametersRequest,
+    ListParametersResponse, ListParametersResult, SetParametersAtomicallyResponse,
+    SetParametersRequest, SetParametersResponse,
+};
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+use tracing::info;
+
+use super::{Value, ros};
+use crate::error::NodeError;
+use crate::home::{Home, TypeName};
+use crate::service::Requests;
+use crate::settings::{Change, Current, Parameter, Range};
+
+/// ROS's number for *not set*.
+const NOT_SET: ParameterValue = ParameterValue {
+    ptype: 0,
+    boolean_value: false,
+    int_value: 0,
+    double_value: 0.0,
+    string_value: String::new(),
+    byte_array: Vec::new(),
+    bool_array: Vec::new(),
+    int_array: Vec::new(),
+    double_array: Vec::new(),
+    string_array: Vec::new(),
+};
+
+/// The services, and what comes on them.
+pub(crate) struct Services {
+    get: Requests<GetParametersRequest, GetParametersResponse>,
+    types: Requests<GetParameterTypesRequest, GetParameterTypesResponse>,
+    set: Requests<SetParametersRequest, SetParametersResponse>,
+    set_all: Requests<SetParametersRequest, SetParametersAtomicallyResponse>,
+    list: Requests<ListParametersRequest, ListParametersResponse>,
+    describe: Requests<DescribeParametersRequest, DescribeParametersResponse>,
+}
+
+/// The parameters of a node that runs.
+pub(crate) struct Parameters {
+    pub(crate) settings: Current,
+    /// Hears of each change.
+    pub(crate) setter: mpsc::UnboundedSender<Change>,
+    /// Hears of each parameter that was set.
+    pub(crate) set: Box<dyn Fn(&str, &Value) + Send + Sync>,
+}
+
+impl Services {
+    /// Offers them.
+    pub(crate) fn offer(home: &mut Home, tasks: &mut JoinSet<()>) -> Result<Self, NodeError> {
+        let ty = |name| TypeName { package: "rcl_interfaces", name };
+        Ok(Self {
+            get: home.serve("get_parameters", ty("GetParameters"), tasks)?,
+            types: home.serve("get_parameter_types", ty("GetParameterTypes"), tasks)?,
+            set: home.serve("set_parameters", ty("SetParameters"), tasks)?,
+            set_all: home.serve(
+                "set_parameters_atomically",
+                ty("SetParametersAtomically"),
+                tasks,
+            )?,
+            list: home.serve("list_parameters", ty("ListParameters"), tasks)?,
+            describe: home.serve("describe_parameters", ty("DescribeParameters"), tasks)?,
+        })
+    }
+
+    /// Answers until there is nobody to be asked by.
+    pub(crate) async fn run(mut self, parameters: Parameters) {
+        loop {
+            tokio::select! {
+                Some(asked) = self.get.recv() => asked.answer(|asked| GetParametersResponse {
+                    values: asked.names.iter().map(|name| parameters.value(name)).collect(),
+                }),
+                Some(asked) = self.types.recv() => asked.answer(|asked| GetParameterTypesResponse {
+                    values: asked.names.iter().map(|name| parameters.value(name).ptype).collect(),
+                }),
+                Some(asked) = self.set.recv() => asked.answer(|asked| SetParametersResponse {
+                    results: asked.parameter.into_iter().map(|it| parameters.set(vec![it])).collect(),
+                }),
+                Some(asked) = self.set_all.recv() => {
+                    asked.answer(|asked| SetParametersAtomicallyResponse {
+                        result: parameters.set(asked.parameter),
+                    });
+                }
+                Some(asked) = self.list.recv() => asked.answer(|asked| ListParametersResponse {
+                    result: parameters.list(&asked),
+                }),
+                Some(asked) = self.describe.recv() => {
+                    asked.answer(|asked| DescribeParametersResponse {
+                        values: asked.names.iter().map(|name| parameters.describe(name)).collect(),
+                    });
+                }
+                else => break,
+            }
+        }
+    }
+}
+
+impl Parameters {
+    fn value(&self, name: &str) -> ParameterValue {
+        let settings = self.settings.locked();
+        settings.parameter(name).map_or(NOT_SET, |found| ros::value(&found.value))
+    }
+
+    /// Sets all of them or none.
+    fn set(&self, given: Vec<Raw>) -> SetParametersResult {
+        let mut settings = self.settings.locked();
+        let mut next = settings.clone();
+        let mut changes = Vec::with_capacity(given.len());
+        for Raw { name, value } in given {
+            let checked = match ros::read(value) {
+                Some(value) => next.change(&name, value).map_err(|error| error.to_string()),
+                None => Err(format!("{name}: no parameter of this node has this type")),
+            };
+            match checked {
+                Ok((change, value)) => changes.push((name, change, value)),
+                Err(reason) => return SetParametersResult { successful: false, reason },
+            }
+        }
+        *settings = next;
+        drop(settings);
+        for (name, change, value) in changes {
+            info!(%name, %value, "set");
+            (self.set)(&name, &value);
+            // The node may be ending.
+            let _ = self.setter.send(change);
+        }
+        SetParametersResult { successful: true, reason: String::new() }
+    }
+
+    /// As rclcpp lists them: `depth` counts parts between dots, and 0 is any number.
+    fn list(&self, asked: &ListParametersRequest) -> ListParametersResult {
+        let is_within =
+            |rest: &str| asked.depth == 0 || (rest.matches('.').count() as u64) < asked.depth;
+        let is_listed = |name: &str| {
+            asked.prefixes.is_empty() && is_within(name)
+                || asked.prefixes.iter().any(|prefix| match name.strip_prefix(prefix.as_str()) {
+                    Some("") => true,
+                    Some(rest) => rest.strip_prefix('.').is_some_and(is_within),
+                    None => false,
+                })
+        };
+        let settings = self.settings.locked();
+        let names = settings.declared.iter().map(|parameter| parameter.name.clone());
+        let names: Vec<String> = names.filter(|name| is_listed(name)).collect();
+        let prefixes = names.iter().filter_map(|name| name.rsplit_once('.'));
+        let prefixes: BTreeSet<String> = prefixes.map(|(prefix, _)| prefix.to_owned()).collect();
+        ListParametersResult { names, prefixes: prefixes.into_iter().collect() }
+    }
+
+    fn describe(&self, name: &str) -> ParameterDescriptor {
+        let settings = self.settings.locked();
+        settings.parameter(name).map_or_else(|| unknown(name), described)
+    }
+}
+
+fn unknown(name: &str) -> ParameterDescriptor {
+    ParameterDescriptor {
+        name: name.to_owned(),
+        r#type: NOT_SET.ptype,
+        description: "there is no such parameter".to_owned(),
+        additional_constraints: String::new(),
+        read_only: true,
+        dynamic_typing: false,
+        floating_point_range: Vec::new(),
+        integer_range: Vec::new(),
+    }
+}
+
+fn described(parameter: &Parameter) -> ParameterDescriptor {
+    let mut descriptor = ParameterDescriptor {
+        name: parameter.name.clone(),
+        r#type: ros::value(&parameter.value).ptype,
+        description: parameter.about.to_owned(),
+        additional_constraints: parameter.expected.clone(),
+        read_only: !parameter.at_run_time,
+        dynamic_typing: false,
+        floating_point_range: Vec::new(),
+        integer_range: Vec::new(),
+    };
+    match parameter.range {
+        Some(Range::Integer(from_value, to_value)) => {
+            descriptor.integer_range = vec![IntegerRange { from_value, to_value, step: 1 }];
+        }
+        Some(Range::Double(from_value, to_value)) => {
+            // A step of 0 is any step.
+            descriptor.floating_point_range =
+                vec![FloatingPointRange { from_value, to_value, step: 0.0 }];
+        }
+        None => {}
+    }
+    descriptor
+}

@@ -1,0 +1,34 @@
+//! The node's services: requests, each with where its answer goes.
+
+use tokio::sync::mpsc;
+
+/// A request that waits for its answer.
+pub(crate) struct Asked<Q, R> {
+    pub(crate) request: Q,
+    pub(crate) reply: Reply<R>,
+}
+
+/// Where an answer goes; who asked is answered by nobody if it is dropped.
+pub(crate) struct Reply<R>(Box<dyn FnOnce(R) + Send>);
+
+/// The requests of one service, in the order in which they came.
+pub(crate) type Requests<Q, R> = mpsc::Receiver<Asked<Q, R>>;
+
+/// How many requests of a service may wait; the others wait in the middleware.
+pub(crate) const WAITING: usize = 4;
+
+impl<R> Reply<R> {
+    pub(crate) fn new(send: impl FnOnce(R) + Send + 'static) -> Self {
+        Self(Box::new(send))
+    }
+
+    pub(crate) fn send(self, answer: R) {
+        (self.0)(answer);
+    }
+}
+
+impl<Q, R> Asked<Q, R> {
+    pub(crate) fn answer(self, answer: impl FnOnce(Q) -> R) {
+        self.reply.send(answer(self.request));
+    }
+}

@@ -1,0 +1,95 @@
+//! Which middleware carries topics.
+
+use std::fmt;
+
+use crate::parameters::{Given, Value};
+use crate::settings::reader::Reader;
+use crate::settings::{SettingsError, Way, from_environment};
+
+/// What carries a topic's messages.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Middleware {
+    /// DDS, as `rmw_fastrtps` and `rmw_cyclonedds` speak it.
+    Dds,
+    /// Zenoh, as `rmw_zenoh` speaks it.
+    Zenoh,
+}
+
+/// The variable by which ROS 2 chooses a middleware, and the value that chooses Zenoh.
+const VARIABLE: (&str, &str) = ("RMW_IMPLEMENTATION", "rmw_zenoh_cpp");
+
+impl Middleware {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Dds => "dds",
+            Self::Zenoh => "zenoh",
+        }
+    }
+}
+
+impl fmt::Display for Middleware {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What the environment says.
+pub(super) fn from_rmw(environment: impl Fn(&str) -> Option<String>) -> Option<Given> {
+    let (variable, zenoh) = VARIABLE;
+    let is_zenoh = environment(variable)? == zenoh;
+    let chosen = if is_zenoh { Middleware::Zenoh } else { Middleware::Dds };
+    Some(from_environment("middleware", Value::String(chosen.name().to_owned()), variable))
+}
+
+/// Reads which one is meant; one that is not built in is refused.
+pub(super) fn read(
+    r: &mut Reader,
+    name: &str,
+    default: Middleware,
+    about: &'static str,
+) -> Result<Middleware, SettingsError> {
+    let expected = if cfg!(feature = "zenoh") {
+        "dds or zenoh"
+    } else {
+        "dds; zenoh needs a build with --features zenoh"
+    };
+    let default = Value::String(default.name().to_owned());
+    let chosen = r.read(name, default, about, expected, |value| match value {
+        Value::String(word) if word == "dds" => Some(Middleware::Dds),
+        Value::String(word) if word == "zenoh" && cfg!(feature = "zenoh") => {
+            Some(Middleware::Zenoh)
+        }
+        _ => None,
+    });
+    chosen.map(|chosen| chosen.value)
+}
+
+impl super::Settings {
+    /// Whether any of the node's topics is on it.
+    #[must_use]
+    pub fn needs(&self, middleware: Middleware) -> bool {
+        let clouds = self.clouds.iter().filter_map(|cloud| match &cloud.way {
+            Way::Topics { middleware, .. } => Some(*middleware),
+            Way::Grpc(_) => None,
+        });
+        [self.middleware, self.local.middleware]
+            .into_iter()
+            .chain(clouds)
+            .any(|it| it == middleware)
+    }
+
+    /// What carries a topic of the node.
+    #[must_use]
+    pub fn middleware_of(&self, topic: &str) -> Middleware {
+        if [&self.local.input, &self.local.output].iter().any(|it| **it == topic) {
+            return self.local.middleware;
+        }
+        let of_cloud = self.clouds.iter().find_map(|cloud| match &cloud.way {
+            Way::Topics { middleware, input, output } if input == topic || output == topic => {
+                Some(*middleware)
+            }
+            Way::Topics { .. } | Way::Grpc(_) => None,
+        });
+        of_cloud.unwrap_or(self.middleware)
+    }
+}
