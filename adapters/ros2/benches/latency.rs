@@ -1,10 +1,13 @@
-//! What the node in the path costs: `cargo bench -p fuseline-ros2 --profile release`.
+//! What the node in the path costs: `cargo bench -p fuseline-ros2 --profile release`; over Zenoh, through a router, with
+//! `--features zenoh` and `-- --zenoh`.
 //!
 //! A camera and a cloud that answers at once, on loopback: first joined directly, then by the node,
 //! in one run. The node's own part is from the moment when the cloud's result comes in, as seen by
 //! another subscriber, to the publication of the output, as its source timestamp says. Camera,
 //! cloud, subscriber and node are processes of their own.
 
+#[path = "../examples/demo/messages.rs"]
+mod messages;
 #[path = "../examples/demo/ros.rs"]
 mod ros;
 
@@ -15,11 +18,11 @@ use std::io::{Read, Write, stdin, stdout};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use futures_util::StreamExt;
-use ros2_client::{Publisher, Subscription, SystemTime};
+use ros2_client::{MessageInfo, SystemTime};
 use tokio::time::{interval, sleep};
 
-use ros::{Any, CompressedImage, Header, PointStamped, Time, node_in, publisher, subscription};
+use messages::{Any, CompressedImage, Header, PointStamped, Time};
+use ros::{Publisher, Subscription, is_over_zenoh, node_in, publisher, subscription};
 
 const DOMAIN: u16 = 88;
 const MESSAGES: u32 = 1000;
@@ -50,12 +53,15 @@ type Heard = BTreeMap<i64, Instants>;
 
 fn main() -> Result<(), Any> {
     let role = std::env::args().nth(1).unwrap_or_default();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    // Zenoh needs more than one thread.
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     match role.as_str() {
         // `cargo test` runs benches once, to see that they build.
         "--test" => Ok(()),
         "cloud" => runtime.block_on(async { tokio::try_join!(echo("west"), echo("direct")) }).map(drop),
         "subscriber" => runtime.block_on(listen()),
+        #[cfg(feature = "zenoh")]
+        "router" => runtime.block_on(ros::over_zenoh::route()),
         _ => runtime.block_on(async {
             println!("  input     without the node      with the node         the node's part       its processor");
             println!("            p50        p99        p50        p99        p50        p99        time a message");
@@ -68,6 +74,7 @@ fn main() -> Result<(), Any> {
 }
 
 async fn measure(bytes: usize) -> Result<(), Any> {
+    let _router = is_over_zenoh().then(|| Part::of_this(&["router"])).transpose()?;
     let fusion = Part::fusion()?;
     let _cloud = Part::of_this(&["cloud"])?;
     let subscriber = Part::of_this(&["subscriber"])?;
@@ -75,7 +82,7 @@ async fn measure(bytes: usize) -> Result<(), Any> {
     let direct: Publisher<CompressedImage> = publisher(&mut node, "direct/input", IMAGE)?;
     let through: Publisher<CompressedImage> = publisher(&mut node, "input", IMAGE)?;
     for camera in [&direct, &through] {
-        camera.wait_for_subscription(&node).await;
+        camera.subscribed(&node).await;
     }
     sleep(REST).await;
     send(&direct, bytes).await?;
@@ -106,7 +113,7 @@ async fn send(camera: &Publisher<CompressedImage>, bytes: usize) -> Result<(), A
         };
         let header = Header { stamp, frame_id: String::new() };
         let image = CompressedImage { header, format: String::new(), data: vec![0; bytes] };
-        camera.async_publish(image).await.map_err(|error| error.to_string())?;
+        camera.publish(image).await?;
     }
     sleep(REST).await;
     Ok(())
@@ -119,10 +126,8 @@ async fn echo(name: &str) -> Result<(), Any> {
         subscription(&mut node, &format!("{name}/input"), IMAGE)?;
     let points: Publisher<PointStamped> = publisher(&mut node, &format!("{name}/output"), POINT)?;
     loop {
-        let (image, _) = images.async_take().await?;
-        points
-            .publish(PointStamped { header: image.header, point: [0.0; 3] })
-            .map_err(|e| e.to_string())?;
+        let (image, _) = images.take().await?;
+        points.publish(PointStamped { header: image.header, point: [0.0; 3] }).await?;
     }
 }
 
@@ -133,26 +138,32 @@ async fn listen() -> Result<(), Any> {
         .iter()
         .map(|topic| subscription(&mut node, topic, POINT))
         .collect::<Result<_, _>>()?;
-    let streams = topics
-        .iter()
-        .enumerate()
-        .map(|(place, topic)| Box::pin(topic.async_stream().map(move |point| (place, point))));
-    let mut points = futures_util::stream::select_all(streams);
     let mut lines = String::new();
     let mut end = tokio::task::spawn_blocking(|| stdin().read_to_end(&mut Vec::new()));
     loop {
         tokio::select! {
             _ = &mut end => break,
-            Some((place, point)) = points.next() => {
+            (place, point) = any_of(&topics) => {
                 let (PointStamped { header: Header { stamp, .. }, .. }, info) = point?;
+                // Zenoh does not say when it came.
+                let now = SystemTime::now().to_nanos();
                 let sent = i64::from(stamp.sec) * 1_000_000_000 + i64::from(stamp.nanosec);
-                let times = [info.source_timestamp(), info.received_timestamp()];
-                let [published, received] = times.map(|time| time.map_or(0, |time| time.to_nanos()));
+                let published = info.source_timestamp().map_or(0, |time| time.to_nanos());
+                let received = info.received_timestamp().map_or(now, |time| time.to_nanos());
                 writeln!(lines, "{place} {sent} {published} {received}")?;
             }
         }
     }
     Ok(stdout().write_all(lines.as_bytes())?)
+}
+
+/// The next message of one of these, and of which.
+async fn any_of(
+    topics: &[Subscription<PointStamped>],
+) -> (usize, Result<(PointStamped, MessageInfo), Any>) {
+    let next = topics.iter().map(|topic| Box::pin(topic.take()));
+    let (next, place, _) = futures_util::future::select_all(next).await;
+    (place, next)
 }
 
 /// The median and the 99th percentile, in milliseconds, without the first.
@@ -172,7 +183,12 @@ fn milliseconds(nanos: i64) -> f64 {
 impl Part {
     fn of_this(args: &[&str]) -> Result<Self, Any> {
         let mut command = Command::new(std::env::current_exe()?);
-        Ok(Self(command.args(args).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?))
+        if is_over_zenoh() {
+            command.args(args).arg("--zenoh");
+        } else {
+            command.args(args);
+        }
+        Ok(Self(command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?))
     }
 
     /// The node under measurement.
@@ -182,6 +198,7 @@ impl Part {
             "input.type:=sensor_msgs/msg/CompressedImage",
             "output.type:=geometry_msgs/msg/PointStamped",
             "clouds:=[west]",
+            if is_over_zenoh() { "middleware:=zenoh" } else { "middleware:=dds" },
             "localhost_only:=true",
             "qos_overrides./input.subscription.reliability:=reliable",
             &domain,
@@ -189,6 +206,10 @@ impl Part {
         let mut command = Command::new(env!("CARGO_BIN_EXE_fuseline-ros2"));
         command.args(["--ros-args", "--log-level", "error"]);
         command.args(set.iter().flat_map(|set| ["-p", set]));
+        #[cfg(feature = "zenoh")]
+        if is_over_zenoh() {
+            command.envs([ros::over_zenoh::variable()]);
+        }
         Ok(Self(command.spawn()?))
     }
 

@@ -16,7 +16,7 @@ use crate::middleware::zenoh::Realm;
 use crate::parameters::Value;
 use crate::report::Time;
 use crate::service::Requests;
-use crate::settings::{Middleware, Settings};
+use crate::settings::{Middleware, Qos, Settings};
 
 /// A node as ROS sees it.
 pub(crate) enum Home {
@@ -29,6 +29,9 @@ pub(crate) enum Home {
 
 /// Publishes messages of one type; what cannot be sent is left out.
 pub(crate) type Teller<M> = Box<dyn Fn(M) + Send + Sync>;
+
+/// What the node says of itself reaches each subscriber that is there.
+pub(crate) const TOLD: Qos = Qos { reliable: true, transient_local: false, depth: 10 };
 
 /// A type of a package of ROS.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -56,14 +59,19 @@ impl Home {
     }
 
     /// A publisher of the node's own.
-    pub(crate) fn teller<M>(&mut self, topic: &str, ty: TypeName) -> Result<Teller<M>, NodeError>
+    pub(crate) fn teller<M>(
+        &mut self,
+        topic: &str,
+        ty: TypeName,
+        qos: Qos,
+    ) -> Result<Teller<M>, NodeError>
     where
         M: Serialize + Send + Sync + 'static,
     {
         match self {
-            Self::Dds(participant) => participant.teller(topic, ty),
+            Self::Dds(participant) => participant.teller(topic, ty, qos),
             #[cfg(feature = "zenoh")]
-            Self::Zenoh(realm) => realm.teller(topic, ty),
+            Self::Zenoh(realm) => realm.teller(topic, ty, qos),
         }
     }
 

@@ -7,13 +7,13 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
 use crate::error::NodeError;
-use crate::home::{Home, Settled, Teller, TypeName};
+use crate::home::{Home, Settled, TOLD, Teller, TypeName};
 use crate::lifecycle::{Orders, serve};
 use crate::middleware::Graph;
 use crate::parameters::services::{Parameters, Services};
 use crate::report::{self, DiagnosticArray, DiagnosticStatus, Time};
 use crate::rosout::Lines;
-use crate::settings::{Change, Current, Settings};
+use crate::settings::{Change, Current, Qos, Settings};
 
 /// Publishes what the node reports.
 pub(crate) trait Speak: Send {
@@ -55,14 +55,16 @@ impl Voice {
         let mut tasks = JoinSet::new();
         let mut home = Home::show(settings, graph)?;
         let of = |name| TypeName { package: "diagnostic_msgs", name };
-        let diagnostics = home.teller(&settings.diagnostics, of("DiagnosticArray"))?;
-        let status = home.teller(&settings.status, of("DiagnosticStatus"))?;
+        let diagnostics = home.teller(&settings.diagnostics, of("DiagnosticArray"), TOLD)?;
+        let status = home.teller(&settings.status, of("DiagnosticStatus"), TOLD)?;
         let services = Services::offer(&mut home, &mut tasks)?;
         let orders = settings.lifecycle.then(|| serve(&mut home, &settings.node, &mut tasks));
         let orders = orders.transpose()?;
         if let Some(lines) = lines.filter(|_| settings.rosout) {
             let log = TypeName { package: "rcl_interfaces", name: "Log" };
-            let log = home.teller("/rosout", log)?;
+            // As rcl publishes it: who comes later gets the last lines.
+            let kept = Qos { reliable: true, transient_local: true, depth: 1000 };
+            let log = home.teller("/rosout", log, kept)?;
             tasks.spawn(publish(lines, log, settings.node.name.clone()));
         }
         let Settled { clock, set } = home.settle(settings, &mut tasks)?;

@@ -1,33 +1,75 @@
 //! The node in a graph of Rust nodes: its parameter services, and a cloud behind gRPC.
 
-#[path = "../examples/demo/ros.rs"]
-mod ros;
+#[path = "../examples/demo/messages.rs"]
+mod messages;
 
+use std::net::Ipv4Addr;
 use std::time::Duration;
 
 use bytes::Bytes;
 use fuseline_ros2::{Arguments, Payload, Settings, Stop};
 use fuseline_tokio::grpc::{self, Server};
 use futures_util::StreamExt;
+use ros2_client::dds::{Client, Context, Node, Publisher, ServiceMapping, Subscription};
 use ros2_client::parameters::raw;
-use ros2_client::qos::History;
+use ros2_client::qos::{History, WhenFull};
 use ros2_client::rcl_interfaces::{
     GetParametersRequest, GetParametersResponse, SetParametersRequest, SetParametersResponse,
 };
-use ros2_client::service::Client;
 use ros2_client::{
-    Message, Name, Node, Parameter, ParameterValue, Publisher, QosProfile, ServiceMapping,
-    ServiceTypeName, Subscription,
+    Message, MessageTypeName, Name, NodeName, NodeOptions, Parameter, ParameterValue, QosProfile,
+    ServiceTypeName,
 };
+use rustdds::{DomainParticipantBuilder, Topic};
+use serde::Serialize;
 use tokio::net::TcpListener;
 use tokio::time::{Instant, timeout};
 
-use ros::{Any, CompressedImage, Header, PointStamped, Time, publisher, subscription};
+use messages::{Any, CompressedImage, Header, PointStamped, Time};
 
 /// How long anything may take.
 const LONG: Duration = Duration::from_secs(20);
 const TYPES: [&str; 2] =
     ["input.type:=sensor_msgs/msg/CompressedImage", "output.type:=geometry_msgs/msg/PointStamped"];
+
+/// A ROS node of this machine alone.
+fn node_in(domain: u16, name: &str) -> Result<Node, Any> {
+    let participant =
+        DomainParticipantBuilder::new(domain).with_only_networks([Ipv4Addr::LOCALHOST]).build()?;
+    let context = Context::from_domain_participant(participant)?;
+    let options = NodeOptions::new().enable_rosout(false);
+    let mut node = context
+        .new_node(NodeName::new("/", name)?, options)
+        .map_err(|error| format!("{error:?}"))?;
+    tokio::spawn(node.spinner()?.spin());
+    Ok(node)
+}
+
+fn publisher<M: Serialize>(node: &mut Node, topic: &str, ty: &str) -> Result<Publisher<M>, Any> {
+    let topic = topic_of(node, topic, ty)?;
+    Ok(node.create_publisher(&topic, Some(quality()))?)
+}
+
+fn subscription<M: 'static>(
+    node: &mut Node,
+    topic: &str,
+    ty: &str,
+) -> Result<Subscription<M>, Any> {
+    let topic = topic_of(node, topic, ty)?;
+    Ok(node.create_subscription(&topic, Some(quality()))?)
+}
+
+fn topic_of(node: &Node, topic: &str, ty: &str) -> Result<Topic, Any> {
+    let (package, ty) = ty.split_once('/').ok_or("a type has a package")?;
+    let name = Name::parse(&format!("/{topic}"))?;
+    Ok(node.create_topic(&name, MessageTypeName::new(package, ty), &quality())?)
+}
+
+fn quality() -> QosProfile {
+    QosProfile::publisher_default()
+        .reliability_reliable(WhenFull::Fail)
+        .history(History::KeepLast { depth: 10 })
+}
 
 fn settings(domain: u16, set: &[&str]) -> Settings {
     let domain = format!("domain_id:={domain}");
@@ -60,7 +102,7 @@ fn client<Q: Message + Clone + 'static, A: Message + 'static>(
 #[tokio::test]
 async fn parameters_are_read_and_those_that_may_are_set() {
     let peers = async {
-        let mut node = ros::node_in(91, "operator")?;
+        let mut node = node_in(91, "operator")?;
         let reader: Client<GetParametersRequest, GetParametersResponse> =
             client(&mut node, "get_parameters", "GetParameters");
         let setter: Client<SetParametersRequest, SetParametersResponse> =
@@ -118,7 +160,7 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
     let server = tokio::spawn(grpc::serve(infer, Server::default(), listener, until));
 
     let peers = async {
-        let mut node = ros::node_in(92, "camera")?;
+        let mut node = node_in(92, "camera")?;
         let camera: Publisher<CompressedImage> =
             publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
         let output: Subscription<PointStamped> =
@@ -196,7 +238,7 @@ async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
     tokio::spawn(grpc::serve(infer, Server::default(), listener, std::future::pending()));
 
     let peers = async {
-        let mut node = ros::node_in(93, "camera")?;
+        let mut node = node_in(93, "camera")?;
         let camera: Publisher<CompressedImage> =
             publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
         let asked: Subscription<CompressedImage> =
@@ -232,7 +274,7 @@ async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
 #[tokio::test]
 async fn messages_of_another_type_are_not_taken_in() {
     let peers = async {
-        let mut node = ros::node_in(94, "camera")?;
+        let mut node = node_in(94, "camera")?;
         // RustDDS sends to a subscriber whatever the type's name there is; others do not.
         let (_stranger, image) = stranger(94).await?;
         let asked: Subscription<CompressedImage> =
@@ -266,7 +308,7 @@ async fn messages_of_another_type_are_not_taken_in() {
 /// another one tries.
 async fn stranger(domain: u16) -> Result<(Node, Publisher<CompressedImage>), Any> {
     loop {
-        let mut stranger = ros::node_in(domain, "stranger")?;
+        let mut stranger = node_in(domain, "stranger")?;
         let image = publisher(&mut stranger, "input", "sensor_msgs/Image")?;
         let met = timeout(Duration::from_secs(4), image.wait_for_subscription(&stranger)).await;
         if met.is_ok() {

@@ -3,8 +3,10 @@
 //!
 //! ```sh
 //! cargo run --release -p fuseline-ros2 --example demo
+//! cargo run --release -p fuseline-ros2 --features zenoh --example demo -- --zenoh    # through a router
 //! ```
 
+mod messages;
 mod ros;
 
 use std::collections::BTreeMap;
@@ -17,13 +19,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_ros2::{Arguments, Settings, Stop};
-use futures_util::StreamExt;
-use ros2_client::{Publisher, Subscription};
 use rustix::process::{Pid, Signal, kill_process};
 use serde::Deserialize;
 use tokio::time::{Instant, interval, sleep, timeout};
 
-use ros::{Any, CompressedImage, Header, PointStamped, Time, node_in, publisher, subscription};
+use messages::{Any, CompressedImage, Header, PointStamped, Time};
+use ros::{Publisher, Subscription, is_over_zenoh, node_in, publisher, subscription};
 
 const RATE_HZ: u32 = 10;
 const IMAGE_BYTES: usize = 33_000;
@@ -68,11 +69,19 @@ struct Part(Child);
 
 fn main() -> Result<(), Any> {
     let args: Vec<String> = env::args().skip(1).collect();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    // Zenoh needs more than one thread.
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     match args.first().map(String::as_str) {
         None => runtime.block_on(direct()),
+        #[cfg(feature = "zenoh")]
+        Some("--zenoh") => runtime.block_on(direct()),
+        #[cfg(not(feature = "zenoh"))]
+        Some("--zenoh") => Err("this build has no Zenoh; build with --features zenoh".into()),
+        #[cfg(feature = "zenoh")]
+        Some("router") => runtime.block_on(ros::over_zenoh::route()),
         Some("node") => {
-            let arguments = Arguments::parse(args.into_iter().skip(1).map(Into::into))?;
+            let words = args.into_iter().skip(1).filter(|word| word != "--zenoh");
+            let arguments = Arguments::parse(words.map(Into::into))?;
             let settings = Settings::from(&arguments, |name| env::var(name).ok())?;
             runtime.block_on(async {
                 fuseline_ros2::run(&settings, &mut Stop::watch()?, None).await.map_err(Any::from)
@@ -89,6 +98,7 @@ fn main() -> Result<(), Any> {
 async fn direct() -> Result<(), Any> {
     let folder = tempfile::tempdir()?;
     let trace = folder.path().join("run.jsonl");
+    let _router = is_over_zenoh().then(|| Part::start(&["router"])).transpose()?;
     let fusion = fusion(folder.path(), &trace)?;
     let _local = Part::start(&[LOCAL.name])?;
     let mut west = Some(Part::start(&[WEST.name])?);
@@ -99,13 +109,10 @@ async fn direct() -> Result<(), Any> {
         subscription(&mut node, "output", "geometry_msgs/PointStamped")?;
     let diagnostics: Subscription<DiagnosticArray> =
         subscription(&mut node, "diagnostics", "diagnostic_msgs/DiagnosticArray")?;
-    let mut outputs = Box::pin(output.async_stream());
-    let mut states = Box::pin(diagnostics.async_stream());
-
     let [of_local, of_west] = [LOCAL, WEST].map(|model| model.takes.as_millis());
     print!("A camera takes {RATE_HZ} images a second; ");
     println!("local takes {of_local} ms, west {of_west} ms; each message has 200 ms.\n");
-    camera.wait_for_subscription(&node).await;
+    camera.subscribed(&node).await;
     sleep(Duration::from_secs(2)).await;
     println!(" second  inputs  west  local   p50     west in /diagnostics");
 
@@ -130,16 +137,16 @@ async fn direct() -> Result<(), Any> {
                 let header = Header { stamp: book.stamp()?, frame_id: "camera".into() };
                 let data = vec![0; IMAGE_BYTES];
                 let image = CompressedImage { header, format: "jpeg".into(), data };
-                camera.async_publish(image).await.map_err(|error| error.to_string())?;
+                camera.publish(image).await?;
             }
-            Some(Ok((point, _))) = outputs.next() => book.output(&point.header),
-            Some(Ok((array, _))) = states.next() => book.state(array),
+            Ok((point, _)) = output.take() => book.output(&point.header),
+            Ok((array, _)) = diagnostics.take() => book.state(array),
         }
     }
     // The last ones are on their way.
     while book.unanswered() > 0 {
-        match timeout(Duration::from_millis(500), outputs.next()).await {
-            Ok(Some(Ok((point, _)))) => book.output(&point.header),
+        match timeout(Duration::from_millis(500), output.take()).await {
+            Ok(Ok((point, _))) => book.output(&point.header),
             _ => break,
         }
     }
@@ -157,7 +164,8 @@ fn fusion(folder: &Path, trace: &Path) -> Result<Part, Any> {
     let file = parameters.to_string_lossy();
     let trace = format!("trace.file:={}", trace.display());
     let domain = format!("domain_id:={}", domain());
-    let ours = ["-p", &trace, "-p", &domain, "-p", "localhost_only:=true"];
+    let middleware = if is_over_zenoh() { "middleware:=zenoh" } else { "middleware:=dds" };
+    let ours = ["-p", &trace, "-p", &domain, "-p", "localhost_only:=true", "-p", middleware];
     Part::start(&[&["node", "--ros-args", "--params-file", &*file][..], &ours].concat())
 }
 
@@ -239,20 +247,26 @@ async fn model(model: &Model) -> Result<(), Any> {
         publisher(&mut node, &output, "geometry_msgs/PointStamped")?;
     let points = Arc::new(points);
     loop {
-        let (image, _) = images.async_take().await.map_err(|error| error.to_string())?;
+        let (image, _) = images.take().await?;
         let (points, name, takes) = (Arc::clone(&points), model.name, model.takes);
         tokio::spawn(async move {
             sleep(takes).await;
             let header = Header { stamp: image.header.stamp, frame_id: name.into() };
             // Whoever asked may be gone.
-            drop(points.async_publish(PointStamped { header, point: [1.0, 2.0, 3.0] }).await);
+            drop(points.publish(PointStamped { header, point: [1.0, 2.0, 3.0] }).await);
         });
     }
 }
 
 impl Part {
     fn start(args: &[&str]) -> Result<Self, Any> {
-        Ok(Self(Command::new(env::current_exe()?).args(args).spawn()?))
+        let mut command = Command::new(env::current_exe()?);
+        command.args(args);
+        #[cfg(feature = "zenoh")]
+        if is_over_zenoh() {
+            command.arg("--zenoh").envs([ros::over_zenoh::variable()]);
+        }
+        Ok(Self(command.spawn()?))
     }
 
     /// Asks it to end, and waits.

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use futures_util::StreamExt;
-use ros2_client::qos::WhenFull;
+use ros2_client::dds::{Context, Node, ServiceMapping};
+use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{
-    Context, Message, MessageTypeName, Name, Node, NodeName, NodeOptions, QosProfile,
-    ServiceMapping, ServiceTypeName,
+    Message, MessageTypeName, Name, NodeName, NodeOptions, QosProfile, ServiceTypeName,
 };
 use serde::Serialize;
 use tokio::sync::mpsc;
@@ -19,7 +19,7 @@ use crate::middleware::Domain;
 use crate::parameters::ros;
 use crate::report::Time;
 use crate::service::{Asked, Reply, Requests, WAITING};
-use crate::settings::Settings;
+use crate::settings::{Qos, Settings};
 
 /// The node, and its full name.
 pub(crate) struct Participant {
@@ -44,13 +44,23 @@ impl Participant {
         Ok(Self { node, name: settings.node.full() })
     }
 
-    pub(super) fn teller<M>(&mut self, topic: &str, ty: TypeName) -> Result<Teller<M>, NodeError>
+    pub(super) fn teller<M>(
+        &mut self,
+        topic: &str,
+        ty: TypeName,
+        qos: Qos,
+    ) -> Result<Teller<M>, NodeError>
     where
         M: Serialize + Send + Sync + 'static,
     {
         let wrong = |error: &dyn std::fmt::Display| NodeError::Ros(format!("{topic}: {error}"));
         let name = Name::parse(topic).map_err(|error| wrong(&error))?;
-        let qos = QosProfile::publisher_default().reliability_reliable(WhenFull::Fail);
+        let durability =
+            if qos.transient_local { Durability::TransientLocal } else { Durability::Volatile };
+        let qos = QosProfile::publisher_default()
+            .reliability_reliable(WhenFull::Fail)
+            .durability(durability)
+            .history(History::KeepLast { depth: qos.depth.into() });
         let ty = MessageTypeName::new(ty.package, ty.name);
         let of = self.node.create_topic(&name, ty, &qos).map_err(|error| wrong(&error))?;
         let publisher = self.node.create_publisher::<M>(&of, Some(qos));

@@ -12,7 +12,7 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tracing::debug;
 use zenoh::Wait;
 
-use super::{Settled, Teller, TypeName};
+use super::{Settled, TOLD, Teller, TypeName};
 use crate::error::NodeError;
 use crate::middleware::Publish;
 use crate::middleware::zenoh::wire::Attachment;
@@ -27,12 +27,17 @@ use crate::settings::{Qos, Role, Settings};
 const REQUESTS: usize = 64;
 
 impl Realm {
-    pub(super) fn teller<M>(&mut self, topic: &str, ty: TypeName) -> Result<Teller<M>, NodeError>
+    pub(super) fn teller<M>(
+        &mut self,
+        topic: &str,
+        ty: TypeName,
+        qos: Qos,
+    ) -> Result<Teller<M>, NodeError>
     where
         M: Serialize + Send + Sync + 'static,
     {
         let ty = format!("{}/msg/{}", ty.package, ty.name);
-        let outlet = self.outlet(topic, &ty, Qos { depth: 10, ..Qos::of(Role::Publisher) })?;
+        let outlet = self.outlet(topic, &ty, qos)?;
         Ok(Box::new(move |message| {
             if !Payload::of(&message).is_some_and(|payload| outlet.publish(payload)) {
                 debug!(topic = outlet.end().topic, "not sent");
@@ -102,7 +107,7 @@ impl Realm {
             std::future::ready(())
         })?;
         let ty = TypeName { package: "rcl_interfaces", name: "ParameterEvent" };
-        let events = self.teller::<ParameterEvent>("/parameter_events", ty)?;
+        let events = self.teller::<ParameterEvent>("/parameter_events", ty, TOLD)?;
         let node = self.node();
         let follower = Arc::clone(&follows);
         // The ends stay open as long as the time is told.

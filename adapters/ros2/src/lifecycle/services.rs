@@ -12,7 +12,7 @@ use super::messages::{
 };
 use super::{Done, Order, Orders, STATES, State, TRANSITIONS, Transition};
 use crate::error::NodeError;
-use crate::home::{Home, Teller, TypeName};
+use crate::home::{Home, TOLD, Teller, TypeName};
 use crate::names::NodeName;
 use crate::service::{Asked, Reply, Requests};
 
@@ -34,7 +34,11 @@ pub(crate) fn serve(
         states: home.serve("get_available_states", ty("GetAvailableStates"), tasks)?,
         ways: home.serve("get_available_transitions", ty("GetAvailableTransitions"), tasks)?,
         graph: home.serve("get_transition_graph", ty("GetAvailableTransitions"), tasks)?,
-        events: home.teller(&format!("{}/transition_event", node.full()), ty("TransitionEvent"))?,
+        events: home.teller(
+            &format!("{}/transition_event", node.full()),
+            ty("TransitionEvent"),
+            TOLD,
+        )?,
     };
     tasks.spawn(services.run(teller));
     Ok(Orders { told, is_active: false, last: None })

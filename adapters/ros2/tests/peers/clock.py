@@ -3,7 +3,7 @@
 import time
 
 from forwarding import PERIOD_S, check
-from graph import until
+from graph import is_over_zenoh, until
 from messages import OK
 from node import parameters
 from roles import Camera, Listener, Model, ready
@@ -37,6 +37,8 @@ def a_wall_clock_that_steps_costs_no_input_and_no_result(bench):
     assert node.ends() == 0
     for expected, stamp, at in run:
         check(listener, stamp, at, *expected)
+    if is_over_zenoh():
+        return
     # DDS wants the times of one writer in order, and readers that keep few drop what is older than those.
     sent = [heard.message.sample_info.source_timestamp for heard in listener.results.heard]
     assert sent == sorted(sent), "the source timestamps of outputs go back"

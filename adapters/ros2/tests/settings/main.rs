@@ -11,7 +11,9 @@ use fuseline_operator::Commit;
 use fuseline_ros2::arguments::{Arguments, Level};
 use fuseline_ros2::key::{Key, Kind};
 use fuseline_ros2::parameters::{Place, Value};
-use fuseline_ros2::settings::{Change, Cloud, Grpc, Qos, Role, Settings, SettingsError, Way};
+use fuseline_ros2::settings::{
+    Change, Cloud, Grpc, Middleware, Qos, Role, Settings, SettingsError, Way,
+};
 use fuseline_tokio::Timers;
 
 const TYPES: &str =
@@ -138,7 +140,8 @@ fn everything_can_be_set() {
     assert_eq!(all.local.input, "/car/front/in");
     assert_eq!(all.local.deadline, Duration::from_millis(250));
     assert_eq!((all.local.in_flight, all.local.waiting), (2, 0));
-    let way = Way::Topics { input: "/car/west/input".into(), output: "/car/west/out".into() };
+    let (input, output) = ("/car/west/input".into(), "/car/west/out".into());
+    let way = Way::Topics { middleware: Middleware::Dds, input, output };
     let deadline = Some(Duration::from_millis(200));
     let (name, enabled, linger) = ("west".to_owned(), false, Duration::ZERO);
     let hints = Some("/car/west/late".to_owned());
@@ -189,6 +192,34 @@ fn everything_can_be_set() {
     assert_eq!(all.topics.len(), 10);
     let deadline = all.declared.iter().find(|parameter| parameter.name == "deadline").unwrap();
     assert_eq!((&deadline.value, deadline.at_run_time), (&Value::Double(1.0), true));
+}
+
+#[test]
+fn the_middleware_is_what_ros_chose_unless_a_parameter_says_otherwise() {
+    let with = |args: &str, rmw| {
+        settings_in(
+            &[],
+            &format!("{TYPES} -p clouds:=[west] {args}"),
+            &[("RMW_IMPLEMENTATION", rmw)],
+        )
+    };
+    assert_eq!(with("", "rmw_fastrtps_cpp").unwrap().middleware, Middleware::Dds);
+    assert_eq!(with("-p middleware:=dds", "rmw_zenoh_cpp").unwrap().middleware, Middleware::Dds);
+    let wrong = with("-p middleware:=pigeon", "rmw_fastrtps_cpp").unwrap_err();
+    assert!(wrong.contains("middleware is pigeon; give dds"), "{wrong}");
+    if cfg!(feature = "zenoh") {
+        let all = with("-p local.middleware:=dds", "rmw_zenoh_cpp").unwrap();
+        let on = |topic| all.middleware_of(topic);
+        assert_eq!((on("/input"), on("/local/input")), (Middleware::Zenoh, Middleware::Dds));
+        assert_eq!((on("/west/output"), on("/output")), (Middleware::Zenoh, Middleware::Zenoh));
+        assert!(all.needs(Middleware::Dds) && all.needs(Middleware::Zenoh));
+        assert!(!with("", "rmw_zenoh_cpp").unwrap().needs(Middleware::Dds));
+    } else {
+        for refused in [with("", "rmw_zenoh_cpp"), with("-p west.middleware:=zenoh", "")] {
+            let refused = refused.unwrap_err();
+            assert!(refused.contains("--features zenoh"), "{refused}");
+        }
+    }
 }
 
 #[test]

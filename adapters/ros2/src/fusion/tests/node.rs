@@ -12,6 +12,7 @@ use super::*;
 use crate::arguments::Arguments;
 use crate::key::Kind;
 use crate::lifecycle::{Done, Order, Task};
+use crate::middleware::Sample;
 use crate::node;
 use crate::report::DiagnosticStatus;
 use crate::settings::Settings;
