@@ -1,6 +1,7 @@
 """What a test works on: it starts the processes, ends them, and has every trace judged."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -21,28 +22,29 @@ class Bench:
         if is_over_zenoh():
             self.router = self.starts_router()
 
-    def node(self, settings, arguments=(), name="fuseline", wall_clock=False):
+    def node(self, settings, arguments=(), name="fuseline", wall_clock=False, environment=None):
         """A node that runs; its wall clock can be moved if `wall_clock` says so."""
         if wall_clock and not self.programs["clock"]:
             raise Skipped("no clock that can be moved")
-        node = self.refused(settings, arguments, name, self.programs["clock"] if wall_clock else None)
+        clock = self.programs["clock"] if wall_clock else None
+        node = self.refused(settings, arguments, name, clock, environment)
         node.until_running()
         return node
 
-    def refused(self, settings, arguments=(), name="fuseline", wall_clock=None):
+    def refused(self, settings, arguments=(), name="fuseline", wall_clock=None, environment=None):
         """A node that may end by itself."""
-        node = Node(self.programs["node"], self.folder, settings, arguments, name, wall_clock)
+        node = Node(self.programs["node"], self.folder, settings, arguments, name, wall_clock, environment or {})
         self.nodes.append(node)
         return node
 
-    def starts_router(self):
+    def starts_router(self, *changes):
         """The router of Zenoh through which all meet."""
-        return self.starts("router.py")
+        return self.starts("router.py", *changes)
 
-    def starts(self, script, *arguments):
+    def starts(self, script, *arguments, environment=None):
         """A script as a process of its own, once it says that it is ready."""
         command = [sys.executable, str(Path(__file__).parent / script), *arguments]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | (environment or {}))
         self.others.append(process)
         assert process.stdout.readline() == "ready\n"
         return process
@@ -55,9 +57,9 @@ class Bench:
         self.peer = self.peer or self.fast_dds()
         return Client(self.peer, service, request, response)
 
-    def model_process(self, source, *arguments):
+    def model_process(self, source, *arguments, environment=None):
         """A model that can be killed."""
-        return self.starts("model.py", source, *arguments)
+        return self.starts("model.py", source, *arguments, environment=environment)
 
     def fast_dds(self):
         if is_over_zenoh():

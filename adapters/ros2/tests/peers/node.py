@@ -32,10 +32,10 @@ def parameters(clouds=(), **others):
 class Node:
     """A run of `fuseline-ros2`. Its trace and its log are in `folder`."""
 
-    def __init__(self, program, folder, settings, arguments=(), name="fuseline", wall_clock=None):
+    def __init__(self, program, folder, settings, arguments=(), name="fuseline", wall_clock=None, environment=None):
         self.folder = folder / name
         self.folder.mkdir()
-        environment = os.environ | {"NO_COLOR": "1"}
+        environment = os.environ | {"NO_COLOR": "1"} | (environment or {})
         if wall_clock:
             self.offset_file = self.folder / "offset"
             self.offset_file.write_text("0")

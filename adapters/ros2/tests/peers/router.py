@@ -1,6 +1,6 @@
 """A router of Zenoh, as `rmw_zenohd` is one: the others meet through it.
 
-    python3 router.py [PORT]
+    python3 router.py [KEY=VALUE…]     changes of its configuration, each value in JSON5
 """
 
 import sys
@@ -8,11 +8,11 @@ import threading
 
 import zenoh
 
+USUAL = {"mode": '"router"', "listen/endpoints": '["tcp/127.0.0.1:7447"]', "scouting/multicast/enabled": "false"}
+
 if __name__ == "__main__":
     config = zenoh.Config()
-    port = sys.argv[1] if len(sys.argv) > 1 else "7447"
-    for key, value in {"mode": '"router"', "listen/endpoints": f'["tcp/127.0.0.1:{port}"]',
-                       "scouting/multicast/enabled": "false"}.items():
+    for key, value in (USUAL | dict(change.split("=", 1) for change in sys.argv[1:])).items():
         config.insert_json5(key, value)
     with zenoh.open(config):
         print("ready", flush=True)

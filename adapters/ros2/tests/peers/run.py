@@ -27,6 +27,7 @@ import faults
 import forwarding
 import images
 import lifecycle
+import links
 import running
 from bench import Bench, Skipped
 
@@ -45,7 +46,7 @@ def cases():
     """Every public function of the test modules that takes a bench."""
     return {
         name: case
-        for module in (forwarding, deadlines, running, lifecycle, faults, clock, images)
+        for module in (forwarding, deadlines, running, lifecycle, faults, links, clock, images)
         for name, case in vars(module).items()
         if inspect.isfunction(case) and case.__module__ == module.__name__
         and list(inspect.signature(case).parameters) == ["bench"] and not name.startswith("_")

@@ -1,0 +1,177 @@
+"""The way to the cloud over Zenoh: routers that die, links with limits, strangers; and a robot over DDS."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+
+from bench import Skipped
+from faults import Stream, firewall
+from forwarding import check
+from graph import is_over_zenoh, until
+from messages import ERROR, OK, WARN
+from node import parameters
+from roles import Camera, Listener, Model, ready
+
+AS_CLIENT = 'mode="client"'
+THROUGH_LINK = f'{AS_CLIENT};connect/endpoints=["tcp/127.0.0.1:7448"]'
+LOSES_ON_LINK = """
+add table inet loss
+add chain inet loss arrives { type filter hook input priority 0; }
+add rule inet loss arrives tcp dport 7448 numgen random mod 100 < 5 drop
+add rule inet loss arrives tcp sport 7448 numgen random mod 100 < 5 drop
+"""
+
+
+def over_zenoh_alone():
+    if not is_over_zenoh():
+        raise Skipped("over Zenoh alone")
+
+
+def sources(listener, count=20):
+    """Whose results the last ones were."""
+    return [heard.message["source"] for heard in list(listener.status.heard)[-count:]]
+
+
+def _answered_once(bench, node, listener, run):
+    """Each input of a run has its one answer, and the trace conforms."""
+    listener.until_answered(stamp for stamp, _ in run)
+    assert node.ends() == 0
+    assert all(len(listener.of(stamp)) == 1 == len(listener.status_of(stamp)) for stamp, _ in run)
+    return bench.judge(node)
+
+
+def a_router_that_is_killed_and_started_again_costs_no_input_its_one_answer(bench):
+    over_zenoh_alone()
+    node = bench.node(parameters(["west"], deadline=0.3, window=64, west={"in_flight": 64}))
+    camera, listener, local = Camera(), Listener(), Model("local")
+    # On board they are peers, and need the router only to meet; the cloud has nobody else.
+    bench.model_process("west", environment={"ZENOH_CONFIG_OVERRIDE": AS_CLIENT})
+    listener.until_health("west", {OK})
+    ready(camera, listener, local)
+    stream = Stream(camera, "local=0.02 west=0.05")
+    until(lambda: sources(listener) == ["west"] * 20, "west's results")
+    os.kill(bench.router.pid, signal.SIGKILL)
+    until(lambda: sources(listener) == ["local"] * 20, "local's results")
+    listener.until_health("west", {WARN, ERROR})
+    bench.starts_router()
+    back = time.monotonic()
+    until(lambda: sources(listener) == ["west"] * 20, "west's results again", cap=30)
+    took = time.monotonic() - back
+    listener.until_health("west", {OK})
+    stream.end()
+    judged = _answered_once(bench, node, listener, stream.run)
+    print(f"{len(stream.run)} inputs, {judged} judged; west was heard again {took:.1f} s after the router")
+
+
+def a_router_may_be_started_last(bench):
+    over_zenoh_alone()
+    bench.router.kill()
+    bench.router.wait()
+    node = bench.node(parameters(["west"]))
+    until(lambda: "neither a router nor a peer" in node.log(), "a line of the log")
+    bench.starts_router()
+    camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
+    ready(camera, listener, local, west)
+    stamp, at = camera.ask("local=0.02 west=0.1")
+    listener.until_answered([stamp])
+    assert node.ends() == 0
+    check(listener, stamp, at, "west", "F3")
+
+
+def a_slow_link_that_loses_and_goes_dark_costs_no_input_its_one_answer(bench):
+    over_zenoh_alone()
+    node = bench.node(parameters(["west"], deadline=0.3, window=64, west={"in_flight": 64}))
+    camera, listener, local = Camera(), Listener(), Model("local")
+    link = bench.starts("link.py", "1e6")
+    bench.model_process("west", environment={"ZENOH_CONFIG_OVERRIDE": THROUGH_LINK})
+    listener.until_health("west", {OK})
+    ready(camera, listener, local)
+    firewall(LOSES_ON_LINK)
+    stream = Stream(camera, "local=0.02 west=0.05")
+    until(lambda: sources(listener).count("west") > 10, "west's results over a link that loses")
+    for _ in range(2):
+        link.send_signal(signal.SIGUSR1)
+        until(lambda: sources(listener) == ["local"] * 20, "local's results")
+        until(lambda: sources(listener).count("west") > 10, "west's results again", cap=30)
+    firewall("delete table inet loss")
+    until(lambda: sources(listener) == ["west"] * 20, "west's results", cap=30)
+    stream.end()
+    judged = _answered_once(bench, node, listener, stream.run)
+    by_west = sum(heard.message["source"] == "west" for heard in listener.status.heard)
+    print(f"{len(stream.run)} inputs, {judged} judged, {by_west} answered by west")
+
+
+def a_robot_over_dds_has_a_cloud_over_zenoh(bench):
+    if is_over_zenoh():
+        raise Skipped("on board over DDS")
+    router = bench.starts_router()
+    node = bench.node(parameters(["west"], deadline=0.3, window=64, west={"in_flight": 64, "middleware": "zenoh"}))
+    camera, listener, local = Camera(), Listener(), Model("local")
+    bench.model_process("west", environment={"MIDDLEWARE": "zenoh"})
+    listener.until_health("west", {OK})
+    ready(camera, listener, local)
+    stream = Stream(camera, "local=0.02 west=0.05")
+    until(lambda: sources(listener) == ["west"] * 20, "west's results")
+    bench.others[-1].kill()
+    until(lambda: sources(listener) == ["local"] * 20, "local's results")
+    bench.model_process("west", environment={"MIDDLEWARE": "zenoh"})
+    until(lambda: sources(listener) == ["west"] * 20, "west's results again", cap=30)
+    stream.end()
+    judged = _answered_once(bench, node, listener, stream.run)
+    assert router.poll() is None
+    print(f"{len(stream.run)} inputs, {judged} judged")
+
+
+def certificates(folder):
+    """A CA, and what it signed for the router and the robot: files by name."""
+    def run(*words):
+        try:
+            subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
+        except FileNotFoundError:
+            raise Skipped("no openssl") from None
+
+    run("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-keyout", "ca.key", "-out", "ca.pem",
+        "-subj", "/CN=ca", "-days", "2")
+    (folder / "names").write_text("subjectAltName=DNS:localhost\n")
+    for who in ("router", "robot"):
+        run("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-keyout", f"{who}.key", "-out", f"{who}.csr",
+            "-subj", f"/CN={who}")
+        run("x509", "-req", "-in", f"{who}.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-out", f"{who}.pem",
+            "-days", "2", "-extfile", "names")
+    return lambda name: json.dumps(str(folder / name))
+
+
+def who_has_no_certificate_is_not_let_in(bench):
+    over_zenoh_alone()
+    file = certificates(bench.folder)
+    tls = "transport/link/tls/"
+    bench.starts_router('listen/endpoints=["tcp/127.0.0.1:7449", "tls/localhost:7450"]',
+                        f"{tls}root_ca_certificate={file('ca.pem')}", f"{tls}listen_certificate={file('router.pem')}",
+                        f"{tls}listen_private_key={file('router.key')}", f"{tls}enable_mtls=true")
+    plain = f'{AS_CLIENT};connect/endpoints=["tcp/localhost:7449"]'
+    known = f'{AS_CLIENT};connect/endpoints=["tls/localhost:7450"];{tls}root_ca_certificate={file("ca.pem")}'
+    with_ours = (f"{known};{tls}enable_mtls=true;{tls}connect_certificate={file('robot.pem')};"
+                 f"{tls}connect_private_key={file('robot.key')}")
+    stranger = bench.refused(parameters(["west"]), name="stranger", environment={"ZENOH_CONFIG_OVERRIDE": known})
+    assert stranger.until_exit() == 1 and "Zenoh" in stranger.log(), stranger.log()
+    bench.nodes.remove(stranger)
+    node = bench.node(parameters(["west"]), environment={"ZENOH_CONFIG_OVERRIDE": with_ours})
+    os.environ["ZENOH_CONFIG_OVERRIDE"] = plain
+    camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
+    ready(camera, listener, local, west)
+    stamp, at = camera.ask("local=0.02 west=0.1")
+    listener.until_answered([stamp])
+    assert node.ends() == 0
+    check(listener, stamp, at, "west", "F3")
+    print(stranger.log().strip().splitlines()[-1][:160])
+
+
+def a_configuration_that_cannot_be_read_ends_the_start(bench):
+    over_zenoh_alone()
+    for name, value in {"ZENOH_SESSION_CONFIG_URI": "/nowhere.json5", "ZENOH_CONFIG_OVERRIDE": "mode"}.items():
+        node = bench.refused(parameters(), name=name, environment={name: value})
+        assert node.until_exit() == 2, f"exit {node.code}"
+        assert name in node.log() and not node.trace_file.exists(), node.log()
+        print(node.log().strip())
