@@ -49,7 +49,14 @@ pub struct Measured {
 
 const TESTS_OF_CORE: Tests = Tests {
     packages: &["fuseline-core", "fuseline-tests"],
-    targets: &["--lib", "--test=rules", "--test=surface", "--test=differential", "--test=window"],
+    targets: &[
+        "--lib",
+        "--test=rules",
+        "--test=surface",
+        "--test=parts",
+        "--test=differential",
+        "--test=window",
+    ],
 };
 const SOURCES_OF_CORE: &[&str] = &[
     CORE,
@@ -61,6 +68,7 @@ const SOURCES_OF_CORE: &[&str] = &[
     "tests/tests/rules.rs",
     "tests/tests/differential.rs",
     "tests/tests/surface.rs",
+    "tests/tests/parts.rs",
     "tests/tests/window.rs",
 ];
 
