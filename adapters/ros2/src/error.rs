@@ -65,3 +65,10 @@ pub enum NodeError {
     #[error("the trace is not whole: {0}")]
     Trace(std::io::Error),
 }
+
+#[cfg(feature = "zenoh")]
+impl From<zenoh::Error> for NodeError {
+    fn from(error: zenoh::Error) -> Self {
+        Self::Zenoh(error.to_string())
+    }
+}

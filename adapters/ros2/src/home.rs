@@ -21,7 +21,7 @@ use crate::settings::{Middleware, Qos, Settings};
 /// A node as ROS sees it.
 pub(crate) enum Home {
     /// In a participant of DDS.
-    Dds(Participant),
+    Dds(Box<Participant>),
     /// In a session of Zenoh.
     #[cfg(feature = "zenoh")]
     Zenoh(Realm),
@@ -29,6 +29,9 @@ pub(crate) enum Home {
 
 /// Publishes messages of one type; what cannot be sent is left out.
 pub(crate) type Teller<M> = Box<dyn Fn(M) + Send + Sync>;
+
+/// Hears of each parameter that was set: its name and its value.
+pub(crate) type HearsOfChange = Box<dyn Fn(&str, &Value) + Send + Sync>;
 
 /// What the node says of itself reaches each subscriber that is there.
 pub(crate) const TOLD: Qos = Qos { reliable: true, transient_local: false, depth: 10 };
@@ -46,7 +49,7 @@ impl Home {
         match settings.middleware {
             Middleware::Dds => {
                 let domain = graph.dds.as_ref().ok_or(NodeError::NotJoined("DDS"))?;
-                Participant::show(settings, domain).map(Self::Dds)
+                Participant::show(settings, domain).map(|it| Self::Dds(Box::new(it)))
             }
             #[cfg(feature = "zenoh")]
             Middleware::Zenoh => {
@@ -112,5 +115,5 @@ pub(crate) struct Settled {
     /// The time that messages are stamped with.
     pub(crate) clock: Box<dyn Fn() -> Time + Send + Sync>,
     /// Hears of each parameter that was set.
-    pub(crate) set: Box<dyn Fn(&str, &Value) + Send + Sync>,
+    pub(crate) set: HearsOfChange,
 }

@@ -51,6 +51,10 @@ impl Graph {
     ///
     /// # Errors
     /// One of them cannot be joined, or is not built in.
+    #[cfg_attr(
+        not(feature = "zenoh"),
+        expect(clippy::unused_async, reason = "a session of Zenoh is waited for")
+    )]
     pub(crate) async fn join(
         settings: &Settings,
         needs: impl Fn(Middleware) -> bool,
@@ -61,10 +65,7 @@ impl Graph {
         Ok(Self {
             dds,
             #[cfg(feature = "zenoh")]
-            zenoh: match needs(Middleware::Zenoh) {
-                true => Some(Realm::join(settings).await?),
-                false => None,
-            },
+            zenoh: if needs(Middleware::Zenoh) { Some(Realm::join(settings).await?) } else { None },
         })
     }
 

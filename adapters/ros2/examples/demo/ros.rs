@@ -12,6 +12,7 @@ use serde::de::DeserializeOwned;
 use crate::messages::Any;
 
 /// A ROS node of this machine alone.
+#[cfg_attr(feature = "zenoh", expect(clippy::large_enum_variant, reason = "a process has few"))]
 pub(crate) enum Node {
     Dds(dds::Node),
     #[cfg(feature = "zenoh")]
@@ -24,6 +25,7 @@ pub(crate) enum Publisher<M: Serialize> {
     Zenoh(ros2_client::zenoh::Publisher<M>),
 }
 
+#[cfg_attr(feature = "zenoh", expect(clippy::large_enum_variant, reason = "a process has few"))]
 pub(crate) enum Subscription<M> {
     Dds(dds::Subscription<M>),
     #[cfg(feature = "zenoh")]

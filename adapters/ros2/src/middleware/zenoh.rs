@@ -104,7 +104,7 @@ impl Realm {
             let token = session.liveliness().declare_token(owner.node_token()).wait()?;
             Ok((session, owner, token, routers, peers))
         });
-        let (session, owner, token, routers, peers) = opened.await.map_err(refused)?;
+        let (session, owner, token, routers, peers) = opened.await?;
         if routers + peers == 0 {
             warn!("Zenoh reaches neither a router nor a peer yet; it goes on trying");
         } else {
@@ -194,10 +194,10 @@ impl Realm {
         if qos.transient_local {
             let history =
                 HistoryConfig::default().detect_late_publishers().max_samples(qos.depth.into());
-            let subscriber = subscriber.advanced().history(history).wait().map_err(refused)?;
+            let subscriber = subscriber.advanced().history(history).wait()?;
             self.tasks.spawn(samples.run(subscriber));
         } else {
-            let subscriber = subscriber.wait().map_err(refused)?;
+            let subscriber = subscriber.wait()?;
             self.tasks.spawn(samples.run(subscriber));
         }
         let token: Arc<OnceLock<LivelinessToken>> = Arc::default();
@@ -229,9 +229,9 @@ impl Realm {
         let Shared { session, owner, .. } = &*self.shared;
         let key = owner.key(name, &type_name, &hash);
         let queryable = session.declare_queryable(key).complete(true).with(RingChannel::new(kept));
-        let queryable = queryable.wait().map_err(refused)?;
+        let queryable = queryable.wait()?;
         let entity = Entity { kind: Kind::Service, name, type_name: &type_name, hash: &hash };
-        let (token, _) = self.shared.token(&entity, Qos::of(Role::Publisher)).map_err(refused)?;
+        let (token, _) = self.shared.token(&entity, Qos::of(Role::Publisher))?;
         Ok((queryable, token))
     }
 
@@ -260,8 +260,7 @@ impl Realm {
                     if is_ours { its_type.to_owned() } else { format!("{its_type}, {hash}") };
                 seen.change(gid(key), 1, Some(&its_type));
             })
-            .wait()
-            .map_err(refused)?;
+            .wait()?;
         self.held.push(Box::new(tokens));
         Ok(end)
     }
@@ -272,7 +271,7 @@ impl Realm {
         act: impl FnOnce(&str) + Send + 'static,
     ) -> Result<(), NodeError> {
         let Shared { session, owner, types, .. } = &*self.shared;
-        types.when_known(session, owner, &dds_type(ty), Box::new(act)).map_err(refused)
+        Ok(types.when_known(session, owner, &dds_type(ty), Box::new(act))?)
     }
 }
 
@@ -335,17 +334,24 @@ impl Shared {
         let key = self.owner.key(entity.name, entity.type_name, entity.hash);
         let reliability =
             if qos.reliable { Reliability::Reliable } else { Reliability::BestEffort };
-        let publisher = self
-            .session
-            .declare_publisher(key)
-            .congestion_control(CongestionControl::Drop)
-            .reliability(reliability);
-        let writer = if qos.transient_local {
-            let cache = CacheConfig::default().max_samples(qos.depth.into());
-            let kept = publisher.advanced().cache(cache).publisher_detection();
-            Writer::TransientLocal(kept.wait()?)
-        } else {
-            Writer::Volatile(publisher.wait()?)
+        let publisher = || {
+            self.session
+                .declare_publisher(key.clone())
+                .congestion_control(CongestionControl::Drop)
+                .reliability(reliability)
+        };
+        let cache = CacheConfig::default().max_samples(qos.depth.into());
+        let kept = qos
+            .transient_local
+            .then(|| publisher().advanced().cache(cache).publisher_detection().wait())
+            .transpose()
+            // It needs timestamps, which the configuration may not have.
+            .inspect_err(|error| {
+                warn!(topic = entity.name, %error, "nothing is kept for who comes later");
+            });
+        let writer = match kept {
+            Ok(Some(kept)) => Writer::TransientLocal(kept),
+            Ok(None) | Err(_) => Writer::Volatile(publisher().wait()?),
         };
         let (token, source) = self.token(entity, qos)?;
         Ok(Voice { writer, source, sequence: AtomicI64::new(1), _token: token })
@@ -388,10 +394,6 @@ impl Publish for Outlet {
 pub(crate) fn time_of_day() -> i64 {
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     i64::try_from(now.as_nanos()).unwrap_or(i64::MAX)
-}
-
-fn refused(error: zenoh::Error) -> NodeError {
-    NodeError::Zenoh(error.to_string())
 }
 
 /// Does something on a thread outside of this runtime, and waits for it.

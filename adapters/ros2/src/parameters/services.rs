@@ -16,9 +16,9 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tracing::info;
 
-use super::{Value, ros};
+use super::ros;
 use crate::error::NodeError;
-use crate::home::{Home, TypeName};
+use crate::home::{HearsOfChange, Home, TypeName};
 use crate::service::Requests;
 use crate::settings::{Change, Current, Parameter, Range};
 
@@ -52,7 +52,7 @@ pub(crate) struct Parameters {
     /// Hears of each change.
     pub(crate) setter: mpsc::UnboundedSender<Change>,
     /// Hears of each parameter that was set.
-    pub(crate) set: Box<dyn Fn(&str, &Value) + Send + Sync>,
+    pub(crate) set: HearsOfChange,
 }
 
 impl Services {

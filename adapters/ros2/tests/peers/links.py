@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import time
+from pathlib import Path
 
 from bench import Skipped
 from faults import Stream, firewall
@@ -135,7 +136,7 @@ def certificates(folder):
     run("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-keyout", "ca.key", "-out", "ca.pem",
         "-subj", "/CN=ca", "-days", "2")
     (folder / "names").write_text("subjectAltName=DNS:localhost\n")
-    for who in ("router", "robot"):
+    for who in ("router", "robot", "west", "other"):
         run("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-keyout", f"{who}.key", "-out", f"{who}.csr",
             "-subj", f"/CN={who}")
         run("x509", "-req", "-in", f"{who}.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-out", f"{who}.pem",
@@ -166,6 +167,51 @@ def who_has_no_certificate_is_not_let_in(bench):
     assert node.ends() == 0
     check(listener, stamp, at, "west", "F3")
     print(stranger.log().strip().splitlines()[-1][:160])
+
+
+def _with_certificate(file, who):
+    """What the environment says to whom a certificate is given."""
+    tls = "transport/link/tls/"
+    parts = {"connect/endpoints": '["tls/localhost:7447"]', f"{tls}root_ca_certificate": file("ca.pem"),
+             f"{tls}connect_certificate": file(f"{who}.pem"), f"{tls}connect_private_key": file(f"{who}.key"),
+             f"{tls}enable_mtls": "true", "mode": '"client"'}
+    return ";".join(f"{key}={value}" for key, value in parts.items())
+
+
+def the_access_control_of_the_readme_lets_in_whom_it_names(bench):
+    over_zenoh_alone()
+    bench.router.kill()
+    bench.router.wait()
+    file = certificates(bench.folder)
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    config = readme.partition("```json5\n")[2].partition("```")[0]
+    domain = os.environ["ROS_DOMAIN_ID"]
+    for written, meant in {"0/camera/image_raw/": "0/input/", "0/detections/": "0/output/", '"0/': f'"{domain}/',
+                           "@ros2_lv/0/": f"@ros2_lv/{domain}/", '"ca.pem"': file("ca.pem"),
+                           '"router.pem"': file("router.pem"), '"router.key"': file("router.key")}.items():
+        assert written in config, f"the README has no {written}"
+        config = config.replace(written, meant)
+    (bench.folder / "router.json5").write_text(config)
+    bench.starts_router(str(bench.folder / "router.json5"))
+    os.environ["ZENOH_CONFIG_OVERRIDE"] = _with_certificate(file, "robot")
+    node = bench.node(parameters(["west"], deadline=0.3))
+    camera, listener, local = Camera(), Listener(), Model("local")
+    bench.model_process("west", environment={"ZENOH_CONFIG_OVERRIDE": _with_certificate(file, "west")})
+    listener.until_health("west", {OK})
+    ready(camera, listener, local)
+    stamp, at = camera.ask("local=0.02 west=0.1")
+    listener.until_answered([stamp])
+    check(listener, stamp, at, "west", "F3", deadline=0.3)
+    # A certificate of the same CA that the rules do not name: it hears nothing and nobody hears it.
+    other = {"ZENOH_CONFIG_OVERRIDE": _with_certificate(file, "other")}
+    bench.model_process("local", environment=other)
+    time.sleep(1)
+    stamp, at = camera.ask("local=0.02")
+    listener.until_answered([stamp])
+    assert len(local.asked_for(stamp)) == 1
+    assert listener.health("local").level == OK and "matched /local/output" in str(listener.health("local"))
+    assert [pair.value for pair in listener.health("local").values if pair.key == "matched /local/output"] == ["1"]
+    assert node.ends() == 0
 
 
 def a_configuration_that_cannot_be_read_ends_the_start(bench):

@@ -206,7 +206,7 @@ fn the_middleware_is_what_ros_chose_unless_a_parameter_says_otherwise() {
     assert_eq!(with("", "rmw_fastrtps_cpp").unwrap().middleware, Middleware::Dds);
     assert_eq!(with("-p middleware:=dds", "rmw_zenoh_cpp").unwrap().middleware, Middleware::Dds);
     let wrong = with("-p middleware:=pigeon", "rmw_fastrtps_cpp").unwrap_err();
-    assert!(wrong.contains("middleware is pigeon; give dds"), "{wrong}");
+    assert!(wrong.contains("middleware is \"pigeon\"; give dds"), "{wrong}");
     if cfg!(feature = "zenoh") {
         let all = with("-p local.middleware:=dds", "rmw_zenoh_cpp").unwrap();
         let on = |topic| all.middleware_of(topic);

@@ -9,14 +9,15 @@ const FILE: &str = "ZENOH_SESSION_CONFIG_URI";
 /// Changes parts of it: `key=value;key=value`, each value as in JSON5.
 const OVERRIDE: &str = "ZENOH_CONFIG_OVERRIDE";
 
-/// What `rmw_zenoh` has unless a file says otherwise: a peer that meets others through a router on this machine.
+/// What `rmw_zenoh` has unless a file says otherwise: a peer that meets others through a router on this machine. Clients have
+/// timestamps too: without them nothing is kept for who comes later.
 const USUAL: [(&str, &str); 6] = [
     ("mode", "\"peer\""),
     ("connect/endpoints", "[\"tcp/localhost:7447\"]"),
     ("listen/endpoints", "[\"tcp/localhost:0\"]"),
     ("scouting/multicast/enabled", "false"),
     ("scouting/gossip/enabled", "true"),
-    ("timestamping/enabled", "{ router: true, peer: true, client: false }"),
+    ("timestamping/enabled", "true"),
 ];
 
 /// The configuration that the environment asks for.
@@ -32,16 +33,15 @@ fn read(environment: impl Fn(&str) -> Option<String>) -> Result<Config, NodeErro
         NodeError::ZenohConfig(format!("{what}: {error}"))
     };
     let given = |name: &str| environment(name).filter(|value| !value.trim().is_empty());
-    let mut config = match given(FILE) {
-        Some(path) => Config::from_file(path.trim())
-            .map_err(|error| wrong(&format!("{FILE}={path}"), &error))?,
-        None => {
-            let mut config = Config::default();
-            for (key, value) in USUAL {
-                config.insert_json5(key, value).map_err(|error| wrong(key, &error))?;
-            }
-            config
+    let mut config = if let Some(path) = given(FILE) {
+        let named = format!("{FILE}={path}");
+        Config::from_file(path.trim()).map_err(|error| wrong(&named, &error))?
+    } else {
+        let mut config = Config::default();
+        for (key, value) in USUAL {
+            config.insert_json5(key, value).map_err(|error| wrong(key, &error))?;
         }
+        config
     };
     for change in given(OVERRIDE).iter().flat_map(|text| text.split(';')) {
         let change = change.trim();

@@ -23,7 +23,7 @@ enum State {
     /// Nobody has said it yet; it is listened for.
     Awaited {
         acts: Vec<Act>,
-        _tokens: Option<Subscriber<()>>,
+        tokens: Option<Subscriber<()>>,
     },
 }
 
@@ -53,7 +53,7 @@ impl Types {
         }
         let is_first = {
             let mut types = self.locked();
-            let awaited = || State::Awaited { acts: Vec::new(), _tokens: None };
+            let awaited = || State::Awaited { acts: Vec::new(), tokens: None };
             let state = types.entry(type_name.to_owned()).or_insert_with(awaited);
             match state {
                 // It came just now.
@@ -63,9 +63,9 @@ impl Types {
                     act(&hash);
                     return Ok(());
                 }
-                State::Awaited { acts, _tokens } => {
+                State::Awaited { acts, tokens } => {
                     acts.push(act);
-                    acts.len() == 1 && _tokens.is_none()
+                    acts.len() == 1 && tokens.is_none()
                 }
             }
         };
@@ -84,8 +84,8 @@ impl Types {
                     }
                 })
                 .wait()?;
-            if let Some(State::Awaited { _tokens, .. }) = self.locked().get_mut(type_name) {
-                *_tokens = Some(tokens);
+            if let Some(State::Awaited { tokens: kept, .. }) = self.locked().get_mut(type_name) {
+                *kept = Some(tokens);
             }
         }
         Ok(())
@@ -101,8 +101,11 @@ impl Types {
         let hash = hash.to_owned();
         // Zenoh's own threads are not to be held up by what is declared now, or ended.
         thread::spawn(move || {
-            if let State::Awaited { acts, _tokens } = was {
-                acts.into_iter().for_each(|act| act(&hash));
+            if let State::Awaited { acts, tokens } = was {
+                drop(tokens);
+                for act in acts {
+                    act(&hash);
+                }
             }
         });
     }
