@@ -74,7 +74,7 @@ const SOURCES_OF_CORE: &[&str] = &[
 
 const TESTS_OF_THREADS: Tests = Tests {
     packages: &["fuseline-threads", "fuseline-loom"],
-    targets: &["--lib", "--test=history", "--test=stress"],
+    targets: &["--lib", "--test=messages", "--test=history", "--test=stress"],
 };
 const SOURCES_OF_THREADS: &[&str] = &[
     THREADS,
@@ -83,6 +83,7 @@ const SOURCES_OF_THREADS: &[&str] = &[
     "core/src/entry.rs",
     "core/src/gate.rs",
     "core/src/slot.rs",
+    "adapters/threads/tests/messages.rs",
     "tests/loom",
 ];
 

@@ -1,0 +1,55 @@
+//! Messages with their values, on one thread.
+
+use std::sync::Arc;
+
+use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
+use fuseline_threads::{Intake, Shared};
+
+const WEST: Priority = Priority::new(1);
+const START: Instant = Instant::START;
+const TEN: Instant = Instant::from_nanos(10);
+
+fn shared() -> Shared<1, 1> {
+    Shared::new(1, Commit::Eager, &[Cloud::new(WEST, 31)]).expect("a sound configuration")
+}
+
+#[test]
+fn timers_that_fire_hand_out_the_value_that_is_held() {
+    let mut shared = shared();
+    let mut intake = Intake::<&str, 1, 1>::new(&mut shared);
+    let (message, local) = intake.open(START, Timestamp::new(0), None).expect("it is new");
+    let (_, asked) = intake.offer(START, &message, WEST, Deadline::from_nanos(10), 0);
+    let (_west, due) = asked.expect("the gate is open");
+    assert_eq!((message.next_due(), due), (Some(TEN), TEN));
+    assert_eq!(local.result(START, "local").outcome, Outcome::Held);
+    assert_eq!(message.expire(Instant::from_nanos(9)), None);
+    let (firing, value) = message.expire(TEN).expect("it is due");
+    assert_eq!((firing.due, value, message.next_due()), (TEN, Some("local"), None));
+}
+
+#[test]
+fn a_value_that_was_discarded_is_dropped_when_its_place_is_used_again() {
+    let mut shared = shared();
+    let mut intake = Intake::<Arc<str>, 1, 1>::new(&mut shared);
+    let discarded: Arc<str> = "local".into();
+    let (message, local) = intake.open(START, Timestamp::new(0), None).expect("it is new");
+    let (_, asked) = intake.offer(START, &message, WEST, Deadline::from_nanos(10), 0);
+    let (west, _) = asked.expect("the gate is open");
+    assert_eq!(local.result(START, Arc::clone(&discarded)).outcome, Outcome::Held);
+    assert_eq!(west.result(START, "west".into()).forwarded.as_deref(), Some("west"));
+    drop(message);
+    assert_eq!(Arc::strong_count(&discarded), 2);
+    let opened = intake.open(START, Timestamp::new(1), None);
+    assert!(opened.is_ok() && Arc::strong_count(&discarded) == 1, "it is still kept");
+}
+
+#[test]
+fn messages_and_calls_are_printed_by_their_tickets() {
+    let mut shared = shared();
+    let mut intake = Intake::<(), 1, 1>::new(&mut shared);
+    let (message, local) = intake.open(START, Timestamp::new(7), None).expect("it is new");
+    for printed in [format!("{message:?}"), format!("{local:?}")] {
+        assert!(printed.contains("Ticket") && printed.contains('7'), "{printed}");
+    }
+    assert!(format!("{intake:?}").starts_with("Intake(Owner"), "{intake:?}");
+}
