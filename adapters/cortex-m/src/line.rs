@@ -2,10 +2,7 @@
 
 use core::fmt::{self, Write};
 
-use fuseline_core::{
-    Admission, Cloud, Commit, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome,
-    Priority,
-};
+use fuseline_core::{Admission, Cloud, Commit, Firing, Opening, Outcome, Priority};
 use serde::Deserialize;
 
 /// A header or an input, whichever of its keys are there.
@@ -78,7 +75,7 @@ impl<W: Write> Decisions<'_, W> {
     pub fn firing<const CLOUDS: usize>(&mut self, firing: &Firing<CLOUDS>) -> fmt::Result {
         let t = firing.timestamp.as_u64();
         for p in firing.timers.iter() {
-            self.say("timer", t, Some(p.as_u16().into()), "")?;
+            self.say("timer", t, Some(p.as_u16().into()), None)?;
         }
         self.outcome(t, 0, &firing.outcome)
     }
@@ -90,9 +87,7 @@ impl<W: Write> Decisions<'_, W> {
     pub fn opening(&mut self, t: u64, opening: Opening) -> fmt::Result {
         match opening {
             Opening::Accepted => Ok(()),
-            Opening::Refused(OpenRefusal::Order) => self.say("refuse", t, None, "order"),
-            Opening::Refused(OpenRefusal::Full) => self.say("refuse", t, None, "full"),
-            Opening::Refused(OpenRefusal::Deadline) => self.say("refuse", t, None, "deadline"),
+            Opening::Refused(why) => self.say("refuse", t, None, Some(&why)),
         }
     }
 
@@ -101,22 +96,13 @@ impl<W: Write> Decisions<'_, W> {
     /// # Errors
     /// It cannot be written.
     pub fn admission(&mut self, t: u64, p: u64, admission: Admission) -> fmt::Result {
-        let why = match admission {
+        match admission {
             Admission::Admitted { due } => {
                 let (at, due) = (self.at, due.as_nanos());
-                return writeln!(
-                    self.out,
-                    r#"{{"ev":"request","at":{at},"t":{t},"p":{p},"due":{due}}}"#
-                );
+                writeln!(self.out, r#"{{"ev":"request","at":{at},"t":{t},"p":{p},"due":{due}}}"#)
             }
-            Admission::Refused(OfferRefusal::Unknown) => "unknown",
-            Admission::Refused(OfferRefusal::Closed) => "closed",
-            Admission::Refused(OfferRefusal::Duplicate) => "duplicate",
-            Admission::Refused(OfferRefusal::Outranked) => "outranked",
-            Admission::Refused(OfferRefusal::Deadline) => "deadline",
-            Admission::Refused(OfferRefusal::Queue) => "queue",
-        };
-        self.say("refuse", t, Some(p), why)
+            Admission::Refused(why) => self.say("refuse", t, Some(p), Some(&why)),
+        }
     }
 
     /// What became of a result or a failure of `p`.
@@ -130,37 +116,44 @@ impl<W: Write> Decisions<'_, W> {
         outcome: &Outcome<CLOUDS>,
     ) -> fmt::Result {
         match outcome {
-            Outcome::Dropped(why) => self.say("drop", t, Some(p), reason(*why)),
-            Outcome::Held => self.say("hold", t, Some(p), ""),
+            Outcome::Dropped(why) => self.say("drop", t, Some(p), Some(why)),
+            Outcome::Held => self.say("hold", t, Some(p), None),
             Outcome::Waiting => Ok(()),
-            Outcome::Missed => self.say("miss", t, None, ""),
+            Outcome::Missed => self.say("miss", t, None, None),
             Outcome::Forwarded { by, cancelled } => {
-                self.say("emit", t, Some(by.as_u16().into()), "")?;
+                self.say("emit", t, Some(by.as_u16().into()), None)?;
                 let mut cancelled = cancelled.iter().map(|p| p.as_u16().into());
-                cancelled.try_for_each(|p| self.say("cancel", t, Some(p), ""))
+                cancelled.try_for_each(|p| self.say("cancel", t, Some(p), None))
             }
         }
     }
 
-    fn say(&mut self, ev: &str, t: u64, p: Option<u64>, why: &str) -> fmt::Result {
+    fn say(
+        &mut self,
+        ev: &str,
+        t: u64,
+        p: Option<u64>,
+        why: Option<&dyn fmt::Debug>,
+    ) -> fmt::Result {
         let at = self.at;
         write!(self.out, r#"{{"ev":"{ev}","at":{at},"t":{t}"#)?;
         if let Some(p) = p {
             write!(self.out, r#","p":{p}"#)?;
         }
-        if !why.is_empty() {
-            write!(self.out, r#","why":"{why}""#)?;
+        if let Some(why) = why {
+            self.out.write_str(r#","why":""#)?;
+            // The word of a reason is its name in lower case.
+            write!(LowerCase(self.out), "{why:?}")?;
+            self.out.write_str(r#"""#)?;
         }
         self.out.write_str("}\n")
     }
 }
 
-const fn reason(why: DropReason) -> &'static str {
-    match why {
-        DropReason::Unknown => "unknown",
-        DropReason::Superseded => "superseded",
-        DropReason::Unsolicited => "unsolicited",
-        DropReason::Duplicate => "duplicate",
-        DropReason::Late => "late",
+struct LowerCase<'a>(&'a mut dyn Write);
+
+impl Write for LowerCase<'_> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        text.chars().try_for_each(|letter| self.0.write_char(letter.to_ascii_lowercase()))
     }
 }
