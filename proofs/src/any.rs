@@ -5,10 +5,14 @@ use crate::entry::Entry;
 use crate::fusion::Fusion;
 use crate::gate::Gate;
 use crate::priority::Priority;
+use crate::shipped::window::{self as shipped, Turn};
 use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
-use crate::window::{Turn, Window};
+use crate::window::{Rest, Window};
+
+/// The greatest window that there is.
+pub(crate) const WINDOW: usize = 1024;
 
 /// Any number below `cases`. A checker that is asked about one case at a time is told which when this is compiled, so that
 /// all that hangs on it is a constant; a line `Cases:` tells the runner how many there are.
@@ -85,6 +89,22 @@ pub(crate) fn any_timestamp() -> Timestamp {
     Timestamp::new(kani::any())
 }
 
+/// Any timestamp; where values are random, `own` half of the time.
+pub(crate) fn any_timestamp_beside(own: Timestamp) -> Timestamp {
+    if kani::any() { own } else { any_timestamp() }
+}
+
+/// Any priority; where values are random, mostly one that is known.
+pub(crate) fn any_priority_beside<const CLOUDS: usize>(clouds: &Clouds<CLOUDS>) -> Priority {
+    let (known, mut priority) = (kani::any::<u8>(), Priority::new(kani::any()));
+    for (i, registered) in clouds.priorities.iter().enumerate() {
+        if usize::from(known) % 16 == i + 1 {
+            priority = *registered;
+        }
+    }
+    priority
+}
+
 /// The seats of a window of four by rank, the empty ones last: two rows of two. Which ranks share a row makes a difference,
 /// and these are all three ways; which of the rows, and where in it, makes none.
 pub(crate) const SEATINGS: [[u16; 4]; 3] = [[0, 1, 2, 3], [0, 2, 1, 3], [2, 0, 1, 3]];
@@ -145,16 +165,8 @@ pub(crate) fn earlier(a: Turn, b: Turn) -> Turn {
 /// Any window of four with as many open timestamps: any in ascending order, any entries.
 pub(crate) fn any_window<const CLOUDS: usize, const SEATING: usize, const LEN: usize>(
     commit: Commit,
-) -> Window<CLOUDS, 4> {
+) -> shipped::Window<CLOUDS, 4> {
     let timestamps = kani::any_where(|of: &[u64; 4]| (1..LEN).all(|i| of[i - 1] < of[i]));
-    any_window_at::<CLOUDS, SEATING, LEN>(commit, timestamps)
-}
-
-/// Any window of four with the first of these timestamps open: any entries.
-pub(crate) fn any_window_at<const CLOUDS: usize, const SEATING: usize, const LEN: usize>(
-    commit: Commit,
-    timestamps: [u64; 4],
-) -> Window<CLOUDS, 4> {
     let seats = const { SEATINGS[SEATING] };
     let timestamps = timestamps.map(Timestamp::new);
     // What was kept in a seat stays there when it is empty.
@@ -168,53 +180,83 @@ pub(crate) fn any_window_at<const CLOUDS: usize, const SEATING: usize, const LEN
     // Beyond the rows there is nothing.
     let firsts = [rows[0], rows[1], Turn::NEVER, Turn::NEVER];
     let first = earlier(rows[0], rows[1]);
-    Window { timestamps, seats, len: LEN, entries, turns, firsts, first }
+    shipped::Window { timestamps, seats, len: LEN, entries, turns, firsts, first }
 }
 
-/// A window of one, with any timestamp open in it.
-fn any_window_of_one<const CLOUDS: usize>(commit: Commit) -> Window<CLOUDS, 1> {
-    let entry = any_entry(commit);
-    window_of_one(any_timestamp(), entry)
-}
-
-/// A window of one, with this timestamp open in it.
-pub(crate) fn window_of_one<const CLOUDS: usize>(
-    timestamp: Timestamp,
-    entry: Entry<CLOUDS>,
-) -> Window<CLOUDS, 1> {
-    let turn = turn_of(earliest(&entry), timestamp);
-    Window {
-        timestamps: [timestamp],
-        seats: [0],
-        len: 1,
-        entries: [entry],
-        turns: [turn],
-        firsts: [turn],
-        first: turn,
+/// Any open timestamps beside `own`, at most so many, none greater than `newest`.
+fn any_rest<const CLOUDS: usize>(
+    commit: Commit,
+    own: Timestamp,
+    newest: Timestamp,
+    most: usize,
+) -> Rest<CLOUDS> {
+    let len = kani::any::<u16>() as usize % WINDOW;
+    let len = if len < most { len } else { most };
+    let mut rest = Rest { len, greatest: newest, first: None, entry: any_entry(commit) };
+    rest.first = any_first(&rest, own);
+    if let Some((due, _)) = rest.first {
+        // What fires has a timer that is due then, or several.
+        let timers = kani::any::<u16>() & rest.entry.slot.armed().bits();
+        let timers = if timers == 0 { u16::MAX } else { timers };
+        if timers & 1 != 0 {
+            rest.entry.local_due = due;
+        }
+        for i in 0..CLOUDS {
+            if timers >> (i + 1) & 1 != 0 {
+                rest.entry.dues[i] = due;
+            }
+        }
     }
+    rest
 }
 
-/// A machine with a window of one and any timestamp open in it; any clock, clouds and gates.
-pub(crate) fn any_single<const CLOUDS: usize>() -> Fusion<CLOUDS, 1> {
+/// Any turn of the rest, or none.
+fn any_first<const CLOUDS: usize>(
+    rest: &Rest<CLOUDS>,
+    own: Timestamp,
+) -> Option<(Instant, Timestamp)> {
+    if rest.len == 0 || kani::any() {
+        return None;
+    }
+    let timestamp = kani::any_where(|t| *t <= rest.greatest.as_u64() && *t != own.as_u64());
+    Some((any_due(true), Timestamp::new(timestamp)))
+}
+
+/// Any turn of the rest that is no earlier than `first`, or none.
+pub(crate) fn any_rest_after<const CLOUDS: usize>(
+    rest: &Rest<CLOUDS>,
+    own: Timestamp,
+    first: (Instant, Timestamp),
+) -> Option<(Instant, Timestamp)> {
+    any_first(rest, own).filter(|later| *later >= first)
+}
+
+/// A machine with the greatest window that there is, and any timestamps open in it; any clock, clouds and gates.
+pub(crate) fn any_machine<const CLOUDS: usize>() -> Fusion<CLOUDS, WINDOW> {
+    machine(kani::any())
+}
+
+/// The same, and own is open.
+pub(crate) fn any_machine_of_own<const CLOUDS: usize>() -> Fusion<CLOUDS, WINDOW> {
+    machine(true)
+}
+
+fn machine<const CLOUDS: usize>(is_open: bool) -> Fusion<CLOUDS, WINDOW> {
     let commit = any_commit();
-    let open = any_window_of_one(commit);
+    let window = 1 + kani::any::<u16>() as usize % WINDOW;
+    let (own, entry) = (any_timestamp(), any_entry(commit));
+    let due = if is_open { earliest(&entry) } else { None };
     // F1: no later timestamp is open than the greatest ever opened.
-    let least = open.timestamps[0];
-    let newest = kani::any_where(|newest: &u64| *newest >= least.as_u64());
-    let newest = Some(Timestamp::new(newest));
-    Fusion { commit, window: 1, clouds: any_clouds(), now: any_instant(), newest, open }
-}
-
-/// The same with nothing open, and perhaps nothing ever opened.
-pub(crate) fn any_empty<const CLOUDS: usize, const WINDOW: usize>() -> Fusion<CLOUDS, WINDOW> {
-    Fusion {
-        commit: any_commit(),
-        window: WINDOW,
-        clouds: any_clouds(),
-        now: any_instant(),
-        newest: if kani::any() { Some(any_timestamp()) } else { None },
-        open: Window::new(),
+    let mut newest = if is_open || kani::any() { Some(any_timestamp()) } else { None };
+    if is_open && newest < Some(own) {
+        newest = Some(own);
     }
+    let rest = match newest {
+        None => Rest::EMPTY,
+        Some(newest) => any_rest(commit, own, newest, window - usize::from(is_open)),
+    };
+    let open = Window { own, is_open, entry, due, rest };
+    Fusion { commit, window, clouds: any_clouds(), now: any_instant(), newest, open }
 }
 
 /// Any clouds, any gates; all of the capacity are registered.
@@ -224,7 +266,8 @@ pub(crate) fn any_clouds<const CLOUDS: usize>() -> Clouds<CLOUDS> {
     for (i, priority) in priorities.iter_mut().enumerate() {
         // Ascending, with room for those to come.
         let most = u16::MAX - (CLOUDS - 1 - i) as u16;
-        below = kani::any_where(|number| *number > below && *number <= most);
+        let number = kani::any();
+        below = if number > below && number <= most { number } else { below + 1 };
         *priority = Priority::new(below);
     }
     Clouds { priorities, gates: core::array::from_fn(|_| any_gate()), len: CLOUDS }
@@ -233,4 +276,28 @@ pub(crate) fn any_clouds<const CLOUDS: usize>() -> Clouds<CLOUDS> {
 pub(crate) fn any_gate() -> Gate {
     let [limit, resume] = kani::any_where(|[limit, resume]: &[u64; 2]| resume < limit);
     Gate { limit, resume, shut: kani::any() }
+}
+
+/// A machine in which nothing is due, as it takes an input: `f5_expire_by_the_rule` shows that `at` says so only then.
+pub(crate) fn at_rest<const CLOUDS: usize>(
+    mut fusion: Fusion<CLOUDS, WINDOW>,
+) -> Fusion<CLOUDS, WINDOW> {
+    if let Some(due) = fusion.next_due().filter(|due| *due <= fusion.now) {
+        fusion.now = Instant::from_nanos(due.as_nanos() - 1);
+    }
+    fusion
+}
+
+/// Any instant no earlier than all of these timers'.
+pub(crate) fn any_latest<const CLOUDS: usize>(entry: &Entry<CLOUDS>, timers: Sources) -> Instant {
+    let mut latest = any_instant();
+    if timers.contains(Source::LOCAL) && entry.local_due > latest {
+        latest = entry.local_due;
+    }
+    for (i, due) in entry.dues.iter().enumerate() {
+        if timers.bits() >> (i + 1) & 1 != 0 && *due > latest {
+            latest = *due;
+        }
+    }
+    latest
 }

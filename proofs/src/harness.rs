@@ -2,9 +2,9 @@
 
 pub mod fusion;
 pub mod gate;
-pub mod sequence;
 pub mod slot;
 pub mod time;
+pub mod wait;
 pub mod window;
 
 /// A harness by its name.
@@ -17,12 +17,9 @@ macro_rules! named {
 /// All of them, to be called as functions. A test compares this with the sources.
 #[cfg(not(target_arch = "wasm32"))]
 pub const ALL: &[Named] = named! {
-    fusion: f5_expire_by_the_rule f5_firing_is_settled f1_open_by_the_rule f2_offer_and_its_due
-        p2_never_late_by_the_clock f4_fail_has_its_outcome p7_retired_by_the_latest_due
-        p12_retired_by_the_last_request p12_retired_by_local_at_last
-        p10_lateness_decides_nothing p10_two_firings_are_two_calls;
+    fusion: f0_questions_tell_what_is_there f1_a_new_machine_is_valid f1_open_by_the_rule f2_offer_and_its_due
+        p2_never_late_by_the_clock f4_fail_has_its_outcome f5_expire_by_the_rule f5_firing_is_settled;
     gate: f2g_gate p10_order_of_clouds;
-    sequence: p1_once_from_the_empty_machine p9_two_from_the_empty_machine;
     slot: every_valid_state_is_generated_and_accepted p1_once p2_never_late p3_best_in_hand
         p4_prompt p5_local_floor p6_free_without_cloud p7_no_stall p8_timers p11_accounted
         p12_bounded_wait
@@ -30,5 +27,7 @@ pub const ALL: &[Named] = named! {
     time: a14_due_saturates a14_deadline_saturates;
     window: every_generated_window_is_valid p9_lookup_in_three p9_lookup_in_four
         p9_next_due_in_three p9_next_due_in_four p9_open p9_open_in_four p9_offer_in_three p9_offer_in_four
-        p9_close_in_three p9_close_in_four p9_retire_in_three p9_retire_in_four p9_one_of_four;
+        p9_close_in_three p9_close_in_four p9_retire_in_three p9_retire_in_four;
+    wait: p7_retired_by_the_latest_due p12_retired_by_the_last_request p12_retired_by_local_at_last
+        p10_lateness_decides_nothing;
 };

@@ -1,10 +1,15 @@
 //! The invariant, once, from the words of `SPEC.md` and not from the core.
 
 use crate::any::{earlier, earliest, turn_of};
-use crate::slot::{Commit, Slot};
+use crate::entry::Entry;
+use crate::fusion::Fusion;
+use crate::priority::Priority;
+use crate::shipped::window::{self as shipped, Turn};
+use crate::slot::{Commit, Decision, Slot};
 use crate::source::{Source, Sources};
 use crate::time::Instant;
-use crate::window::{Turn, Window};
+use crate::window::Window;
+use crate::{Firing, Outcome};
 
 /// What holds of every open timestamp between two inputs, and between two firings.
 pub(crate) fn is_valid(commit: Commit, slot: Slot) -> bool {
@@ -41,7 +46,7 @@ pub(crate) fn same_turn(a: Turn, b: Turn) -> bool {
 /// What holds of the window: the timestamps ascend, each seat is taken by one of them or empty, and each seat, each row and
 /// the window know their first turn.
 pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
-    window: &Window<CLOUDS, CAPACITY>,
+    window: &shipped::Window<CLOUDS, CAPACITY>,
 ) -> bool {
     let len = window.len;
     let mut valid = len <= CAPACITY;
@@ -65,7 +70,10 @@ pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
         }
         valid &= times == 1 && same_turn(window.turns[seat], turns[seat]);
     }
-    let (row, rows) = (Window::<CLOUDS, CAPACITY>::ROW, Window::<CLOUDS, CAPACITY>::ROWS);
+    let (row, rows) = {
+        use shipped::Window;
+        (Window::<CLOUDS, CAPACITY>::ROW, Window::<CLOUDS, CAPACITY>::ROWS)
+    };
     let mut all = Turn::NEVER;
     for i in 0..rows {
         let mut first = Turn::NEVER;
@@ -76,4 +84,106 @@ pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
         all = earlier(all, first);
     }
     valid && same_turn(window.first, all)
+}
+
+/// What holds of the machine between two inputs, and between two firings, as far as `own` and the window go.
+pub(crate) fn is_machine<const CLOUDS: usize, const CAPACITY: usize>(
+    fusion: &Fusion<CLOUDS, CAPACITY>,
+) -> bool {
+    let (open, rest) = (&fusion.open, &fusion.open.rest);
+    // P9: at most the window is open.
+    let fits = fusion.window <= CAPACITY && fusion.len() <= fusion.window;
+    // F1: no later timestamp is open than the greatest ever opened.
+    let reached = |timestamp| fusion.newest.is_some_and(|newest| newest >= timestamp);
+    let own = !open.is_open || reached(open.own) && is_valid(fusion.commit, open.entry.slot);
+    let others = rest.len == 0 || reached(rest.greatest);
+    // F2: a due instant lies after some clock's.
+    let due = open.due.is_none_or(|due| open.is_open && due > Instant::START);
+    fits && own && others && due
+}
+
+/// Whether own is the same in both windows, its timers' due instants included.
+pub(crate) fn same_own<const CLOUDS: usize, const CAPACITY: usize>(
+    a: &Window<CLOUDS, CAPACITY>,
+    b: &Window<CLOUDS, CAPACITY>,
+) -> bool {
+    let mut same = a.entry.slot == b.entry.slot && a.entry.local_due == b.entry.local_due;
+    for i in 0..CLOUDS {
+        same &= a.entry.dues[i] == b.entry.dues[i];
+    }
+    a.own == b.own && a.is_open == b.is_open && a.due == b.due && (!a.is_open || same)
+}
+
+/// The later of two instants.
+pub(crate) fn later(a: Instant, b: Instant) -> Instant {
+    if a < b { b } else { a }
+}
+
+/// The armed timers that are due exactly then, by looking at each.
+pub(crate) fn due_at<const CLOUDS: usize>(entry: &Entry<CLOUDS>, due: Instant) -> u16 {
+    let armed = entry.slot.armed().bits();
+    let mut fired = armed & u16::from(entry.local_due == due);
+    for (i, of_cloud) in entry.dues.iter().enumerate() {
+        fired |= armed & u16::from(*of_cloud == due) << (i + 1);
+    }
+    fired
+}
+
+/// The source that a cloud's priority names, by looking at each.
+pub(crate) fn source_of<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+    priority: Priority,
+) -> Option<Source> {
+    let place = fusion.clouds.priorities.iter().position(|known| *known == priority);
+    match place {
+        _ if priority == Priority::LOCAL => Some(Source::LOCAL),
+        Some(place) => Source::new(place as u8 + 1),
+        None => None,
+    }
+}
+
+/// Whether an outcome is what the step of the timestamp decided.
+pub(crate) fn tells<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+    outcome: Outcome<CLOUDS>,
+    decision: Decision,
+) -> bool {
+    match (outcome, decision) {
+        (Outcome::Dropped(said), Decision::Dropped(reason)) => said == reason,
+        (Outcome::Held, Decision::Held)
+        | (Outcome::Waiting, Decision::Waiting)
+        | (Outcome::Missed, Decision::Missed) => true,
+        (
+            Outcome::Forwarded { by, cancelled },
+            Decision::Forwarded { by: source, cancelled: set },
+        ) => source_of(fusion, by) == Some(source) && cancelled.sources() == set,
+        (
+            Outcome::Dropped(_)
+            | Outcome::Held
+            | Outcome::Waiting
+            | Outcome::Missed
+            | Outcome::Forwarded { .. },
+            _,
+        ) => false,
+    }
+}
+
+/// Two firings, as far as two machines and their answers agree.
+pub(crate) fn same_firing<const CLOUDS: usize>(a: &Firing<CLOUDS>, b: &Firing<CLOUDS>) -> bool {
+    let same = match (a.outcome, b.outcome) {
+        (
+            Outcome::Forwarded { by: a, cancelled: c },
+            Outcome::Forwarded { by: b, cancelled: d },
+        ) => a == b && c.sources() == d.sources(),
+        (Outcome::Waiting, Outcome::Waiting) | (Outcome::Missed, Outcome::Missed) => true,
+        (
+            Outcome::Dropped(_)
+            | Outcome::Held
+            | Outcome::Waiting
+            | Outcome::Missed
+            | Outcome::Forwarded { .. },
+            _,
+        ) => false,
+    };
+    same && a.timestamp == b.timestamp && a.due == b.due && a.timers.sources() == b.timers.sources()
 }

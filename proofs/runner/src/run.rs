@@ -21,7 +21,7 @@ use crate::tools::{Limits, Tools};
 use crate::translate::Copy;
 
 /// The groups that take longest; a fault is looked for with the others first.
-const DEAR: [&str; 2] = ["fusion", "window"];
+const DEAR: [&str; 3] = ["fusion", "wait", "window"];
 
 /// What to prove, and with what.
 pub(crate) struct Run<'a> {

@@ -11,10 +11,8 @@ use crate::error::Error;
 /// The folder of the harness files, from the root.
 pub(crate) const FOLDER: &str = "proofs/src/harness";
 
-/// The groups and the harnesses that are proved on request only: for their time, or because no seeded fault is theirs alone.
-const SLOW: [&str; 12] = [
-    "sequence",
-    "p10_two_firings_are_two_calls",
+/// The harnesses that are proved on request only: for their time, or because no seeded fault is theirs alone.
+const SLOW: [&str; 9] = [
     "every_generated_window_is_valid",
     "p9_open_in_four",
     "p9_lookup_in_three",
@@ -24,7 +22,6 @@ const SLOW: [&str; 12] = [
     "p9_offer_in_four",
     "p9_close_in_four",
     "p9_retire_in_four",
-    "p9_one_of_four",
 ];
 
 /// One harness.
@@ -49,7 +46,7 @@ pub(crate) struct Harness {
 
 impl Harness {
     pub(crate) fn is_slow(&self) -> bool {
-        SLOW.contains(&self.group.as_str()) || SLOW.contains(&self.name.as_str())
+        SLOW.contains(&self.name.as_str())
     }
 }
 

@@ -3,21 +3,15 @@
 //! Four seats are two rows of two. Every number of open timestamps is taken, and every way to share the rows, three at most, with
 //! any timestamps, sets and due instants.
 
-use crate::Admission;
 use crate::any::{
-    SEATINGS, any_case, any_commit, any_deadline, any_entry, any_gate, any_instant, any_slot,
-    any_source, any_timestamp, any_window, any_window_at, earliest, least,
+    SEATINGS, any_case, any_commit, any_deadline, any_entry, any_instant, any_slot, any_timestamp,
+    any_window, earliest, least,
 };
-use crate::clouds::Clouds;
 use crate::entry::Entry;
-use crate::fusion::Fusion;
-use crate::priority::Priority;
-use crate::slot::Cause;
+use crate::shipped::window::{Place, Window};
 use crate::source::Source;
-use crate::time::{Instant, Timestamp};
-use crate::told;
+use crate::time::Instant;
 use crate::valid::{is_window, same_turn};
-use crate::window::{Place, Window};
 
 /// The window knows one due instant of each timestamp, the earliest. Local's is enough for it to be any, or none; that
 /// it is the earliest of several, `fusion` shows.
@@ -136,9 +130,15 @@ fn found<const SEATING: usize, const LEN: usize>() -> Option<usize> {
     let place = found.map(|place| usize::from(place.rank));
     kani::assert(place == rank, "P9: it finds what is open and nothing else");
     for i in 0..LEN {
-        let seat = found.filter(|place| usize::from(place.rank) == i).map(|place| place.seat);
-        kani::assert(seat.is_none_or(|seat| seat == window.seats[i]), "P9: it tells its seat");
+        if let Some(place) = found.filter(|place| usize::from(place.rank) == i) {
+            kani::assert(place.seat == window.seats[i], "P9: it tells its seat");
+            let kept = &window.entries[usize::from(window.seats[i])];
+            let is_there = same_entry(window.entry(place), kept);
+            kani::assert(is_there, "P9: what is kept of it is there");
+            kani::assert(window.timestamp(place) == timestamp, "P9: it is of that timestamp");
+        }
     }
+    kani::assert(window.len() == LEN, "P9: as many are open");
     rank
 }
 
@@ -378,93 +378,4 @@ pub fn p9_retire_in_three() {
 pub fn p9_retire_in_four() {
     let is_other = any_place_of!(four, removed);
     kani::cover!(is_other, "the next due is another");
-}
-
-/// The timestamps of `p9_one_of_four`: fixed, so that where one lies is known. That lookup finds any is `p9_lookup_in_four`.
-const TIMESTAMPS: [u64; 4] = [0, 1, u64::MAX - 1, u64::MAX];
-
-/// A result, a failure or an offer.
-#[derive(Clone, Copy, PartialEq)]
-enum Kind {
-    Result,
-    Failure,
-    Offer,
-}
-
-const SEATING: usize = 1;
-
-fn one_of<const AT: usize>(kind: Kind) -> (bool, bool) {
-    let commit = any_commit();
-    let open = any_window_at::<1, SEATING, 4>(commit, TIMESTAMPS);
-    let clouds = Clouds { priorities: [Priority::new(1)], gates: [any_gate()], len: 1 };
-    let newest = Some(Timestamp::new(TIMESTAMPS[3]));
-    let due = open.next_due();
-    let now = kani::any_where(|now: &u64| due.is_none_or(|due| due.as_nanos() > *now));
-    let now = Instant::from_nanos(now);
-    let mut fusion = Fusion { commit, window: 4, clouds, now, newest, open };
-    let before = fusion.open.clone();
-    let mut window = before.clone();
-    let place = place::<SEATING, AT>();
-    let slot = before.entries[usize::from(place.seat)].slot;
-    let (timestamp, source) = (Timestamp::new(TIMESTAMPS[AT]), any_source(1));
-    let priority = Priority::new(source.index().into());
-    let mut is_retired = false;
-    let mut is_offer = false;
-    if kind == Kind::Offer {
-        let asked = told::offer(&mut fusion, timestamp, priority, any_deadline(), kani::any());
-        if let Admission::Admitted { due } = asked {
-            is_offer = true;
-            window.arm(place, slot.offer(source).0, source, due);
-        }
-    } else {
-        let event = if kind == Kind::Result {
-            let _ = told::result(&mut fusion, timestamp, priority);
-            Cause::Result(source)
-        } else {
-            let _ = told::fail(&mut fusion, timestamp, priority);
-            Cause::Failure(source)
-        };
-        let after = slot.step(commit, event).0;
-        is_retired = !after.is_open();
-        if is_retired { window.remove(place) } else { window.set(place, after) }
-    }
-    kani::assert(same_window(&fusion.open, &window), "P9: the window is changed at its place");
-    let same = others_stay(&before, &fusion.open, place.seat);
-    kani::assert(same, "P9: only its own timestamp changes");
-    kani::assert(fusion.len() == 4 - usize::from(is_retired), "P9: as many are open as were left");
-    (is_retired, is_offer)
-}
-
-/// Whether the windows are the same, seat by seat.
-fn same_window<const CLOUDS: usize>(a: &Window<CLOUDS, 4>, b: &Window<CLOUDS, 4>) -> bool {
-    let same = same_order(a, b) && same_turn(a.first, b.first);
-    same && (0..2).all(|i| same_turn(a.firsts[i], b.firsts[i]))
-        && (0..4)
-            .all(|i| same_turn(a.turns[i], b.turns[i]) && same_entry(&a.entries[i], &b.entries[i]))
-}
-
-/// P9, F2, F3, F4, F7: an input to the whole machine for one timestamp of four does to the window what `p9_offer_in_four`,
-/// `p9_close_in_four` and `p9_retire_in_four` look at, there and nowhere else.
-///
-/// Cases: 12.
-/// Bounds: window of 4, 1 cloud, one seating, fixed timestamps.
-#[kani::proof]
-#[kani::unwind(10)]
-pub fn p9_one_of_four() {
-    let (is_retired, is_offer) = match any_case(12) {
-        0 => one_of::<0>(Kind::Result),
-        1 => one_of::<1>(Kind::Result),
-        2 => one_of::<2>(Kind::Result),
-        3 => one_of::<3>(Kind::Result),
-        4 => one_of::<0>(Kind::Failure),
-        5 => one_of::<1>(Kind::Failure),
-        6 => one_of::<2>(Kind::Failure),
-        7 => one_of::<3>(Kind::Failure),
-        8 => one_of::<0>(Kind::Offer),
-        9 => one_of::<1>(Kind::Offer),
-        10 => one_of::<2>(Kind::Offer),
-        _ => one_of::<3>(Kind::Offer),
-    };
-    kani::cover!(is_retired, "it is retired");
-    kani::cover!(is_offer, "a request is admitted");
 }
