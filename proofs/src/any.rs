@@ -287,17 +287,3 @@ pub(crate) fn at_rest<const CLOUDS: usize>(
     }
     fusion
 }
-
-/// Any instant no earlier than all of these timers'.
-pub(crate) fn any_latest<const CLOUDS: usize>(entry: &Entry<CLOUDS>, timers: Sources) -> Instant {
-    let mut latest = any_instant();
-    if timers.contains(Source::LOCAL) && entry.local_due > latest {
-        latest = entry.local_due;
-    }
-    for (i, due) in entry.dues.iter().enumerate() {
-        if timers.bits() >> (i + 1) & 1 != 0 && *due > latest {
-            latest = *due;
-        }
-    }
-    latest
-}
