@@ -68,7 +68,7 @@ struct Cli {
     /// How many questions to ask at once.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     jobs: u8,
-    /// How many seconds the checker has for one question; by default 600, or 3600 for the slow tier.
+    /// How many seconds the checker has for one question; by default 1200, or 3600 for the slow tier.
     #[arg(long, value_name = "SECONDS")]
     time: Option<u64>,
     /// How much memory the checker has for one question.
@@ -128,7 +128,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
         kept::Kept::load(tree)?.take(tree, &sources)?;
         return Ok(true);
     }
-    let seconds = cli.time.unwrap_or(if cli.tier == Tier::Slow { 3600 } else { 600 });
+    let seconds = cli.time.unwrap_or(if cli.tier == Tier::Slow { 3600 } else { 1200 });
     let limits = Limits { time: Duration::from_secs(seconds), memory_mib: cli.memory };
     let run = Run {
         tree,

@@ -298,7 +298,7 @@ pub fn f1_a_new_machine_is_valid() {
         Cloud { priority: Priority::new(kani::any()), limit: kani::any(), resume: kani::any() };
     let commit = any_commit();
     let made = Fusion::<1, WINDOW>::new(window, commit, &[cloud]);
-    let fits = window >= 1 && window <= WINDOW;
+    let fits = (1..=WINDOW).contains(&window);
     let gated = cloud.priority != Priority::LOCAL && cloud.resume < cloud.limit;
     kani::assert(made.is_ok() == (fits && gated), "A10: it is made if it could decide");
     if let Ok(fusion) = &made {
@@ -345,8 +345,8 @@ pub fn f0_questions_tell_what_is_there() {
     kani::assert(back, "F0: the priority of a source");
     let least = least(open.due, open.rest.first.map(|first| first.0));
     kani::assert(fusion.next_due() == least, "P9: the next due instant is the least");
-    let is_empty = fusion.len() == 0;
-    kani::assert(fusion.is_empty() == is_empty, "F0: whether nothing is open");
+    let len = fusion.len();
+    kani::assert(fusion.is_empty() == (len < 1), "F0: whether nothing is open");
     kani::assert(fusion.clouds().bits() == u16::MAX << 1, "F0: the sources of the clouds");
     kani::cover!(told.is_some() && source != Some(Source::LOCAL), "a cloud's timer is armed");
     kani::cover!(gate.is_some() && slot.is_none(), "it is not open");
