@@ -105,7 +105,7 @@ impl Graph {
         topic: &str,
         ty: &str,
         qos: Qos,
-        take: impl Fn(Sample) -> F + Send + 'static,
+        take: impl Fn(Sample) -> F + Send + Sync + 'static,
     ) -> Result<Arc<End>, NodeError>
     where
         F: Future<Output = ()> + Send + 'static,

@@ -29,7 +29,7 @@ use zenoh_ext::{
 };
 
 use self::types::Types;
-use self::wire::{Attachment, Entity, Kind, Owner, gid, hash_of, type_of};
+use self::wire::{Attachment, Entity, Kind, Owner, gid, group_key, hash_of, type_of};
 use super::end::{End, Gid, dds_type};
 use super::{Publish, Sample, Unread};
 use crate::error::NodeError;
@@ -174,7 +174,7 @@ impl Realm {
         topic: &str,
         ty: &str,
         qos: Qos,
-        take: impl Fn(Sample) -> F + Send + 'static,
+        take: impl Fn(Sample) -> F + Send + Sync + 'static,
     ) -> Result<Arc<End>, NodeError>
     where
         F: Future<Output = ()> + Send + 'static,
@@ -182,23 +182,28 @@ impl Realm {
         let end = self.end(topic, ty, Kind::Publisher)?;
         let type_name = dds_type(ty);
         let Shared { session, owner, types, .. } = &*self.shared;
-        let subscriber = session
-            .declare_subscriber(owner.key(topic, &type_name, "*"))
-            .with(RingChannel::new(usize::from(qos.depth).max(BURST)));
-        let samples = Samples {
+        let key = owner.key(topic, &type_name, "*");
+        let subscriber = |key: String| {
+            let waiting = RingChannel::new(usize::from(qos.depth).max(BURST));
+            session.declare_subscriber(key).with(waiting)
+        };
+        let samples = Arc::new(Samples {
             end: Arc::clone(&end),
             types: types.clone(),
             type_name: type_name.clone(),
             take,
-        };
+        });
         if qos.transient_local {
             let history =
                 HistoryConfig::default().detect_late_publishers().max_samples(qos.depth.into());
-            let subscriber = subscriber.advanced().history(history).wait()?;
+            let subscriber = subscriber(key).advanced().history(history).wait()?;
             self.tasks.spawn(samples.run(subscriber));
         } else {
-            let subscriber = subscriber.wait()?;
-            self.tasks.spawn(samples.run(subscriber));
+            // A message has one of the two keys; which, may change when subscriptions come or go.
+            for key in [group_key(&key), key] {
+                let subscriber = subscriber(key).wait()?;
+                self.tasks.spawn(Arc::clone(&samples).run(subscriber));
+            }
         }
         let token: Arc<OnceLock<LivelinessToken>> = Arc::default();
         let (declared, shared, name) =
@@ -285,15 +290,18 @@ struct Samples<T> {
 
 impl<T, F> Samples<T>
 where
-    T: Fn(Sample) -> F + Send + 'static,
+    T: Fn(Sample) -> F + Send + Sync + 'static,
     F: Future<Output = ()> + Send + 'static,
 {
-    async fn run(self, subscriber: impl Deref<Target = RingChannelHandler<zenoh::sample::Sample>>) {
-        let Self { end, types, type_name, take } = self;
+    async fn run(
+        self: Arc<Self>,
+        subscriber: impl Deref<Target = RingChannelHandler<zenoh::sample::Sample>>,
+    ) {
+        let Self { end, types, type_name, take } = &*self;
         while let Ok(sample) = subscriber.recv_async().await {
             // Another version of the type: `/diagnostics` tells of that peer.
             let hash = hash_of(sample.key_expr().as_str());
-            if types.known(&type_name).is_some_and(|known| known != hash) {
+            if types.known(type_name).is_some_and(|known| known != hash) {
                 continue;
             }
             end.heard(Instant::now());

@@ -81,6 +81,20 @@ def a_router_may_be_started_last(bench):
     check(listener, stamp, at, "west", "F3")
 
 
+def ends_of_lyrical_that_say_where_bytes_may_be_are_met(bench):
+    over_zenoh_alone()
+    import overzenoh
+    overzenoh.as_in_lyrical()
+    node = bench.node(parameters(["west"]))
+    camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
+    ready(camera, listener, local, west)
+    assert all(token.endswith("/backends:cpu:") for token in camera.output.peers.there), camera.output.peers.there
+    stamp, at = camera.ask("local=0.02 west=0.1")
+    listener.until_answered([stamp])
+    assert node.ends() == 0
+    check(listener, stamp, at, "west", "F3")
+
+
 def a_slow_link_that_loses_and_goes_dark_costs_no_input_its_one_answer(bench):
     over_zenoh_alone()
     node = bench.node(parameters(["west"], deadline=0.3, window=64, west={"in_flight": 64}))

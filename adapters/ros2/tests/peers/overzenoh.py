@@ -6,7 +6,10 @@ import time
 from dataclasses import dataclass
 
 import zenoh
+import zenoh_ros2_sdk.publisher
+import zenoh_ros2_sdk.subscriber
 from definitions import type_hash
+from zenoh_ros2_sdk.keyexpr import endpoint_liveliness_keyexpr, topic_keyexpr
 from zenoh_ros2_sdk.publisher import ROS2Publisher
 from zenoh_ros2_sdk.qos import QosDurability, QosProfile, QosReliability
 from zenoh_ros2_sdk.service_client import ROS2ServiceClient
@@ -38,12 +41,20 @@ def session():
         return manager
 
 
+def as_in_lyrical():
+    """From now on ends of topics are as those that `rmw_zenoh` of ROS 2 Lyrical makes for a type with an unbounded `uint8[]`:
+    their tokens say where its bytes may be, and publishers have only subscriptions to whom main memory is good enough."""
+    for module in (zenoh_ros2_sdk.publisher, zenoh_ros2_sdk.subscriber):
+        module.endpoint_liveliness_keyexpr = lambda end: endpoint_liveliness_keyexpr(end) + "/backends:cpu:"
+    zenoh_ros2_sdk.publisher.topic_keyexpr = lambda *words: topic_keyexpr(*words) + "/_buf_cpu"
+
+
 class Peers:
     """Who is at the other end of a topic, by their tokens: those with the same type."""
 
     def __init__(self, kind, end):
         self.there, end_of = set(), f"/{end.dds_type_name}/{end.type_hash}/"
-        tokens = f"@ros2_lv/{end.domain_id}/*/*/*/{kind}/*/*/*/{end.topic.replace('/', '%')}/*/*/*"
+        tokens = f"@ros2_lv/{end.domain_id}/*/*/*/{kind}/*/*/*/{end.topic.replace('/', '%')}/*/*/*/**"
 
         def told(sample):
             token = str(sample.key_expr)

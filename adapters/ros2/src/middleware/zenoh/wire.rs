@@ -4,6 +4,11 @@
 //! service has a liveliness token, whose key says what it is: `@ros2_lv/<domain>/<session>/<node>/<entity>/<kind>/
 //! <enclave>/<namespace>/<name>`, then for all but nodes `/<topic>/<type>/<hash>/<quality of service>`. In tokens `%`
 //! stands for a slash within a name.
+//!
+//! In ROS 2 Lyrical (`rmw_zenoh` 0.10.5) the ends of a type with an unbounded `uint8[]` say in one more part where its bytes may
+//! be: `/backends:cpu:` is in main memory. Where all subscriptions of a topic say something, those that say this get messages by
+//! the key `<their key>/_buf_cpu`; one that says nothing may get none at all. The node does not know the fields of its types: its
+//! subscriptions say so whatever the type, but for those that are `transient_local`, which have no such part.
 
 use xxhash_rust::xxh3::xxh3_128;
 
@@ -11,6 +16,10 @@ use crate::middleware::end::Gid;
 use crate::names::NodeName;
 use crate::settings::Qos;
 
+/// Ends the token of a subscription that takes what is in main memory.
+const BACKENDS: &str = "/backends:cpu:";
+/// Ends the key of what is for such subscriptions alone.
+const GROUP: &str = "/_buf_cpu";
 /// How long an attachment is, in bytes.
 const ATTACHMENT: usize = 33;
 
@@ -80,8 +89,10 @@ impl Owner {
     /// The token of one of its ends; `number` is its own among the node's.
     pub(super) fn token(&self, number: u64, entity: &Entity, qos: Qos) -> String {
         let Entity { kind, name, type_name, hash } = entity;
+        let is_in_group = *kind == Kind::Subscription && !qos.transient_local;
+        let backends = if is_in_group { BACKENDS } else { "" };
         let (begin, name, qos) = (self.token_of(number, *kind), mangled(name), quality(qos));
-        format!("{begin}/{name}/{type_name}/{hash}/{qos}")
+        format!("{begin}/{name}/{type_name}/{hash}/{qos}{backends}")
     }
 
     fn token_of(&self, number: u64, kind: Kind) -> String {
@@ -93,12 +104,12 @@ impl Owner {
     /// The tokens of all ends of this kind on a topic, whatever their type.
     pub(super) fn tokens_of_topic(&self, kind: Kind, topic: &str) -> String {
         let (domain, kind, topic) = (self.domain, kind.code(), mangled(topic));
-        format!("@ros2_lv/{domain}/*/*/*/{kind}/*/*/*/{topic}/*/*/*")
+        format!("@ros2_lv/{domain}/*/*/*/{kind}/*/*/*/{topic}/*/*/*/**")
     }
 
     /// The tokens of all that has this type.
     pub(super) fn tokens_of_type(&self, type_name: &str) -> String {
-        format!("@ros2_lv/{}/*/*/*/*/*/*/*/*/{type_name}/*/*", self.domain)
+        format!("@ros2_lv/{}/*/*/*/*/*/*/*/*/{type_name}/*/*/**", self.domain)
     }
 
     /// Whether a token is of this session.
@@ -111,13 +122,19 @@ impl Owner {
 pub(super) fn type_of(token: &str) -> Option<(&str, &str)> {
     let parts: Vec<&str> = token.split('/').collect();
     match parts[..] {
-        ["@ros2_lv", _, _, _, _, _, _, _, _, _, type_name, hash, _] => Some((type_name, hash)),
+        ["@ros2_lv", _, _, _, _, _, _, _, _, _, type_name, hash, _, ..] => Some((type_name, hash)),
         _ => None,
     }
 }
 
-/// The last part of a message's key, which is its type's hash.
+/// The key of those messages of a topic that are for subscriptions in its group alone.
+pub(super) fn group_key(key: &str) -> String {
+    format!("{key}{GROUP}")
+}
+
+/// The hash of a message's type, by its key.
 pub(super) fn hash_of(key: &str) -> &str {
+    let key = key.strip_suffix(GROUP).unwrap_or(key);
     key.rsplit('/').next().unwrap_or_default()
 }
 
@@ -188,8 +205,18 @@ mod tests {
         assert_eq!(type_of(&token), Some((entity.type_name, entity.hash)));
         assert_eq!(type_of(&owner.node_token()), None);
         assert!(owner.owns(&token));
+        let subscription = owner.token(3, &Entity { kind: Kind::Subscription, ..entity }, qos);
+        assert!(subscription.ends_with("/RIHS01_df/::,5:,:,:,,/backends:cpu:"), "{subscription}");
+        assert_eq!(type_of(&subscription), Some((entity.type_name, entity.hash)));
         let best_effort = Qos { reliable: false, transient_local: true, depth: 1 };
         assert!(owner.token(3, &entity, best_effort).ends_with("/2:1:,1:,:,:,,"));
+    }
+
+    #[test]
+    fn the_hash_is_read_from_the_key_of_the_group_as_well() {
+        let key = owner().key("/a/b", "std_msgs::msg::dds_::String_", "RIHS01_df");
+        assert_eq!(group_key(&key), "7/a/b/std_msgs::msg::dds_::String_/RIHS01_df/_buf_cpu");
+        assert_eq!([hash_of(&key), hash_of(&group_key(&key))], ["RIHS01_df"; 2]);
     }
 
     #[test]
