@@ -359,7 +359,10 @@ async fn requests_that_never_end_hold_no_more_than_they_may() {
         raw.greet().await;
         let block = vec![0; 16 * 1024];
         for stream in [1, 3, 5, 7] {
-            assert!(raw.frame(HEADERS, END_HEADERS, stream, &hostile::call()).await);
+            // Who was reset while more was on its way may be closed altogether.
+            if !raw.frame(HEADERS, END_HEADERS, stream, &hostile::call()).await {
+                break;
+            }
             let head = [&[0][..], &u32::try_from(long).unwrap().to_be_bytes()].concat();
             raw.frame(DATA, 0, stream, &head).await;
             for _ in 0..long / block.len() - 1 {

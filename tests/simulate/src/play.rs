@@ -12,7 +12,7 @@ use metrics_util::CompositeKey;
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
 use tokio::runtime::Builder;
 use tokio::task::JoinHandle;
-use tokio::time::{sleep, sleep_until, timeout};
+use tokio::time::{sleep_until, timeout};
 
 use crate::log::{Log, World};
 use crate::peers::{Script, audience, camera, stall};
@@ -120,8 +120,9 @@ async fn run(world: &Arc<World>, running: Running, items: Items<Value>) -> Held 
             join(running, &mut counts).await
         }
     };
-    // Readers read to the end, and local computes on.
-    sleep(FOR_EVER).await;
+    // Readers read to the end, and local computes on. Until a set instant: while the recorder's thread ends, which takes real
+    // time, virtual time may go on.
+    sleep_until(world.at(FOR_EVER * 2)).await;
     let now = world.now();
     world.log().over = Some(now);
     (ended, counts)
