@@ -9,7 +9,7 @@
 use core::ffi::{c_char, c_void};
 
 use crate::head::place;
-use crate::inputs::{Asked, Inputs};
+use crate::inputs::{Asked, Inputs, Offer, Place};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
 use crate::storage::{self, CMachine};
@@ -66,7 +66,7 @@ pub unsafe extern "C" fn fuseline_open(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { input(machine, now, Asked::Open(t, None), answer) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, t, Asked::Open, answer)) }
 }
 
 /// F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
@@ -80,7 +80,9 @@ pub unsafe extern "C" fn fuseline_open_within(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { input(machine, now, Asked::Open(t, Some(deadline)), answer) }
+    unsafe {
+        with(machine, answer, |room, answer| room.ask(now, t, Asked::OpenWithin(deadline), answer))
+    }
 }
 
 /// F2: may message `t` be sent to cloud `p`, which may take `deadline` nanoseconds and in whose outgoing queue
@@ -97,7 +99,11 @@ pub unsafe extern "C" fn fuseline_offer(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { input(machine, now, Asked::Offer(t, p, deadline, backlog), answer) }
+    unsafe {
+        with(machine, answer, |room, answer| {
+            room.ask(now, t, Asked::Offer(&Offer { p, deadline, backlog }), answer)
+        })
+    }
 }
 
 /// F3: the result of source `p` came; 0 is local.
@@ -111,7 +117,7 @@ pub unsafe extern "C" fn fuseline_result(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { input(machine, now, Asked::Result(t, p), answer) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, t, Asked::Result(p), answer)) }
 }
 
 /// F4: no result will come from source `p`; 0 is local.
@@ -125,7 +131,7 @@ pub unsafe extern "C" fn fuseline_fail(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { input(machine, now, Asked::Fail(t, p), answer) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, t, Asked::Fail(p), answer)) }
 }
 
 /// F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
@@ -137,7 +143,7 @@ pub unsafe extern "C" fn fuseline_tick(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { input(machine, now, Asked::Tick, answer) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, 0, Asked::Tick, answer)) }
 }
 
 /// Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.
@@ -145,7 +151,7 @@ pub unsafe extern "C" fn fuseline_tick(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_next_due(machine: *mut CMachine, due: *mut u64) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { question(machine, due, |inputs| inputs.next_due()) }
+    unsafe { with(machine, due, |room, due| room.next_due(due)) }
 }
 
 /// Question: what the machine knows of itself.
@@ -153,7 +159,7 @@ pub unsafe extern "C" fn fuseline_next_due(machine: *mut CMachine, due: *mut u64
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_look(machine: *mut CMachine, state: *mut CState) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { question(machine, state, |inputs| Some(inputs.state())) }
+    unsafe { with(machine, state, |room, state| room.look(state)) }
 }
 
 /// Question: what the machine knows of timestamp `t`, or FUSELINE_STATUS_NONE if it is not open.
@@ -165,7 +171,7 @@ pub unsafe extern "C" fn fuseline_look_at(
     message: *mut CMessage,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { question(machine, message, |inputs| inputs.message(t)) }
+    unsafe { with(machine, message, |room, message| room.look_at(t, message)) }
 }
 
 /// Question: 1 if the gate of cloud `p` was left shut, else 0; FUSELINE_STATUS_NONE if there is no such cloud.
@@ -177,7 +183,7 @@ pub unsafe extern "C" fn fuseline_gate_is_shut(
     is_shut: *mut u32,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { question(machine, is_shut, |inputs| inputs.is_shut(p).map(u32::from)) }
+    unsafe { with(machine, is_shut, |room, is_shut| room.gate_is_shut(p, is_shut)) }
 }
 
 /// The word for a fuseline_status; "?" for another number.
@@ -201,41 +207,19 @@ pub extern "C" fn fuseline_reason_name(reason: u32) -> *const c_char {
     names::reason(reason)
 }
 
-/// One firing, or the input's own answer.
+/// Makes a call of the machine, if there is one and the answer can be written.
 ///
 /// # Safety
 /// As the header asks of a machine and of where an answer is written.
-#[expect(clippy::inline_always, reason = "a tenth of what the border costs")]
-#[inline(always)]
-unsafe fn input(machine: *mut CMachine, now: u64, asked: Asked, answer: *mut CAnswer) -> CStatus {
-    let call = |inputs: &mut dyn Inputs| {
-        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
-        unsafe { answer.write(CAnswer::EMPTY) };
-        // SAFETY: written just now, and the caller's alone while it waits for this call.
-        let answer = unsafe { &mut *answer };
-        inputs.ask(now, asked, answer)
-    };
-    // SAFETY: as the header asks.
-    let entered = unsafe { storage::enter(machine, &[place(answer)], call) };
-    entered.unwrap_or_else(|status| status)
-}
-
-/// What is asked for, or FUSELINE_STATUS_NONE, which writes nothing.
-///
-/// # Safety
-/// As the header asks of a machine and of where an answer is written.
-unsafe fn question<T>(
+unsafe fn with<T>(
     machine: *mut CMachine,
     answer: *mut T,
-    ask: impl FnOnce(&mut dyn Inputs) -> Option<T>,
+    call: impl FnOnce(&dyn Inputs, Place<T>) -> CStatus,
 ) -> CStatus {
-    let call = |inputs: &mut dyn Inputs| {
-        let Some(found) = ask(inputs) else { return CStatus::None };
-        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
-        unsafe { answer.write(found) };
-        CStatus::Done
-    };
     // SAFETY: as the header asks.
-    let entered = unsafe { storage::enter(machine, &[place(answer)], call) };
-    entered.unwrap_or_else(|status| status)
+    match unsafe { storage::room(machine, &[place(answer)]) } {
+        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+        Ok(room) => call(room, unsafe { &mut *answer.cast() }),
+        Err(status) => status,
+    }
 }

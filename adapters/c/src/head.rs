@@ -52,8 +52,6 @@ impl Head {
     /// # Safety
     /// `machine` came from the kind's init or may be read as a `K` at least, which begins with a head.
     #[expect(unsafe_code, reason = "reads the caller's storage")]
-    #[expect(clippy::inline_always, reason = "a tenth of what the border costs")]
-    #[inline(always)]
     pub(crate) unsafe fn of<'a, K: Kind>(
         machine: *mut K,
         answers: &[Written],
@@ -65,11 +63,11 @@ impl Head {
         // SAFETY: not null, aligned, and may be read by the caller's promise. The machine lies beside it, not in it.
         let head = unsafe { &*machine.cast::<Self>() };
         if head.seal != seal::<K>(machine.addr()) {
-            return Err(CStatus::Foreign);
+            return Err(wrong(CStatus::Foreign));
         }
         for answer in answers {
             if overlaps(answer.at, answer.len, machine.addr(), head.bytes) {
-                return Err(CStatus::Overlap);
+                return Err(wrong(CStatus::Overlap));
             }
         }
         Ok(head)
@@ -91,6 +89,13 @@ impl Head {
 /// The place of an answer.
 pub(crate) fn place<T>(answer: *mut T) -> Written {
     Written { at: answer.addr(), len: size_of::<T>(), is: check(answer) }
+}
+
+/// The status of a wrong call. A call of its own, so that one that is right takes no step to get it ready.
+#[cold]
+#[inline(never)]
+pub(crate) fn wrong(status: CStatus) -> CStatus {
+    core::hint::black_box(status)
 }
 
 /// What an init of either kind is asked for: its configuration and clouds, if these, the storage and the place of the
@@ -179,10 +184,10 @@ unsafe fn registered<'a>(
 /// That a pointer can be one to a `T`.
 fn check<T>(pointer: *mut T) -> Result<(), CStatus> {
     if pointer.is_null() {
-        return Err(CStatus::Null);
+        return Err(wrong(CStatus::Null));
     }
     if !pointer.is_aligned() {
-        return Err(CStatus::Alignment);
+        return Err(wrong(CStatus::Alignment));
     }
     Ok(())
 }

@@ -1,134 +1,178 @@
 //! A machine of whatever capacity, in the plain data of the border.
 
+use core::mem::MaybeUninit;
+
 use fuseline_core::{
     Admission, At, Deadline, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal,
     Opening, Outcome, Priorities, Priority, Ready, Source, Timestamp,
 };
 
 use crate::plain::{CAnswer, CMessage, COutcome, CReason, CState, CStatus, FUSELINE_SOURCES};
+use crate::storage::Room;
 
-/// An input of SPEC.md, without its instant.
+/// Where an answer will be written.
+pub(crate) type Place<'a, T> = &'a mut MaybeUninit<T>;
+
+/// What is asked of the machine for a timestamp: an input of SPEC.md.
 #[derive(Clone, Copy)]
-pub(crate) enum Asked {
-    /// F1: a message came; with a deadline for local or none.
-    Open(u64, Option<u64>),
-    /// F2: the timestamp, the cloud, its deadline and the length of its queue.
-    Offer(u64, u64, u64, u64),
-    /// F3: the timestamp and the source.
-    Result(u64, u64),
-    /// F4: the timestamp and the source.
-    Fail(u64, u64),
+pub(crate) enum Asked<'a> {
+    /// F1: a message came.
+    Open,
+    /// F1: a message came, and local has this deadline.
+    OpenWithin(u64),
+    /// F2.
+    Offer(&'a Offer),
+    /// F3: of this source.
+    Result(u64),
+    /// F4: of this source.
+    Fail(u64),
     /// F0.
     Tick,
 }
 
-/// What all capacities have in common.
-pub(crate) trait Inputs {
-    /// One firing (F5), or the input's own answer. `answer` is empty before.
-    fn ask(&mut self, now: u64, asked: Asked, answer: &mut CAnswer) -> CStatus;
-    /// The next due instant.
-    fn next_due(&self) -> Option<u64>;
-    /// What the machine knows of itself.
-    fn state(&self) -> CState;
-    /// What it knows of an open timestamp.
-    fn message(&self, t: u64) -> Option<CMessage>;
-    /// Whether a cloud's gate was left shut.
-    fn is_shut(&self, cloud: u64) -> Option<bool>;
+/// F2: the cloud, its deadline and the length of its queue.
+pub(crate) struct Offer {
+    pub(crate) p: u64,
+    pub(crate) deadline: u64,
+    pub(crate) backlog: u64,
 }
 
-impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Fusion<CLOUDS, WINDOW> {
-    fn ask(&mut self, now: u64, asked: Asked, answer: &mut CAnswer) -> CStatus {
-        answer.at = self.now().as_nanos().max(now);
-        match self.at(Instant::from_nanos(now)) {
-            At::Fired(firing) => {
-                tell_firing(answer, &firing);
-                CStatus::Again
+/// The inputs of SPEC.md and the questions, to a machine of whatever capacity.
+pub(crate) trait Inputs {
+    /// One firing (F5), or the input's own answer.
+    fn ask(&self, now: u64, t: u64, asked: Asked, answer: Place<CAnswer>) -> CStatus;
+    /// Whether a call is under way.
+    fn is_busy(&self) -> bool;
+    /// The next due instant.
+    fn next_due(&self, due: Place<u64>) -> CStatus;
+    /// What the machine knows of itself.
+    fn look(&self, state: Place<CState>) -> CStatus;
+    /// What it knows of an open timestamp.
+    fn look_at(&self, t: u64, message: Place<CMessage>) -> CStatus;
+    /// Whether a cloud's gate was left shut.
+    fn gate_is_shut(&self, p: u64, is_shut: Place<u32>) -> CStatus;
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Room<CLOUDS, WINDOW> {
+    fn ask(&self, now: u64, t: u64, asked: Asked, answer: Place<CAnswer>) -> CStatus {
+        self.enter(|fusion| {
+            let at = fusion.now().as_nanos().max(now);
+            let answer = answer.write(CAnswer { at, t, ..CAnswer::EMPTY });
+            match fusion.at(Instant::from_nanos(now)) {
+                At::Fired(ref firing) => {
+                    tell_firing(answer, firing);
+                    CStatus::Again
+                }
+                At::Ready(ready) => {
+                    apply(ready, Timestamp::new(t), asked, answer);
+                    CStatus::Done
+                }
             }
-            At::Ready(ready) => {
-                apply(ready, asked, answer);
-                CStatus::Done
-            }
-        }
+        })
     }
 
-    fn next_due(&self) -> Option<u64> {
-        self.next_due().map(Instant::as_nanos)
+    fn is_busy(&self) -> bool {
+        self.is_busy()
     }
 
-    fn state(&self) -> CState {
-        let due = self.next_due();
-        CState {
-            now: self.now().as_nanos(),
-            newest: self.newest().map_or(0, Timestamp::as_u64),
-            due: due.map_or(0, Instant::as_nanos),
-            has_newest: self.newest().is_some().into(),
-            has_due: due.is_some().into(),
-            open_len: small(self.len()),
-            window: small(self.window()),
-        }
+    fn next_due(&self, due: Place<u64>) -> CStatus {
+        self.enter(|fusion| told(fusion.next_due().map(Instant::as_nanos), due))
     }
 
-    fn message(&self, t: u64) -> Option<CMessage> {
-        let slot = self.slot(Timestamp::new(t))?;
-        let mut message = CMessage {
-            dues: [0; FUSELINE_SOURCES],
-            priorities: [0; FUSELINE_SOURCES],
-            sources_len: 0,
-            requested: slot.requested().bits().into(),
-            pending: slot.pending().bits().into(),
-            armed: slot.armed().bits().into(),
-            cached: slot.cached().bits().into(),
-            reserved: 0,
-        };
-        let sources = core::iter::once(Source::LOCAL).chain(self.clouds().iter());
-        let places = message.dues.iter_mut().zip(&mut message.priorities);
-        for ((due, priority), source) in places.zip(sources) {
-            let named = self.priority(source);
-            *due = self.due(Timestamp::new(t), named).map_or(0, Instant::as_nanos);
-            *priority = named.as_u16();
-            message.sources_len = message.sources_len.saturating_add(1);
-        }
-        Some(message)
+    fn look(&self, state: Place<CState>) -> CStatus {
+        self.enter(|fusion| told(Some(looked(fusion)), state))
     }
 
-    fn is_shut(&self, cloud: u64) -> Option<bool> {
-        Some(self.gate(priority(cloud)?)?.is_shut())
+    fn look_at(&self, t: u64, message: Place<CMessage>) -> CStatus {
+        self.enter(|fusion| told(looked_at(fusion, Timestamp::new(t)), message))
+    }
+
+    fn gate_is_shut(&self, p: u64, is_shut: Place<u32>) -> CStatus {
+        self.enter(|fusion| {
+            let gate = priority(p).and_then(|cloud| fusion.gate(cloud));
+            told(gate.map(|gate| gate.is_shut().into()), is_shut)
+        })
     }
 }
 
 fn apply<const CLOUDS: usize, const WINDOW: usize>(
     mut ready: Ready<'_, CLOUDS, WINDOW>,
+    t: Timestamp,
     asked: Asked,
     answer: &mut CAnswer,
 ) {
     // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
     let unknown = Outcome::Dropped(DropReason::Unknown);
     match asked {
-        Asked::Open(t, deadline) => {
-            answer.t = t;
-            let opening = ready.open(Timestamp::new(t), deadline.map(Deadline::from_nanos));
-            tell_opening(answer, opening);
+        Asked::Open => tell_opening(answer, ready.open(t, None)),
+        Asked::OpenWithin(deadline) => {
+            tell_opening(answer, ready.open(t, Some(Deadline::from_nanos(deadline))));
         }
-        Asked::Offer(t, p, deadline, backlog) => {
-            answer.t = t;
+        Asked::Offer(&Offer { p, deadline, backlog }) => {
             // F2 unknown: as for a result.
             let admission = priority(p).map_or(Admission::Refused(OfferRefusal::Unknown), |p| {
-                ready.offer(Timestamp::new(t), p, Deadline::from_nanos(deadline), backlog)
+                ready.offer(t, p, Deadline::from_nanos(deadline), backlog)
             });
             tell_admission(answer, admission);
         }
-        Asked::Result(t, p) => {
-            answer.t = t;
-            let outcome = priority(p).map_or(unknown, |p| ready.result(Timestamp::new(t), p));
-            tell(answer, &outcome);
+        Asked::Result(p) => {
+            tell(answer, &priority(p).map_or(unknown, |p| ready.result(t, p)));
         }
-        Asked::Fail(t, p) => {
-            answer.t = t;
-            let outcome = priority(p).map_or(unknown, |p| ready.fail(Timestamp::new(t), p));
-            tell(answer, &outcome);
+        Asked::Fail(p) => {
+            tell(answer, &priority(p).map_or(unknown, |p| ready.fail(t, p)));
         }
         Asked::Tick => {}
     }
+}
+
+/// What is asked for, or [`CStatus::None`], which writes nothing.
+fn told<T>(found: Option<T>, place: Place<T>) -> CStatus {
+    match found {
+        Some(found) => {
+            place.write(found);
+            CStatus::Done
+        }
+        None => CStatus::None,
+    }
+}
+
+fn looked<const CLOUDS: usize, const WINDOW: usize>(fusion: &Fusion<CLOUDS, WINDOW>) -> CState {
+    let due = fusion.next_due();
+    CState {
+        now: fusion.now().as_nanos(),
+        newest: fusion.newest().map_or(0, Timestamp::as_u64),
+        due: due.map_or(0, Instant::as_nanos),
+        has_newest: fusion.newest().is_some().into(),
+        has_due: due.is_some().into(),
+        open_len: small(fusion.len()),
+        window: small(fusion.window()),
+    }
+}
+
+fn looked_at<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+    t: Timestamp,
+) -> Option<CMessage> {
+    let slot = fusion.slot(t)?;
+    let mut message = CMessage {
+        dues: [0; FUSELINE_SOURCES],
+        priorities: [0; FUSELINE_SOURCES],
+        sources_len: 0,
+        requested: slot.requested().bits().into(),
+        pending: slot.pending().bits().into(),
+        armed: slot.armed().bits().into(),
+        cached: slot.cached().bits().into(),
+        reserved: 0,
+    };
+    let sources = core::iter::once(Source::LOCAL).chain(fusion.clouds().iter());
+    let places = message.dues.iter_mut().zip(&mut message.priorities);
+    for ((due, priority), source) in places.zip(sources) {
+        let named = fusion.priority(source);
+        *due = fusion.due(t, named).map_or(0, Instant::as_nanos);
+        *priority = named.as_u16();
+        message.sources_len = message.sources_len.saturating_add(1);
+    }
+    Some(message)
 }
 
 pub(crate) fn tell_opening(answer: &mut CAnswer, opening: Opening) {
@@ -181,10 +225,10 @@ fn list<const CLOUDS: usize>(
     places: &mut [u16; FUSELINE_SOURCES],
     members: &Priorities<CLOUDS>,
 ) -> u32 {
-    let mut len = 0_u32;
-    for (place, member) in places.iter_mut().zip(members.iter()) {
+    let mut len = 0;
+    for ((place, member), counted) in places.iter_mut().zip(members.iter()).zip(1..) {
         *place = member.as_u16();
-        len = len.saturating_add(1);
+        len = counted;
     }
     len
 }

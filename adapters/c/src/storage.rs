@@ -1,12 +1,12 @@
 //! A machine in its caller's storage, and the one way into it.
 
+use core::cell::UnsafeCell;
 use core::ffi::c_void;
-use core::ptr::addr_of_mut;
 use core::sync::atomic::{Ordering, compiler_fence};
 
 use fuseline_core::{Cloud, Fusion};
 
-use crate::head::{Head, Kind, NO_CLOUDS, Written, asked, rule, status_of};
+use crate::head::{Head, Kind, NO_CLOUDS, Written, asked, rule, status_of, wrong};
 use crate::inputs::Inputs;
 use crate::plain::{
     CConfig, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
@@ -26,9 +26,9 @@ impl Kind for CMachine {
 
 /// The whole storage.
 #[repr(C)]
-struct Room<const CLOUDS: usize, const WINDOW: usize> {
+pub(crate) struct Room<const CLOUDS: usize, const WINDOW: usize> {
     head: CMachine,
-    fusion: Fusion<CLOUDS, WINDOW>,
+    fusion: UnsafeCell<Fusion<CLOUDS, WINDOW>>,
 }
 
 /// The capacity that the library was built for.
@@ -105,21 +105,34 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
         let head = CMachine { head: Head::new::<CMachine, Self>(storage, capacity) };
         // SAFETY: that many bytes may be written, by the caller's promise; nothing was there that would have to be
         // dropped.
-        unsafe { storage.write(Self { head, fusion }) };
+        unsafe { storage.write(Self { head, fusion: UnsafeCell::new(fusion) }) };
         Ok(())
     }
 
-    /// The machine of a storage whose head was found whole.
-    ///
-    /// # Safety
-    /// A `Self` was written there and is, until `'a` ends, used by nobody else.
-    #[expect(unsafe_code, reason = "reads the caller's storage")]
-    unsafe fn fusion<'a>(machine: *mut CMachine) -> &'a mut Fusion<CLOUDS, WINDOW> {
-        let room = machine.cast::<Self>();
-        // SAFETY: it lies within the room that was written.
-        let fusion = unsafe { addr_of_mut!((*room).fusion) };
-        // SAFETY: it was written, and nobody else uses it.
-        unsafe { &mut *fusion }
+    /// Whether a call is under way.
+    pub(crate) fn is_busy(&self) -> bool {
+        // Acquire, and Release where it ends: what the last call wrote, should the caller go from thread to thread.
+        self.head.head.busy.load(Ordering::Acquire) != 0
+    }
+
+    /// Runs `call` with the machine, unless another call is under way.
+    #[expect(unsafe_code, reason = "the machine is behind a shared reference")]
+    pub(crate) fn enter(
+        &self,
+        call: impl FnOnce(&mut Fusion<CLOUDS, WINDOW>) -> CStatus,
+    ) -> CStatus {
+        // A load and a store are enough for whoever interrupts: between the two its whole call fits.
+        if self.is_busy() {
+            return wrong(CStatus::Busy);
+        }
+        let busy = &self.head.head.busy;
+        busy.store(1, Ordering::Relaxed);
+        compiler_fence(Ordering::SeqCst);
+        // SAFETY: the caller's thread is the only one, as it promised, and `busy` says that no call of it was
+        // interrupted.
+        let status = call(unsafe { &mut *self.fusion.get() });
+        busy.store(0, Ordering::Release);
+        status
     }
 }
 
@@ -153,44 +166,33 @@ pub(crate) unsafe fn make(
     Ok(())
 }
 
-/// Runs `call` with the machine, if there is one, no other call is under way and the answers lie outside of it.
+/// The room of a machine, if there is one and the answers lie outside of it.
 ///
 /// # Safety
 /// `machine` came from [`make`] or may be read as a [`CMachine`] at least; no other thread calls at the same time.
 #[expect(unsafe_code, reason = "reads the caller's storage")]
-#[expect(clippy::inline_always, reason = "a tenth of what the border costs")]
-#[inline(always)]
-pub(crate) unsafe fn enter(
+pub(crate) unsafe fn room<'a>(
     machine: *mut CMachine,
     answers: &[Written],
-    call: impl FnOnce(&mut dyn Inputs) -> CStatus,
-) -> Result<CStatus, CStatus> {
+) -> Result<&'a dyn Inputs, CStatus> {
     // SAFETY: by the caller's promise.
     let head = unsafe { Head::of(machine, answers) }?;
-    // A load and a store are enough for whoever interrupts: between the two its whole call fits. Acquire and Release:
-    // what the last call wrote, should the caller go from thread to thread.
-    if head.busy.load(Ordering::Acquire) != 0 {
-        return Err(CStatus::Busy);
-    }
-    head.busy.store(1, Ordering::Relaxed);
-    compiler_fence(Ordering::SeqCst);
-    let status = with_room!(head.capacity, R = Room => {
-        // SAFETY: the seal says that a room of this capacity was written here. The caller's thread is the only
-        // one, as it promised, and `busy` says that no call of it was interrupted.
-        call(unsafe { R::fusion(machine) })
-    }, else CStatus::Foreign);
-    head.busy.store(0, Ordering::Release);
-    Ok(status)
+    with_room!(head.capacity, R = Room => {
+        // SAFETY: the seal says that a room of this capacity was written here.
+        Ok(unsafe { &*machine.cast::<R>() })
+    }, else Err(wrong(CStatus::Foreign)))
 }
 
 /// Ends a machine: from now on it is foreign.
 ///
 /// # Safety
-/// As for [`enter`], and no other call follows at the same time.
+/// As for [`room`], and no other call follows at the same time.
 #[expect(unsafe_code, reason = "writes to the caller's storage")]
 pub(crate) unsafe fn end(machine: *mut CMachine) -> Result<(), CStatus> {
     // SAFETY: as the caller promised.
-    unsafe { enter(machine, &[], |_| CStatus::Done) }?;
+    if unsafe { room(machine, &[]) }?.is_busy() {
+        return Err(CStatus::Busy);
+    }
     // SAFETY: it is one, and no other call uses it.
     unsafe { Head::end(machine) };
     Ok(())
