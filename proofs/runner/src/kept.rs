@@ -138,9 +138,11 @@ impl Kept {
         let (new, all) = (asked.len(), kept.len());
         fastrand::shuffle(&mut kept);
         let mut left = budget.as_secs_f64();
+        let took = |name: &str| self.proved.get(name).map_or(0.0, |proof| proof.seconds);
+        let all_too_long = kept.iter().all(|(name, _)| took(name) > left);
         for (nth, (name, _)) in kept.into_iter().enumerate() {
-            let seconds = self.proved.get(name).map_or(0.0, |proof| proof.seconds);
-            if nth == 0 || seconds <= left {
+            let seconds = took(name);
+            if nth == 0 && all_too_long || seconds <= left {
                 left -= seconds;
                 asked.insert(name.clone());
             }
