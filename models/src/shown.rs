@@ -140,7 +140,7 @@ fn of_input(
         Input::Fail { t, p, .. } => {
             shown.insert_if(Sighting::Stranger, p > u64::from(u16::MAX));
             shown.insert(match decision {
-                Some(Decision::Drop { why, .. }) => fail_dropped(*why),
+                Some(Decision::Drop { why, .. }) => FAIL_DROPPED[why.index()],
                 Some(Decision::Miss { .. }) => Sighting::FailMisses,
                 Some(_) => Sighting::FailForwards,
                 None => Sighting::FailWaits,
@@ -200,7 +200,7 @@ fn of_result(
     );
     match answer.own.first() {
         Some(Decision::Drop { why, .. }) => {
-            shown.insert(result_dropped(*why));
+            shown.insert(RESULT_DROPPED[why.index()]);
             let forwarded = answer.fired.iter().flat_map(|fired| &fired.decisions);
             let just = forwarded.filter(|d| matches!(d, Decision::Emit { .. })).any(|d| d.t() == t);
             shown.insert_if(Sighting::Once, just);
@@ -243,22 +243,36 @@ fn offer_refused(why: OfferRefusal, reached: bool, gate: Option<Sighting>) -> Op
     }
 }
 
-fn result_dropped(why: DropReason) -> Sighting {
-    match why {
-        DropReason::Unknown => Sighting::ResultUnknown,
-        DropReason::Superseded => Sighting::ResultSuperseded,
-        DropReason::Unsolicited => Sighting::ResultUnsolicited,
-        DropReason::Duplicate => Sighting::ResultDuplicate,
-        DropReason::Late => Sighting::ResultLate,
-    }
-}
+/// The sightings of a result that is dropped, in the order of the reasons.
+const RESULT_DROPPED: [Sighting; DropReason::ALL.len()] = [
+    Sighting::ResultUnknown,
+    Sighting::ResultSuperseded,
+    Sighting::ResultUnsolicited,
+    Sighting::ResultDuplicate,
+    Sighting::ResultLate,
+];
 
-fn fail_dropped(why: DropReason) -> Sighting {
-    match why {
-        DropReason::Unknown => Sighting::FailUnknown,
-        DropReason::Superseded => Sighting::FailSuperseded,
-        DropReason::Unsolicited => Sighting::FailUnsolicited,
-        DropReason::Duplicate => Sighting::FailDuplicate,
-        DropReason::Late => Sighting::FailLate,
+/// The sightings of a failure that is dropped, in the order of the reasons.
+const FAIL_DROPPED: [Sighting; DropReason::ALL.len()] = [
+    Sighting::FailUnknown,
+    Sighting::FailSuperseded,
+    Sighting::FailUnsolicited,
+    Sighting::FailDuplicate,
+    Sighting::FailLate,
+];
+
+#[cfg(test)]
+mod tests {
+    use super::{FAIL_DROPPED, RESULT_DROPPED};
+    use fuseline_traces::DropReason;
+
+    #[test]
+    fn what_is_dropped_is_seen_for_its_reason() {
+        for (why, (result, fail)) in
+            DropReason::ALL.iter().zip(RESULT_DROPPED.iter().zip(&FAIL_DROPPED))
+        {
+            assert!(result.name().ends_with(why.as_str()), "{} for {why}", result.name());
+            assert!(fail.name().ends_with(why.as_str()), "{} for {why}", fail.name());
+        }
     }
 }
