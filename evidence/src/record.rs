@@ -40,8 +40,8 @@ pub struct Caught {
 /// What the proofs keep of themselves, as far as it is of use here.
 #[derive(Deserialize)]
 struct Proofs {
-    /// The harnesses that every run proves; no other counts.
-    fast: BTreeSet<String>,
+    /// The harnesses, and how many covers each has.
+    harnesses: BTreeMap<String, usize>,
     faults: BTreeMap<String, Caught>,
 }
 
@@ -110,7 +110,8 @@ impl Record {
         if kind.is_run_here() {
             return serde_json::from_str(&text).map(Some).map_err(wrong);
         }
-        let Proofs { fast: held, mut faults } = serde_json::from_str(&text).map_err(wrong)?;
+        let Proofs { harnesses, mut faults } = serde_json::from_str(&text).map_err(wrong)?;
+        let held: BTreeSet<String> = harnesses.into_keys().collect();
         for caught in faults.values_mut() {
             caught.by.retain(|name| held.contains(name));
         }

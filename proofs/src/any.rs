@@ -1,11 +1,12 @@
 //! Any value of the machine's types; any valid state, made so that nothing need be assumed.
 
+use crate::any_size::{self, Turn};
+use crate::cells::Cells;
 use crate::clouds::Clouds;
 use crate::entry::Entry;
 use crate::fusion::Fusion;
 use crate::gate::Gate;
 use crate::priority::Priority;
-use crate::shipped::window::{self as shipped, Turn};
 use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
@@ -105,10 +106,6 @@ pub(crate) fn any_priority_beside<const CLOUDS: usize>(clouds: &Clouds<CLOUDS>) 
     priority
 }
 
-/// The seats of a window of four by rank, the empty ones last: two rows of two. Which ranks share a row makes a difference,
-/// and these are all three ways; which of the rows, and where in it, makes none.
-pub(crate) const SEATINGS: [[u16; 4]; 3] = [[0, 1, 2, 3], [0, 2, 1, 3], [2, 0, 1, 3]];
-
 /// The earliest due instant of an entry's armed timers, by looking at each.
 pub(crate) fn earliest<const CLOUDS: usize>(entry: &Entry<CLOUDS>) -> Option<Instant> {
     let armed = entry.slot.armed().bits();
@@ -132,10 +129,15 @@ pub(crate) fn least(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
     }
 }
 
-/// Any open timestamp's entry. What is armed is due after the clock's start: a due instant lies after some clock's.
+/// Any open timestamp's entry.
 pub(crate) fn any_entry<const CLOUDS: usize>(commit: Commit) -> Entry<CLOUDS> {
-    let mut entry = Entry { slot: any_slot(commit, CLOUDS as u8), ..Entry::EMPTY };
-    let armed = entry.slot.armed().bits();
+    any_entry_of(any_slot(commit, CLOUDS as u8))
+}
+
+/// Any with these sets. What is armed is due after the clock's start: a due instant lies after some clock's.
+pub(crate) fn any_entry_of<const CLOUDS: usize>(slot: Slot) -> Entry<CLOUDS> {
+    let mut entry = Entry { slot, ..Entry::EMPTY };
+    let armed = slot.armed().bits();
     entry.local_due = any_due(armed & 1 != 0);
     for (i, due) in entry.dues.iter_mut().enumerate() {
         *due = any_due(armed >> (i + 1) & 1 != 0);
@@ -143,7 +145,8 @@ pub(crate) fn any_entry<const CLOUDS: usize>(commit: Commit) -> Entry<CLOUDS> {
     entry
 }
 
-fn any_due(is_armed: bool) -> Instant {
+/// Any due instant; that of an armed timer is after the clock's start.
+pub(crate) fn any_due(is_armed: bool) -> Instant {
     let nanos: u64 = kani::any();
     Instant::from_nanos(if is_armed && nanos == 0 { 1 } else { nanos })
 }
@@ -162,25 +165,77 @@ pub(crate) fn earlier(a: Turn, b: Turn) -> Turn {
     if is_first { a } else { b }
 }
 
-/// Any window of four with as many open timestamps: any in ascending order, any entries.
-pub(crate) fn any_window<const CLOUDS: usize, const SEATING: usize, const LEN: usize>(
-    commit: Commit,
-) -> shipped::Window<CLOUDS, 4> {
-    let timestamps = kani::any_where(|of: &[u64; 4]| (1..LEN).all(|i| of[i - 1] < of[i]));
-    let seats = const { SEATINGS[SEATING] };
+/// Any turn, or never.
+fn any_turn() -> Turn {
+    turn_of(if kani::any() { Some(any_due(true)) } else { None }, any_timestamp())
+}
+
+/// How many seats a row has, and how many rows there are: as few of both as can be, for a power of two of seats in each row.
+pub(crate) const fn rows(capacity: usize) -> (usize, usize) {
+    let mut row = 1;
+    while row * row < capacity {
+        row *= 2;
+    }
+    (row, capacity.div_ceil(row))
+}
+
+/// Where own is among the open timestamps, and how many are open.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Standing {
+    pub(crate) rank: usize,
+    pub(crate) len: usize,
+}
+
+/// Any number below `end`, by no division.
+pub(crate) fn any_below(end: usize) -> usize {
+    let any = usize::from(kani::any::<u16>()) & (end.next_power_of_two() - 1);
+    if any < end { any } else { any - end }
+}
+
+/// Own is open, anywhere among any number.
+pub(crate) fn any_standing<const CAPACITY: usize>() -> Standing {
+    let rank = any_below(CAPACITY);
+    let len = rank + 1 + any_below(CAPACITY);
+    Standing { rank, len: if len < CAPACITY { len } else { CAPACITY } }
+}
+
+/// Own comes next, behind any number: beyond the last place if all are taken.
+pub(crate) fn any_next<const CAPACITY: usize>() -> Standing {
+    let len = any_below(CAPACITY + 1);
+    Standing { rank: len, len }
+}
+
+/// Any place of an array but own's; its end, where there is none, as well.
+fn any_beside<const CAPACITY: usize>(own: usize) -> usize {
+    let at = any_below(CAPACITY + 1);
+    if at == own { CAPACITY } else { at }
+}
+
+/// Any window in which own stands there with this entry: in any seat, any other timestamp beside it, and any first turns of the others.
+pub(crate) fn any_window<const CLOUDS: usize, const CAPACITY: usize>(
+    Standing { rank, len }: Standing,
+    entry: Entry<CLOUDS>,
+) -> any_size::Window<CLOUDS, CAPACITY> {
+    let seat = any_below(CAPACITY);
+    let ranks = [rank, any_beside::<CAPACITY>(rank)];
+    let seats = [seat, any_beside::<CAPACITY>(seat)];
+    let [less, greater] = kani::any_where(|[less, greater]: &[u64; 2]| less < greater);
+    let timestamps = if ranks[0] < ranks[1] { [less, greater] } else { [greater, less] };
     let timestamps = timestamps.map(Timestamp::new);
     // What was kept in a seat stays there when it is empty.
-    let entries = core::array::from_fn(|_| any_entry(commit));
-    let mut turns = [Turn::NEVER; 4];
-    for rank in 0..LEN {
-        let seat = usize::from(seats[rank]);
-        turns[seat] = turn_of(earliest(&entries[seat]), timestamps[rank]);
+    let turn = if rank < len { turn_of(earliest(&entry), timestamps[0]) } else { Turn::NEVER };
+    let turns = [turn, any_turn()];
+    let firsts = [earlier(turns[0], turns[1]), any_turn()];
+    let (of_row, rows) = const { rows(CAPACITY) };
+    any_size::Window {
+        timestamps: Cells::new(ranks, timestamps),
+        seats: Cells::new(ranks, seats.map(|seat| seat as u16)),
+        len,
+        entries: Cells::new(seats, [entry, Entry::EMPTY]),
+        turns: Cells::new(seats, turns),
+        firsts: Cells { rows, ..Cells::new([seat / of_row, CAPACITY], firsts) },
+        first: earlier(firsts[0], firsts[1]),
     }
-    let rows = [earlier(turns[0], turns[1]), earlier(turns[2], turns[3])];
-    // Beyond the rows there is nothing.
-    let firsts = [rows[0], rows[1], Turn::NEVER, Turn::NEVER];
-    let first = earlier(rows[0], rows[1]);
-    shipped::Window { timestamps, seats, len: LEN, entries, turns, firsts, first }
 }
 
 /// Any open timestamps beside `own`, at most so many, none greater than `newest`.

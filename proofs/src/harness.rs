@@ -25,9 +25,7 @@ pub const ALL: &[Named] = named! {
         p12_bounded_wait
         f2_offer_by_the_rule f3_result_by_the_rule f4_fail_by_the_rule f6_settle_by_the_rule;
     time: a14_due_saturates a14_deadline_saturates;
-    window: every_generated_window_is_valid p9_lookup_in_three p9_lookup_in_four
-        p9_next_due_in_three p9_next_due_in_four p9_open p9_open_in_four p9_offer_in_three p9_offer_in_four
-        p9_close_in_three p9_close_in_four p9_retire_in_three p9_retire_in_four;
+    window: p9_earliest_of_a_timestamp p9_lookup p9_next_due p9_open p9_offer p9_close p9_retire;
     wait: p7_retired_by_the_latest_due p12_retired_by_the_last_request p12_retired_by_local_at_last
         p10_lateness_decides_nothing;
 };

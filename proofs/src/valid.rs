@@ -1,10 +1,10 @@
 //! The invariant, once, from the words of `SPEC.md` and not from the core.
 
-use crate::any::{earlier, earliest, turn_of};
+use crate::any::{earlier, earliest, rows, turn_of};
+use crate::any_size::{self, Turn};
 use crate::entry::Entry;
 use crate::fusion::Fusion;
 use crate::priority::Priority;
-use crate::shipped::window::{self as shipped, Turn};
 use crate::slot::{Commit, Decision, Slot};
 use crate::source::{Source, Sources};
 use crate::time::Instant;
@@ -43,47 +43,36 @@ pub(crate) fn same_turn(a: Turn, b: Turn) -> bool {
     a.key == b.key && a.timestamp == b.timestamp
 }
 
-/// What holds of the window: the timestamps ascend, each seat is taken by one of them or empty, and each seat, each row and
-/// the window know their first turn.
+/// What holds of the window: the timestamps ascend, no two have one seat, and each seat, each row and the window know their
+/// first turn. Own and the other one are any two timestamps and any two seats.
 pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
-    window: &shipped::Window<CLOUDS, CAPACITY>,
+    window: &any_size::Window<CLOUDS, CAPACITY>,
 ) -> bool {
-    let len = window.len;
-    let mut valid = len <= CAPACITY;
-    for rank in 1..CAPACITY {
-        valid &= rank >= len || window.timestamps[rank - 1] < window.timestamps[rank];
-    }
-    // By seat, so that no place is looked for.
-    let mut turns = [Turn::NEVER; CAPACITY];
-    for seat in 0..CAPACITY {
-        let due = earliest(&window.entries[seat]);
-        let mut times = 0;
-        for rank in 0..CAPACITY {
-            if usize::from(window.seats[rank]) == seat {
-                times += 1;
-                if rank < len {
-                    turns[seat] = turn_of(due, window.timestamps[rank]);
-                    // F2: a due instant lies after some clock's.
-                    valid &= due != Some(Instant::START);
-                }
-            }
-        }
-        valid &= times == 1 && same_turn(window.turns[seat], turns[seat]);
-    }
-    let (row, rows) = {
-        use shipped::Window;
-        (Window::<CLOUDS, CAPACITY>::ROW, Window::<CLOUDS, CAPACITY>::ROWS)
-    };
-    let mut all = Turn::NEVER;
-    for i in 0..rows {
-        let mut first = Turn::NEVER;
-        for seat in row * i..CAPACITY.min(row * (i + 1)) {
-            first = earlier(first, turns[seat]);
-        }
-        valid &= same_turn(window.firsts[i], first);
-        all = earlier(all, first);
-    }
-    valid && same_turn(window.first, all)
+    let (timestamps, seats) = (&window.timestamps, &window.seats);
+    let [own, other] = timestamps.at;
+    let both_open = own < window.len && other < window.len;
+    let ascend = (own < other) == (timestamps.values[0] < timestamps.values[1]);
+    let seat = usize::from(seats.values[0]);
+    let (of_row, _) = const { rows(CAPACITY) };
+    let apart = own != other && seats.values[0] != seats.values[1] || other >= CAPACITY;
+    let same_places = seats.at == timestamps.at
+        && window.entries.at[0] == seat
+        && window.turns.at[0] == seat
+        && window.firsts.at[0] == seat / of_row;
+    // F2: a due instant lies after some clock's.
+    let due = earliest(&window.entries.values[0]);
+    let is_open = own < window.len;
+    let turn = if is_open { turn_of(due, timestamps.values[0]) } else { Turn::NEVER };
+    let row = earlier(window.turns.values[0], window.turns.values[1]);
+    let all = earlier(window.firsts.values[0], window.firsts.values[1]);
+    window.len <= CAPACITY
+        && (!both_open || ascend)
+        && apart
+        && same_places
+        && (!is_open || due != Some(Instant::START))
+        && same_turn(window.turns.values[0], turn)
+        && same_turn(window.firsts.values[0], row)
+        && same_turn(window.first, all)
 }
 
 /// What holds of the machine between two inputs, and between two firings, as far as `own` and the window go.

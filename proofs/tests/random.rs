@@ -88,15 +88,20 @@ fn the_modules_are_those_of_the_core() {
         others,
         [
             "mod any;",
+            "mod any_size {",
+            "mod cells;",
             "mod shipped {",
             "mod told;",
             "mod valid;",
+            "pub mod beside;",
             "pub mod harness;",
             "pub use told::take as take_told;"
         ]
     );
     let shipped = "#[path = \"../../core/src\"]\nmod shipped {";
     assert!(text.contains(shipped), "the shipped window is not the core's");
+    let over = "over_cells!(\"core/src/window.rs\" ";
+    assert!(text.contains(over), "the window over cells is not the core's");
     let shared = core.intersection(&own).filter(|line| *line != "mod window;");
     for module in shared.filter_map(|line| line.strip_prefix("mod ")) {
         let path = format!("#[path = \"../../core/src/{}.rs\"]", module.trim_end_matches(';'));

@@ -123,6 +123,11 @@ impl Kept {
         record::save(&Self::path(root), self)
     }
 
+    /// How long the answer to a question took; 0 if there is none.
+    pub(crate) fn seconds(&self, question: &str) -> f64 {
+        self.proved.get(question).map_or(0.0, |proof| proof.seconds)
+    }
+
     /// Of these questions the ones to ask: each that is not answered here about the very same, and of the others as many,
     /// drawn anew, as took about `budget`; one at least. Says what was left out.
     pub(crate) fn sample(
@@ -138,10 +143,9 @@ impl Kept {
         let (new, all) = (asked.len(), kept.len());
         fastrand::shuffle(&mut kept);
         let mut left = budget.as_secs_f64();
-        let took = |name: &str| self.proved.get(name).map_or(0.0, |proof| proof.seconds);
-        let all_too_long = kept.iter().all(|(name, _)| took(name) > left);
+        let all_too_long = kept.iter().all(|(name, _)| self.seconds(name) > left);
         for (nth, (name, _)) in kept.into_iter().enumerate() {
-            let seconds = took(name);
+            let seconds = self.seconds(name);
             if nth == 0 && all_too_long || seconds <= left {
                 left -= seconds;
                 asked.insert(name.clone());

@@ -6,6 +6,7 @@ mod error;
 mod kani_engine;
 mod kept;
 mod ledger;
+mod mutants;
 mod record;
 mod run;
 mod source;
@@ -17,7 +18,7 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use clap::{Parser, ValueEnum};
+use clap::Parser;
 
 use crate::error::Error;
 use crate::run::Run;
@@ -34,9 +35,6 @@ struct Cli {
     /// Only these harnesses; then no faults unless asked for.
     #[arg(long, value_name = "NAME")]
     harness: Vec<String>,
-    /// Which harnesses to prove.
-    #[arg(long, value_enum, default_value_t = Tier::Fast)]
-    tier: Tier,
     /// Only the seeded faults; with --harness, the faults as well.
     #[arg(long)]
     faults: bool,
@@ -46,6 +44,10 @@ struct Cli {
     /// With --search, only these faults.
     #[arg(long, value_name = "NAME")]
     fault: Vec<String>,
+    /// Try each mutant of the façade and of its window that `cargo mutants` lists, and record which harness catches it. A run
+    /// that was interrupted goes on where it was.
+    #[arg(long, conflicts_with_all = ["harness", "keep", "sample", "search"])]
+    mutants: bool,
     /// Record the harnesses, assertions and covers that there are now.
     #[arg(long)]
     record: bool,
@@ -68,9 +70,9 @@ struct Cli {
     /// How many questions to ask at once.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     jobs: u8,
-    /// How many seconds the checker has for one question; by default 1200, or 3600 for the slow tier.
-    #[arg(long, value_name = "SECONDS")]
-    time: Option<u64>,
+    /// How many seconds the checker has for one question.
+    #[arg(long, value_name = "SECONDS", default_value_t = 1200)]
+    time: u64,
     /// How much memory the checker has for one question.
     #[arg(long, value_name = "MIB", default_value_t = 8192)]
     memory: u64,
@@ -80,15 +82,6 @@ struct Cli {
     /// Where the checker's tools are.
     #[arg(long, hide = true, default_value = "/")]
     root: PathBuf,
-}
-
-/// Which harnesses are proved.
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Tier {
-    /// Those of every run.
-    Fast,
-    /// Larger ones.
-    Slow,
 }
 
 fn main() -> ExitCode {
@@ -128,8 +121,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
         kept::Kept::load(tree)?.take(tree, &sources)?;
         return Ok(true);
     }
-    let seconds = cli.time.unwrap_or(if cli.tier == Tier::Slow { 3600 } else { 1200 });
-    let limits = Limits { time: Duration::from_secs(seconds), memory_mib: cli.memory };
+    let limits = Limits { time: Duration::from_secs(cli.time), memory_mib: cli.memory };
     let run = Run {
         tree,
         root: &cli.root,
@@ -140,20 +132,24 @@ fn act(cli: &Cli) -> Result<bool, Error> {
         keep: cli.keep,
         sample: cli.sample.map(Duration::from_secs),
     };
-    let slow = cli.tier == Tier::Slow;
     if cli.search {
         return run.search(&mut record, &cli.fault, &cli.harness);
     }
+    if cli.mutants {
+        return run.mutants();
+    }
     if cli.kani {
         let names: Vec<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();
-        return kani_engine::run(tree, &names, &cli.harness, seconds);
+        return kani_engine::run(tree, &names, &cli.harness, cli.time);
     }
     let whole = cli.harness.is_empty();
     if whole {
         let mut wrong = record.shrunk(&sources);
         let kept = kept::Kept::load(tree)?;
         wrong.extend(kept.differs(&sources));
-        eprintln!("{}", kept.told(&kept::digest(tree)?));
+        let (of_mutants, told) = mutants::checked(tree)?;
+        wrong.extend(of_mutants);
+        eprintln!("{}\n{told}", kept.told(&kept::digest(tree)?));
         for wrong in &wrong {
             eprintln!("{wrong}");
         }
@@ -163,10 +159,10 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     }
     let mut good = true;
     if !(whole && cli.faults) {
-        good &= run.harnesses(&cli.harness, slow)?;
+        good &= run.harnesses(&cli.harness)?;
     }
     if cli.faults || whole {
-        good &= run.faults(&record, &cli.harness, slow)?;
+        good &= run.faults(&record, &cli.harness)?;
     }
     Ok(good)
 }

@@ -17,8 +17,6 @@ use crate::source::Sources;
 pub(crate) struct Record {
     /// By harness, how many covers it has.
     pub(crate) harnesses: BTreeMap<String, usize>,
-    /// Those of them that every run proves.
-    pub(crate) fast: BTreeSet<String>,
     /// By file and function, how many assertions it makes.
     pub(crate) assertions: BTreeMap<String, usize>,
     /// By fault, who caught it.
@@ -58,8 +56,6 @@ impl Record {
     pub(crate) fn take(&mut self, sources: &Sources) {
         let harnesses = sources.harnesses.iter();
         self.harnesses = harnesses.map(|h| (h.name.clone(), h.covers.len())).collect();
-        let fast = sources.harnesses.iter().filter(|harness| !harness.is_slow());
-        self.fast = fast.map(|harness| harness.name.clone()).collect();
         self.assertions.clone_from(&sources.assertions);
         for caught in self.faults.values_mut() {
             caught.by.retain(|name| self.harnesses.contains_key(name));
@@ -72,9 +68,6 @@ impl Record {
         for (name, covers) in &self.harnesses {
             match sources.harnesses.iter().find(|harness| harness.name == *name) {
                 None => wrong.push(format!("the harness {name} is gone")),
-                Some(harness) if harness.is_slow() == self.fast.contains(name) => {
-                    wrong.push(format!("{name} is of another tier than recorded"));
-                }
                 Some(harness) if harness.covers.len() < *covers => {
                     wrong.push(format!("{name} has fewer covers than {covers}"));
                 }

@@ -13,15 +13,16 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::beyond::Beyond;
 use crate::check::{self, Checked, Verdict};
 use crate::error::Error;
-use crate::kept::{About, Kept};
+use crate::kept::{self, About, Kept};
 use crate::ledger::{Line, under};
+use crate::mutants::{self, Fate, Mutant, Mutants};
 use crate::record::{Caught, Record};
 use crate::source::{Harness, Sources};
 use crate::tools::{Limits, Tools};
 use crate::translate::Copy;
 
 /// The groups that take longest; a fault is looked for with the others first.
-const DEAR: [&str; 3] = ["fusion", "wait", "window"];
+const DEAR: [&str; 2] = ["fusion", "wait"];
 
 /// What to prove, and with what.
 pub(crate) struct Run<'a> {
@@ -38,13 +39,13 @@ pub(crate) struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Proves harnesses: those named, or all of a tier.
+    /// Proves harnesses: those named, or all.
     ///
     /// # Errors
     /// There is no harness of a name, one does not build, or Ctrl-C.
-    pub(crate) fn harnesses(&self, names: &[String], slow: bool) -> Result<bool, Error> {
+    pub(crate) fn harnesses(&self, names: &[String]) -> Result<bool, Error> {
         let mut harnesses: Vec<&Harness> = if names.is_empty() {
-            self.sources.harnesses.iter().filter(|harness| harness.is_slow() == slow).collect()
+            self.sources.harnesses.iter().collect()
         } else {
             names.iter().map(|name| self.harness(name)).collect::<Result<_, _>>()?
         };
@@ -67,16 +68,11 @@ impl Run<'_> {
         Ok(self.sum_up(&lines, "proved") && !harnesses.is_empty())
     }
 
-    /// Shows that the harnesses of a tier catch the faults that they are recorded to catch.
+    /// Shows that harnesses, those named or all, catch the faults that they are recorded to catch.
     ///
     /// # Errors
     /// As for [`harnesses`](Self::harnesses).
-    pub(crate) fn faults(
-        &self,
-        record: &Record,
-        names: &[String],
-        slow: bool,
-    ) -> Result<bool, Error> {
+    pub(crate) fn faults(&self, record: &Record, names: &[String]) -> Result<bool, Error> {
         let faults = load_faults(&Tree::new(self.tree.to_owned()))?;
         let beyond = Beyond::load(self.tree, &faults)?;
         let mut good = true;
@@ -93,16 +89,15 @@ impl Run<'_> {
                 _ => wrong(format!("no harness is recorded to catch {}", fault.name)),
             }
         }
-        let of_tier = self.sources.harnesses.iter().filter(|harness| harness.is_slow() == slow);
         let able: BTreeSet<&str> = if names.is_empty() {
-            of_tier.clone().map(|harness| harness.name.as_str()).collect()
+            self.sources.harnesses.iter().map(|harness| harness.name.as_str()).collect()
         } else {
             names.iter().map(String::as_str).collect()
         };
         let mut pairs: Vec<(String, String)> = record.pairs(&faults, &able).into_iter().collect();
         let caught: BTreeSet<&String> = pairs.iter().map(|(_, name)| name).collect();
-        if names.is_empty() && !slow {
-            for harness in of_tier {
+        if names.is_empty() {
+            for harness in &self.sources.harnesses {
                 if !caught.contains(&harness.name) {
                     wrong(format!("no fault is recorded that {} catches", harness.name));
                 }
@@ -201,8 +196,8 @@ impl Run<'_> {
         }
         let idle: Vec<&Harness> = {
             let record = kept.lock().unwrap_or_else(PoisonError::into_inner);
-            let fast = self.sources.harnesses.iter().filter(|harness| !harness.is_slow());
-            fast.filter(|h| !record.faults.values().any(|c| c.by.contains(&h.name))).collect()
+            let catches = |h: &&Harness| record.faults.values().any(|c| c.by.contains(&h.name));
+            self.sources.harnesses.iter().filter(|harness| !catches(harness)).collect()
         };
         let reachable: Vec<&SeededFault> =
             faults.iter().filter(|fault| !beyond.holds(fault)).collect();
@@ -223,6 +218,80 @@ impl Run<'_> {
             println!("nothing was found for {name}");
         }
         Ok(found.values().chain(busy.values()).all(|good| *good))
+    }
+
+    /// Looks for a harness that catches each mutant of façade and window, and records it.
+    ///
+    /// # Errors
+    /// As for [`harnesses`](Self::harnesses), or there is no list of them.
+    pub(crate) fn mutants(&self) -> Result<bool, Error> {
+        let (listed, by) = Mutant::list(self.tree)?;
+        let mut mutants = Mutants::current(self.tree, by, kept::digest(self.tree)?)?;
+        mutants.of.retain(|name, _| listed.iter().any(|mutant| mutant.name == *name));
+        let open = listed.iter().enumerate().filter(|(_, one)| !mutants.of.contains_key(&one.name));
+        let open: Vec<(usize, &Mutant)> = open.collect();
+        let tools = Tools::new(self.root)?;
+        let copy = Copy::new(&tools, self.tree)?;
+        let kept = Kept::load(self.tree)?;
+        let record = Mutex::new(mutants);
+        self.all(
+            "mutants",
+            &open,
+            |fate: &Fate| {
+                if *fate == Fate::Missed {
+                    eprintln!("one is missed")
+                }
+            },
+            |mutant| {
+                let fate = self.fate(&tools, &copy, &kept, mutant)?;
+                let mut record = record.lock().unwrap_or_else(PoisonError::into_inner);
+                record.of.insert(mutant.name.clone(), fate.clone());
+                record.save(self.tree)?;
+                Ok((mutant.name.clone(), fate))
+            },
+        )?;
+        let (wrong, told) = mutants::checked(self.tree)?;
+        println!("{told}");
+        for wrong in &wrong {
+            println!("{wrong}");
+        }
+        Ok(wrong.is_empty())
+    }
+
+    /// What becomes of one mutant: the harnesses of its group are asked, the quickest first.
+    fn fate(
+        &self,
+        tools: &Tools,
+        copy: &Copy,
+        kept: &Kept,
+        folder: &str,
+        mutant: &Mutant,
+    ) -> Result<Fate, Error> {
+        let text = Tree::new(self.tree.to_owned()).text(&mutant.file)?;
+        let changed = mutant.seed(&text).ok_or_else(|| none("place", &mutant.name))?;
+        let of_mutant = copy.with(folder, &mutant.file, &changed)?;
+        let group = mutants::FILES.iter().find(|(file, _)| *file == mutant.file);
+        let group = group.map_or("", |(_, group)| group);
+        let harnesses = self.sources.harnesses.iter();
+        let mut able: Vec<&Harness> = harnesses.filter(|of| of.group == group).collect();
+        able.sort_by(|a, b| kept.seconds(&a.name).total_cmp(&kept.seconds(&b.name)));
+        let mut fate = Fate::Missed;
+        for harness in able {
+            match check::refute(tools, &of_mutant, harness, self.limits) {
+                Ok(Checked { verdict: Verdict::Refuted(_), .. }) => {
+                    fate = Fate::CaughtBy(harness.name.clone());
+                    break;
+                }
+                Err(Error::Tool { .. }) => {
+                    fate = Fate::NotBuilt;
+                    break;
+                }
+                Ok(_) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        of_mutant.remove();
+        Ok(fate)
     }
 
     /// Leaves of `tasks` those to ask, if a sample is enough, and says how many are left out.

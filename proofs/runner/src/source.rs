@@ -11,19 +11,6 @@ use crate::error::Error;
 /// The folder of the harness files, from the root.
 pub(crate) const FOLDER: &str = "proofs/src/harness";
 
-/// The harnesses that are proved on request only: for their time, or because no seeded fault is theirs alone.
-const SLOW: [&str; 9] = [
-    "every_generated_window_is_valid",
-    "p9_open_in_four",
-    "p9_lookup_in_three",
-    "p9_lookup_in_four",
-    "p9_close_in_three",
-    "p9_next_due_in_four",
-    "p9_offer_in_four",
-    "p9_close_in_four",
-    "p9_retire_in_four",
-];
-
 /// One harness.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Harness {
@@ -42,12 +29,6 @@ pub(crate) struct Harness {
     pub(crate) covers: Vec<u32>,
     /// How many assertions it makes itself.
     pub(crate) assertions: usize,
-}
-
-impl Harness {
-    pub(crate) fn is_slow(&self) -> bool {
-        SLOW.contains(&self.name.as_str())
-    }
 }
 
 /// What the harness files hold.

@@ -15,8 +15,14 @@ use crate::tools::Tools;
 const STACK_BYTES: u32 = 4096;
 
 /// What goes into the root.
-pub(crate) const SOURCES: [&str; 5] =
-    ["core/src", "proofs/src", "proofs/kani/src", "proofs/kani-macros/src", "proofs/engine"];
+pub(crate) const SOURCES: [&str; 6] = [
+    "core/src",
+    "proofs/src",
+    "proofs/cells/src",
+    "proofs/kani/src",
+    "proofs/kani-macros/src",
+    "proofs/engine",
+];
 
 /// What LLVM makes of all that is proved: one function of constants, as far as can be, with every overflow checked.
 const FLAGS: &[&str] = &[
@@ -54,20 +60,8 @@ impl<'a> Copy<'a> {
             copy(&tree.join(source), &folder.join(source))?;
         }
         let own = Self { tools, folder };
-        let macros = [
-            "--edition=2024",
-            "--crate-type=proc-macro",
-            "--crate-name=fuseline_kani_macros",
-            "--extern=proc_macro",
-            "-olibfuseline_kani_macros.so",
-            "proofs/kani-macros/src/lib.rs",
-        ];
-        own.tools.must(
-            &own.folder,
-            "rustc",
-            "the stand-in's macros",
-            &macros.map(str::to_owned),
-        )?;
+        own.macros("the stand-in's macros", "fuseline_kani_macros", "proofs/kani-macros")?;
+        own.macros("the cells", "fuseline_cells", "proofs/cells")?;
         let stand_in = [
             "--crate-type=rlib",
             "--crate-name=fuseline_kani",
@@ -79,6 +73,19 @@ impl<'a> Copy<'a> {
         let arguments = FLAGS.iter().chain(&stand_in).map(|word| (*word).to_owned());
         own.tools.must(&own.folder, "rustc", "the stand-in", &arguments.collect::<Vec<_>>())?;
         Ok(own)
+    }
+
+    /// Builds a crate of macros.
+    fn macros(&self, what: &str, name: &str, folder: &str) -> Result<(), Error> {
+        let arguments = [
+            "--edition=2024".to_owned(),
+            "--crate-type=proc-macro".to_owned(),
+            format!("--crate-name={name}"),
+            "--extern=proc_macro".to_owned(),
+            format!("-olib{name}.so"),
+            format!("{folder}/src/lib.rs"),
+        ];
+        self.tools.must(&self.folder, "rustc", what, &arguments)
     }
 
     /// The same with one file replaced.
@@ -129,6 +136,7 @@ impl<'a> Copy<'a> {
             "-Cllvm-args=-inline-threshold=10000".to_owned(),
             "-Cllvm-args=-unroll-threshold=2000".to_owned(),
             "--extern=kani=libfuseline_kani.rlib".to_owned(),
+            "--extern=fuseline_cells=libfuseline_cells.so".to_owned(),
             "-L.".to_owned(),
             format!("-o{}", own("proofs.wasm")),
             "proofs/src/lib.rs".to_owned(),

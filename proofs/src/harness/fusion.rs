@@ -348,6 +348,12 @@ pub fn f0_questions_tell_what_is_there() {
     let len = fusion.len();
     kani::assert(fusion.is_empty() == (len < 1), "F0: whether nothing is open");
     kani::assert(fusion.clouds().bits() == u16::MAX << 1, "F0: the sources of the clouds");
+    let configured = fusion.window() == fusion.window && fusion.commit() == fusion.commit;
+    kani::assert(configured, "F0: how it was made");
+    let clock = fusion.now() == fusion.now && fusion.newest() == fusion.newest;
+    kani::assert(clock, "F0: its clock, and the greatest timestamp ever opened");
+    let (rest, own) = (open.rest.len, usize::from(open.is_open));
+    kani::assert(len == rest + own, "F0: how many are open");
     kani::cover!(told.is_some() && source != Some(Source::LOCAL), "a cloud's timer is armed");
     kani::cover!(gate.is_some() && slot.is_none(), "it is not open");
 }

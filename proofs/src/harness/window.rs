@@ -1,381 +1,319 @@
-//! The window of open timestamps: from any window of four, each way to change it and each question to it.
+//! The window of open timestamps, of any size: from any window, each way to change it and each question to it.
 //!
-//! Four seats are two rows of two. Every number of open timestamps is taken, and every way to share the rows, three at most, with
-//! any timestamps, sets and due instants.
+//! The shipped `window.rs` runs over cells in the place of its arrays (`src/cells.rs`). *Own* is the timestamp that a call is
+//! about, at any rank and in any seat of any row, among any number; the *other* one is any of the rest. What is asked here is the
+//! table of `src/window.rs`.
+//!
+//! A capacity is a constant of the code. Each harness takes the least and the greatest, and some between; what else the code
+//! takes from it, `tests/window.rs` shows of all of them. Of a timestamp's entry a window asks for the earliest due instant alone, which
+//! is shown by itself.
 
 use crate::any::{
-    SEATINGS, any_case, any_commit, any_deadline, any_entry, any_instant, any_slot, any_timestamp,
-    any_window, earliest, least,
+    any_case, any_commit, any_due, any_entry, any_entry_of, any_next, any_source, any_standing,
+    any_timestamp, any_window, earlier, earliest, rows, slot_of, turn_of,
 };
+use crate::any_size::{Place, Turn, Window};
 use crate::entry::Entry;
-use crate::shipped::window::{Place, Window};
-use crate::source::Source;
-use crate::time::Instant;
+use crate::slot::{Commit, Slot};
+use crate::source::{Source, Sources};
 use crate::valid::{is_window, same_turn};
 
-/// The window knows one due instant of each timestamp, the earliest. Local's is enough for it to be any, or none; that
-/// it is the earliest of several, `fusion` shows.
-type Four = Window<0, 4>;
+/// Enough for the earliest of several due instants.
+const CLOUDS: usize = 2;
 
-/// Calls a function for each seating of up to three open timestamps, or of four, of which one is any.
-macro_rules! any_of {
-    (three, $harness:ident) => {
-        match any_case(7) {
-            0 => $harness::<0, 0>(),
-            1 => $harness::<0, 1>(),
-            2 => $harness::<0, 2>(),
-            3 => $harness::<1, 2>(),
-            4 => $harness::<0, 3>(),
-            5 => $harness::<1, 3>(),
-            _ => $harness::<2, 3>(),
-        }
-    };
-    (four, $harness:ident) => {
-        match any_case(3) {
-            0 => $harness::<0, 4>(),
-            1 => $harness::<1, 4>(),
-            _ => $harness::<2, 4>(),
+/// Calls a function for one of the capacities.
+macro_rules! of_capacity {
+    ($asked:ident) => {
+        match any_case(6) {
+            0 => $asked::<1>(),
+            1 => $asked::<2>(),
+            2 => $asked::<3>(),
+            3 => $asked::<16>(),
+            4 => $asked::<1000>(),
+            _ => $asked::<1024>(),
         }
     };
 }
 
-/// Calls a function for each of the timestamps in each seating of up to three, or of four, of which one is any.
-macro_rules! any_place_of {
-    (three, $harness:ident) => {
-        match any_case(14) {
-            0 => $harness::<0, 1, 0>(),
-            1 => $harness::<0, 2, 0>(),
-            2 => $harness::<0, 2, 1>(),
-            3 => $harness::<1, 2, 0>(),
-            4 => $harness::<1, 2, 1>(),
-            5 => $harness::<0, 3, 0>(),
-            6 => $harness::<0, 3, 1>(),
-            7 => $harness::<0, 3, 2>(),
-            8 => $harness::<1, 3, 0>(),
-            9 => $harness::<1, 3, 1>(),
-            10 => $harness::<1, 3, 2>(),
-            11 => $harness::<2, 3, 0>(),
-            12 => $harness::<2, 3, 1>(),
-            _ => $harness::<2, 3, 2>(),
-        }
-    };
-    (four, $harness:ident) => {
-        match any_case(12) {
-            0 => $harness::<0, 4, 0>(),
-            1 => $harness::<0, 4, 1>(),
-            2 => $harness::<0, 4, 2>(),
-            3 => $harness::<0, 4, 3>(),
-            4 => $harness::<1, 4, 0>(),
-            5 => $harness::<1, 4, 1>(),
-            6 => $harness::<1, 4, 2>(),
-            7 => $harness::<1, 4, 3>(),
-            8 => $harness::<2, 4, 0>(),
-            9 => $harness::<2, 4, 1>(),
-            10 => $harness::<2, 4, 2>(),
-            _ => $harness::<2, 4, 3>(),
-        }
-    };
+/// Own's place.
+fn place<const CAPACITY: usize>(window: &Window<CLOUDS, CAPACITY>) -> Place {
+    Place { rank: window.timestamps.at[0] as u16, seat: window.seats.values[0] }
 }
 
-/// The place of a rank in a seating.
-const fn place<const SEATING: usize, const AT: usize>() -> Place {
-    Place { rank: AT as u16, seat: SEATINGS[SEATING][AT] }
+fn same_entry(a: &Entry<CLOUDS>, b: &Entry<CLOUDS>) -> bool {
+    let mut same = a.slot == b.slot && a.local_due == b.local_due;
+    for i in 0..CLOUDS {
+        same &= a.dues[i] == b.dues[i];
+    }
+    same
 }
 
-fn same_entry<const CLOUDS: usize>(a: &Entry<CLOUDS>, b: &Entry<CLOUDS>) -> bool {
-    a.slot == b.slot && a.local_due == b.local_due && (0..CLOUDS).all(|i| a.dues[i] == b.dues[i])
-}
-
-/// Whether every seat but one has the same entry and turn in both windows.
-fn others_stay<const CLOUDS: usize>(
-    before: &Window<CLOUDS, 4>,
-    after: &Window<CLOUDS, 4>,
-    seat: u16,
+/// Whether the other timestamp, its seat, and the first turns of all others are as before. It may have moved to `rank`.
+fn others_stay<const CAPACITY: usize>(
+    before: &Window<CLOUDS, CAPACITY>,
+    after: &Window<CLOUDS, CAPACITY>,
+    rank: usize,
 ) -> bool {
-    (0..4).filter(|i| *i != usize::from(seat)).all(|i| {
-        same_turn(before.turns[i], after.turns[i])
-            && same_entry(&before.entries[i], &after.entries[i])
-    })
+    after.timestamps.at[1] == rank
+        && after.seats.at[1] == rank
+        && after.timestamps.values[1] == before.timestamps.values[1]
+        && after.seats.values[1] == before.seats.values[1]
+        && same_turn(after.turns.values[1], before.turns.values[1])
+        && same_turn(after.firsts.values[1], before.firsts.values[1])
 }
 
-/// Whether the same timestamps are open in both windows, in the same seats.
-fn same_order<const CLOUDS: usize>(a: &Window<CLOUDS, 4>, b: &Window<CLOUDS, 4>) -> bool {
-    let same = a.len == b.len && a.seats == b.seats;
-    same && (0..4).all(|i| i >= a.len || a.timestamps[i] == b.timestamps[i])
+/// Whether the same timestamps are open, in the same places.
+fn same_order<const CAPACITY: usize>(
+    before: &Window<CLOUDS, CAPACITY>,
+    after: &Window<CLOUDS, CAPACITY>,
+) -> bool {
+    after.len == before.len
+        && after.timestamps.at == before.timestamps.at
+        && after.timestamps.values[0] == before.timestamps.values[0]
+        && after.seats.values[0] == before.seats.values[0]
+        && others_stay(before, after, before.timestamps.at[1])
 }
 
-fn generated<const SEATING: usize, const LEN: usize>() -> usize {
-    let window: Four = any_window::<0, SEATING, LEN>(any_commit());
-    kani::assert(is_window(&window), "what is generated is a window");
-    kani::assert(is_window(&Four::new()), "what is made is a window");
-    window.len
+/// How many turns were looked through: P9 allows a row and the rows, or none.
+fn looks<const CAPACITY: usize>(window: &Window<CLOUDS, CAPACITY>) -> usize {
+    window.turns.looks.get() + window.firsts.looks.get()
 }
 
-/// The windows that harnesses start from are valid.
+/// P9: the earliest due instant of a timestamp is that of one of its armed timers, and none of them is due before.
 ///
-/// Bounds: window of 4.
+/// It is the least of a list of which each member is looked at: that all are, `tests/window.rs` shows for all sets of 16.
+///
+/// Bounds: 7 clouds.
 #[kani::proof]
-#[kani::unwind(6)]
-pub fn every_generated_window_is_valid() {
-    let len = if kani::any() { any_of!(three, generated) } else { any_of!(four, generated) };
-    kani::cover!(len == 0, "an empty one");
-    kani::cover!(len == 4, "a full one");
-}
-
-fn found<const SEATING: usize, const LEN: usize>() -> Option<usize> {
-    let window: Four = any_window::<0, SEATING, LEN>(any_commit());
-    let timestamp = any_timestamp();
-    let rank = (0..LEN).find(|i| window.timestamps[*i] == timestamp);
-    let found = window.find(timestamp);
-    let place = found.map(|place| usize::from(place.rank));
-    kani::assert(place == rank, "P9: it finds what is open and nothing else");
-    for i in 0..LEN {
-        if let Some(place) = found.filter(|place| usize::from(place.rank) == i) {
-            kani::assert(place.seat == window.seats[i], "P9: it tells its seat");
-            let kept = &window.entries[usize::from(window.seats[i])];
-            let is_there = same_entry(window.entry(place), kept);
-            kani::assert(is_there, "P9: what is kept of it is there");
-            kani::assert(window.timestamp(place) == timestamp, "P9: it is of that timestamp");
+#[kani::unwind(18)]
+pub fn p9_earliest_of_a_timestamp() {
+    let entry = any_entry::<7>(any_commit());
+    let (armed, due) = (entry.slot.armed().bits(), entry.next_due());
+    let mut is_one = armed == 0 && due.is_none();
+    let mut is_least = true;
+    for (i, of_source) in [entry.local_due].iter().chain(&entry.dues).enumerate() {
+        if armed >> i & 1 != 0 {
+            is_one |= due == Some(*of_source);
+            is_least &= due <= Some(*of_source);
         }
     }
-    kani::assert(window.len() == LEN, "P9: as many are open");
-    rank
+    kani::assert(is_one, "P9: it is that of an armed timer, if one is");
+    kani::assert(is_least, "P9: no armed timer is due before");
+    kani::cover!(due.is_none(), "nothing is armed");
+    kani::cover!(due < Some(entry.local_due), "local's is not the earliest");
+}
+
+fn found<const CAPACITY: usize>() -> (bool, bool) {
+    let is_open = kani::any();
+    let standing = if is_open { any_standing::<CAPACITY>() } else { any_next::<CAPACITY>() };
+    let mut window = any_window::<CLOUDS, CAPACITY>(standing, any_entry(any_commit()));
+    let sought = window.timestamps.values[0];
+    window.timestamps.absent = if is_open { None } else { Some(sought) };
+    let place = place(&window);
+    let wanted = if is_open { Some(place) } else { None };
+    kani::assert(window.find(sought) == wanted, "P9: it finds what is open and nothing else");
+    kani::assert(window.len() == standing.len, "P9: as many are open");
+    if is_open {
+        let kept = same_entry(window.entry(place), &window.entries.values[0]);
+        kani::assert(kept, "P9: what is kept of it is there");
+        kani::assert(window.timestamp(place) == sought, "P9: it is of that timestamp");
+    }
+    (is_open, standing.rank > 0)
 }
 
 /// P9, F8: lookup finds what is open and nothing else.
 ///
-/// Cases: 7.
-/// Bounds: window of 4, 0 to 3 open.
+/// Cases: 6.
+/// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
 #[kani::proof]
-#[kani::unwind(6)]
-pub fn p9_lookup_in_three() {
-    let found = any_of!(three, found);
-    kani::cover!(found == Some(0), "it finds the first");
-    kani::cover!(found.is_none(), "there is none");
+#[kani::unwind(18)]
+pub fn p9_lookup() {
+    let (found, is_behind) = of_capacity!(found);
+    kani::cover!(found && is_behind, "it finds one behind the first");
+    kani::cover!(!found, "there is none");
 }
 
-/// As `p9_lookup_in_three`, for P9 in a full window.
-///
-/// Cases: 3.
-/// Bounds: window of 4, 4 open.
-#[kani::proof]
-#[kani::unwind(6)]
-pub fn p9_lookup_in_four() {
-    let found = any_of!(four, found);
-    kani::cover!(found == Some(0), "it finds the first");
-    kani::cover!(found.is_none(), "there is none");
-}
-
-fn next<const SEATING: usize, const LEN: usize>() -> (bool, bool) {
-    let window: Four = any_window::<0, SEATING, LEN>(any_commit());
-    let seats = const { SEATINGS[SEATING] };
-    let of = |rank: usize| earliest(&window.entries[usize::from(seats[rank])]);
+fn next<const CAPACITY: usize>() -> (bool, bool) {
+    let entry = any_entry(any_commit());
+    let window = any_window::<CLOUDS, CAPACITY>(any_standing::<CAPACITY>(), entry);
+    let own = turn_of(earliest(&window.entries.values[0]), window.timestamps.values[0]);
     let due = window.next_due();
-    let all = (0..LEN).fold(None, |due, rank| least(due, of(rank)));
-    kani::assert(due == all, "P9: the next due instant is the least armed one");
-    if due.is_none() {
-        return (true, false);
+    // The first turn is that of one of them.
+    let is_first = same_turn(window.first, own);
+    let is_armed = !same_turn(own, Turn::NEVER);
+    let no_later = same_turn(earlier(window.first, own), window.first);
+    kani::assert(no_later, "P9: no timer is due before the next due instant");
+    kani::assert(looks(&window) == 0, "P9: the next due instant is told in one look");
+    let is_none = same_turn(window.first, Turn::NEVER);
+    kani::assert(due.is_none() == is_none, "P9: nothing is due if nothing is armed");
+    if !(is_first && is_armed) {
+        return (is_none, false);
     }
-    let first = (0..LEN).find(|rank| of(*rank) == due);
-    let found = window.first_due().map(|place| usize::from(place.rank));
-    kani::assert(found == first, "F5: of those due then the least timestamp fires");
-    let last = (0..LEN).rfind(|rank| of(*rank) == due);
-    (false, first != last)
+    let least = due == earliest(&window.entries.values[0]);
+    kani::assert(least, "P9: the next due instant is the least armed one");
+    let found = window.first_due();
+    kani::assert(found == Some(place(&window)), "F5: of those due then the least timestamp fires");
+    (false, window.firsts.values[1].key == own.key)
 }
 
 /// P9, F5, A23: the next due instant is the least armed one, and the least timestamp that is due then fires.
 ///
-/// Cases: 7.
-/// Bounds: window of 4, 0 to 3 open.
+/// Cases: 6.
+/// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
 #[kani::proof]
-#[kani::unwind(6)]
-pub fn p9_next_due_in_three() {
-    let (is_none, is_tie) = any_of!(three, next);
+#[kani::unwind(18)]
+pub fn p9_next_due() {
+    let (is_none, is_tie) = of_capacity!(next);
     kani::cover!(is_none, "nothing is armed");
     kani::cover!(is_tie, "two are due at one instant");
 }
 
-/// As `p9_next_due_in_three`, for P9, F5 and A23 in a full window.
-///
-/// Cases: 3.
-/// Bounds: window of 4, 4 open.
-#[kani::proof]
-#[kani::unwind(6)]
-pub fn p9_next_due_in_four() {
-    let (is_none, is_tie) = any_of!(four, next);
-    kani::cover!(is_none, "nothing is armed");
-    kani::cover!(is_tie, "two are due at one instant");
-}
-
-fn pushed<const SEATING: usize, const LEN: usize>() -> (usize, bool) {
-    let before: Four = any_window::<0, SEATING, LEN>(any_commit());
-    let (timestamp, entry) = (any_timestamp(), any_entry::<0>(any_commit()));
-    // What is full takes no more, whatever it is.
-    kani::assume(LEN == 0 || LEN == 4 || before.timestamps[LEN - 1] < timestamp);
+fn pushed<const CAPACITY: usize>() -> (usize, bool) {
+    let standing = any_next::<CAPACITY>();
+    let before = any_window::<CLOUDS, CAPACITY>(standing, any_entry(any_commit()));
+    let (timestamp, entry) = (any_timestamp(), any_entry(any_commit()));
+    let is_behind = before.timestamps.at[1] >= before.len;
+    kani::assume(is_behind || before.timestamps.values[1] < timestamp);
     let mut after = before.clone();
     let added = after.push(timestamp, entry);
-    kani::assert(added == (LEN < 4), "P9: there is room for as many as the window");
+    kani::assert(added == (standing.len < CAPACITY), "P9: there is room for the capacity");
+    kani::assert(after.len == standing.len + usize::from(added), "P9: it is one more");
     kani::assert(is_window(&after), "P9: it is a window");
-    kani::assert(after.len == LEN + usize::from(added), "P9: it is one more");
-    let seat = if LEN < 4 { SEATINGS[SEATING][LEN] } else { u16::MAX };
-    kani::assert(others_stay(&before, &after, seat), "P9: only its own timestamp changes");
-    let same = (0..LEN).all(|i| before.timestamps[i] == after.timestamps[i]);
-    kani::assert(same && before.seats == after.seats, "P9: the others stay where they are");
-    if LEN < 4 {
-        let kept = &after.entries[usize::from(seat)];
-        let is_there = after.timestamps[LEN] == timestamp && same_entry(kept, &entry);
-        kani::assert(is_there, "P9: it is there with its entry");
+    let same = others_stay(&before, &after, before.timestamps.at[1]) && looks(&after) == 0;
+    kani::assert(same, "P9: only its own timestamp changes, and no other is looked at");
+    if added {
+        let is_there = after.timestamps.values[0] == timestamp;
+        let is_kept = same_entry(&after.entries.values[0], &entry);
+        kani::assert(is_there && is_kept, "P9: it is there with its entry");
     }
-    (LEN, added)
+    (standing.len, added)
 }
 
 /// P9, F1, F8: opening adds the timestamp and changes no other.
 ///
 /// The timestamp is assumed to be greater than all open ones: F1 refuses it otherwise, which `f1_open_by_the_rule` shows.
 ///
-/// Cases: 7.
-/// Bounds: window of 4, 0 to 3 open.
+/// Cases: 6.
+/// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
 #[kani::proof]
-#[kani::unwind(6)]
+#[kani::unwind(18)]
 pub fn p9_open() {
-    let (len, added) = any_of!(three, pushed);
+    let (len, added) = of_capacity!(pushed);
     kani::cover!(len == 0 && added, "it is the first");
-    kani::cover!(len == 3 && added, "it takes the last seat");
-}
-
-/// As `p9_open`, for P9 in a full window, which takes no more.
-///
-/// Cases: 3.
-/// Bounds: window of 4, 4 open.
-#[kani::proof]
-#[kani::unwind(6)]
-pub fn p9_open_in_four() {
-    let (_, added) = any_of!(four, pushed);
     kani::cover!(!added, "it is full");
 }
 
-fn armed<const SEATING: usize, const LEN: usize, const AT: usize>() -> bool {
-    let before = any_window::<1, SEATING, LEN>(any_commit());
-    let place = place::<SEATING, AT>();
-    let seat = usize::from(place.seat);
-    let now = any_instant();
-    let source = Source::new(1).unwrap_or(Source::LOCAL);
-    let (slot, refusal) = before.entries[seat].slot.offer(source);
-    let due = now.due(any_deadline());
-    kani::assume(refusal.is_none() && due.is_some());
-    let due = due.unwrap_or(Instant::END);
+/// Any sets of a timestamp that was not asked of this source, or was opened just now.
+fn any_slot_without(commit: Commit, source: Source) -> Slot {
+    let others = !Sources::EMPTY.with(source).bits();
+    let [requested, pending, cached] = kani::any::<[u16; 3]>().map(|set| set & others);
+    slot_of(commit, CLOUDS as u8, requested, pending, cached, kani::any())
+}
+
+fn armed<const CAPACITY: usize>() -> (bool, bool) {
+    let (commit, source) = (any_commit(), any_source(CLOUDS as u8));
+    let entry = any_entry_of(any_slot_without(commit, source));
+    let before = any_window::<CLOUDS, CAPACITY>(any_standing::<CAPACITY>(), entry);
+    let (slot, refusal) = entry.slot.offer(source);
+    kani::assume(refusal.is_none());
+    let due = any_due(true);
     let mut after = before.clone();
-    after.arm(place, slot, source, due);
+    after.arm(place(&before), slot, source, due);
     kani::assert(is_window(&after), "P9: it is a window");
-    let same = others_stay(&before, &after, place.seat) && same_order(&before, &after);
-    kani::assert(same, "P9: only its own timestamp changes");
-    let mut entry = before.entries[seat];
-    entry.slot = slot;
-    entry.dues[0] = due;
-    kani::assert(same_entry(&after.entries[seat], &entry), "P9: its timer is armed");
-    after.next_due() != before.next_due()
+    let same = same_order(&before, &after) && looks(&after) == 0;
+    kani::assert(same, "P9: only its own timestamp changes, and no other is looked at");
+    let mut wanted = Entry { slot, ..entry };
+    for i in 0..CLOUDS {
+        if usize::from(source.index()) == i + 1 {
+            wanted.dues[i] = due;
+        }
+    }
+    kani::assert(same_entry(&after.entries.values[0], &wanted), "P9: its timer is armed");
+    let is_first = !same_turn(after.first, before.first);
+    (is_first, !is_first)
 }
 
 /// P9, F2: arming a timer changes no other timestamp, and the next due instant is still the least.
 ///
 /// That the request is admitted is assumed: the window is told of no other.
 ///
-/// Cases: 14.
-/// Bounds: window of 4, 1 to 3 open, 1 cloud.
+/// Cases: 6.
+/// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
 #[kani::proof]
-#[kani::unwind(6)]
-pub fn p9_offer_in_three() {
-    let is_next = any_place_of!(three, armed);
-    kani::cover!(is_next, "it is the next due");
+#[kani::unwind(18)]
+pub fn p9_offer() {
+    let (is_first, is_later) = of_capacity!(armed);
+    kani::cover!(is_first, "it is the next due");
+    kani::cover!(is_later, "another is the next due");
 }
 
-/// As `p9_offer_in_three`, for P9 in a full window.
-///
-/// Cases: 12.
-/// Bounds: window of 4, 4 open, 1 cloud.
-#[kani::proof]
-#[kani::unwind(6)]
-pub fn p9_offer_in_four() {
-    let is_next = any_place_of!(four, armed);
-    kani::cover!(is_next, "it is the next due");
+/// Any sets in which no timer is armed that is not armed in these.
+fn any_less_armed(commit: Commit, slot: Slot) -> Slot {
+    let armed = slot.armed().bits() | Sources::LOCAL.bits();
+    let [requested, pending, cached]: [u16; 3] = kani::any();
+    let cached = match commit {
+        Commit::Eager => cached & armed,
+        Commit::Patient => cached,
+    };
+    let limited = kani::any::<bool>() && slot.armed().contains(Source::LOCAL);
+    slot_of(commit, CLOUDS as u8, requested, pending & armed, cached, limited)
 }
 
-fn set<const SEATING: usize, const LEN: usize, const AT: usize>() -> bool {
+fn set<const CAPACITY: usize>() -> (bool, bool) {
     let commit = any_commit();
-    let before = any_window::<1, SEATING, LEN>(commit);
-    let place = place::<SEATING, AT>();
-    let seat = usize::from(place.seat);
-    let slot = any_slot(commit, 1);
-    kani::assume(before.entries[seat].slot.armed().contains_all(slot.armed()));
+    let entry = any_entry(commit);
+    let before = any_window::<CLOUDS, CAPACITY>(any_standing::<CAPACITY>(), entry);
+    let slot = any_less_armed(commit, entry.slot);
     let mut after = before.clone();
-    after.set(place, slot);
+    after.set(place(&before), slot);
     kani::assert(is_window(&after), "P9: it is a window");
-    let same = others_stay(&before, &after, place.seat) && same_order(&before, &after);
-    kani::assert(same, "P9: only its own timestamp changes");
-    let entry = Entry { slot, ..before.entries[seat] };
-    kani::assert(same_entry(&after.entries[seat], &entry), "P9: it has the new state");
-    after.next_due() != before.next_due()
+    kani::assert(same_order(&before, &after), "P9: only its own timestamp changes");
+    let (of_row, rows) = const { rows(CAPACITY) };
+    kani::assert(looks(&after) <= of_row + rows, "P9: a row is looked through, and the rows");
+    let wanted = Entry { slot, ..entry };
+    kani::assert(same_entry(&after.entries.values[0], &wanted), "P9: it has the new state");
+    let fewer = entry.slot.armed() != slot.armed();
+    (fewer && same_turn(after.first, before.first), !same_turn(after.first, before.first))
 }
 
 /// P9, F3, F4, F5: what closes requests changes no other timestamp, and the next due instant is still the least.
 ///
-/// That no timer is armed anew is assumed: `p7_no_stall` shows it of every event.
-///
-/// Cases: 14.
-/// Bounds: window of 4, 1 to 3 open, 1 cloud.
+/// Cases: 6.
+/// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
 #[kani::proof]
-#[kani::unwind(6)]
-pub fn p9_close_in_three() {
-    let is_other = any_place_of!(three, set);
+#[kani::unwind(18)]
+pub fn p9_close() {
+    let (is_same, is_other) = of_capacity!(set);
+    kani::cover!(is_same, "the next due stays");
     kani::cover!(is_other, "the next due is another");
 }
 
-/// As `p9_close_in_three`, for P9 in a full window.
-///
-/// Cases: 12.
-/// Bounds: window of 4, 4 open, 1 cloud.
-#[kani::proof]
-#[kani::unwind(6)]
-pub fn p9_close_in_four() {
-    let is_other = any_place_of!(four, set);
-    kani::cover!(is_other, "the next due is another");
-}
-
-fn removed<const SEATING: usize, const LEN: usize, const AT: usize>() -> bool {
-    let before: Four = any_window::<0, SEATING, LEN>(any_commit());
-    let place = place::<SEATING, AT>();
+fn removed<const CAPACITY: usize>() -> (bool, bool) {
+    let entry = any_entry(any_commit());
+    let before = any_window::<CLOUDS, CAPACITY>(any_standing::<CAPACITY>(), entry);
+    let [rank, other] = before.timestamps.at;
     let mut after = before.clone();
-    after.remove(place);
+    after.remove(place(&before));
     kani::assert(is_window(&after), "P9: it is a window");
-    kani::assert(others_stay(&before, &after, place.seat), "P9: only its own timestamp changes");
-    let mut moved = after.len == LEN - 1;
-    for i in 0..LEN - 1 {
-        let was = if i < AT { i } else { i + 1 };
-        moved &= after.timestamps[i] == before.timestamps[was];
-        moved &= after.seats[i] == before.seats[was];
-    }
-    kani::assert(moved, "P9: it is open no more, and the others are, in their seats");
-    after.next_due() != before.next_due()
+    kani::assert(after.len + 1 == before.len, "P9: it is one less");
+    let is_free = after.seats.at[0] == after.len && after.seats.values[0] == before.seats.values[0];
+    kani::assert(is_free, "P9: it is open no more, and its seat is the first of the empty ones");
+    let is_behind = rank < other && other < before.len;
+    let moved = others_stay(&before, &after, other - usize::from(is_behind));
+    kani::assert(moved, "P9: those behind it move up by one place, in their seats");
+    let (of_row, rows) = const { rows(CAPACITY) };
+    kani::assert(looks(&after) <= of_row + rows, "P9: a row is looked through, and the rows");
+    (is_behind, !same_turn(after.first, before.first))
 }
 
 /// P9, F7: retiring a timestamp changes no other, leaves a window, and its seat is free again.
 ///
-/// Cases: 14.
-/// Bounds: window of 4, 1 to 3 open.
+/// Cases: 6.
+/// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
 #[kani::proof]
-#[kani::unwind(10)]
-pub fn p9_retire_in_three() {
-    let is_other = any_place_of!(three, removed);
-    kani::cover!(is_other, "the next due is another");
-}
-
-/// As `p9_retire_in_three`, for P9 in a full window.
-///
-/// Cases: 12.
-/// Bounds: window of 4, 4 open.
-#[kani::proof]
-#[kani::unwind(10)]
-pub fn p9_retire_in_four() {
-    let is_other = any_place_of!(four, removed);
+#[kani::unwind(18)]
+pub fn p9_retire() {
+    let (is_behind, is_other) = of_capacity!(removed);
+    kani::cover!(is_behind, "another moves up");
     kani::cover!(is_other, "the next due is another");
 }

@@ -1,0 +1,218 @@
+//! Whether the harnesses catch each mutant of the façade and of its window, as `cargo mutants` lists them.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use fuseline_evidence::Tree;
+use serde::{Deserialize, Serialize};
+
+use crate::error::Error;
+use crate::record;
+
+/// The façade and its window, each with the group of the harnesses that see it.
+pub(crate) const FILES: [(&str, &str); 2] =
+    [("core/src/fusion.rs", "fusion"), ("core/src/window.rs", "window")];
+
+const RECORD: &str = "proofs/results/mutants.json";
+const LEFT: &str = "proofs/mutants.toml";
+
+/// One change of one place.
+#[derive(Deserialize)]
+pub(crate) struct Mutant {
+    /// Its file, line and column, and what is changed.
+    pub(crate) name: String,
+    pub(crate) file: String,
+    replacement: String,
+    span: Span,
+}
+
+#[derive(Deserialize)]
+struct Span {
+    start: Spot,
+    end: Spot,
+}
+
+/// Both count from 1.
+#[derive(Deserialize)]
+struct Spot {
+    line: usize,
+    column: usize,
+}
+
+impl Mutant {
+    /// The file's text with the change in it; none if it does not have the place.
+    pub(crate) fn seed(&self, text: &str) -> Option<String> {
+        let at = |spot: &Spot| {
+            let line = text.split_inclusive('\n').take(spot.line.checked_sub(1)?);
+            let before: usize = line.map(str::len).sum();
+            let rest = text.get(before..)?;
+            let (within, _) = rest.char_indices().nth(spot.column.checked_sub(1)?)?;
+            before.checked_add(within)
+        };
+        let (start, end) = (at(&self.span.start)?, at(&self.span.end)?);
+        Some(format!("{}{}{}", text.get(..start)?, self.replacement, text.get(end..)?))
+    }
+
+    /// The mutants that there are, and who lists them.
+    ///
+    /// # Errors
+    /// `cargo mutants` is not there or fails.
+    pub(crate) fn list(root: &Path) -> Result<(Vec<Self>, String), Error> {
+        let files = FILES.iter().flat_map(|(file, _)| ["--file", file]);
+        let words = ["mutants", "--list", "--json", "--package", "fuseline-core"];
+        let listed = cargo(root, &words.into_iter().chain(files).collect::<Vec<_>>())?;
+        let mutants = serde_json::from_str(&listed)
+            .map_err(|error| Error::content(Path::new("cargo mutants"), &error))?;
+        Ok((mutants, cargo(root, &["mutants", "--version"])?.trim().to_owned()))
+    }
+}
+
+fn cargo(root: &Path, words: &[&str]) -> Result<String, Error> {
+    let mut command = Command::new("cargo");
+    command.current_dir(root).args(words).stdin(Stdio::null());
+    let output = command.output().map_err(Error::file(Path::new("cargo")))?;
+    if output.status.success() {
+        return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
+    }
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let what = "the list of mutants; cargo install cargo-mutants installs it".to_owned();
+    Err(Error::Tool { tool: "cargo mutants", what, said })
+}
+
+/// What became of each.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Mutants {
+    /// Who listed them.
+    pub(crate) by: String,
+    /// A digest of the files.
+    pub(crate) files: String,
+    /// A digest of what the verdicts depend on.
+    pub(crate) sources: String,
+    pub(crate) of: BTreeMap<String, Fate>,
+}
+
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Fate {
+    /// An assertion of this harness fails.
+    CaughtBy(String),
+    /// No compiler takes it.
+    NotBuilt,
+    /// No harness of its group notices it.
+    Missed,
+}
+
+impl Mutants {
+    /// Those of the record; none if it tells of other sources.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub(crate) fn current(root: &Path, by: String, sources: String) -> Result<Self, Error> {
+        let kept = Self::load(root)?;
+        if kept.sources == sources && kept.by == by {
+            return Ok(kept);
+        }
+        Ok(Self { by, files: digest(root)?, sources, of: BTreeMap::new() })
+    }
+
+    fn load(root: &Path) -> Result<Self, Error> {
+        record::load(&root.join(RECORD))
+    }
+
+    /// # Errors
+    /// It cannot be written.
+    pub(crate) fn save(&self, root: &Path) -> Result<(), Error> {
+        record::save(&root.join(RECORD), self)
+    }
+
+    /// How many there are of each fate, in words.
+    pub(crate) fn told(&self) -> String {
+        let count =
+            |wanted: fn(&Fate) -> bool| self.of.values().filter(|fate| wanted(fate)).count();
+        format!(
+            "mutants of façade and window: {} caught, {} missed, {} do not build",
+            count(|fate| matches!(fate, Fate::CaughtBy(_))),
+            count(|fate| *fate == Fate::Missed),
+            count(|fate| *fate == Fate::NotBuilt),
+        )
+    }
+}
+
+/// Mutants that may be missed, each with the reason.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Left {
+    left: Vec<Reason>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Reason {
+    /// What their names end with, from the place on.
+    what: String,
+    #[expect(dead_code, reason = "it is for who reads the file")]
+    because: String,
+}
+
+impl Left {
+    /// # Errors
+    /// The file cannot be read.
+    pub(crate) fn load(root: &Path) -> Result<Self, Error> {
+        let path = root.join(LEFT);
+        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        toml::from_str(&text).map_err(|error| Error::content(&path, &error))
+    }
+
+    fn holds(&self, name: &str) -> bool {
+        self.left.iter().any(|reason| name.ends_with(&reason.what))
+    }
+}
+
+/// What is wrong with the record: it tells of other files, or one is missed for no reason that is told; and what it says.
+///
+/// # Errors
+/// A file cannot be read.
+pub(crate) fn checked(root: &Path) -> Result<(Vec<String>, String), Error> {
+    let (kept, left) = (Mutants::load(root)?, Left::load(root)?);
+    let mut wrong = Vec::new();
+    if kept.files != digest(root)? {
+        wrong.push("the mutants are those of other files: use --mutants".to_owned());
+    }
+    let missed = || kept.of.iter().filter(|(_, fate)| **fate == Fate::Missed).map(|(name, _)| name);
+    for name in missed().filter(|name| !left.holds(name)) {
+        wrong.push(format!("no harness catches {name}"));
+    }
+    for reason in &left.left {
+        if !missed().any(|name| name.ends_with(&reason.what)) {
+            wrong.push(format!("{LEFT}: no mutant is missed that ends with {:?}", reason.what));
+        }
+    }
+    Ok((wrong, kept.told()))
+}
+
+fn digest(root: &Path) -> Result<String, Error> {
+    Ok(Tree::new(root.to_owned()).digest(&FILES.map(|(file, _)| file))?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mutant(start: (usize, usize), end: (usize, usize)) -> Mutant {
+        let spot = |(line, column)| Spot { line, column };
+        let span = Span { start: spot(start), end: spot(end) };
+        Mutant { name: String::new(), file: String::new(), replacement: ">".to_owned(), span }
+    }
+
+    #[test]
+    fn change_is_where_line_and_column_say() {
+        let text = "à < b\nc <= d\n";
+        assert_eq!(mutant((1, 3), (1, 4)).seed(text).as_deref(), Some("à > b\nc <= d\n"));
+        assert_eq!(mutant((2, 3), (2, 5)).seed(text).as_deref(), Some("à < b\nc > d\n"));
+        assert_eq!(mutant((1, 3), (2, 5)).seed(text).as_deref(), Some("à > d\n"));
+        assert_eq!(mutant((4, 1), (4, 2)).seed(text), None);
+    }
+}

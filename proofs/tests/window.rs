@@ -1,0 +1,39 @@
+//! The window of the proofs beside the one that ships.
+
+use fuseline_proofs::Sources;
+use fuseline_proofs::beside::{cells_do_what_arrays_do, has_its_rows};
+
+/// What the cells of `src/cells.rs` do, the arrays of the shipped window do, and what harnesses start from holds of it.
+#[test]
+fn cells_do_what_arrays_do_on_random_windows() {
+    let report = kani::native::random(cells_do_what_arrays_do, 1, 100_000)
+        .unwrap_or_else(|failure| panic!("{failure:?}"));
+    assert_eq!(report.accepted, 100_000);
+    assert!(report.rejected < report.accepted / 2, "most runs are left out: {}", report.rejected);
+    for ((_, cover), times) in &report.covers {
+        assert!(*times > 0, "it never happened: {cover}");
+    }
+}
+
+/// A harness of the window has a few capacities. What the code takes from one is looked at for all.
+#[test]
+fn every_capacity_has_its_rows() {
+    macro_rules! have_rows {
+        ($($high:literal)+; $low:tt) => { $(have_rows!(@ $high $low);)+ };
+        (@ $high:literal ($($low:literal)+)) => {
+            $(assert!(const { has_its_rows::<{ $high * 32 + $low + 1 }>() }, "{}", $high * 32 + $low + 1);)+
+        };
+    }
+    have_rows!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31;
+        (0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31));
+}
+
+/// The earliest due instant of a timestamp is the least over its armed timers: each of them is looked at, once.
+#[test]
+fn every_set_tells_its_members_once_in_ascending_order() {
+    for bits in 0..=u16::MAX {
+        let mut told = Sources::from_bits(bits).iter().map(|source| usize::from(source.index()));
+        assert!((0..16).filter(|bit| bits >> bit & 1 != 0).eq(&mut told), "{bits:#b}");
+        assert_eq!(told.next(), None);
+    }
+}
