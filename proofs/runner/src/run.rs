@@ -237,13 +237,9 @@ impl Run<'_> {
         self.all(
             "mutants",
             &open,
-            |fate: &Fate| {
-                if *fate == Fate::Missed {
-                    eprintln!("one is missed")
-                }
-            },
-            |mutant| {
-                let fate = self.fate(&tools, &copy, &kept, mutant)?;
+            |_| {},
+            |(at, mutant)| {
+                let fate = self.fate(&tools, &copy, &kept, &format!("mutant-{at}"), mutant)?;
                 let mut record = record.lock().unwrap_or_else(PoisonError::into_inner);
                 record.of.insert(mutant.name.clone(), fate.clone());
                 record.save(self.tree)?;
