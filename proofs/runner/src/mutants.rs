@@ -1,6 +1,6 @@
 //! Whether the harnesses catch each mutant of the façade and of its window, as `cargo mutants` lists them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -26,6 +26,14 @@ pub(crate) struct Mutant {
     pub(crate) file: String,
     replacement: String,
     span: Span,
+    /// None if it is of no function.
+    function: Option<Function>,
+}
+
+#[derive(PartialEq, Eq, Deserialize)]
+struct Function {
+    #[serde(rename = "function_name")]
+    name: String,
 }
 
 #[derive(Deserialize)]
@@ -103,6 +111,8 @@ pub(crate) enum Fate {
     NotBuilt,
     /// No harness of its group notices it.
     Missed,
+    /// It is not looked for: `mutants.toml` has the reason.
+    Left,
 }
 
 impl Mutants {
@@ -111,11 +121,24 @@ impl Mutants {
     /// # Errors
     /// It cannot be read.
     pub(crate) fn current(root: &Path, by: String, sources: String) -> Result<Self, Error> {
-        let kept = Self::load(root)?;
-        if kept.sources == sources && kept.by == by {
-            return Ok(kept);
+        let (mut kept, left) = (Self::load(root)?, Left::load(root)?);
+        if kept.sources != sources || kept.by != by {
+            kept.of.clear();
         }
-        Ok(Self { by, files: digest(root)?, sources, of: BTreeMap::new() })
+        kept.of.retain(|name, fate| (*fate == Fate::Left) == left.holds(name));
+        Ok(Self { by, files: digest(root)?, sources, of: kept.of })
+    }
+
+    /// The harnesses that caught another mutant of the same function.
+    pub(crate) fn catchers(&self, listed: &[Mutant], mutant: &Mutant) -> BTreeSet<String> {
+        let same = listed.iter().filter(|other| other.function == mutant.function);
+        let fates = same.filter_map(|other| self.of.get(&other.name));
+        fates
+            .filter_map(|fate| match fate {
+                Fate::CaughtBy(harness) => Some(harness.clone()),
+                Fate::NotBuilt | Fate::Missed | Fate::Left => None,
+            })
+            .collect()
     }
 
     fn load(root: &Path) -> Result<Self, Error> {
@@ -133,15 +156,16 @@ impl Mutants {
         let count =
             |wanted: fn(&Fate) -> bool| self.of.values().filter(|fate| wanted(fate)).count();
         format!(
-            "mutants of façade and window: {} caught, {} missed, {} do not build",
+            "mutants of façade and window: {} caught, {} missed, {} left with a reason, {} do not build",
             count(|fate| matches!(fate, Fate::CaughtBy(_))),
             count(|fate| *fate == Fate::Missed),
+            count(|fate| *fate == Fate::Left),
             count(|fate| *fate == Fate::NotBuilt),
         )
     }
 }
 
-/// Mutants that may be missed, each with the reason.
+/// Mutants that no harness is asked about, each with the reason.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Left {
@@ -151,7 +175,7 @@ pub(crate) struct Left {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Reason {
-    /// What their names end with, from the place on.
+    /// What their names say of the change, or of the function.
     what: String,
     #[expect(dead_code, reason = "it is for who reads the file")]
     because: String,
@@ -166,8 +190,8 @@ impl Left {
         toml::from_str(&text).map_err(|error| Error::content(&path, &error))
     }
 
-    fn holds(&self, name: &str) -> bool {
-        self.left.iter().any(|reason| name.ends_with(&reason.what))
+    pub(crate) fn holds(&self, name: &str) -> bool {
+        self.left.iter().any(|reason| name.contains(&reason.what))
     }
 }
 
@@ -181,13 +205,16 @@ pub(crate) fn checked(root: &Path) -> Result<(Vec<String>, String), Error> {
     if kept.files != digest(root)? {
         wrong.push("the mutants are those of other files: use --mutants".to_owned());
     }
-    let missed = || kept.of.iter().filter(|(_, fate)| **fate == Fate::Missed).map(|(name, _)| name);
-    for name in missed().filter(|name| !left.holds(name)) {
-        wrong.push(format!("no harness catches {name}"));
+    for (name, fate) in &kept.of {
+        if *fate == Fate::Missed {
+            wrong.push(format!("no harness catches {name}"));
+        } else if *fate == Fate::Left && !left.holds(name) {
+            wrong.push(format!("no harness was asked about {name}: use --mutants"));
+        }
     }
-    for reason in &left.left {
-        if !missed().any(|name| name.ends_with(&reason.what)) {
-            wrong.push(format!("{LEFT}: no mutant is missed that ends with {:?}", reason.what));
+    for Reason { what, .. } in &left.left {
+        if !kept.of.iter().any(|(name, fate)| *fate == Fate::Left && name.contains(what)) {
+            wrong.push(format!("{LEFT}: no mutant is left that says {what:?}"));
         }
     }
     Ok((wrong, kept.told()))
@@ -204,7 +231,13 @@ mod tests {
     fn mutant(start: (usize, usize), end: (usize, usize)) -> Mutant {
         let spot = |(line, column)| Spot { line, column };
         let span = Span { start: spot(start), end: spot(end) };
-        Mutant { name: String::new(), file: String::new(), replacement: ">".to_owned(), span }
+        Mutant {
+            name: String::new(),
+            file: String::new(),
+            replacement: ">".to_owned(),
+            span,
+            function: None,
+        }
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::check::{self, Checked, Verdict};
 use crate::error::Error;
 use crate::kept::{self, About, Kept};
 use crate::ledger::{Line, under};
-use crate::mutants::{self, Fate, Mutant, Mutants};
+use crate::mutants::{self, Fate, Left, Mutant, Mutants};
 use crate::record::{Caught, Record};
 use crate::source::{Harness, Sources};
 use crate::tools::{Limits, Tools};
@@ -233,17 +233,26 @@ impl Run<'_> {
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
         let kept = Kept::load(self.tree)?;
-        let record = Mutex::new(mutants);
+        let (record, left) = (Mutex::new(mutants), Left::load(self.tree)?);
+        let lock = || record.lock().unwrap_or_else(PoisonError::into_inner);
+        let keep = |mutant: &Mutant, fate: Fate| {
+            let mut record = lock();
+            record.of.insert(mutant.name.clone(), fate.clone());
+            record.save(self.tree)?;
+            Ok((mutant.name.clone(), fate))
+        };
         self.all(
             "mutants",
             &open,
             |_| {},
             |(at, mutant)| {
-                let fate = self.fate(&tools, &copy, &kept, &format!("mutant-{at}"), mutant)?;
-                let mut record = record.lock().unwrap_or_else(PoisonError::into_inner);
-                record.of.insert(mutant.name.clone(), fate.clone());
-                record.save(self.tree)?;
-                Ok((mutant.name.clone(), fate))
+                if left.holds(&mutant.name) {
+                    return keep(mutant, Fate::Left);
+                }
+                let first = lock().catchers(&listed, mutant);
+                let place = (format!("mutant-{at}"), first);
+                let fate = self.fate(&tools, &copy, &kept, (&place.0, &place.1), mutant)?;
+                keep(mutant, fate)
             },
         )?;
         let (wrong, told) = mutants::checked(self.tree)?;
@@ -254,13 +263,13 @@ impl Run<'_> {
         Ok(wrong.is_empty())
     }
 
-    /// What becomes of one mutant: the harnesses of its group are asked, the quickest first.
+    /// What becomes of one mutant: the harnesses of its group are asked, `first` and then the quickest.
     fn fate(
         &self,
         tools: &Tools,
         copy: &Copy,
         kept: &Kept,
-        folder: &str,
+        (folder, first): (&str, &BTreeSet<String>),
         mutant: &Mutant,
     ) -> Result<Fate, Error> {
         let text = Tree::new(self.tree.to_owned()).text(&mutant.file)?;
@@ -271,6 +280,8 @@ impl Run<'_> {
         let harnesses = self.sources.harnesses.iter();
         let mut able: Vec<&Harness> = harnesses.filter(|of| of.group == group).collect();
         able.sort_by(|a, b| kept.seconds(&a.name).total_cmp(&kept.seconds(&b.name)));
+        // What caught one mutant of a function mostly catches the next.
+        able.sort_by_key(|harness| !first.contains(&harness.name));
         let mut fate = Fate::Missed;
         for harness in able {
             match check::refute(tools, &of_mutant, harness, self.limits) {
