@@ -7,7 +7,7 @@ use fuseline_proofs::beside::{cells_do_what_arrays_do, has_its_rows};
 #[test]
 fn cells_do_what_arrays_do_on_random_windows() {
     let report = kani::native::random(cells_do_what_arrays_do, 1, 100_000)
-        .unwrap_or_else(|failure| panic!("{failure:?}"));
+        .unwrap_or_else(|failure| panic!("{}: {:?}", failure.message, failure.place));
     assert_eq!(report.accepted, 100_000);
     assert!(report.rejected < report.accepted / 2, "most runs are left out: {}", report.rejected);
     for ((_, cover), times) in &report.covers {
