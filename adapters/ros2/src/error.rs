@@ -4,10 +4,33 @@ use std::path::PathBuf;
 
 use fuseline_deadline::Invalid;
 use fuseline_operator::ConfigError;
+use fuseline_tokio::grpc::{InvalidToken, RemoteError};
 use rustdds::dds::CreateError;
 use thiserror::Error;
 
-use crate::source::GrpcError;
+/// Why a cloud's server cannot be called.
+#[derive(Debug, Error)]
+pub enum GrpcError {
+    /// A file that a parameter names cannot be read.
+    #[error("{path} cannot be read: {error}")]
+    File {
+        /// The file.
+        path: String,
+        /// Why not.
+        error: std::io::Error,
+    },
+    /// The file has no valid token.
+    #[error("{path} has no token: {error}")]
+    Token {
+        /// The file.
+        path: String,
+        /// Why not.
+        error: InvalidToken,
+    },
+    /// The server's address, certificates or key are not valid.
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
+}
 
 /// Why a node does not run, or did not end well.
 #[derive(Debug, Error)]

@@ -82,11 +82,8 @@ impl Transport for Fusion<'_> {
     /// Topics, parameters and reports take turns, so that a flood on one does not keep another from its turn.
     fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<Payload, Payload>> {
         if self.stop.poll_next(context).is_ready() {
-            return Poll::Ready(if self.stop.is_urgent() {
-                Incoming::Stop
-            } else {
-                Incoming::Last
-            });
+            let urgent = self.stop.is_urgent();
+            return Poll::Ready(if urgent { Incoming::Stop } else { Incoming::Last });
         }
         let mut idle = 0;
         while idle < TURNS {
@@ -104,23 +101,17 @@ impl Transport for Fusion<'_> {
                     .map(|sample| if self.is_active() { self.take(sample) } else { None }),
                 1 => known(heard.results.poll_recv(context))
                     .map(|(place, sample)| self.result(place, sample)),
-                2 => known(heard.deadlines.poll_recv(context)).map(|sample| {
-                    self.environment(sample);
-                    None
-                }),
-                3 => known(heard.changes.poll_recv(context)).map(|change| {
-                    self.change(change);
-                    None
-                }),
-                4 => known(heard.speeds.poll_recv(context)).map(|sample| {
-                    self.take_speed(sample);
-                    None
-                }),
+                2 => known(heard.deadlines.poll_recv(context))
+                    .map(|sample| self.environment(sample))
+                    .map(|()| None),
+                3 => known(heard.changes.poll_recv(context))
+                    .map(|change| self.change(change))
+                    .map(|()| None),
+                4 => known(heard.speeds.poll_recv(context))
+                    .map(|sample| self.take_speed(sample))
+                    .map(|()| None),
                 5 => self.poll_orders(context),
-                _ => heard.report.poll_tick(context).map(|_| {
-                    self.report();
-                    None
-                }),
+                _ => heard.report.poll_tick(context).map(|_| self.report()).map(|()| None),
             };
             match event {
                 Poll::Ready(Some(event)) => return Poll::Ready(event),

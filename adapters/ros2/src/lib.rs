@@ -24,11 +24,10 @@ mod stop;
 mod voice;
 
 pub use arguments::Arguments;
-pub use error::NodeError;
+pub use error::{GrpcError, NodeError};
 pub use fuseline_operator::{Commit, Tally};
 pub use node::{check, run};
 pub use raw::Payload;
 pub use rosout::{Lines, Rosout};
 pub use settings::Settings;
-pub use source::GrpcError;
 pub use stop::Stop;

@@ -3,10 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_tokio::grpc::{self, Identity, Remote, RemoteError, Token};
+use fuseline_tokio::grpc::{self, Identity, Remote, Token};
 use fuseline_tokio::{Call, Error};
 use futures_util::future::BoxFuture;
 
+use crate::error::GrpcError;
 use crate::middleware::{End, Publish};
 use crate::raw::Payload;
 use crate::settings::Grpc;
@@ -45,30 +46,6 @@ pub(crate) struct Strays {
     pub(crate) unknown_stamp: u64,
     /// Those without a key.
     pub(crate) malformed: u64,
-}
-
-/// Why a cloud's server cannot be called.
-#[derive(Debug, thiserror::Error)]
-pub enum GrpcError {
-    /// A file that a parameter names cannot be read.
-    #[error("{path} cannot be read: {error}")]
-    File {
-        /// The file.
-        path: String,
-        /// Why not.
-        error: std::io::Error,
-    },
-    /// The file has no valid token.
-    #[error("{path} has no token: {error}")]
-    Token {
-        /// The file.
-        path: String,
-        /// Why not.
-        error: grpc::InvalidToken,
-    },
-    /// The server's address, certificates or key are not valid.
-    #[error(transparent)]
-    Remote(#[from] RemoteError),
 }
 
 /// A reply is not plain CDR.

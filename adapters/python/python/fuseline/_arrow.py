@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 try:
     import pyarrow as pa
 except ImportError as error:
     raise ImportError("to_arrow() needs pyarrow: pip install fuseline[arrow]") from error
-
-if TYPE_CHECKING:
-    from fuseline._judge import Verdict
-    from fuseline._trace import Trace
 
 #: The columns of a table of verdicts.
 VERDICTS = pa.schema(
@@ -40,22 +34,8 @@ LINES = pa.schema(
 )
 
 
-def verdict_table(verdict: Verdict) -> pa.Table:
-    """A row for each violation, at least one."""
-    whole = (verdict.file, verdict.conforms, verdict.judged, verdict.lines)
-    rows: list[tuple[object, ...]] = [
-        (*whole, it.line, it.t, it.rule, it.found, it.expected, it.late)
-        for it in verdict.violations
-    ] or [(*whole, None, None, None, None, None, None)]
-    return _table(rows, VERDICTS)
-
-
-def lines_table(trace: Trace) -> pa.Table:
-    """A row for each line but the header."""
-    return _table([tuple(line) for line in trace.lines], LINES)
-
-
-def _table(rows: list[tuple[object, ...]], schema: pa.Schema) -> pa.Table:
+def table(rows: list[tuple[object, ...]], schema: pa.Schema) -> pa.Table:
+    """A table of these rows."""
     columns = list(zip(*rows, strict=True)) or [()] * len(schema)
     arrays = [pa.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
     return pa.Table.from_arrays(arrays, schema=schema)

@@ -116,9 +116,14 @@ class Verdict:
         Raises:
             ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.
         """
-        from fuseline._arrow import verdict_table
+        from fuseline._arrow import VERDICTS, table
 
-        return verdict_table(self)
+        whole = (self.file, self.conforms, self.judged, self.lines)
+        rows: list[tuple[object, ...]] = [
+            (*whole, it.line, it.t, it.rule, it.found, it.expected, it.late)
+            for it in self.violations
+        ]
+        return table(rows or [(*whole, None, None, None, None, None, None)], VERDICTS)
 
 
 def check(trace: Traced, *, name: str | None = None) -> Verdict:

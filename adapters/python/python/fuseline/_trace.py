@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from fuseline import _fuseline
 
@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from fuseline._judge import Traced
+
+#: When a message was opened, in seconds, and how long it took, in milliseconds.
+Point: TypeAlias = tuple[float, float]
 
 
 class Line(NamedTuple):
@@ -94,15 +97,15 @@ class Trace:
         Raises:
             ImportError: if pyarrow is not there: ``pip install fuseline[arrow]``.
         """
-        from fuseline._arrow import lines_table
+        from fuseline._arrow import LINES, table
 
-        return lines_table(self)
+        return table([tuple(line) for line in self.lines], LINES)
 
     def timeline(self, ax: Axes | None = None) -> Axes:
         """Draw whose result went out for each message, and what was waited for.
 
-        Each message is a bar from its open to its output, in the colour of the source whose result
-        went; requests that were still waited for when it went, or that were late, are marked.
+        Each message is a point, at how long it took, in the colour of the source whose result went.
+        A line below it is a cloud that was waited for in vain.
 
         Args:
             ax: Where to draw; by default a figure of its own.
@@ -112,4 +115,37 @@ class Trace:
         """
         from fuseline._timeline import draw
 
-        return draw(self, ax)
+        went, waits, missed = self._ways()
+        order = [0, *sorted(cloud["p"] for cloud in self.header["clouds"])]
+        named = [
+            (self.source(p), order.index(p) if p in order else None, went[p]) for p in sorted(went)
+        ]
+        return draw(ax, str(self.header.get("operator") or self.file), named, waits, missed)
+
+    def _ways(self) -> tuple[dict[int, list[Point]], list[Point], list[float]]:
+        """What each source's messages took, where clouds were waited for in vain, what missed."""
+        opened: dict[int, int] = {}
+        asked: dict[tuple[int, int], int] = {}
+        went: dict[int, list[Point]] = {}
+        waits: list[Point] = []
+        missed: list[float] = []
+        for line in self.lines:
+            t = line.t
+            if t is None:
+                continue
+            if line.ev == "open":
+                opened[t] = line.at
+            elif line.ev == "refuse" and line.p is None and t in opened:
+                missed.append(opened.pop(t) / 1e9)
+            elif t not in opened:
+                continue
+            elif line.ev == "request" and line.p is not None:
+                asked[t, line.p] = line.at
+            elif line.ev in ("timer", "cancel") and line.p:
+                waits.append((opened[t] / 1e9, (line.at - asked.get((t, line.p), line.at)) / 1e6))
+            elif line.ev == "emit" and line.p is not None:
+                at = opened.pop(t)
+                went.setdefault(line.p, []).append((at / 1e9, (line.at - at) / 1e6))
+            elif line.ev == "miss":
+                missed.append(opened.pop(t) / 1e9)
+        return went, waits, missed
