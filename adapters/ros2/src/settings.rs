@@ -6,6 +6,7 @@ mod current;
 mod error;
 mod middleware;
 mod nearest;
+mod parameter;
 mod policy;
 mod qos;
 mod reader;
@@ -26,9 +27,9 @@ pub use crate::settings::change::{Change, ChangeError};
 pub(crate) use crate::settings::current::Current;
 pub use crate::settings::error::SettingsError;
 pub use crate::settings::middleware::Middleware;
+pub use crate::settings::parameter::{Parameter, Range};
 pub use crate::settings::policy::{Deadlines, PolicyKind, SpeedTopic};
 pub use crate::settings::qos::{Qos, Role, Topic};
-pub use crate::settings::reader::{Parameter, Range};
 use crate::settings::reader::{Placed, Reader};
 pub use crate::settings::seconds::seconds;
 

@@ -31,26 +31,6 @@ const RESERVED: [&str; 17] = [
     "use_sim_time",
     "qos_overrides",
 ];
-/// What a cloud's parameters are called, below its name.
-const PARTS: [&str; 17] = [
-    "middleware",
-    "priority",
-    "deadline",
-    "enabled",
-    "limit",
-    "resume",
-    "in_flight",
-    "linger",
-    "hints",
-    "input_topic",
-    "output_topic",
-    "grpc.url",
-    "grpc.ca",
-    "grpc.certificate",
-    "grpc.key",
-    "grpc.token_file",
-    "grpc.server_name",
-];
 
 /// Reads which clouds there are, and then each.
 pub(super) fn read(
@@ -210,9 +190,4 @@ fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
             .map(|name| Some(name).filter(|name| !name.is_empty()))
             .value,
     }))
-}
-
-/// Whether `<cloud>.<part>` is a parameter of clouds.
-pub(super) fn is_part(part: &str) -> bool {
-    PARTS.contains(&part)
 }

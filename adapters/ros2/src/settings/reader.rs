@@ -7,39 +7,11 @@ use std::time::Duration;
 
 use crate::names::{NodeName, Remap, check_token};
 use crate::parameters::{Given, Place, Value};
-use crate::settings::clouds::is_part;
 use crate::settings::nearest::nearest;
+use crate::settings::parameter::{Parameter, Range, is_of_a_cloud};
 use crate::settings::qos::{Qos, Role, Topic};
 use crate::settings::seconds::{MOST_SECONDS, SECONDS, own_seconds, seconds_of};
 use crate::settings::{SettingsError, qos};
-
-/// A parameter of the node.
-#[derive(Clone, PartialEq, Debug)]
-pub struct Parameter {
-    /// Its name.
-    pub name: String,
-    /// Its value.
-    pub value: Value,
-    /// What it is for, in a few words.
-    pub about: &'static str,
-    /// Which values it may have, in a few words.
-    pub expected: String,
-    /// The least and the greatest value, if it is a number with bounds.
-    pub range: Option<Range>,
-    /// Whether it may be changed while the node runs.
-    pub at_run_time: bool,
-    /// Where its value comes from.
-    pub place: Place,
-}
-
-/// The least and the greatest value of a number.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub enum Range {
-    /// Of a whole number.
-    Integer(i64, i64),
-    /// Of a number with a point.
-    Double(f64, f64),
-}
 
 /// The parameters given and not read yet, and those read.
 pub(super) struct Reader<'a> {
@@ -323,7 +295,7 @@ impl<'a> Reader<'a> {
     fn unknown(&self, given: &Given) -> SettingsError {
         let (place, name) = (given.place.clone(), given.name.clone());
         if let Some((cloud, part)) = name.split_once('.')
-            && is_part(part)
+            && is_of_a_cloud(part)
             && check_token(cloud).is_ok()
             && !self.declared.iter().any(|known| known.name == format!("{cloud}.deadline"))
         {

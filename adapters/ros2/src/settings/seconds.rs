@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::parameters::Value;
-use crate::settings::reader::Range;
+use crate::settings::parameter::Range;
 
 /// The words for a time that is expected.
 pub(super) const SECONDS: &str = "seconds, more than 0 and at most 1e9";
