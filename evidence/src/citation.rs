@@ -42,6 +42,8 @@ const TESTS: [&str; 7] = [
 static DEFINITION: LazyLock<Regex> = LazyLock::new(|| {
     regex(r"(?m)^(?:### (F\d+g?) (.+)|\| ([PTD]\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")
 });
+/// Where the harnesses of the proofs are, a file a group.
+const HARNESSES: &str = "proofs/src/harness";
 /// One identifier, or the first and the last of several.
 static WORD: LazyLock<Regex> =
     LazyLock::new(|| regex(r"\b([FPATD])(\d+)(g?)(?:–([FPATD])(\d+))?\b"));
@@ -148,16 +150,26 @@ fn function(text: &str, name: &str) -> Option<String> {
     Some(lines[at - above..=at + below].join("\n"))
 }
 
+/// Whether one of these files of the proofs has the harness.
+pub(crate) fn has_harness(tree: &Tree, files: &[&str], name: &str) -> Result<bool, Error> {
+    for file in files {
+        if function(&tree.text(&format!("{HARNESSES}/{file}"))?, name).is_some() {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
 /// What a harness' name, its documentation and its body cite.
 pub(crate) fn cited_by_harness(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
     let mut cited = named(witness);
-    for file in tree.files(&["proofs/src/harness"])? {
+    for file in tree.files(&[HARNESSES])? {
         if let Some(function) = function(&tree.text(&file)?, witness) {
             cited.extend(words(&function));
             return Ok(cited);
         }
     }
-    Err(Error::content(Path::new("proofs/src/harness"), format!("no harness {witness} here")))
+    Err(Error::content(Path::new(HARNESSES), format!("no harness {witness} here")))
 }
 
 /// What a trace's name and its header cite.

@@ -36,8 +36,9 @@ pub(crate) enum Run {
     Cargo { arguments: &'static [&'static str], variables: &'static [(&'static str, &'static str)] },
     /// As `Cargo`, but what cargo would run is run by the project's own command, as it is without the fault.
     Driven { arguments: &'static [&'static str], by: &'static [&'static str] },
-    /// A command of its own, which keeps its own record and holds it against the sources in each run of it.
-    Prove,
+    /// A command of its own, which keeps its own record and holds it against the sources in each run of it. The kind has
+    /// the harnesses of these files of `proofs/src/harness`, one of which catches each fault seeded in the code they are of.
+    Prove { files: &'static [&'static str], of: &'static [&'static str] },
     /// As `Prove`, with faults of its own too: each witness was refuted under one of them.
     Solve,
 }
@@ -55,6 +56,11 @@ impl Kind {
     #[must_use]
     pub fn is_run_here(&self) -> bool {
         matches!(self.run, Run::Cargo { .. } | Run::Driven { .. })
+    }
+
+    /// Whether one of its witnesses must catch this fault.
+    pub(crate) fn must_catch(&self, fault: &SeededFault) -> bool {
+        matches!(self.run, Run::Prove { of, .. } if of.contains(&&*fault.file))
     }
 
     /// Whether its witnesses were refuted under faults of their own, and not under those seeded here.

@@ -91,7 +91,7 @@ impl Lane<'_> {
                 command.args(arguments).arg("--config").arg(self.runner(by));
                 &[]
             }
-            Run::Prove | Run::Solve => return Ok(()),
+            Run::Prove { .. } | Run::Solve => return Ok(()),
         };
         command.current_dir(self.copy.root());
         // Other flags of the compiler build everything anew.

@@ -90,6 +90,12 @@ impl Matrix {
                 stale.push((kind.name, kind.title));
                 continue;
             };
+            wrong.extend(faults.iter().filter(|fault| kind.must_catch(fault)).filter_map(
+                |fault| {
+                    let is_caught = record.caught(fault).is_some_and(|by| !by.is_empty());
+                    (!is_caught).then(|| format!("{}: none catches {}", kind.title, fault.name))
+                },
+            ));
             if record.sources == kind.digest(tree)? {
                 wrong.extend(missing(kind, &record, &faults));
             } else {

@@ -8,9 +8,10 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use tempfile::NamedTempFile;
 
+use crate::citation::has_harness;
 use crate::error::Error;
 use crate::fault::SeededFault;
-use crate::kind::Kind;
+use crate::kind::{Kind, Run};
 use crate::tree::Tree;
 
 /// The results of one kind of witness.
@@ -107,11 +108,16 @@ impl Record {
         }
         let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
         let wrong = |error: serde_json::Error| Error::content(&path, error.to_string());
-        if kind.is_run_here() {
+        let Run::Prove { files, .. } = kind.run else {
             return serde_json::from_str(&text).map(Some).map_err(wrong);
-        }
+        };
         let Proofs { harnesses, mut faults } = serde_json::from_str(&text).map_err(wrong)?;
-        let held: BTreeSet<String> = harnesses.into_keys().collect();
+        let mut held = BTreeSet::new();
+        for name in harnesses.into_keys() {
+            if has_harness(tree, files, &name)? {
+                held.insert(name);
+            }
+        }
         for caught in faults.values_mut() {
             caught.by.retain(|name| held.contains(name));
         }

@@ -142,10 +142,33 @@ pub const KINDS: &[Kind] = &[
     },
     Kind {
         name: "proof",
-        title: "proofs",
-        applies: |id| id.starts_with('P'),
+        title: "proofs of one timestamp",
+        applies: |id| id.starts_with('P') && !["P9", "P11"].contains(&id),
         concerns: is_of_machine,
-        run: Run::Prove,
+        run: Run::Prove { files: &["gate.rs", "slot.rs", "time.rs"], of: &[] },
+        sources: &[CORE, NO_LIST, "proofs/src"],
+        read: |_| Outcomes::new(),
+        cites: cited_by_harness,
+    },
+    Kind {
+        name: "facade",
+        title: "proofs of the façade, beside any number of timestamps",
+        applies: |id| {
+            let shown = ["F0", "F1", "F2", "F2g", "F3", "F4", "F5", "P5", "P7", "P8", "P11", "P12"];
+            shown.contains(&id)
+        },
+        concerns: is_of_machine,
+        run: Run::Prove { files: &["fusion.rs", "wait.rs"], of: &["core/src/fusion.rs"] },
+        sources: &[CORE, NO_LIST, "proofs/src"],
+        read: |_| Outcomes::new(),
+        cites: cited_by_harness,
+    },
+    Kind {
+        name: "window",
+        title: "proofs of the window, of any size",
+        applies: |id| id == "P9",
+        concerns: is_of_machine,
+        run: Run::Prove { files: &["window.rs"], of: &["core/src/window.rs"] },
         sources: &[CORE, NO_LIST, "proofs/src"],
         read: |_| Outcomes::new(),
         cites: cited_by_harness,
