@@ -15,8 +15,9 @@ use thiserror::Error;
 /// The topic of a trace's lines, unless another is named.
 pub const TOPIC: &str = "/fuseline/trace";
 
-/// The longest record of a channel of lines, in bytes.
-const RECORD: usize = 256 << 20;
+/// The longest record, in bytes: an image of 4K and four channels fits. What a record in a packed chunk claims to hold takes
+/// memory before the first byte of it came, and up to three times as much while a buffer grows.
+const RECORD: usize = 40 << 20;
 /// How much is read at once, in bytes: what a record claims to hold takes memory as it comes.
 const PIECE: usize = 64 << 10;
 

@@ -1,4 +1,7 @@
 //! CSV: events, drives, recordings of a probe, calls that were observed.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz_parsers::run("csv", bytes));
+use fuseline_fuzz_parsers::run;
+use fuseline_parsers::CSV;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| run(&CSV, bytes));

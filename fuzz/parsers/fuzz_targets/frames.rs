@@ -1,4 +1,7 @@
 //! What stands in gRPC frames: requests, replies, locations.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz_parsers::run("frames", bytes));
+use fuseline_fuzz_parsers::run;
+use fuseline_parsers::FRAMES;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| run(&FRAMES, bytes));

@@ -1,4 +1,7 @@
 //! CDR: the key of a serialized message.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz_parsers::run("keys", bytes));
+use fuseline_fuzz_parsers::run;
+use fuseline_parsers::KEYS;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| run(&KEYS, bytes));

@@ -1,4 +1,7 @@
 //! Traces however they are packed: gzip, zstd, MCAP, plain.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz_parsers::run("packed", bytes));
+use fuseline_fuzz_parsers::run;
+use fuseline_parsers::PACKED;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| run(&PACKED, bytes));

@@ -1,4 +1,7 @@
 //! The page of a report: its data are whatever a trace says, and stay data.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz_parsers::run("page", bytes));
+use fuseline_fuzz_parsers::run;
+use fuseline_parsers::PAGE;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| run(&PAGE, bytes));

@@ -1,4 +1,7 @@
 //! Parameter files of ROS, up to the node's settings.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz_parsers::run("yaml", bytes));
+use fuseline_fuzz_parsers::run;
+use fuseline_parsers::YAML;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| run(&YAML, bytes));

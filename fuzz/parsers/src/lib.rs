@@ -5,7 +5,7 @@ use std::alloc::System;
 use std::sync::{LazyLock, Mutex, PoisonError};
 
 use cap::Cap;
-use fuseline_parsers::{ALL, Ends, MEMORY, Parser};
+use fuseline_parsers::{Ends, MEMORY, Parser};
 
 /// Printed once reading ended in every way in which it can.
 const REACHED: &str = "fuseline-fuzz: everything was reached";
@@ -17,14 +17,14 @@ static MEMORY_IN_USE: Cap<System> = Cap::new(System, MEMORY);
 /// How reading ended so far; nothing once it ended in every way.
 static ENDS: LazyLock<Mutex<(Ends, bool)>> = LazyLock::new(Mutex::default);
 
-/// Checks bytes by the parser of that name, and says so when reading ended in every way for the
-/// first time.
+/// Checks bytes, and says so when reading ended in every way for the first time.
+///
+/// The parser is given and not looked up, so that nothing of the others is in the program: libFuzzer goes through the
+/// counters of all the code there is after each execution.
 ///
 /// # Panics
 /// If the check finds something, with what is wrong.
-pub fn run(name: &str, bytes: &[u8]) {
-    let parser: Option<&Parser> = ALL.iter().find(|parser| parser.name == name);
-    let parser = parser.expect("a parser of that name");
+pub fn run(parser: &Parser, bytes: &[u8]) {
     let mut shared = ENDS.lock().unwrap_or_else(PoisonError::into_inner);
     let (ends, complete) = &mut *shared;
     if let Err(fault) = (parser.check)(bytes, ends) {

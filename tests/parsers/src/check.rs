@@ -27,15 +27,21 @@ pub struct Parser {
 /// The ways in which reading ended so far.
 pub type Ends = BTreeSet<&'static str>;
 
+/// Rows of CSV: recorded drives, probes and observed calls.
+pub const CSV: Parser = Parser { name: "csv", check: csv::check, ends: csv::ENDS };
+/// Packed files: gzip, zstd, MCAP.
+pub const PACKED: Parser = Parser { name: "packed", check: packed::check, ends: packed::ENDS };
+/// Parameter files of ROS.
+pub const YAML: Parser = Parser { name: "yaml", check: yaml::check, ends: yaml::ENDS };
+/// Keys in serialized messages.
+pub const KEYS: Parser = Parser { name: "keys", check: keys::check, ends: keys::ENDS };
+/// Frames of gRPC.
+pub const FRAMES: Parser = Parser { name: "frames", check: frames::check, ends: frames::ENDS };
+/// The data of a report's page.
+pub const PAGE: Parser = Parser { name: "page", check: page::check, ends: page::ENDS };
+
 /// All of them, but for the trace's own reader, which `fuseline-tests` has.
-pub const ALL: [Parser; 6] = [
-    Parser { name: "csv", check: csv::check, ends: csv::ENDS },
-    Parser { name: "packed", check: packed::check, ends: packed::ENDS },
-    Parser { name: "yaml", check: yaml::check, ends: yaml::ENDS },
-    Parser { name: "keys", check: keys::check, ends: keys::ENDS },
-    Parser { name: "frames", check: frames::check, ends: frames::ENDS },
-    Parser { name: "page", check: page::check, ends: page::ENDS },
-];
+pub const ALL: [Parser; 6] = [CSV, PACKED, YAML, KEYS, FRAMES, PAGE];
 
 /// A message about a file is one line that no terminal takes for a command.
 fn fit(message: &str) -> Check {

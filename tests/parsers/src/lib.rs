@@ -25,7 +25,7 @@ mod serve;
 #[path = "../../../cli/src/sink.rs"]
 mod sink;
 
-pub use check::{ALL, Ends, Parser};
+pub use check::{ALL, CSV, Ends, FRAMES, KEYS, PACKED, PAGE, Parser, YAML};
 
 /// The most memory at once for any bytes of a few kilobytes, in bytes: twice the longest message of
 /// gRPC, which is asked for when its length is read, and room for who asks.
