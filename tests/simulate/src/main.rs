@@ -10,6 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use clap::Parser;
 use fuseline_simulate::{Finding, Kept, Scenario, Simulated, Simulator, kept};
 use indicatif::{ProgressBar, ProgressStyle};
+use mimalloc::MiMalloc;
 use serde::Serialize;
 
 const EXITS: &str = "\
@@ -74,6 +75,9 @@ struct Failed {
 
 /// A run that takes longer hangs: none takes more than a second.
 const HANGS: Duration = Duration::from_secs(120);
+
+#[global_allocator]
+static MEMORY: MiMalloc = MiMalloc;
 
 static STOP: AtomicBool = AtomicBool::new(false);
 /// The seed that is played, and how many were.
