@@ -78,6 +78,7 @@ fn markdown(matrix: &Matrix) -> String {
             let _ = writeln!(text, "- {title}: {because}");
         }
     }
+    let _ = writeln!(text, "\n## What the proofs show of which code\n\n{}", matrix.proved);
     text.push_str("\n## In short\n\n");
     overview(matrix, &mut text);
     for (family, title) in [

@@ -134,6 +134,8 @@ impl Course {
             found.extend((last > first + by).then(|| format!("{what}: {first}, then {last}")));
         };
         grew("KiB", first.resident_kib, last.resident_kib, first.resident_kib / 4 + 8192);
+        // A tenth of a second is noted in 100 bytes.
+        grew("KiB allocated", first.live_kib, last.live_kib, 2048);
         grew("open files", first.files, last.files, 10);
         grew("tasks", first.tasks, last.tasks, 100);
         found

@@ -1,16 +1,25 @@
 //! What the process takes, and how late its timers are.
 
+use std::alloc::System;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use cap::Cap;
 use tokio::runtime::Handle;
 use tokio::time::{Instant, sleep_until};
+
+/// Counts what is allocated.
+#[global_allocator]
+static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
 
 /// What the process takes at one moment.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Taken {
+    /// What the system holds for the process, freed and not given back included.
     pub(crate) resident_kib: u64,
+    /// What is allocated and not freed.
+    pub(crate) live_kib: u64,
     pub(crate) files: u64,
     pub(crate) tasks: u64,
 }
@@ -22,7 +31,8 @@ impl Taken {
         let page = rustix::param::page_size() as u64;
         let files = std::fs::read_dir("/proc/self/fd")?.count() as u64;
         let tasks = Handle::current().metrics().num_alive_tasks() as u64;
-        Ok(Self { resident_kib: pages * page / 1024, files, tasks })
+        let live_kib = ALLOCATED.allocated() as u64 / 1024;
+        Ok(Self { resident_kib: pages * page / 1024, live_kib, files, tasks })
     }
 
     /// The medians of each.
@@ -34,6 +44,7 @@ impl Taken {
         };
         Self {
             resident_kib: middle(|taken| taken.resident_kib),
+            live_kib: middle(|taken| taken.live_kib),
             files: middle(|taken| taken.files),
             tasks: middle(|taken| taken.tasks),
         }

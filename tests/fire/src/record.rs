@@ -53,7 +53,7 @@ pub(crate) struct Soaked {
     pub(crate) greatest_timer_lateness_us: u64,
     pub(crate) trace_lines: u64,
     pub(crate) trace_bytes: u64,
-    /// Medians in the calm after the first round of strikes, and in the last.
+    /// Medians in the calm after each round of strikes, and in the last.
     pub(crate) taken: Vec<Taken>,
     /// What did not hold.
     pub(crate) broken: Vec<String>,
@@ -98,8 +98,11 @@ pub(crate) fn shown(root: &Path) -> Result<bool, Error> {
 
 impl fmt::Display for Soaked {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for Taken { resident_kib, files, tasks } in &self.taken {
-            writeln!(f, "in a calm: {resident_kib} KiB, {files} open files, {tasks} tasks")?;
+        for Taken { resident_kib, live_kib, files, tasks } in &self.taken {
+            writeln!(
+                f,
+                "in a calm: {resident_kib} KiB, {live_kib} of them allocated, {files} open files, {tasks} tasks"
+            )?;
         }
         let strikes: u64 = self.strikes.values().map(|spell| spell.times).sum();
         write!(

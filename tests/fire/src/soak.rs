@@ -86,18 +86,17 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     Ok(soaked.broken.is_empty())
 }
 
-/// One round of every strike, a calm, as many more strikes as there is time for, and a calm.
+/// Rounds of every strike, each with a calm behind it, as many strikes as there is time for, and a calm.
 async fn run(field: &mut Field, fleet: &Fleet, seed: u64, start: Instant) -> Result<Course, Error> {
     let mut course = Course::default();
     sleep(SETTLES).await;
     for (number, strike) in schedule(seed, CLOUDS).enumerate() {
-        if number == Harm::ALL.len() {
-            calm(fleet, &mut course).await?;
-        }
-        if number >= Harm::ALL.len()
-            && strike.lasts + strike.calm + SETTLES + LOOK * 2 > fleet.remains()
-        {
+        let needed = strike.lasts + strike.calm + (SETTLES + LOOK) * 2 + LOOK;
+        if number >= Harm::ALL.len() && needed > fleet.remains() {
             break;
+        }
+        if number > 0 && number % Harm::ALL.len() == 0 {
+            calm(fleet, &mut course).await?;
         }
         println!("{:6.1} s: {strike}", start.elapsed().as_secs_f64());
         struck(field, fleet, strike, &mut course.strikes).await?;
