@@ -264,7 +264,10 @@ pub const KINDS: &[Kind] = &[
         title: "tests of operators",
         applies: |_| false,
         concerns: |fault| {
-            ["adapters/operator/", "adapters/tokio/"].iter().any(|at| fault.file.starts_with(at))
+            let is_of_operator = ["adapters/operator/", "adapters/tokio/"]
+                .iter()
+                .any(|at| fault.file.starts_with(at));
+            is_of_operator && !fault.file.starts_with(GRPC)
         },
         run: Run::Cargo {
             arguments: &[
@@ -274,7 +277,30 @@ pub const KINDS: &[Kind] = &[
                 "-p",
                 "fuseline-tokio",
                 "--lib",
-                "--tests",
+                "--test",
+                "engine",
+                "--test",
+                "logs",
+                "--test",
+                "pace",
+                "--test",
+                "probes",
+                "--test",
+                "recording",
+                "--test",
+                "asides",
+                "--test",
+                "behaviour",
+                "--test",
+                "deadlines",
+                "--test",
+                "ends",
+                "--test",
+                "outcomes",
+                "--test",
+                "prometheus",
+                "--test",
+                "timers",
                 "--no-fail-fast",
             ],
             variables: &[],
@@ -285,10 +311,41 @@ pub const KINDS: &[Kind] = &[
             "adapters/operator/tests",
             "adapters/tokio/src",
             "!adapters/tokio/src/lib.rs",
+            "!adapters/tokio/src/grpc",
             "adapters/tokio/tests",
+            "!adapters/tokio/tests/grpc.rs",
+            "!adapters/tokio/tests/strangers.rs",
             ARBITER,
             CORE,
             NO_LIST,
+        ],
+        read: read_tests,
+        cites: cited_by_test,
+    },
+    Kind {
+        name: "grpc",
+        title: "tests of clouds over gRPC",
+        applies: |_| false,
+        concerns: |fault| fault.file.starts_with(GRPC),
+        run: Run::Cargo {
+            arguments: &[
+                "test",
+                "-p",
+                "fuseline-tokio",
+                "--lib",
+                "--test",
+                "grpc",
+                "--test",
+                "strangers",
+                "--no-fail-fast",
+            ],
+            variables: &[],
+        },
+        sources: &[
+            "adapters/tokio/src/grpc",
+            "adapters/tokio/tests/grpc.rs",
+            "adapters/tokio/tests/strangers.rs",
+            "adapters/tokio/tests/support",
         ],
         read: read_tests,
         cites: cited_by_test,
@@ -349,6 +406,9 @@ pub const KINDS: &[Kind] = &[
         cites: cited_by_test,
     },
 ];
+
+/// Clouds over the network.
+const GRPC: &str = "adapters/tokio/src/grpc/";
 
 /// Whether simulated operators go through this file.
 fn is_simulated(file: &str) -> bool {
