@@ -14,3 +14,11 @@ extern "C" int clock_gettime(clockid_t clock, timespec* time) noexcept {
   if (clock == CLOCK_REALTIME && pread(file, text, sizeof text - 1, 0) > 0) time->tv_sec += atol(text);
   return code;
 }
+
+// OpenSSL's.
+extern "C" time_t time(time_t* to) noexcept {
+  timespec now{};
+  clock_gettime(CLOCK_REALTIME, &now);
+  if (to) *to = now.tv_sec;
+  return now.tv_sec;
+}

@@ -3,11 +3,11 @@
 import json
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
 from bench import Skipped
+from certificates import Ca
 from faults import Stream, firewall
 from forwarding import check
 from graph import is_over_zenoh, until
@@ -139,28 +139,17 @@ def a_robot_over_dds_has_a_cloud_over_zenoh(bench):
     print(f"{len(stream.run)} inputs, {judged} judged")
 
 
-def certificates(folder):
-    """A CA, and what it signed for the router and the robot: files by name."""
-    def run(*words):
-        try:
-            subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
-        except FileNotFoundError:
-            raise Skipped("no openssl") from None
-
-    run("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-keyout", "ca.key", "-out", "ca.pem",
-        "-subj", "/CN=ca", "-days", "2")
-    (folder / "names").write_text("subjectAltName=DNS:localhost\n")
+def _certificates(bench):
+    """Those of the router and of who connects to it: files by name, as JSON has them."""
+    ca = Ca(bench.folder)
     for who in ("router", "robot", "west", "other"):
-        run("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-keyout", f"{who}.key", "-out", f"{who}.csr",
-            "-subj", f"/CN={who}")
-        run("x509", "-req", "-in", f"{who}.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-out", f"{who}.pem",
-            "-days", "2", "-extfile", "names")
-    return lambda name: json.dumps(str(folder / name))
+        ca.signs(who, "localhost")
+    return lambda name: json.dumps(str(bench.folder / name))
 
 
 def who_has_no_certificate_is_not_let_in(bench):
     over_zenoh_alone()
-    file = certificates(bench.folder)
+    file = _certificates(bench)
     tls = "transport/link/tls/"
     bench.starts_router('listen/endpoints=["tcp/127.0.0.1:7449", "tls/localhost:7450"]',
                         f"{tls}root_ca_certificate={file('ca.pem')}", f"{tls}listen_certificate={file('router.pem')}",
@@ -196,7 +185,7 @@ def the_access_control_of_the_readme_lets_in_whom_it_names(bench):
     over_zenoh_alone()
     bench.router.kill()
     bench.router.wait()
-    file = certificates(bench.folder)
+    file = _certificates(bench)
     readme = (Path(__file__).parents[2] / "README.md").read_text()
     config = readme.partition("```json5\n")[2].partition("```")[0]
     domain = os.environ["ROS_DOMAIN_ID"]

@@ -40,9 +40,10 @@ class Node:
             self.offset_file = self.folder / "offset"
             self.offset_file.write_text("0")
             environment |= {"LD_PRELOAD": wall_clock, "CLOCK_OFFSET": str(self.offset_file)}
-        self.trace_file = self.folder / "trace.jsonl"
+        trace = {"file": str(self.folder / "trace.jsonl")} | settings.get("trace", {})
+        self.trace_file = Path(trace["file"])
         self.log_file = self.folder / "log"
-        settings = {"trace": {"file": str(self.trace_file)} | settings.pop("trace", {})} | settings
+        settings = settings | {"trace": trace}
         (self.folder / "parameters.yaml").write_text(yaml({"/**": {"ros__parameters": settings}}))
         with open(self.log_file, "w") as log:
             self.process = subprocess.Popen(

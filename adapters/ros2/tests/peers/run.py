@@ -1,4 +1,4 @@
-"""Runs the tests with real peers, each in a network of its own.
+"""Runs the tests with real peers, each in a network and mounts of its own.
 
     python3 run.py --node PROGRAM --fuseline PROGRAM [--fastdds PROGRAM] [--clock LIBRARY] [--zenoh] [--list] [NAME…]
 
@@ -21,6 +21,7 @@ import traceback
 if "--zenoh" in sys.argv:
     os.environ["MIDDLEWARE"] = "zenoh"
 
+import chaos
 import clock
 import deadlines
 import faults
@@ -37,8 +38,8 @@ SKIPPED = 77
 STALLED = 75
 STALL_S = 0.1
 TRIES = 5
-OWN_NETWORK = ["unshare", "--net", "--map-root-user"]
-AS_ROOT = ["unshare", "--net"]
+OWN_NETWORK = ["unshare", "--net", "--mount", "--map-root-user"]
+AS_ROOT = ["unshare", "--net", "--mount"]
 LOOPBACK_UP = ["sh", "-c", 'ip link set lo up && exec "$@"', "sh"]
 
 
@@ -46,7 +47,7 @@ def cases():
     """Every public function of the test modules that takes a bench."""
     return {
         name: case
-        for module in (forwarding, deadlines, running, lifecycle, faults, links, clock, images)
+        for module in (forwarding, deadlines, running, lifecycle, faults, links, clock, chaos, images)
         for name, case in vars(module).items()
         if inspect.isfunction(case) and case.__module__ == module.__name__
         and list(inspect.signature(case).parameters) == ["bench"] and not name.startswith("_")
@@ -114,7 +115,8 @@ def run(name, number, prefix, arguments):
     """Runs one test in a process of its own; returns its exit code and what it printed."""
     command = [*prefix, sys.executable, __file__, "--alone", name, *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                               env=os.environ | {"ROS_DOMAIN_ID": str(20 + number)}, start_new_session=True)
+                               env=os.environ | {"ROS_DOMAIN_ID": str(20 + number), "IS_ALONE": "yes" if prefix else ""},
+                               start_new_session=True)
     try:
         return process, process.communicate(timeout=CAP_S)[0]
     except subprocess.TimeoutExpired:
