@@ -95,7 +95,8 @@ impl Lane<'_> {
         };
         command.current_dir(self.copy.root());
         // Other flags of the compiler build everything anew.
-        let target = self.target.join(if variables.is_empty() { "plain" } else { kind.name });
+        let is_apart = variables.iter().any(|(name, _)| *name == "RUSTFLAGS");
+        let target = self.target.join(if is_apart { kind.name } else { "plain" });
         let fixed = [
             ("CARGO_TARGET_DIR", target.as_os_str()),
             ("CARGO_NET_OFFLINE", "true".as_ref()),

@@ -296,7 +296,7 @@ fn lacks(row: &Row, records: &[(&Kind, Record)], stale: &[(&str, &str)]) -> Vec<
     let around = match row.id.split_at(1) {
         ("T", "4") => &[][..],
         ("T", _) => &["policy"][..],
-        ("D", _) => &["operator", "grpc", "simulation", "ros2"][..],
+        ("D", _) => &["operator", "grpc", "recorder", "simulation", "ros2"][..],
         _ => &[][..],
     };
     let is_stale = |name: &str| stale.iter().any(|(older, _)| *older == name);

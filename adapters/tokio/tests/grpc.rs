@@ -5,6 +5,7 @@
 mod hosts;
 
 use std::future::{pending, ready};
+use std::net::SocketAddr;
 use std::sync::mpsc;
 use std::time::Duration;
 
@@ -17,7 +18,10 @@ use fuseline_tokio::{Config, Item, Items, Local, Operator, Setup, Trigger, Write
 use hosts::{Ca, Cloud};
 use prost::Message;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
-use tokio::net::TcpListener;
+use tokio::io::copy_bidirectional;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::oneshot;
+use tokio::time::timeout;
 
 /// Answers with what came.
 fn echo(request: Request) -> impl Future<Output = Result<Reply, Status>> {
@@ -31,11 +35,14 @@ fn silent(_: Request) -> impl Future<Output = Result<Reply, Status>> {
 
 /// Makes one call.
 async fn call(remote: &Remote) -> Result<Vec<u8>, Status> {
-    let request = Request { timestamp: 7, payload: b"frame".as_slice().into() };
+    one(&mut InferClient::new(remote.connect().unwrap()), b"frame").await
+}
+
+async fn one(client: &mut InferClient, payload: &[u8]) -> Result<Vec<u8>, Status> {
+    let request = Request { timestamp: 7, payload: payload.to_vec().into() };
     let mut request = tonic::Request::new(request);
     request.set_timeout(Duration::from_secs(20));
-    let reply = InferClient::new(remote.connect().unwrap()).infer(request).await?;
-    Ok(reply.into_inner().payload.to_vec())
+    Ok(client.infer(request).await?.into_inner().payload.to_vec())
 }
 
 /// An operator with one cloud; local answers at once.
@@ -192,6 +199,55 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
 
     let cloud = Cloud::start(&address, Server::default(), echo);
     assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Trigger::Arrival));
+    cloud.kill();
+}
+
+/// Passes on to the cloud and back, until it is told; from then on the connection stays open and nothing more
+/// of it goes on. The next one is passed on again.
+async fn passed_on(door: TcpListener, cloud: SocketAddr, told: oneshot::Receiver<()>) {
+    let connection =
+        async || (door.accept().await.unwrap().0, TcpStream::connect(cloud).await.unwrap());
+    let mut silent = connection().await;
+    tokio::select! {
+        ended = copy_bidirectional(&mut silent.0, &mut silent.1) => panic!("{ended:?}"),
+        _ = told => {}
+    }
+    let (mut client, mut server) = connection().await;
+    copy_bidirectional(&mut client, &mut server).await.unwrap();
+}
+
+/// D13.
+#[tokio::test]
+async fn a_connection_that_falls_silent_is_lost_once_a_ping_has_no_answer() {
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), echo);
+    let door = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let remote = Remote {
+        ping_after: Duration::from_millis(200),
+        ping_deadline: Duration::from_millis(200),
+        ..Remote::new(format!("http://{}", door.local_addr().unwrap()))
+    };
+    let (fall_silent, told) = oneshot::channel();
+    let between = tokio::spawn(passed_on(door, cloud.address, told));
+    let mut client = InferClient::new(remote.connect().unwrap());
+    assert_eq!(one(&mut client, b"first").await.unwrap(), b"first");
+    fall_silent.send(()).unwrap();
+    let lost = timeout(Duration::from_secs(10), one(&mut client, b"second")).await;
+    assert_eq!(
+        lost.expect("the call waits for its own deadline").unwrap_err().code(),
+        Code::Unavailable
+    );
+    assert_eq!(one(&mut client, b"third").await.unwrap(), b"third");
+    between.abort();
+    cloud.kill();
+}
+
+/// D2.
+#[tokio::test]
+async fn messages_of_many_megabytes_pass_both_ways() {
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), echo);
+    let image: Vec<u8> = (0..=250).cycle().take(24 * 1024 * 1024).collect();
+    let mut client = InferClient::new(cloud.http().connect().unwrap());
+    assert!(one(&mut client, &image).await.unwrap() == image, "other bytes came back");
     cloud.kill();
 }
 

@@ -15,7 +15,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::time::Duration;
 
 use bytes::Bytes;
-use fuseline_tokio::grpc::tonic::{self, Status};
+use fuseline_tokio::grpc::tonic::{self, Code, Status};
 use fuseline_tokio::grpc::{Bounds, InferClient, Remote, Reply, Request, Server, Token};
 use futures_util::future::join_all;
 use hostile::{CONTINUATION, DATA, END_HEADERS, HEADERS, PING, RST_STREAM, Raw, SETTINGS};
@@ -383,6 +383,28 @@ async fn requests_that_never_end_hold_no_more_than_they_may() {
         LOG.says("the request did not come whole in time").await;
     };
     under(Bounds { stall: Duration::from_secs(2), ..WIDE }, dribble).await;
+}
+
+/// D8 bounded.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_a_call_held_is_given_back_when_it_ends() {
+    let _turn = TURN.lock().await;
+    let bounds = Bounds { held_bytes: 4 * MIB, ..WIDE };
+    let cloud = Cloud::start("127.0.0.1:0", Server { bounds, ..Server::default() }, sized);
+    let mut client = InferClient::new(cloud.http().connect().unwrap());
+    let mut holding = async |request: usize, reply: usize| {
+        let payload = vec![0; request].into();
+        let request = Request { timestamp: reply.try_into().unwrap(), payload };
+        let reply = client.infer(tonic::Request::new(request)).await;
+        reply.map(|reply| reply.into_inner().payload.len()).map_err(|status| status.code())
+    };
+    // In all far more than it may hold at once, of each kind.
+    for _ in 0..8 {
+        assert_eq!(holding(3 * MIB, 9).await, Ok(9));
+        assert_eq!(holding(9, 3 * MIB).await, Ok(3 * MIB));
+        assert_eq!(holding(5 * MIB, 9).await, Err(Code::ResourceExhausted));
+    }
+    cloud.kill();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -303,7 +303,7 @@ pub const KINDS: &[Kind] = &[
                 "timers",
                 "--no-fail-fast",
             ],
-            variables: &[],
+            variables: QUICK,
         },
         sources: &[
             "adapters/operator/src",
@@ -339,7 +339,7 @@ pub const KINDS: &[Kind] = &[
                 "strangers",
                 "--no-fail-fast",
             ],
-            variables: &[],
+            variables: QUICK,
         },
         sources: &[
             "adapters/tokio/src/grpc",
@@ -351,13 +351,26 @@ pub const KINDS: &[Kind] = &[
         cites: cited_by_test,
     },
     Kind {
+        name: "recorder",
+        title: "tests of the recorder",
+        applies: |_| false,
+        concerns: |fault| fault.file == RECORDER,
+        run: Run::Cargo {
+            arguments: &["test", "-p", "fuseline-traces", "--test", "record", "--no-fail-fast"],
+            variables: QUICK,
+        },
+        sources: &[RECORDER, "traces/tests/record.rs"],
+        read: read_tests,
+        cites: cited_by_test,
+    },
+    Kind {
         name: "simulation",
         title: "checks of simulated operators",
         applies: |_| false,
         concerns: |fault| is_simulated(&fault.file),
         run: Run::Cargo {
             arguments: &["test", "-p", "fuseline-simulate", "--test", "checks"],
-            variables: &[],
+            variables: QUICK,
         },
         sources: &[
             "adapters/operator/src",
@@ -395,7 +408,7 @@ pub const KINDS: &[Kind] = &[
                 "settings",
                 "--no-fail-fast",
             ],
-            variables: &[],
+            variables: QUICK,
         },
         sources: &[
             "adapters/ros2/src",
@@ -407,12 +420,18 @@ pub const KINDS: &[Kind] = &[
     },
 ];
 
+/// For large crates with short tests, most of whose run is the build.
+const QUICK: &[(&str, &str)] = &[("CARGO_PROFILE_DEV_OPT_LEVEL", "0"), ("CARGO_INCREMENTAL", "1")];
+
 /// Clouds over the network.
 const GRPC: &str = "adapters/tokio/src/grpc/";
 
+/// What writes a trace as a run goes on.
+const RECORDER: &str = "traces/src/record.rs";
+
 /// Whether simulated operators go through this file.
 fn is_simulated(file: &str) -> bool {
-    let around = ["adapters/operator/", "adapters/tokio/", "traces/src/record.rs"];
+    let around = ["adapters/operator/", "adapters/tokio/", RECORDER];
     let others = [
         "adapters/tokio/src/grpc",
         "adapters/tokio/src/common.rs",
