@@ -1,5 +1,7 @@
 //! Messages of one JSON channel of an MCAP file.
 
+mod chunks;
+
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::io::{self, BufRead, Read};
@@ -11,6 +13,8 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use thiserror::Error;
+
+use crate::messages::chunks::Chunks;
 
 /// The topic of a trace's lines, unless another is named.
 pub const TOPIC: &str = "/fuseline/trace";
@@ -57,6 +61,7 @@ pub enum MessageError {
 pub struct Messages<'a, R> {
     inner: R,
     reader: LinearReader,
+    chunks: Chunks,
     topic: &'a str,
     channels: BTreeSet<u16>,
     number: u64,
@@ -69,7 +74,8 @@ impl<'a, R: Read> Messages<'a, R> {
             .with_record_length_limit(RECORD)
             .with_validate_chunk_crcs(true);
         let reader = LinearReader::new_with_options(options);
-        Self { inner, reader, topic, channels: BTreeSet::new(), number: 0 }
+        let chunks = Chunks::new();
+        Self { inner, reader, chunks, topic, channels: BTreeSet::new(), number: 0 }
     }
 
     /// How many messages of the topic were read.
@@ -93,7 +99,9 @@ impl<'a, R: Read> Messages<'a, R> {
             let (data, opcode) = match self.reader.next_event().transpose()? {
                 None => return Ok(None),
                 Some(LinearReadEvent::ReadRequest(wanted)) => {
-                    let read = self.inner.read(self.reader.insert(wanted.min(PIECE)))?;
+                    let room = self.reader.insert(wanted.min(PIECE));
+                    let read = self.inner.read(room)?;
+                    self.chunks.look(&room[..read]).map_err(|_| McapError::UnexpectedEoc)?;
                     self.reader.notify_read(read);
                     continue;
                 }

@@ -70,6 +70,13 @@ fn events(bytes: &[u8], ends: &mut Ends) -> Check {
             let place = columns.iter().position(|column| column == key);
             let cell = place.and_then(|place| record.get(place)).unwrap_or_default();
             let is_said = match (&**key, value) {
+                // A request without one is due when its deadline ends.
+                ("due", value) if cell.is_empty() => {
+                    let named =
+                        |name: &str| nanos(record.get(columns.iter().position(|it| it == name)?)?);
+                    let due = named("at").zip(named("deadline"));
+                    value.as_u64() == due.map(|(at, deadline)| at.saturating_add(deadline))
+                }
                 ("at" | "due" | "deadline", value) => value.as_u64() == nanos(cell),
                 (_, Value::String(text)) => text == cell || text == "result" && cell == "response",
                 (_, value) => value.as_u64() == cell.parse().ok(),
