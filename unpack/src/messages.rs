@@ -200,7 +200,8 @@ fn plain(error: &McapError) -> String {
     error.to_string().replace(char::is_control, "\u{fffd}")
 }
 
-/// Whether the texts of a channel's record end within it: topic, encoding, and pairs of metadata.
+/// Whether the texts of a channel's record end within it: topic, encoding, and pairs of metadata. The library takes the memory that
+/// a text claims to need, and looks for the value of a last key behind the pairs.
 fn is_whole(channel: &[u8]) -> bool {
     // The channel's and its schema's number come before.
     let texts = channel.get(4..).and_then(after_text).and_then(after_text);
@@ -210,7 +211,7 @@ fn is_whole(channel: &[u8]) -> bool {
     // What a later version of the format adds may follow.
     let pairs = usize::try_from(u32::from_le_bytes(*len)).ok().and_then(|len| rest.get(..len));
     let Some(mut pairs) = pairs else { return false };
-    while let Some(rest) = after_text(pairs) {
+    while let Some(rest) = after_text(pairs).and_then(after_text) {
         pairs = rest;
     }
     pairs.is_empty()
