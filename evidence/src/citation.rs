@@ -29,7 +29,7 @@ const CRATES: [(&str, &str); 5] = [
     ("fuseline_ros2", "adapters/ros2"),
 ];
 /// Where other tests are.
-const TESTS: [&str; 7] = [
+const TESTS: [&str; 8] = [
     "tests/tests",
     "tests/loom/tests",
     "tests/simulate/tests",
@@ -37,6 +37,7 @@ const TESTS: [&str; 7] = [
     "adapters/operator/tests",
     "adapters/tokio/tests",
     "adapters/ros2/tests",
+    "traces/tests",
 ];
 
 static DEFINITION: LazyLock<Regex> = LazyLock::new(|| {
@@ -123,10 +124,12 @@ pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<Strin
 /// The file of a test, told by its target and modules: a library's own test, or one in a folder of tests.
 fn file_of_test(tree: &Tree, path: &[&str]) -> Option<String> {
     let (target, modules) = path.split_first()?;
+    let whole = modules.join("/");
     let modules: Vec<&str> = modules.iter().copied().filter(|m| *m != "tests").collect();
     let own = CRATES.iter().find(|(name, _)| name == target).map(|(_, folder)| {
         let module = format!("{folder}/src/{}", modules.join("/"));
-        [format!("{module}/tests.rs"), format!("{module}.rs"), format!("{module}/mod.rs")]
+        let of_tests = format!("{folder}/src/{whole}.rs");
+        [of_tests, format!("{module}/tests.rs"), format!("{module}.rs"), format!("{module}/mod.rs")]
     });
     let apart = TESTS.iter().flat_map(|folder| {
         let inner = format!("{folder}/{target}/{}.rs", modules.join("/"));
@@ -139,9 +142,10 @@ fn file_of_test(tree: &Tree, path: &[&str]) -> Option<String> {
 fn function(text: &str, name: &str) -> Option<String> {
     let lines: Vec<&str> = text.lines().collect();
     let head = format!("fn {name}(");
-    let at = lines
-        .iter()
-        .position(|line| line.trim_start().trim_start_matches("pub ").starts_with(&head))?;
+    let at = lines.iter().position(|line| {
+        let words = line.trim_start().trim_start_matches("pub ");
+        words.trim_start_matches("async ").starts_with(&head)
+    })?;
     let is_above = |line: &&&str| matches!(line.trim_start().as_bytes(), [b'/' | b'#', ..]);
     let above = lines.iter().take(at).rev().take_while(is_above).count();
     let indent = lines[at].len() - lines[at].trim_start().len();
