@@ -328,12 +328,15 @@ def a_network_that_loses_one_packet_in_five_costs_no_input_its_one_answer(bench)
     stream = Stream(camera, "local=0.02 west=0.05")
     firewall(LOSES.format("tcp" if is_over_zenoh() else "udp"))
     time.sleep(5)
+    until(lambda: any(heard.message["source"] == "local" for heard in list(listener.status.heard)), "a result that is lost", cap=60)
     firewall("delete table inet loss")
     lossy = len(stream.run)
 
     def is_well():
-        last = [heard.message["source"] for heard in list(listener.status.heard)[-20:]]
-        return last == ["west"] * 20
+        # Of inputs that were asked since: while a connection waits for what it lost, nothing is heard at all.
+        since = {str(stamp) for stamp, _ in stream.run[lossy:]}
+        last = [heard.message for heard in list(listener.status.heard)[-20:]]
+        return len(last) == 20 and all(status["source"] == "west" and status["key"] in since for status in last)
 
     until(is_well, "west's results again")
     stream.end()
@@ -346,6 +349,5 @@ def a_network_that_loses_one_packet_in_five_costs_no_input_its_one_answer(bench)
     sources = [listener.status_of(stamp)[0].message for stamp, _ in stream.run if listener.status_of(stamp)]
     assert all(len(listener.of(stamp)) <= 1 for stamp, _ in stream.run)
     by_local = [heard for heard in listener.status.heard if heard.message["source"] == "local"]
-    assert by_local, "no result was lost"
     print(f"{len(stream.run)} inputs, {lossy} of them while packets were lost: {len(taken)} taken on, "
           f"{len(by_local)} answered by local, {sources.count('missed')} missed")
