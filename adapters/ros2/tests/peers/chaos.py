@@ -5,10 +5,10 @@ import random
 import signal
 import subprocess
 import time
-from pathlib import Path
 
 from bench import Skipped
 from certificates import Ca
+from clock import HOUR_S, stands_off
 from faults import Stream, firewall
 from graph import is_over_zenoh, until
 from messages import ERROR, OK, WARN, answered
@@ -37,9 +37,10 @@ def plan(plan):
     return lambda field: field.asks(plan + PADDING), lambda field: field.asks(USUAL)
 
 
-def clock(seconds):
-    """How far off the node's wall clock is."""
-    return lambda field: field.node.wall_clock(seconds), lambda field: field.node.wall_clock(0)
+def wall_clock(seconds):
+    """How far off the node's wall clock is, and the node says so."""
+    return (lambda field: stands_off(field.listener, field.node, seconds),
+            lambda field: stands_off(field.listener, field.node, 0))
 
 
 # What breaks it and what mends it, and whether no result of the cloud comes in time meanwhile (None: some come).
@@ -55,8 +56,8 @@ HARMS = {
     "step": (*plan("local=0.02 west=0.15"), False),
     "name gone": (lambda field: field.restarts(named=False), lambda field: field.is_named(), True),
     "expired": (lambda field: field.restarts("expired"), lambda field: field.restarts(), True),
-    "clock back": (*clock(-3600), False),
-    "clock ahead": (*clock(3600), False),
+    "clock back": (*wall_clock(-HOUR_S), False),
+    "clock ahead": (*wall_clock(HOUR_S), False),
 }
 # A server that falls silent is pinged after 5 s and given up after 2 more.
 LASTS_S = {"black hole": 9.0}
@@ -106,7 +107,7 @@ class Field:
         self.stream.plan = plan
 
     def sources(self, since):
-        """Whose results came since there were so many statuses."""
+        """Whose results came, from this status on."""
         return [heard.message["source"] for heard in list(self.listener.status.heard)[since:]]
 
     def breaks(self, harm):
