@@ -35,7 +35,8 @@ class Node:
     def __init__(self, program, folder, settings, arguments=(), name="fuseline", wall_clock=None, environment=None):
         self.folder = folder / name
         self.folder.mkdir()
-        environment = os.environ | {"NO_COLOR": "1"} | (environment or {})
+        # A panic has its backtrace, if the environment asks for one; an error of a library has none.
+        environment = os.environ | {"NO_COLOR": "1", "RUST_LIB_BACKTRACE": "0"} | (environment or {})
         if wall_clock:
             self.offset_file = self.folder / "offset"
             self.offset_file.write_text("0")
