@@ -3,6 +3,7 @@
 
 mod node;
 mod policy;
+mod simulated;
 
 use std::future::pending;
 use std::sync::atomic::Ordering;

@@ -135,7 +135,98 @@ impl Drop for Guard {
     }
 }
 
-fn settings(clouds: usize, more: &[&str]) -> Settings {
+/// What speaks to a node.
+pub(super) struct Mouths {
+    pub(super) inputs: mpsc::Sender<Sample>,
+    pub(super) results: mpsc::Sender<(usize, Sample)>,
+    pub(super) deadlines: mpsc::Sender<Sample>,
+    pub(super) speeds: mpsc::Sender<Sample>,
+    pub(super) changes: mpsc::UnboundedSender<Change>,
+    pub(super) orders: mpsc::Sender<Order>,
+}
+
+/// By what it hears them.
+pub(super) struct Ears {
+    inputs: mpsc::Receiver<Sample>,
+    results: mpsc::Receiver<(usize, Sample)>,
+    deadlines: mpsc::Receiver<Sample>,
+    speeds: mpsc::Receiver<Sample>,
+    changes: mpsc::UnboundedReceiver<Change>,
+    orders: mpsc::Receiver<Order>,
+}
+
+pub(super) fn mouths() -> (Mouths, Ears) {
+    let (inputs, heard_inputs) = mpsc::channel(1024);
+    let (results, heard_results) = mpsc::channel(64);
+    let (deadlines, heard_deadlines) = mpsc::channel(1);
+    let (speeds, heard_speeds) = mpsc::channel(1);
+    let (changes, heard_changes) = mpsc::unbounded_channel();
+    let (orders, heard_orders) = mpsc::channel(1);
+    let ears = Ears {
+        inputs: heard_inputs,
+        results: heard_results,
+        deadlines: heard_deadlines,
+        speeds: heard_speeds,
+        changes: heard_changes,
+        orders: heard_orders,
+    };
+    (Mouths { inputs, results, deadlines, speeds, changes, orders }, ears)
+}
+
+/// Starts the shipped loop over these topics, whose messages begin with their key.
+pub(super) fn run(
+    settings: &Settings,
+    engine: Engine<Payload, Payload>,
+    sources: Vec<Source>,
+    output: Box<dyn Publish>,
+    voice: Box<dyn Speak>,
+    mut ears: Ears,
+) -> tokio::task::JoinHandle<()> {
+    let (deadline, node) = (settings.deadline, settings.node.full());
+    let speed = settings.deadlines.speed.as_ref().map(Speed::new);
+    let is_managed = settings.lifecycle;
+    tokio::spawn(async move {
+        let mut stop = Stop::never();
+        let mut told = Orders { told: ears.orders, is_active: false, last: None };
+        let mut report = interval(1000 * MS);
+        report.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let counting = engine.counts();
+        let fusion = Fusion {
+            sources,
+            output,
+            ends: Vec::new(),
+            input_key: Key::Integer { offset: 0, kind: Kind::U64 },
+            output_key: Key::Integer { offset: 0, kind: Kind::U64 },
+            deadline,
+            node,
+            voice,
+            memory: Memory::new(Reporter::new("/node", counting.tally())),
+            counting,
+            heard: Heard {
+                inputs: ears.inputs,
+                results: ears.results,
+                deadlines: ears.deadlines,
+                speeds: ears.speeds,
+                changes: &mut ears.changes,
+                report,
+            },
+            speed,
+            orders: is_managed.then_some(&mut told),
+            stop: &mut stop,
+        };
+        let driver = Driver::new(engine, fusion, Timers::Tokio).unwrap();
+        let (mut fusion, engine) = driver.run().await;
+        fusion.report();
+        drop(fusion);
+        finish(engine).await.unwrap();
+        if let Some(order) = told.last.take() {
+            order.done(Done::Success);
+        }
+    })
+}
+
+/// The settings of a node with so many clouds.
+pub(super) fn settings(clouds: usize, more: &[&str]) -> Settings {
     let names: Vec<_> = (1..=clouds).map(|cloud| format!("cloud{cloud}")).collect();
     let mut args = vec![
         "--ros-args".to_owned(),
@@ -198,16 +289,11 @@ impl Node {
         let settings = settings(clouds.len(), more);
         let engine: Engine<Payload, Payload> = node::engine(&settings).unwrap();
         let counting = engine.counts();
-        let (inputs, heard_inputs) = mpsc::channel(1024);
-        let (results, heard_results) = mpsc::channel(64);
-        let (deadlines, heard_deadlines) = mpsc::channel(1);
-        let (speeds, heard_speeds) = mpsc::channel(1);
-        let (changes, mut heard_changes) = mpsc::unbounded_channel();
-        let (orders, told) = mpsc::channel(1);
+        let (mouths, ears) = mouths();
         let (requests, asked) = topic("/local/input");
         let matched = Arc::clone(&requests.matched);
         let is_deaf = Arc::<AtomicBool>::default();
-        tokio::spawn(model(local, asked, results.clone(), Arc::clone(&is_deaf), start));
+        tokio::spawn(model(local, asked, mouths.results.clone(), Arc::clone(&is_deaf), start));
         let dropped = Arc::new(Mutex::new(Vec::new()));
         let hints = Hints::default();
         let answers = End::new("/local/output", "tests/msg/Text");
@@ -225,46 +311,9 @@ impl Node {
         let (output, published) = topic("/output");
         let said = Arc::<Mutex<Said>>::default();
         let mouth = Mouth { said: Arc::clone(&said), output: Mutex::new(published), start };
-        let (counts, reporter) = (counting.clone(), Reporter::new("/node", counting.tally()));
-        let (deadline, node) = (settings.deadline, settings.node.full());
-        let running = tokio::spawn(async move {
-            let mut stop = Stop::never();
-            let mut told = Orders { told, is_active: false, last: None };
-            let mut report = interval(1000 * MS);
-            report.set_missed_tick_behavior(MissedTickBehavior::Delay);
-            let fusion = Fusion {
-                sources,
-                output: Box::new(output),
-                ends: Vec::new(),
-                input_key: Key::Integer { offset: 0, kind: Kind::U64 },
-                output_key: Key::Integer { offset: 0, kind: Kind::U64 },
-                deadline,
-                node,
-                voice: Box::new(mouth),
-                counting: counts,
-                heard: Heard {
-                    inputs: heard_inputs,
-                    results: heard_results,
-                    deadlines: heard_deadlines,
-                    speeds: heard_speeds,
-                    changes: &mut heard_changes,
-                    report,
-                },
-                speed: settings.deadlines.speed.as_ref().map(Speed::new),
-                orders: settings.lifecycle.then_some(&mut told),
-                stop: &mut stop,
-                memory: Memory::new(reporter),
-            };
-            let driver = Driver::new(engine, fusion, Timers::Tokio).unwrap();
-            let (mut fusion, engine) = driver.run().await;
-            fusion.report();
-            drop(fusion);
-            finish(engine).await.unwrap();
-            if let Some(order) = told.last.take() {
-                order.done(Done::Success);
-            }
-        });
+        let running = run(&settings, engine, sources, Box::new(output), Box::new(mouth), ears);
         let local = matched;
+        let Mouths { inputs, results, deadlines, speeds, changes, orders } = mouths;
         Self {
             start,
             inputs,

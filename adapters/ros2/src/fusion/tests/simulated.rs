@@ -1,0 +1,234 @@
+//! The node's loop in virtual time, on topics that lose, delay, double and reorder what they carry, with peers that die and
+//! come back and parameters that are set meanwhile.
+//!
+//! A seed makes a [`Scenario`]. It is played by the shipped loop, engine and recorder; in the place of the middleware there
+//! are the channels by which the node hears it. Each check is a test, on the same seeds. Fresh ones, or one of them again:
+//!
+//! ```sh
+//! SIMULATED_SECONDS=60 cargo test -p fuseline-ros2 --lib fresh_seeds -- --nocapture
+//! SIMULATED_SEED=42 cargo test -p fuseline-ros2 --lib fresh_seeds -- --nocapture
+//! ```
+
+mod checks;
+mod draw;
+mod facts;
+mod play;
+mod scenario;
+mod smaller;
+
+use std::collections::BTreeMap;
+use std::env;
+use std::fmt::Write as _;
+use std::sync::{LazyLock, mpsc};
+use std::thread;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use checks::{CHECKS, Finding};
+use facts::Facts;
+use play::play;
+use scenario::Scenario;
+
+/// So many seeds from 0 on show everything that a seeded fault was ever caught by.
+const SEEDS: u64 = 300;
+
+/// A run takes some milliseconds.
+const HANGS: Duration = Duration::from_secs(20);
+
+/// The check that a run breaks which has no end.
+const ENDS: &str = "d8_everything_ends";
+
+/// Seeds that ever failed: they are played first.
+const KEPT: [u64; 0] = [];
+
+/// By check: the first seed that broke it, and how.
+static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|| {
+    let mut broken = BTreeMap::new();
+    for seed in KEPT.into_iter().chain(0..SEEDS) {
+        for Finding { check, what } in findings(&Scenario::draw(seed)) {
+            broken.entry(check).or_insert((seed, what));
+        }
+        // What hangs goes on in its thread.
+        if broken.contains_key(ENDS) {
+            break;
+        }
+    }
+    broken
+});
+
+/// What does not hold of a run.
+fn findings(scenario: &Scenario) -> Vec<Finding> {
+    let (tell, ended) = mpsc::channel();
+    let scenario = scenario.clone();
+    // In a loop that never sleeps no virtual time passes, so real time tells.
+    thread::spawn(move || {
+        let played = play(&scenario);
+        let findings = match Facts::new(&scenario, &played) {
+            Ok(facts) => facts.findings(),
+            Err(what) => vec![Finding { check: "d10_whole_trace", what }],
+        };
+        // Nobody listens any more if it took too long.
+        let _ = tell.send(findings);
+    });
+    let what = || format!("the node did not end well within {HANGS:?}");
+    let never = |_| vec![Finding { check: ENDS, what: what() }];
+    ended.recv_timeout(HANGS).unwrap_or_else(never)
+}
+
+fn holds(check: &str) {
+    assert!(CHECKS.iter().any(|known| known.name == check), "there is no check {check}");
+    if let Some((seed, what)) = BROKEN.get(check) {
+        panic!("seed {seed}: {what}");
+    }
+}
+
+/// The seed's run, a smallest one that breaks the same, and why.
+fn told(seed: u64, finding: &Finding) -> String {
+    if finding.check == ENDS {
+        return format!("seed {seed} breaks {ENDS}: {}\n\n{}", finding.what, Scenario::draw(seed));
+    }
+    let breaks = |smaller: &Scenario| {
+        findings(smaller).into_iter().find(|again| again.check == finding.check)
+    };
+    let smallest = smaller::smallest(&Scenario::draw(seed), |it| breaks(it).is_some());
+    let what = breaks(&smallest).map_or_else(|| finding.what.clone(), |again| again.what);
+    let mut told = format!("seed {seed} breaks {}: {what}\n\n{smallest}", finding.check);
+    let trace = play(&smallest).trace;
+    let _ = write!(told, "{}", String::from_utf8_lossy(&trace));
+    told
+}
+
+/// D1: each input is taken in, and leads to one status and at most one output, unless it has no key or that of an open message.
+#[test]
+fn d1_each_input_leads_to_one_status() {
+    holds("d1_one_item");
+}
+
+/// D2: an output and a hint are what their source sent for their message, byte for byte.
+#[test]
+fn d2_an_output_is_what_its_source_sent() {
+    holds("d2_its_own_value");
+}
+
+/// D3: the strict judge finds nothing, and statuses and outputs are its decisions.
+#[test]
+fn d3_the_rules_decide_on_topics() {
+    holds("d3_the_rules_decide");
+}
+
+/// D8: the node ends when it is told to, and answers what is open before.
+#[test]
+fn d8_a_node_that_is_told_to_end_ends() {
+    holds("d8_everything_ends");
+}
+
+/// D8: nothing is kept once the node has ended.
+#[test]
+fn d8_nothing_of_a_run_is_left() {
+    holds("d8_nothing_is_left");
+}
+
+/// D10: the trace is whole.
+#[test]
+fn d10_the_trace_of_a_node_is_whole() {
+    holds("d10_whole_trace");
+}
+
+/// D11: tally and trace tell the same.
+#[test]
+fn d11_a_node_has_one_account() {
+    holds("d11_one_account");
+}
+
+/// D13: once the network is well again, each message is answered by the best, whatever was lost before.
+#[test]
+fn d13_what_was_lost_costs_nothing_later() {
+    holds("d13_lost_words");
+}
+
+/// D14: what has no key, or the key of no message, is not taken in.
+#[test]
+fn d14_what_has_no_key_is_counted_and_no_more() {
+    holds("d14_its_own_topic");
+}
+
+/// D15: diagnostics tell what was missed, refused and not sent with the right level, and nothing else.
+#[test]
+fn d15_levels_are_those_of_what_happened() {
+    holds("d15_told");
+}
+
+/// D16: deadlines, clouds that are asked, and the state of a managed node are as they were set when a message came.
+#[test]
+fn d16_what_is_set_holds_for_the_next_message() {
+    holds("d16_as_set");
+}
+
+/// No check is without its test here.
+#[test]
+fn every_check_has_a_test() {
+    let here = include_str!("simulated.rs");
+    for check in CHECKS {
+        assert!(here.contains(&format!("holds(\"{}\")", check.name)), "{}", check.name);
+    }
+}
+
+#[test]
+fn a_seed_is_the_same_run_to_the_byte() {
+    for seed in 0..20 {
+        let [one, other] = [(); 2].map(|()| play(&Scenario::draw(seed)));
+        assert!(!one.trace.is_empty());
+        assert_eq!(one.trace, other.trace, "seed {seed}");
+        assert_eq!(format!("{:?}", one.log), format!("{:?}", other.log), "seed {seed}");
+    }
+}
+
+/// What the scenarios are for comes about in those that the tests play.
+#[test]
+fn the_seeds_come_to_each_kind_of_ending() {
+    let mut seen = BTreeMap::<String, usize>::new();
+    for seed in 0..SEEDS {
+        let scenario = Scenario::draw(seed);
+        let played = play(&scenario);
+        for kind in Facts::new(&scenario, &played).unwrap().kinds() {
+            *seen.entry(kind).or_default() += 1;
+        }
+    }
+    for kind in facts::KINDS {
+        let count = seen.get(kind).copied().unwrap_or(0);
+        assert!(count >= 5, "{count} runs with {kind}: {seen:#?}");
+    }
+}
+
+/// Without the variables, so many other seeds.
+#[test]
+fn fresh_seeds() {
+    let number = |name| env::var(name).ok().map(|text| text.parse::<u64>().expect("a number"));
+    let seconds = number("SIMULATED_SECONDS").map(Duration::from_secs);
+    let (first, runs) = match number("SIMULATED_SEED") {
+        Some(seed) => (seed, 1),
+        None if seconds.is_some() => (by_chance(), u64::MAX),
+        None => (SEEDS, 50),
+    };
+    let start = Instant::now();
+    let mut next = first;
+    let mut messages = 0;
+    while next - first < runs && seconds.is_none_or(|seconds| start.elapsed() < seconds) {
+        let scenario = Scenario::draw(next);
+        messages += scenario.inputs.len();
+        if let Some(finding) = findings(&scenario).first() {
+            panic!("{}", told(next, finding));
+        }
+        next += 1;
+    }
+    if runs == 1 {
+        print!("{}", Scenario::draw(first));
+    }
+    let took = start.elapsed().as_secs_f64();
+    println!("seeds {first} to {}: {messages} inputs in {took:.1} s", next - 1);
+}
+
+/// A seed by chance, short enough to be read aloud.
+fn by_chance() -> u64 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
+    fastrand::Rng::with_seed(u64::from(now.subsec_nanos())).u64(..1_000_000_000)
+}

@@ -1,0 +1,334 @@
+//! What must hold of every run, by name.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use super::facts::{Facts, Left, value};
+use super::play::Told;
+use super::scenario::Form;
+use crate::fusion::LOCAL;
+use crate::report::DiagnosticStatus;
+
+/// One thing that must hold of every run.
+pub(super) struct Check {
+    /// Its name, which begins with the promise of SPEC.md that it is about.
+    pub(super) name: &'static str,
+    holds: fn(&Facts<'_>) -> Result<(), String>,
+}
+
+/// All of them.
+pub(super) const CHECKS: &[Check] = &[
+    // A run that has no end, and a trace that is not whole, have no facts.
+    Check { name: "d8_everything_ends", holds: |_| Ok(()) },
+    Check { name: "d10_whole_trace", holds: |_| Ok(()) },
+    Check { name: "d1_one_item", holds: one_item },
+    Check { name: "d2_its_own_value", holds: its_own_value },
+    Check { name: "d3_the_rules_decide", holds: the_rules_decide },
+    Check { name: "d8_nothing_is_left", holds: nothing_is_left },
+    Check { name: "d11_one_account", holds: one_account },
+    Check { name: "d13_lost_words", holds: lost_words },
+    Check { name: "d14_its_own_topic", holds: its_own_topic },
+    Check { name: "d15_told", holds: told },
+    Check { name: "d16_as_set", holds: as_set },
+];
+
+/// What does not hold of a run.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Finding {
+    pub(super) check: &'static str,
+    /// What is wrong, in words.
+    pub(super) what: String,
+}
+
+impl Facts<'_> {
+    /// Everything that does not hold.
+    pub(super) fn findings(&self) -> Vec<Finding> {
+        let found = |check: &Check| {
+            let what = (check.holds)(self).err()?;
+            Some(Finding { check: check.name, what })
+        };
+        CHECKS.iter().filter_map(found).collect()
+    }
+}
+
+fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(what()) }
+}
+
+/// D1: each status is of another message, each message has one, and what is none has the key of one that is open.
+fn one_item(facts: &Facts<'_>) -> Result<(), String> {
+    let Facts { played, messages, opened, .. } = facts;
+    let mut told: Vec<_> = played.log.statuses.iter().filter_map(Told::timestamp).collect();
+    told.sort_unstable();
+    let all: Vec<_> = (0..opened.len() as u64).collect();
+    ensure(told == all, || format!("of {} messages there are statuses {told:?}", all.len()))?;
+    ensure(messages.len() == opened.len(), || {
+        let next = &opened[messages.len()];
+        format!("no input came at the instant of {next:?}, the message {}", messages.len())
+    })?;
+    for serial in &facts.rejected {
+        let (input, at) = (&facts.inputs[*serial], played.log.came[*serial]);
+        let is_open = messages.iter().zip(opened).any(|(message, opened)| {
+            let is_before = message.serial < *serial;
+            let is_there = opened.left.is_none_or(|(left, _)| left >= at);
+            is_before && is_there && facts.inputs[message.serial].key == input.key
+        });
+        let is_inactive = facts.states(at).any(|state| !state.is_active);
+        ensure(input.form != Form::Whole || is_open || is_inactive, || {
+            format!("input {serial} of key {} was not taken in", input.key)
+        })?;
+    }
+    for message in messages {
+        let at = played.log.came[message.serial];
+        ensure(facts.states(at).any(|state| state.is_active), || {
+            format!("input {} was taken in though the node was not active", message.serial)
+        })?;
+    }
+    Ok(())
+}
+
+/// D2: outputs and hints are results of their messages, of their sources.
+fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
+    let is_of = |value: super::play::Value, t: usize, place: usize| {
+        let serial = facts.messages.get(t).map(|message| message.serial);
+        let key = serial.map(|serial| facts.inputs[serial].key);
+        let is_same = !serial.is_some_and(|serial| facts.is_unique(serial));
+        Some(value.key) == key
+            && value.place == place
+            && facts.inputs.get(value.serial).map(|input| input.key) == key
+            && (is_same || Some(value.serial) == serial)
+    };
+    for (t, opened) in facts.opened.iter().enumerate() {
+        let Some((_, Left::Forwarded { place, .. })) = opened.left else { continue };
+        let output = facts.messages.get(t).and_then(|message| message.told.output.as_ref());
+        let value = output.and_then(|output| output.value.as_ref().ok()).copied();
+        ensure(value.is_some_and(|value| is_of(value, t, place)), || {
+            format!("{t} was forwarded from {place} as {output:?}")
+        })?;
+    }
+    // F3: what was late, in that order, of the peers whose late results are published.
+    let hints = |place: usize| facts.played.log.hints.iter().filter(move |it| it.0 == place);
+    for (place, peer) in facts.scenario.peers.iter().enumerate() {
+        let late: Vec<_> = facts.late.iter().filter(|it| it.0 == place && peer.hints).collect();
+        let same = hints(place).count() == late.len()
+            && hints(place).zip(&late).all(|((_, value), (_, t))| {
+                let t = usize::try_from(*t).unwrap_or(usize::MAX);
+                value.as_ref().is_ok_and(|value| is_of(*value, t, place))
+            });
+        ensure(same, || {
+            let hints: Vec<_> = hints(place).collect();
+            format!("late were {late:?} of {place}, the hints were {hints:?}")
+        })?;
+    }
+    Ok(())
+}
+
+/// D3: the trace conforms, and what is published is what it decides, when it decides it.
+fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
+    ensure(facts.verdict.conforms, || format!("{:?}", facts.verdict))?;
+    for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
+        let Told { at, status, output } = message.told;
+        let Some((left, how)) = opened.left else { return Err(format!("{t} never left")) };
+        let (source, rule, is_output) = match how {
+            Left::Forwarded { place, rule } => (Some(name(place)), Some(rule), true),
+            Left::Missed | Left::Refused(_) => (None, None, false),
+        };
+        let words = match how {
+            Left::Forwarded { .. } => status.message.clone(),
+            Left::Missed => "missed".to_owned(),
+            Left::Refused(why) => format!("refused: {why}"),
+        };
+        let is_same = *at == left
+            && message.told.value("source").map(str::to_owned) == source
+            && message.told.value("rule") == rule
+            && output.is_some() == is_output
+            && status.message == words;
+        ensure(is_same, || format!("{t} left as {how:?} at {left}, told was {:?}", message.told))?;
+    }
+    ensure(facts.played.log.disobeyed.is_none(), || {
+        format!("an order of the manager ended so: {:?}", facts.played.log.disobeyed)
+    })
+}
+
+/// D8: no message and no result is kept.
+fn nothing_is_left(facts: &Facts<'_>) -> Result<(), String> {
+    let left = facts.played.left;
+    ensure(left == 0, || format!("{left} messages and results are still held"))
+}
+
+/// D11: the tally has the counts of the trace, and of what was sent.
+fn one_account(facts: &Facts<'_>) -> Result<(), String> {
+    let Facts { played, opened, .. } = facts;
+    let tally = &played.tally;
+    let count = |is: &dyn Fn(Left) -> bool| {
+        opened.iter().filter(|it| it.left.is_some_and(|(_, left)| is(left))).count() as u64
+    };
+    let refused = count(&|left| matches!(left, Left::Refused(_)));
+    let missed = count(&|left| left == Left::Missed);
+    let told = (tally.messages, tally.missed, tally.refused.values().sum::<u64>());
+    let traced = (opened.len() as u64 - refused, missed, refused);
+    ensure(told == traced, || format!("messages, missed, refused: {told:?}, traced {traced:?}"))?;
+    for (place, source) in tally.sources.iter().enumerate() {
+        let offers = opened.iter().filter_map(|message| message.offers.get(&place));
+        let admitted = if place == LOCAL {
+            opened.len() as u64 - refused
+        } else {
+            offers.clone().filter(|(_, is_refused)| !is_refused).count() as u64
+        };
+        let outputs =
+            count(&|left| matches!(left, Left::Forwarded { place: of, .. } if of == place));
+        let is_called = facts.scenario.peers[place].is_called;
+        let sent = facts.asked(place).map(|asked| asked.bytes).sum::<u64>();
+        let of = |counts: &BTreeMap<usize, u64>| counts.get(&place).copied().unwrap_or(0);
+        let traced = [
+            admitted,
+            outputs,
+            of(&facts.timers),
+            of(&facts.cancelled),
+            if is_called { 0 } else { sent },
+        ];
+        let told = [
+            source.admitted,
+            source.outputs.values().sum(),
+            source.timers,
+            source.cancelled,
+            source.sent_bytes,
+        ];
+        ensure(told == traced, || {
+            format!(
+                "{place}: admitted, outputs, timers, cancelled, bytes {told:?}, traced {traced:?}"
+            )
+        })?;
+    }
+    Ok(())
+}
+
+/// D13: in the calm each message goes to local and to each cloud at once, and the best answers it.
+fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
+    let calm = facts.scenario.calm();
+    let best = facts.scenario.peers.len() - 1;
+    let mut seen = 0;
+    for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
+        let input = &facts.inputs[message.serial];
+        if input.at < calm {
+            continue;
+        }
+        seen += 1;
+        let is_best = matches!(opened.left, Some((_, Left::Forwarded { place, rule: "F3" })) if place == best);
+        ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.left))?;
+        for place in 0..=best {
+            let mut asked = facts.asked(place).filter(|asked| asked.serial == message.serial);
+            let at: Vec<_> = asked.by_ref().map(|asked| asked.at).collect();
+            ensure(at == [opened.at], || {
+                format!("{place} was asked about {t} of the calm, opened at {}: {at:?}", opened.at)
+            })?;
+        }
+    }
+    let all = facts.inputs.iter().filter(|input| input.at >= calm).count();
+    ensure(seen == all, || format!("{seen} of {all} messages of the calm were taken in"))
+}
+
+/// D14: what is no message and no result is counted as what it is.
+fn its_own_topic(facts: &Facts<'_>) -> Result<(), String> {
+    let Some(statuses) = facts.played.log.diagnostics.last().map(|last| &last.1) else {
+        return Err("there were no diagnostics".into());
+    };
+    let count = |status: &DiagnosticStatus, key: &str| -> u64 {
+        value(&status.values, key).and_then(|text| text.parse().ok()).unwrap_or(u64::MAX)
+    };
+    for (form, key) in [
+        (Form::Short, "malformed short"),
+        (Form::NotCdr, "malformed encoding"),
+        (Form::Whole, "duplicate_stamp"),
+    ] {
+        // At the instant of an activation it may or may not be looked at.
+        let (mut least, mut most) = (0, 0);
+        for serial in facts.rejected.iter().filter(|serial| facts.inputs[**serial].form == form) {
+            let at = facts.played.log.came[*serial];
+            least += u64::from(facts.states(at).all(|state| state.is_active));
+            most += u64::from(facts.states(at).any(|state| state.is_active));
+        }
+        let told = count(&statuses[0], key);
+        ensure((least..=most).contains(&told), || {
+            format!("{key} is {told}, not {least} to {most}")
+        })?;
+    }
+    // A key that was given to a refused message is nobody's then.
+    let is_exact = (0..facts.inputs.len()).all(|serial| facts.is_unique(serial));
+    for (strays, status) in facts.played.log.strays.iter().zip(&statuses[1..]) {
+        let told = ["unknown_stamp", "malformed"].map(|key| count(status, key));
+        let wanted = [strays.unknown_stamp, strays.malformed];
+        let is_right = told[1] == wanted[1] && told[0] >= wanted[0];
+        ensure(is_right && (!is_exact || told == wanted), || {
+            format!("{}: unknown and malformed are {told:?}, not {wanted:?}", status.name)
+        })?;
+    }
+    Ok(())
+}
+
+/// D15: each period has the level of what happened in it; at the end all is well.
+fn told(facts: &Facts<'_>) -> Result<(), String> {
+    let mut before = BTreeMap::new();
+    for (at, statuses) in &facts.played.log.diagnostics {
+        let status = &statuses[0];
+        let mut more = |keys: &dyn Fn(&str) -> bool| -> u64 {
+            let of = status.values.iter().filter(|value| keys(&value.key));
+            of.map(|value| {
+                let count: u64 = value.value.parse().unwrap_or(0);
+                count - before.insert(value.key.clone(), count).unwrap_or(0)
+            })
+            .sum()
+        };
+        let worst = more(&|key| key == "missed" || key == "unsent");
+        let bad = more(&|key| {
+            key.starts_with("refused") || key.starts_with("malformed") || key == "duplicate_stamp"
+        });
+        let level = if worst > 0 { 2 } else { u8::from(bad > 0) };
+        ensure(status.level == level, || {
+            format!("at {at} the level is {} ({}), not {level}", status.level, status.message)
+        })?;
+    }
+    let Some((_, last)) = facts.played.log.diagnostics.last() else { return Ok(()) };
+    let outputs = facts.played.log.statuses.iter().filter_map(|told| told.output.as_ref());
+    let unsent = outputs.filter(|output| !output.is_sent).count();
+    let told = value(&last[0].values, "unsent");
+    ensure(told == Some(&unsent.to_string()), || format!("{unsent} unsent, told are {told:?}"))?;
+    let words: Vec<_> = last.iter().map(|status| (status.level, &*status.message)).collect();
+    let is_well = words[0] == (0, "each message answered")
+        && words[1..].iter().all(|words| *words == (0, "in time"));
+    ensure(is_well, || format!("at the end they are {words:?}"))
+}
+
+/// D16: the deadlines, and who is asked, are as they were set when the message came. What is set at that instant, on several
+/// topics perhaps, may hold or not.
+fn as_set(facts: &Facts<'_>) -> Result<(), String> {
+    let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
+    for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
+        let states: Vec<_> = facts.states(facts.played.log.came[message.serial]).collect();
+        let is_refused = matches!(opened.left, Some((_, Left::Refused(_))));
+        let of_local = states.iter().any(|state| opened.deadline == Some(nanos(state.local)));
+        let is_so = |place: usize| {
+            let peers = || states.iter().map(|state| state.peers[place]);
+            let Some((deadline, _)) = opened.offers.get(&place) else {
+                return is_refused
+                    || peers().any(|it| !it.is_enabled)
+                    || peers().any(|it| !it.is_there);
+            };
+            let own = peers().filter_map(|it| it.deadline);
+            let common = states.iter().map(|state| state.deadline);
+            let common = common.filter(|_| peers().any(|it| it.deadline.is_none()));
+            !is_refused
+                && peers().any(|it| it.is_enabled)
+                && peers().any(|it| it.is_there)
+                && own.chain(common).any(|set| nanos(set) == *deadline)
+        };
+        ensure(of_local && (1..facts.scenario.peers.len()).all(is_so), || {
+            format!("{t} was {opened:?}; in force were {states:?}")
+        })?;
+    }
+    Ok(())
+}
+
+fn name(place: usize) -> String {
+    if place == LOCAL { "local".into() } else { format!("cloud{place}") }
+}

@@ -1,0 +1,147 @@
+//! Scenarios drawn from seeds.
+
+use std::time::Duration;
+
+use fastrand::Rng;
+
+use super::scenario::{Fate, Form, Input, Peer, Reply, Scenario, Turn, What};
+use crate::Commit;
+use crate::settings::Change;
+
+/// Deadlines in ms; none is longer than what a calm waits for.
+const DEADLINES: [u64; 6] = [10, 30, 60, 100, 500, 1000];
+
+impl Scenario {
+    /// The run of this seed.
+    pub(super) fn draw(seed: u64) -> Self {
+        let mut rng = Rng::with_seed(seed);
+        let rng = &mut rng;
+        let clouds = one(rng, &[0, 1, 1, 2, 2, 3]);
+        let peers: Vec<_> = (0..=clouds).map(|place| peer(rng, place)).collect();
+        let count = one(rng, &[3, 10, 30, 60, 120]);
+        let gap = one(rng, &[1, 5, 10, 33, 100]);
+        let inputs = inputs(rng, count, gap, peers.len());
+        let span = inputs.last().map_or(Duration::ZERO, |last| last.at);
+        Self {
+            window: one(rng, &[1, 2, 4, 16, 16, 64]),
+            commit: one(rng, &[Commit::Eager, Commit::Patient]),
+            waiting: one(rng, &[1, 4, 16, 64]),
+            turns: turns(rng, span, peers.len()),
+            peers,
+            inputs,
+        }
+    }
+}
+
+fn peer(rng: &mut Rng, place: usize) -> Peer {
+    let is_called = place > 0 && rng.u8(..3) == 0;
+    Peer {
+        // As by default, most of the time.
+        in_flight: if place == 0 { one(rng, &[1, 2, 4, 4, 4]) } else { one(rng, &[1, 2, 8, 8]) },
+        limit: one(rng, &[1, 3, 31]),
+        is_called,
+        hints: place > 0 && !is_called && rng.bool(),
+    }
+}
+
+fn inputs(rng: &mut Rng, count: u64, gap: u64, peers: usize) -> Vec<Input> {
+    // The manager has activated it by then.
+    let mut at = Duration::from_millis(1);
+    let mut inputs: Vec<Input> = Vec::new();
+    // How often what this peer is sent, or sends, gets lost, in percent.
+    let losses: Vec<u8> = (0..peers).map(|_| one(rng, &[0, 0, 5, 20, 60, 100])).collect();
+    for number in 0..count {
+        at += Duration::from_micros(match rng.u8(..8) {
+            0 => 0,
+            1 => gap * 1000 + rng.u64(..1000),
+            _ => gap * 1000,
+        });
+        let key = match (rng.u8(..20), inputs.last()) {
+            // The stamp of one that is open, perhaps.
+            (0, Some(last)) => last.key,
+            (1, Some(_)) => inputs[rng.usize(..inputs.len())].key,
+            _ => 10 * number + 100,
+        };
+        let form = match rng.u8(..40) {
+            0 => Form::Short,
+            1 => Form::NotCdr,
+            _ => Form::Whole,
+        };
+        let fates = losses.iter().map(|loss| fate(rng, *loss)).collect();
+        inputs.push(Input { at, key, form, is_unsent: rng.u8(..50) == 0, fates });
+    }
+    inputs
+}
+
+fn fate(rng: &mut Rng, loss: u8) -> Fate {
+    let is_lost = |rng: &mut Rng| rng.u8(..100) < loss;
+    let way = (!is_lost(rng)).then(|| delay(rng));
+    let took = Duration::from_micros(match rng.u8(..8) {
+        0 => 0,
+        1 => 1000 * one(rng, &DEADLINES),
+        _ => rng.u64(1000..80_000),
+    });
+    let replies = if is_lost(rng) { 0 } else { one(rng, &[1, 1, 1, 1, 1, 1, 1, 2, 3]) };
+    let reply = |rng: &mut Rng| {
+        let what = match rng.u8(..40) {
+            0 => What::Stray,
+            1 => What::Short,
+            2 => What::NotCdr,
+            _ => What::Result,
+        };
+        Reply { way: delay(rng), what }
+    };
+    Fate { way, took, replies: (0..replies).map(|_| reply(rng)).collect() }
+}
+
+/// On the way: short mostly, long now and then, so that what is sent later may come first.
+fn delay(rng: &mut Rng) -> Duration {
+    Duration::from_micros(match rng.u8(..10) {
+        0 => rng.u64(..1_500_000),
+        1..4 => rng.u64(..40_000),
+        _ => rng.u64(..3_000),
+    })
+}
+
+fn turns(rng: &mut Rng, span: Duration, peers: usize) -> Vec<(Duration, Turn)> {
+    let mut turns = Vec::new();
+    let mut is_active = true;
+    // One of the two ways to set it: of two that come at once either may be the last.
+    let by_topic = rng.bool();
+    for _ in 0..one(rng, &[0, 1, 4, 12]) {
+        let at = span.mul_f64(rng.f64());
+        let peer = rng.usize(..peers);
+        let some = Duration::from_millis(one(rng, &DEADLINES));
+        let cloud = rng.usize(..peers.max(2) - 1);
+        match rng.u8(..10) {
+            0 if !by_topic => turns.push((at, Turn::Set(Change::Deadline(some)))),
+            1 => turns.push((at, Turn::Set(Change::LocalDeadline(some)))),
+            2 | 3 if peers > 1 => {
+                let own = rng.bool().then_some(some);
+                turns.push((at, Turn::Set(Change::CloudDeadline(cloud, own))));
+            }
+            4 if peers > 1 => {
+                turns.push((at, Turn::Set(Change::CloudEnabled(cloud, rng.bool()))));
+            }
+            5 if by_topic => {
+                let seconds = one(rng, &[0.05, 0.2, 1.0, 0.0, -1.0, f64::NAN, f64::INFINITY]);
+                turns.push((at, Turn::Deadline(seconds)));
+            }
+            6 => {
+                is_active = !is_active;
+                turns.push((at, Turn::Activate(is_active)));
+            }
+            7 => turns.push((at, Turn::Stalls(Duration::from_millis(rng.u64(1..300))))),
+            _ => {
+                turns.push((at, Turn::Dies { peer, is_seen: rng.bool() }));
+                turns.push((at + span.mul_f64(rng.f64() / 4.0), Turn::Lives(peer)));
+            }
+        }
+    }
+    turns.sort_by_key(|turn| turn.0);
+    turns
+}
+
+fn one<T: Copy>(rng: &mut Rng, choices: &[T]) -> T {
+    choices[rng.usize(..choices.len())]
+}

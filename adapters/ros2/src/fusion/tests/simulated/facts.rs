@@ -1,0 +1,341 @@
+//! What is known of a run: the trace, and what was seen beside it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
+use std::time::Duration;
+
+use fuseline_kit::split;
+use fuseline_traces::{Decision, DropReason, Event, Events, Input, OpenRefusal, Verdict, judge};
+
+use super::play::{Asked, Played, Told};
+use super::scenario::{Form, Scenario, Turn};
+use crate::settings::{Change, Settings};
+
+/// What a run may come to, in words.
+pub(super) const KINDS: [&str; 12] = [
+    "an output of a cloud",
+    "an output of local by a timer",
+    "a missed message",
+    "a refused message",
+    "the stamp of an open message",
+    "a lost computation",
+    "a result of no message",
+    "a hint",
+    "an output that was not sent",
+    "an offer that was refused",
+    "a failure",
+    "an input while the node was inactive",
+];
+
+pub(super) struct Facts<'a> {
+    pub(super) scenario: &'a Scenario,
+    pub(super) inputs: Vec<super::scenario::Input>,
+    pub(super) played: &'a Played,
+    pub(super) verdict: Verdict,
+    /// By timestamp.
+    pub(super) messages: Vec<Message<'a>>,
+    /// By timestamp: what the trace says.
+    pub(super) opened: Vec<Opened>,
+    /// Inputs that were no messages, by their places.
+    pub(super) rejected: Vec<usize>,
+    /// Each state that was set, and from when on.
+    pub(super) set: Vec<(u64, State)>,
+    pub(super) timers: BTreeMap<usize, u64>,
+    pub(super) cancelled: BTreeMap<usize, u64>,
+    /// Results that were too late or superseded: place and timestamp.
+    pub(super) late: Vec<(usize, u64)>,
+}
+
+/// A message that was taken in, and what was told of it.
+pub(super) struct Message<'a> {
+    /// The input's place.
+    pub(super) serial: usize,
+    pub(super) told: &'a Told,
+}
+
+/// A message as the trace has it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Opened {
+    pub(super) at: u64,
+    pub(super) deadline: Option<u64>,
+    /// Each cloud that was asked, its deadline, and whether the offer was refused.
+    pub(super) offers: BTreeMap<usize, (u64, bool)>,
+    pub(super) left: Option<(u64, Left)>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Left {
+    Forwarded { place: usize, rule: &'static str },
+    Missed,
+    Refused(OpenRefusal),
+}
+
+/// What is in force: of the node, and of each cloud.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct State {
+    pub(super) is_active: bool,
+    pub(super) deadline: Duration,
+    pub(super) local: Duration,
+    /// By place; local's mean nothing.
+    pub(super) peers: Vec<Standing>,
+}
+
+/// How a cloud stands.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Standing {
+    pub(super) is_enabled: bool,
+    pub(super) is_there: bool,
+    /// A deadline of its own.
+    pub(super) deadline: Option<Duration>,
+}
+
+impl<'a> Facts<'a> {
+    /// # Errors
+    /// If the trace cannot be read.
+    pub(super) fn new(scenario: &'a Scenario, played: &'a Played) -> Result<Self, String> {
+        let verdict = judge("trace", &*played.trace).map_err(|error| error.to_string())?;
+        let parameters = scenario.parameters().into_iter().flat_map(|it| ["-p".to_owned(), it]);
+        let parameters: Vec<_> = parameters.collect();
+        let parameters: Vec<_> = parameters.iter().map(String::as_str).collect();
+        let settings = super::super::node::settings(scenario.peers.len() - 1, &parameters);
+        let mut facts = Self {
+            scenario,
+            inputs: scenario.all_inputs(),
+            played,
+            verdict,
+            messages: Vec::new(),
+            opened: Vec::new(),
+            rejected: Vec::new(),
+            set: states(scenario, &settings, &played.log.turned),
+            timers: BTreeMap::new(),
+            cancelled: BTreeMap::new(),
+            late: Vec::new(),
+        };
+        facts.read()?;
+        facts.assign();
+        Ok(facts)
+    }
+
+    /// Reads what the trace tells.
+    fn read(&mut self) -> Result<(), String> {
+        let mut events = Events::new("trace", &*self.played.trace).map_err(|it| it.to_string())?;
+        let mut step: Option<(Input, Vec<Decision>)> = None;
+        while let Some(event) = events.next_event().map_err(|error| error.to_string())? {
+            match (event, &mut step) {
+                (Event::Decision(decision), Some((_, decisions))) => decisions.push(decision),
+                (Event::Decision(_), None) => {}
+                (Event::Input(next), _) => {
+                    if let Some((input, decisions)) = step.replace((next, Vec::new())) {
+                        self.step(input, &decisions)?;
+                    }
+                }
+            }
+        }
+        step.map_or(Ok(()), |(input, decisions)| self.step(input, &decisions))
+    }
+
+    fn step(&mut self, input: Input, decisions: &[Decision]) -> Result<(), String> {
+        // What fires comes before the input's own.
+        let (fired, own) = split(&input, decisions);
+        for decision in fired {
+            self.decision(*decision, None);
+        }
+        self.input(input)?;
+        for decision in own {
+            self.decision(*decision, Some(input));
+        }
+        Ok(())
+    }
+
+    fn input(&mut self, input: Input) -> Result<(), String> {
+        match input {
+            Input::Open { at, t, deadline } => {
+                if t != self.opened.len() as u64 {
+                    return Err(format!("{t} is opened as number {}", self.opened.len()));
+                }
+                self.opened.push(Opened { at, deadline, offers: BTreeMap::new(), left: None });
+            }
+            Input::Offer { t, p, deadline, .. } => {
+                let message = self.message(t);
+                message.offers.insert(place(p), (deadline, false));
+            }
+            Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. } => {}
+        }
+        Ok(())
+    }
+
+    fn decision(&mut self, decision: Decision, input: Option<Input>) {
+        match decision {
+            Decision::Timer { p, .. } => *self.timers.entry(place(p)).or_default() += 1,
+            Decision::Cancel { p, .. } => *self.cancelled.entry(place(p)).or_default() += 1,
+            Decision::Emit { at, t, p } => {
+                let rule = match input {
+                    Some(Input::Result { .. }) => "F3",
+                    Some(Input::Fail { .. }) => "F4",
+                    _ => "F5",
+                };
+                self.message(t).left = Some((at, Left::Forwarded { place: place(p), rule }));
+            }
+            Decision::Miss { at, t } => self.message(t).left = Some((at, Left::Missed)),
+            Decision::RefuseOpen { at, t, why } => {
+                self.message(t).left = Some((at, Left::Refused(why)));
+            }
+            Decision::RefuseOffer { t, p, .. } => {
+                if let Some(offer) = self.message(t).offers.get_mut(&place(p)) {
+                    offer.1 = true;
+                }
+            }
+            Decision::Drop { t, p, why, .. } => {
+                let is_result = matches!(input, Some(Input::Result { .. }));
+                if is_result && matches!(why, DropReason::Late | DropReason::Superseded) {
+                    self.late.push((place(p), t));
+                }
+            }
+            Decision::Request { .. } | Decision::Hold { .. } => {}
+        }
+    }
+
+    /// Says which input is which message: they are taken in one after the other, each at the instant at which it came.
+    fn assign(&mut self) {
+        let mut statuses: Vec<&Told> = self.played.log.statuses.iter().collect();
+        statuses.sort_by_key(|told| told.timestamp());
+        for (serial, at) in self.played.log.came.iter().enumerate() {
+            let input = &self.inputs[serial];
+            let next = self.messages.len();
+            let when = self.meanwhile(*at);
+            let is_it = self.opened.get(next).is_some_and(|opened| when.contains(&opened.at))
+                && statuses.get(next).is_some_and(|told| told.key() == Some(input.key))
+                && input.form == Form::Whole;
+            if is_it {
+                self.messages.push(Message { serial, told: statuses[next] });
+            } else {
+                self.rejected.push(serial);
+            }
+        }
+    }
+
+    /// What may have been in force when something came: at one instant either is first.
+    pub(super) fn states(&self, at: u64) -> impl Iterator<Item = &State> {
+        let when = self.meanwhile(at);
+        let before = self.set.iter().rev().find(|(since, _)| *since < at);
+        let meanwhile = self.set.iter().filter(move |(since, _)| when.contains(since));
+        before.into_iter().chain(meanwhile).map(|(_, state)| state)
+    }
+
+    /// When the node may have looked at what came at this instant: at once, unless its process stood still from then on.
+    fn meanwhile(&self, at: u64) -> RangeInclusive<u64> {
+        let stalls = self.played.log.turned.iter().filter_map(|(from, turn)| match turn {
+            Turn::Stalls(long) if *from == at => u64::try_from(long.as_nanos()).ok(),
+            _ => None,
+        });
+        at..=at + stalls.sum::<u64>()
+    }
+
+    fn message(&mut self, t: u64) -> &mut Opened {
+        &mut self.opened[usize::try_from(t).unwrap()]
+    }
+
+    /// The requests to a peer.
+    pub(super) fn asked(&self, place: usize) -> impl Iterator<Item = &Asked> {
+        self.played.log.asked.iter().filter(move |asked| asked.place == place)
+    }
+
+    /// Whether no other input has this one's key.
+    pub(super) fn is_unique(&self, serial: usize) -> bool {
+        let key = self.inputs[serial].key;
+        self.inputs.iter().filter(|input| input.key == key).count() == 1
+    }
+
+    /// What it came to.
+    pub(super) fn kinds(&self) -> BTreeSet<String> {
+        let mut kinds = BTreeSet::new();
+        let mut saw = |is: bool, kind: usize| {
+            if is {
+                kinds.insert(KINDS[kind].to_owned());
+            }
+        };
+        for Opened { left, offers, .. } in &self.opened {
+            match left {
+                Some((_, Left::Forwarded { place: 0, rule: "F5" })) => saw(true, 1),
+                Some((_, Left::Forwarded { place: 0, .. })) | None => {}
+                Some((_, Left::Forwarded { .. })) => saw(true, 0),
+                Some((_, Left::Missed)) => saw(true, 2),
+                Some((_, Left::Refused(_))) => saw(true, 3),
+            }
+            saw(offers.values().any(|(_, is_refused)| *is_refused), 9);
+        }
+        let is_doubled = |serial: &usize| self.inputs[*serial].form == Form::Whole;
+        saw(self.rejected.iter().any(is_doubled), 4);
+        let sources = &self.played.tally.sources;
+        saw(sources[0].lost > 0, 5);
+        let log = &self.played.log;
+        saw(log.strays.iter().any(|strays| strays.unknown_stamp > 0), 6);
+        saw(!log.hints.is_empty(), 7);
+        let unsent = |told: &Told| told.output.as_ref().is_some_and(|output| !output.is_sent);
+        saw(log.statuses.iter().any(unsent), 8);
+        saw(sources.iter().any(|source| source.failed > 0), 10);
+        let mut came = log.came.iter();
+        saw(came.any(|at| self.states(*at).all(|state| !state.is_active)), 11);
+        kinds
+    }
+}
+
+/// Each state, and from when on it was in force.
+fn states(scenario: &Scenario, settings: &Settings, turned: &[(u64, Turn)]) -> Vec<(u64, State)> {
+    let well = Standing { is_enabled: true, is_there: true, deadline: None };
+    let mut state = State {
+        is_active: true,
+        deadline: settings.deadline,
+        local: settings.local.deadline,
+        peers: vec![well; scenario.peers.len()],
+    };
+    let mut states = vec![(0, state.clone())];
+    for (at, turn) in turned {
+        match *turn {
+            Turn::Set(Change::Deadline(deadline)) => state.deadline = deadline,
+            Turn::Set(Change::LocalDeadline(deadline)) => state.local = deadline,
+            Turn::Set(Change::CloudDeadline(cloud, own)) => state.peers[cloud + 1].deadline = own,
+            Turn::Set(Change::CloudEnabled(cloud, enabled)) => {
+                state.peers[cloud + 1].is_enabled = enabled
+            }
+            Turn::Set(Change::SimTime(_)) | Turn::Stalls(_) => {}
+            Turn::Deadline(seconds) => {
+                // What is no positive number of seconds is ignored.
+                if seconds.is_finite() && seconds > 0.0 {
+                    state.deadline = Duration::from_secs_f64(seconds);
+                }
+            }
+            Turn::Activate(is_active) => state.is_active = is_active,
+            Turn::Dies { peer, is_seen } => {
+                // Who is called is asked all the same.
+                state.peers[peer].is_there = !is_seen || scenario.peers[peer].is_called;
+            }
+            Turn::Lives(peer) => state.peers[peer].is_there = true,
+        }
+        states.push((*at, state.clone()));
+    }
+    states
+}
+
+fn place(p: u64) -> usize {
+    usize::try_from(p).unwrap()
+}
+
+impl Told {
+    pub(super) fn value(&self, key: &str) -> Option<&str> {
+        value(&self.status.values, key)
+    }
+
+    pub(super) fn timestamp(&self) -> Option<u64> {
+        self.value("timestamp")?.parse().ok()
+    }
+
+    pub(super) fn key(&self) -> Option<u64> {
+        self.value("key")?.parse().ok()
+    }
+}
+
+/// What a status has under a key.
+pub(super) fn value<'a>(values: &'a [crate::report::KeyValue], key: &str) -> Option<&'a str> {
+    values.iter().find(|value| value.key == key).map(|value| &*value.value)
+}

@@ -1,0 +1,206 @@
+//! One run of a node as plain data: its parameters, what comes, and what the network and its peers do.
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::fusion::LOCAL;
+use crate::settings::Change;
+use crate::{Commit, Settings};
+
+/// It is drawn from its seed and can be made smaller.
+#[derive(Clone, PartialEq, Debug)]
+pub(super) struct Scenario {
+    pub(super) window: u16,
+    pub(super) commit: Commit,
+    /// How many more messages may wait for local.
+    pub(super) waiting: u16,
+    /// Local, then the clouds, whose priorities are their places.
+    pub(super) peers: Vec<Peer>,
+    /// In the order of their instants.
+    pub(super) inputs: Vec<Input>,
+    /// What else happens, in the order of its instants.
+    pub(super) turns: Vec<(Duration, Turn)>,
+}
+
+/// Local or a cloud.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Peer {
+    pub(super) in_flight: u16,
+    /// The gate's limit; local has none.
+    pub(super) limit: u16,
+    /// Whether it is called, or hears by topics as local does.
+    pub(super) is_called: bool,
+    /// Whether its late results are published.
+    pub(super) hints: bool,
+}
+
+/// What comes on the input's topic, and what becomes of it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Input {
+    pub(super) at: Duration,
+    pub(super) key: u64,
+    pub(super) form: Form,
+    /// Whether its output finds a subscriber that is too far behind.
+    pub(super) is_unsent: bool,
+    /// What becomes of it at each peer, if it is asked.
+    pub(super) fates: Vec<Fate>,
+}
+
+/// What a message is made of.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Form {
+    Whole,
+    /// Shorter than its key.
+    Short,
+    NotCdr,
+}
+
+/// A request's, and that of the results that it leads to.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Fate {
+    /// How long the request takes to its peer; it gets lost if not given.
+    pub(super) way: Option<Duration>,
+    /// How long the peer computes.
+    pub(super) took: Duration,
+    /// None is a result that gets lost; two are one that is doubled.
+    pub(super) replies: Vec<Reply>,
+}
+
+/// What comes back, and how long it takes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Reply {
+    pub(super) way: Duration,
+    pub(super) what: What,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum What {
+    Result,
+    /// A result with the key of no message.
+    Stray,
+    Short,
+    NotCdr,
+}
+
+/// What happens beside inputs.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) enum Turn {
+    /// A parameter is set.
+    Set(Change),
+    /// The topic of deadlines says so many seconds.
+    Deadline(f64),
+    /// The manager of the node's lifecycle activates or deactivates it.
+    Activate(bool),
+    /// A peer is killed, with all that it computes; the node notices or not.
+    Dies { peer: usize, is_seen: bool },
+    /// It is back.
+    Lives(usize),
+    /// The node's process stands still for so long.
+    Stalls(Duration),
+}
+
+/// So many inputs come once everything is well again.
+const CALM: u64 = 20;
+
+/// They are so far apart, and each peer takes less than half of it.
+const APART: Duration = Duration::from_millis(100);
+
+/// Keys of the calm and of strays are beyond all others.
+const CALM_KEYS: u64 = 1 << 32;
+pub(super) const STRAY_KEYS: u64 = 1 << 40;
+
+impl Scenario {
+    /// The parameters, as they are given to a node.
+    pub(super) fn parameters(&self) -> Vec<String> {
+        let mut all = vec![
+            "lifecycle:=true".to_owned(),
+            format!("window:={}", self.window),
+            format!("commit:={}", self.commit),
+            format!("local.waiting:={}", self.waiting),
+            format!("local.in_flight:={}", self.peers[LOCAL].in_flight),
+        ];
+        for (place, peer) in self.peers.iter().enumerate().skip(1) {
+            all.push(format!("cloud{place}.in_flight:={}", peer.in_flight));
+            all.push(format!("cloud{place}.limit:={}", peer.limit));
+            if peer.hints {
+                all.push(format!("cloud{place}.hints:=late{place}"));
+            }
+        }
+        all
+    }
+
+    /// When everything is well again and nothing that was lost is waited for any more: the messages that wait for
+    /// local may get lost one after the other, each for a second.
+    pub(super) fn calm(&self) -> Duration {
+        let inputs = self.inputs.iter().map(|input| input.at);
+        let last = inputs.chain(self.turns.iter().map(|turn| turn.0)).max().unwrap_or_default();
+        last + Duration::from_secs(4 + self.inputs.len() as u64)
+    }
+
+    /// The inputs, those of the calm included.
+    pub(super) fn all_inputs(&self) -> Vec<Input> {
+        let calm = (0..CALM).map(|number| Input {
+            at: self.calm() + APART * u32::try_from(number).unwrap_or(0),
+            key: CALM_KEYS + number,
+            form: Form::Whole,
+            is_unsent: false,
+            fates: (0..self.peers.len()).map(Fate::fair).collect(),
+        });
+        self.inputs.iter().cloned().chain(calm).collect()
+    }
+
+    /// What else happens, and what makes everything well again.
+    pub(super) fn all_turns(&self, settings: &Settings) -> Vec<(Duration, Turn)> {
+        let set = |change| Turn::Set(change);
+        let mut last = vec![
+            Turn::Activate(true),
+            set(Change::Deadline(settings.deadline)),
+            set(Change::LocalDeadline(settings.local.deadline)),
+        ];
+        for cloud in 0..self.peers.len() - 1 {
+            last.push(set(Change::CloudEnabled(cloud, true)));
+            last.push(set(Change::CloudDeadline(cloud, None)));
+        }
+        last.extend((0..self.peers.len()).map(Turn::Lives));
+        let before = self.calm() - Duration::from_millis(10);
+        self.turns.iter().copied().chain(last.into_iter().map(|turn| (before, turn))).collect()
+    }
+
+    /// When the node is told to end.
+    pub(super) fn end(&self) -> Duration {
+        self.calm() + APART * u32::try_from(CALM).unwrap_or(0) + Duration::from_secs(2)
+    }
+}
+
+impl fmt::Display for Scenario {
+    /// The parameters, then a line for each thing that happens.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.parameters().join(" "))?;
+        for (place, peer) in self.peers.iter().enumerate() {
+            writeln!(f, "  {place}: {peer:?}")?;
+        }
+        for (at, turn) in &self.turns {
+            writeln!(f, "  at {at:?}: {turn:?}")?;
+        }
+        for Input { at, key, form, is_unsent, fates } in &self.inputs {
+            let unsent = if *is_unsent { ", its output is not sent" } else { "" };
+            writeln!(f, "  at {at:?}: input {key}, {form:?}{unsent}")?;
+            for (place, Fate { way, took, replies }) in fates.iter().enumerate() {
+                let way = way.map_or_else(|| "is lost".to_owned(), |way| format!("{way:?} away"));
+                let came: Vec<_> =
+                    replies.iter().map(|it| format!("{:?} after {:?}", it.what, it.way)).collect();
+                writeln!(f, "    {place}: {way}, takes {took:?}, sends [{}]", came.join(", "))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Fate {
+    /// What is well: the greater the priority, the later the result.
+    pub(super) fn fair(place: usize) -> Self {
+        let took = Duration::from_millis(20 + place as u64);
+        let reply = Reply { way: Duration::from_millis(2), what: What::Result };
+        Self { way: Some(Duration::from_millis(2)), took, replies: vec![reply] }
+    }
+}
