@@ -227,6 +227,8 @@ fn lost(engine: &Tested) -> usize {
 #[derive(Clone, Copy, Debug)]
 enum Step {
     Wait(u64),
+    /// The clock in the caller's hands goes back (F0).
+    GoBack(u64),
     Open {
         deadline: Option<u64>,
     },
@@ -250,15 +252,17 @@ enum Step {
 
 fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
-        (0..20_u64).prop_map(Step::Wait),
-        proptest::option::of(1..60_u64).prop_map(|deadline| Step::Open { deadline }),
-        (0..4_u64, 1..=2_u16, 0..60_u64).prop_map(|(back, p, deadline)| Step::Offer {
+        9 => (0..20_u64).prop_map(Step::Wait),
+        1 => prop_oneof![Just(1 << 40), Just(u64::MAX)].prop_map(Step::Wait),
+        2 => prop_oneof![0..100_u64, Just(u64::MAX)].prop_map(Step::GoBack),
+        10 => proptest::option::of(1..60_u64).prop_map(|deadline| Step::Open { deadline }),
+        10 => (0..4_u64, 1..=2_u16, 0..60_u64).prop_map(|(back, p, deadline)| Step::Offer {
             back,
             p,
             deadline
         }),
-        (0..8_usize, proptest::bool::weighted(0.8)).prop_map(|(nth, well)| Step::End { nth, well }),
-        (0..6_u64, 0..=3_u16, any::<bool>()).prop_map(|(back, p, well)| Step::Stray {
+        10 => (0..8_usize, proptest::bool::weighted(0.8)).prop_map(|(nth, well)| Step::End { nth, well }),
+        10 => (0..6_u64, 0..=3_u16, any::<bool>()).prop_map(|(back, p, well)| Step::Stray {
             back,
             p,
             well
@@ -401,13 +405,19 @@ proptest! {
         let recorder = Recorder::create(&path, &header, Recording::default()).unwrap();
         engine.record(recorder).unwrap();
         let at_once = [2, 1, 2];
-        let (mut now, mut next) = (0, 0);
+        let (mut now, mut next) = (0_u64, 0);
+        // The machine's clock: the greatest of the caller's.
+        let mut latest = 0;
         let mut flying: BTreeSet<(u16, u64)> = BTreeSet::new();
         let mut answered: BTreeSet<u64> = BTreeSet::new();
         for step in steps {
             match step {
                 Step::Wait(nanos) => {
-                    now += nanos;
+                    now = now.saturating_add(nanos);
+                    engine.tick(now);
+                }
+                Step::GoBack(nanos) => {
+                    now = now.saturating_sub(nanos);
                     engine.tick(now);
                 }
                 Step::Open { deadline } => {
@@ -437,12 +447,13 @@ proptest! {
                     }
                 }
             }
+            latest = latest.max(now);
             while let Some(effect) = engine.next_effect() {
                 match effect {
                     Effect::Output(item) => prop_assert!(answered.insert(item.timestamp)),
                     Effect::Start { priority, timestamp, until, request } => {
                         prop_assert_eq!(request, timestamp);
-                        prop_assert!(until.is_none_or(|until| until > now));
+                        prop_assert!(until.is_none_or(|until| until > latest));
                         prop_assert!(flying.insert((priority, timestamp)));
                         let calls = flying.iter().filter(|(p, _)| *p == priority).count();
                         let lost = if priority > 0 { 0 } else { lost(&engine) };
