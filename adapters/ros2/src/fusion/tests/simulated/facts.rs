@@ -296,7 +296,7 @@ fn states(scenario: &Scenario, settings: &Settings, turned: &[(u64, Turn)]) -> V
             Turn::Set(Change::LocalDeadline(deadline)) => state.local = deadline,
             Turn::Set(Change::CloudDeadline(cloud, own)) => state.peers[cloud + 1].deadline = own,
             Turn::Set(Change::CloudEnabled(cloud, enabled)) => {
-                state.peers[cloud + 1].is_enabled = enabled
+                state.peers[cloud + 1].is_enabled = enabled;
             }
             Turn::Set(Change::SimTime(_)) | Turn::Stalls(_) => {}
             Turn::Deadline(seconds) => {

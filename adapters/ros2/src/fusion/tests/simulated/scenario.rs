@@ -162,7 +162,7 @@ impl Scenario {
             last.push(set(Change::CloudDeadline(cloud, None)));
         }
         last.extend((0..self.peers.len()).map(Turn::Lives));
-        let before = self.calm() - Duration::from_millis(10);
+        let before = self.calm().saturating_sub(Duration::from_millis(10));
         self.turns.iter().copied().chain(last.into_iter().map(|turn| (before, turn))).collect()
     }
 
