@@ -247,11 +247,11 @@ impl<'a> Facts<'a> {
     }
 
     /// What it came to.
-    pub(super) fn kinds(&self) -> BTreeSet<String> {
+    pub(super) fn kinds(&self) -> BTreeSet<&'static str> {
         let mut kinds = BTreeSet::new();
         let mut saw = |is: bool, kind: usize| {
             if is {
-                kinds.insert(KINDS[kind].to_owned());
+                kinds.insert(KINDS[kind]);
             }
         };
         for Opened { left, offers, .. } in &self.opened {
