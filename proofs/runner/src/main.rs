@@ -27,7 +27,8 @@ use crate::tools::{Limits, STOP};
 /// Proves what is promised of the machine, and shows that a faulty machine would not pass.
 ///
 /// Each harness is proved, shown to reach its covers and its end, and shown to catch a seeded fault.
-/// Exit code 0 if all is as it must be, 1 if not, 2 if there is no verdict, 77 if nothing can run here.
+/// Exit code 0 if all is as it must be, 1 if not (a harness without a verdict is not), 2 if nothing could be asked, 77 if
+/// nothing can run here.
 #[derive(Parser)]
 #[command(name = "prove", version)]
 #[expect(clippy::struct_excessive_bools, reason = "each is an option of the command line")]
