@@ -67,6 +67,24 @@ fn rows_are_sorted_if_wanted() {
     assert_eq!(out(&convert(&dir, &["--sort"])), TRACE);
 }
 
+/// D10: a line that leaves its place stands among another's decisions.
+#[test]
+fn rows_of_one_instant_keep_their_order_when_they_are_sorted() {
+    let row = |at: u64| format!("{at},tick");
+    let opens = |t: u64| format!("2,open,{t}");
+    let mut rows = vec!["at,ev,t".to_owned()];
+    let mut lines = vec![TRACE.lines().next().unwrap().to_owned()];
+    rows.extend((0..64).flat_map(|t| [opens(t), row(1) + ","]));
+    lines.extend((0..64).map(|_| r#"{"ev":"tick","at":1}"#.to_owned()));
+    lines.extend((0..64).map(|t| format!(r#"{{"ev":"open","at":2,"t":{t}}}"#)));
+    let dir = folder(&rows.join("\n"));
+    let [header, events] = ["header.jsonl", "events.csv"].map(|name| dir.path().join(name));
+    let [header, events] = [&header, &events].map(|path| path.to_str().unwrap());
+    let sorted = run(&["convert", "--sort", "--header", header, events], "");
+    assert_eq!(out(&sorted).lines().collect::<Vec<_>>(), lines, "{}", err(&sorted));
+}
+
+/// D10.
 #[test]
 fn a_row_that_is_none_is_told_with_its_line_and_writes_nothing() {
     for (row, line, told) in [
@@ -98,6 +116,7 @@ fn a_row_that_is_none_is_told_with_its_line_and_writes_nothing() {
     assert_eq!(run(&["convert", "what"], "").status.code(), Some(2));
 }
 
+/// D10.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_leaves_nothing_half_written() {
@@ -140,19 +159,35 @@ fn recording(compression: Option<Compression>, lines: &[(u64, &str)]) -> Vec<u8>
     bytes.into_inner()
 }
 
+/// What a recorder wrote, each with its log time.
+const LINES: [(u64, &str); 5] = [
+    (0, HEADER),
+    (1_000_000, r#"{"ev":"open","t":7}"#),
+    (0, r#"{"ev":"request","at":1500000,"t":7,"p":1,"deadline":50000000}"#),
+    (40_000_000, r#" {"t":7,"ev":"result","p":0}"#),
+    (51_500_001, r#"{"ev":"emit","t":7,"p":0}"#),
+];
+
+/// D10.
+#[test]
+fn a_recording_without_a_header_loses_no_event() {
+    let dir = tempdir().unwrap();
+    let [path, header] = ["drive.mcap", "header.jsonl"].map(|name| dir.path().join(name));
+    fs::write(&path, recording(None, &LINES[1..])).unwrap();
+    fs::write(&header, format!("{HEADER}\n")).unwrap();
+    let [path, header] = [&path, &header].map(|path| path.to_str().unwrap());
+    let converted = run(&["convert", "--header", header, path], "");
+    assert_eq!((out(&converted), err(&converted)), (TRACE, ""));
+    let refused = run(&["convert", path], "");
+    assert!(err(&refused).contains("give one with --header"), "{}", err(&refused));
+}
+
 #[test]
 fn messages_become_a_trace_however_they_are_packed() {
-    let lines = [
-        (0, HEADER),
-        (1_000_000, r#"{"ev":"open","t":7}"#),
-        (0, r#"{"ev":"request","at":1500000,"t":7,"p":1,"deadline":50000000}"#),
-        (40_000_000, r#" {"t":7,"ev":"result","p":0}"#),
-        (51_500_001, r#"{"ev":"emit","t":7,"p":0}"#),
-    ];
     for compression in [None, Some(Compression::Zstd), Some(Compression::Lz4)] {
         let dir = tempdir().unwrap();
         let path = dir.path().join("drive.mcap");
-        fs::write(&path, recording(compression, &lines)).unwrap();
+        fs::write(&path, recording(compression, &LINES)).unwrap();
         let converted = run(&["convert", path.to_str().unwrap()], "");
         assert_eq!((out(&converted), err(&converted)), (TRACE, ""));
 

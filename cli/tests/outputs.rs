@@ -41,6 +41,7 @@ fn names(directory: &Path) -> Vec<String> {
     names
 }
 
+/// D10: a trace that was written onto is lost.
 #[test]
 fn an_output_onto_its_input_is_refused_however_it_is_named() {
     let dir = directory();
@@ -147,6 +148,7 @@ fn a_link_as_output_is_followed_and_stays() {
     assert!(path("dangling").is_symlink() && !path("nowhere").exists());
 }
 
+/// D10.
 #[test]
 fn what_cannot_be_written_is_told_by_its_own_name_and_a_plain_cause() {
     let dir = directory();
@@ -175,6 +177,35 @@ fn what_cannot_be_written_is_told_by_its_own_name_and_a_plain_cause() {
         assert_eq!(full.status.code(), Some(2), "{}", err(&full));
         assert!(err(&full).starts_with("error: x: File too large; "), "{}", err(&full));
         assert!(names(dir.path()).iter().all(|name| name != "x" && !name.starts_with(".x")));
+    }
+    for results in ["--junit", "--sarif", "--xqar"] {
+        let full = limited(dir.path(), 0, &["check", "t.jsonl", results, "x"]);
+        assert_eq!(full.status.code(), Some(2), "{results}: {}", err(&full));
+        assert!(err(&full).starts_with("error: x: File too large; "), "{}", err(&full));
+        assert!(names(dir.path()).iter().all(|name| name != "x" && !name.starts_with(".x")));
+    }
+}
+
+/// D10.
+#[test]
+fn what_standard_output_does_not_take_is_told() {
+    let dir = directory();
+    for command in [
+        &["check", "t.jsonl"][..],
+        &["replay", "t.jsonl"],
+        &["convert", "t.mcap"],
+        &["export", "--perfetto", "t.jsonl", "-o", "-"],
+        &["report", "t.jsonl", "-o", "-"],
+    ] {
+        let full = fuseline(command)
+            .current_dir(dir.path())
+            .stdout(OpenOptions::new().write(true).open("/dev/full").unwrap())
+            .stderr(Stdio::piped())
+            .output()
+            .unwrap();
+        assert_eq!(full.status.code(), Some(2), "{command:?}");
+        let what = "error: standard output: No space left on device\n";
+        assert!(err(&full).ends_with(what), "{command:?}: {}", err(&full));
     }
 }
 

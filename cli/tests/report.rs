@@ -43,6 +43,7 @@ fn sums(column: &Value) -> Vec<i64> {
     column.as_array().unwrap().iter().scan(0, sum).collect()
 }
 
+/// D11.
 #[test]
 fn a_page_holds_its_trace_in_columns() {
     let dir = tempfile::tempdir().unwrap();

@@ -55,6 +55,7 @@ fn a_run_adds_up_and_leaves_a_trace_that_conforms() {
 /// Nothing answers within a second from these places on.
 const LOST: [&str; 7] = ["--seconds", "1", "--json", "--start", "west=75", "--start", "east=165"];
 
+/// D16: the commit rule, the policy and the deadline are those that were chosen.
 #[test]
 fn when_both_networks_are_lost_local_answers_everything_and_nobody_waits_for_them() {
     let dir = tempdir().unwrap();
@@ -72,17 +73,23 @@ fn when_both_networks_are_lost_local_answers_everything_and_nobody_waits_for_the
             assert_eq!(report["policies"][alone + cloud - 1]["mean_ap"], 0.0, "{report}");
         }
         assert_eq!((&report["outage_messages"], &report["policy"]), (&json!(10), &json!(policy)));
+        let trace = lines(&dir.path().join("t.jsonl"));
+        assert_eq!((&trace[0]["commit"], &report["commit"]), (&json!(commit), &json!(commit)));
         // Local's runtime is 301.7 ms, up to 5 % less.
         let expected = if policy == "constant" { 500_000_000 } else { 286_615_000 };
-        assert_eq!(deadlines(&dir.path().join("t.jsonl")), [expected; 20]);
+        assert_eq!(deadlines(&trace), [expected; 20]);
     }
 }
 
-/// How long each request of a trace had, in nanoseconds.
-fn deadlines(trace: &Path) -> Vec<u64> {
+/// The lines of a trace.
+fn lines(trace: &Path) -> Vec<Value> {
     let trace = fs::read_to_string(trace).unwrap();
-    let lines = trace.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
-    let requests = lines.filter(|line| line["ev"] == "request");
+    trace.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// How long each request of a trace had, in nanoseconds.
+fn deadlines(trace: &[Value]) -> Vec<u64> {
+    let requests = trace.iter().filter(|line| line["ev"] == "request");
     requests.map(|it| it["due"].as_u64().unwrap() - it["at"].as_u64().unwrap()).collect()
 }
 
@@ -101,6 +108,7 @@ fn the_constant_is_told_beside_what_is_expected() {
     assert_eq!(constant["outage_response_ms"], 2000.0, "{report}");
 }
 
+/// D11.
 #[test]
 fn what_a_full_window_refuses_is_counted() {
     let dir = tempdir().unwrap();
@@ -108,6 +116,32 @@ fn what_a_full_window_refuses_is_counted() {
     let report = report(&ran);
     adds_up(&report);
     assert_ne!(report["refused"], 0, "{report}");
+}
+
+/// D11.
+#[test]
+fn the_tables_tell_what_the_trace_does() {
+    let dir = tempdir().unwrap();
+    let ran = run_in(dir.path(), &["--seconds", "1", "--window", "1", "--trace", "t.jsonl"]);
+    let trace = lines(&dir.path().join("t.jsonl"));
+    let count = |is: &dyn Fn(&Value) -> bool| {
+        u32::try_from(trace.iter().filter(|line| is(line)).count()).unwrap()
+    };
+    let refused = count(&|line| line["ev"] == "refuse" && line.get("p").is_none());
+    let messages = count(&|line| line["ev"] == "open");
+    let taken_on = messages - refused;
+    let told = format!("{messages} messages: {taken_on} forwarded, 0 missed, {refused} refused");
+    assert!(out(&ran).lines().any(|line| line == told), "{told}: {}", out(&ran));
+    assert!(refused > 0 && taken_on > 0, "{told}");
+    for (p, name) in [(0, "local"), (1, "west"), (2, "east")] {
+        let forwarded = count(&|line| line["ev"] == "emit" && line["p"] == p);
+        let share = format!("{:.1}", 100.0 * f64::from(forwarded) / f64::from(messages));
+        let (forwarded, p) = (forwarded.to_string(), p.to_string());
+        let row = out(&ran).lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
+        let row = row.filter(|row| row.starts_with(&[&p, name]) && row.get(3) == Some(&"%"));
+        let cells: Vec<Vec<&str>> = row.map(|row| vec![row[2], row[5]]).collect();
+        assert_eq!(cells, [[&*share, &*forwarded]], "{name}: {}", out(&ran));
+    }
 }
 
 #[test]
@@ -214,35 +248,38 @@ fn people_read_tables_of_at_most_100_columns() {
     assert_eq!(names(dir.path()), ["mine.jsonl"]);
 }
 
+/// D10.
 #[test]
-fn ctrl_c_ends_a_run_with_its_tables_and_a_whole_trace() {
-    let dir = tempdir().unwrap();
-    let mut child = fuseline(&["run", "--seconds", "3600"])
-        .current_dir(dir.path())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
-    assert!(lines.next().unwrap().contains("a second for 3600 s"));
-    interrupt(&child);
-    let told: Vec<String> = lines.collect();
-    assert!(told.iter().any(|line| line.starts_with("Ended early")), "{told:?}");
-    assert!(told.last().unwrap().contains("fuseline-trace.jsonl: conforms"), "{told:?}");
-    assert_eq!(child.wait().unwrap().code(), Some(0));
-    assert_eq!(names(dir.path()), ["fuseline-trace.jsonl"]);
+fn ctrl_c_and_termination_end_a_run_with_its_tables_and_a_whole_trace() {
+    for signal in ["INT", "TERM"] {
+        let dir = tempdir().unwrap();
+        let mut child = fuseline(&["run", "--seconds", "3600"])
+            .current_dir(dir.path())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+        assert!(lines.next().unwrap().contains("a second for 3600 s"));
+        signal::send(&child, signal);
+        let told: Vec<String> = lines.collect();
+        assert!(told.iter().any(|line| line.starts_with("Ended early")), "{told:?}");
+        assert!(told.last().unwrap().contains("fuseline-trace.jsonl: conforms"), "{told:?}");
+        assert_eq!(child.wait().unwrap().code(), Some(0));
+        assert_eq!(names(dir.path()), ["fuseline-trace.jsonl"]);
+    }
 }
 
-/// Frames come much faster than before while the operator makes up for three seconds: neither a
+/// D8: frames come much faster than before while the operator makes up for two seconds; neither a
 /// frame nor an output may wait for the other.
 #[cfg(unix)]
 #[test]
 fn a_run_that_stood_still_goes_on_and_ctrl_c_ends_it() {
     for presses in [false, true] {
         let dir = tempdir().unwrap();
-        let seconds = if presses { "3600" } else { "5" };
-        let args = ["run", "--rate", "100", "--seconds", seconds, "--window", "128"];
-        let mut child = fuseline(&args)
+        let seconds = if presses { "3600" } else { "4" };
+        let args = ["run", "--rate", "100", "--window", "128", "--workers", "64", "--seconds"];
+        let mut child = fuseline(&[&args[..], &[seconds]].concat())
             .current_dir(dir.path())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
@@ -252,7 +289,7 @@ fn a_run_that_stood_still_goes_on_and_ctrl_c_ends_it() {
         assert!(lines.next().unwrap().contains("takes 100 frames"));
         thread::sleep(Duration::from_secs(1));
         signal::send(&child, "STOP");
-        thread::sleep(Duration::from_secs(3));
+        thread::sleep(Duration::from_secs(2));
         signal::send(&child, "CONT");
         if presses {
             thread::sleep(Duration::from_secs(1));
@@ -383,7 +420,7 @@ fn a_run_under_way_is_followed() {
     assert!(verdict["judged"].as_u64().unwrap() >= 5, "{verdict}");
 }
 
-/// No file may be longer than 16 KiB here: the disk is full then.
+/// D10, D15: no file may be longer than 16 KiB here, so that the disk is full then.
 #[cfg(unix)]
 #[test]
 fn a_full_disk_is_told_and_the_run_goes_on_to_its_tables() {

@@ -8,11 +8,15 @@ mod running;
 #[path = "common/signal.rs"]
 mod signal;
 
+use std::ffi::OsStr;
 use std::fs;
 use std::future::{pending, ready};
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::{Child, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use certificates::certificates;
 use common::{err, fuseline, out, run};
@@ -22,6 +26,8 @@ use serde_json::Value;
 use signal::interrupt;
 use tempfile::tempdir;
 use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+use tokio::time::sleep;
 
 /// A server that was started and says where it listens; it ends with this.
 struct Server {
@@ -35,17 +41,9 @@ impl Server {
     }
 
     /// With a token in its environment.
-    fn start_with(directory: &Path, args: &[&str], token: &std::ffi::OsStr) -> Self {
-        let all = [&["serve", "--listen", "127.0.0.1:0"], args].concat();
-        let mut child = fuseline(&all)
-            .current_dir(directory)
-            .env("FUSELINE_TOKEN", token)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut told = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
+    fn start_with(directory: &Path, args: &[&str], token: &OsStr) -> Self {
+        let all = [&["--listen", "127.0.0.1:0"], args].concat();
+        let (child, told) = begun(directory, &all, token);
         let port = told.trim().rsplit(':').next().unwrap().to_owned();
         assert!(port.parse::<u16>().is_ok(), "{told}");
         Self { child, port }
@@ -63,6 +61,31 @@ impl Drop for Server {
         drop(self.child.kill());
         drop(self.child.wait());
     }
+}
+
+/// A server that was started, and what it first says: where it listens, or nothing if it is refused.
+fn begun(directory: &Path, args: &[&str], token: &OsStr) -> (Child, String) {
+    let mut child = fuseline(&[&["serve"], args].concat())
+        .current_dir(directory)
+        .env("FUSELINE_TOKEN", token)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
+    (child, told)
+}
+
+/// How a server ends that must not start.
+fn refused(directory: &Path, args: &[&str], token: &OsStr) -> Output {
+    let (mut child, told) = begun(directory, args, token);
+    if !told.is_empty() {
+        child.kill().unwrap();
+        child.wait().unwrap();
+        panic!("{args:?}, {}: {told}", token.display());
+    }
+    child.wait_with_output().unwrap()
 }
 
 /// How the requests of a short run to this cloud ended.
@@ -84,6 +107,7 @@ fn a_server_elsewhere_answers_a_run() {
     assert_eq!(requests(dir.path(), &server.cloud("http", ""))["forwarded"], 5);
 }
 
+/// D15.
 #[test]
 fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
     let dir = tempdir().unwrap();
@@ -120,7 +144,7 @@ fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
 fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
     let dir = tempdir().unwrap();
     let echo = |request: grpc::Request| ready(Ok(grpc::Reply { payload: request.payload }));
-    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let runtime = Runtime::new().unwrap();
     let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
     let url = format!("url=http://{}", listener.local_addr().unwrap());
     runtime.spawn(grpc::serve(echo, grpc::Server::default(), listener, pending()));
@@ -137,6 +161,33 @@ fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
     }
 }
 
+/// D8, D16.
+#[test]
+fn no_more_calls_to_a_cloud_are_under_way_at_once_than_was_said() {
+    let dir = tempdir().unwrap();
+    let (now, most) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
+    let seen = Arc::clone(&most);
+    let slow = move |request: grpc::Request| {
+        let now = Arc::clone(&now);
+        most.fetch_max(now.fetch_add(1, Ordering::Relaxed) + 1, Ordering::Relaxed);
+        async move {
+            sleep(Duration::from_millis(100)).await;
+            now.fetch_sub(1, Ordering::Relaxed);
+            Ok(grpc::Reply { payload: request.payload })
+        }
+    };
+    let runtime = Runtime::new().unwrap();
+    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
+    let cloud = format!("name=east,priority=2,url=http://{}", listener.local_addr().unwrap());
+    runtime.spawn(grpc::serve(slow, grpc::Server::default(), listener, pending()));
+    // Twice as many frames as calls of that length can take.
+    let many = ["--rate", "40", "--calls", "2", "--seconds", "0.5", "--json", "--policy"];
+    let patient = ["constant", "--deadline", "20000", "--cloud", &cloud];
+    adds_up(&report(&run_in(dir.path(), &[&many[..], &patient].concat())));
+    assert_eq!(seen.load(Ordering::Relaxed), 2);
+}
+
+/// D11, D15.
 #[test]
 fn a_line_says_why_a_cloud_failed_and_only_what_was_written_counts_as_sent() {
     let dir = certificates();
@@ -186,6 +237,7 @@ fn a_server_without_network_in_its_drive_is_late() {
     assert!(report["policies"][2]["response_ms"]["p50"]["at_least"].is_number(), "{report}");
 }
 
+/// D12.
 #[test]
 fn only_clients_with_certificate_and_token_are_answered() {
     let dir = certificates();
@@ -206,9 +258,9 @@ fn only_clients_with_certificate_and_token_are_answered() {
     }
 }
 
+/// D12.
 #[test]
 fn a_token_of_the_environment_is_asked_for() {
-    use std::ffi::OsStr;
     use std::os::unix::ffi::OsStrExt;
 
     let dir = tempdir().unwrap();
@@ -220,14 +272,9 @@ fn a_token_of_the_environment_is_asked_for() {
     let open = Server::start_with(dir.path(), &[], "".as_ref());
     assert_eq!(requests(dir.path(), &open.cloud("http", ""))["forwarded"], 5);
     for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {
-        let mut serve = fuseline(&["serve", "--listen", "127.0.0.1:0"]);
-        let serve = serve.env("FUSELINE_TOKEN", OsStr::from_bytes(unreadable));
-        let mut child = serve.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let mut told = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
-        drop(child.kill());
-        let refused = child.wait_with_output().unwrap();
-        assert_eq!((told.as_str(), refused.status.code()), ("", Some(2)), "{unreadable:?}");
+        let token = OsStr::from_bytes(unreadable);
+        let refused = refused(dir.path(), &["--listen", "127.0.0.1:0"], token);
+        assert_eq!(refused.status.code(), Some(2), "{unreadable:?}");
         assert!(err(&refused).starts_with("error: FUSELINE_TOKEN: "), "{}", err(&refused));
     }
 }
@@ -258,6 +305,7 @@ fn ctrl_c_ends_a_server() {
     assert_eq!(server.child.wait().unwrap().code(), Some(0));
 }
 
+/// D12: a token or a certificate that is set and cannot be read ends the start.
 #[test]
 fn bad_options_are_one_line_and_exit_2() {
     let dir = certificates();
@@ -289,10 +337,7 @@ fn bad_options_are_one_line_and_exit_2() {
         (&["--token-file", "empty"], "visible ASCII"),
     ] {
         let listen = if args[0] == "--listen" { &[][..] } else { &["--listen", "127.0.0.1:0"] };
-        let refused = fuseline(&[&["serve"], listen, args].concat())
-            .current_dir(dir.path())
-            .output()
-            .unwrap();
+        let refused = refused(dir.path(), &[listen, args].concat(), "".as_ref());
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", err(&refused));
         assert!(err(&refused).contains(what), "{args:?}: {}", err(&refused));
         assert_eq!(err(&refused).lines().count(), 1, "{args:?}: {}", err(&refused));

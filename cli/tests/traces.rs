@@ -234,6 +234,7 @@ const OBSERVED: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":31}]
 {"ev":"emit","at":65000000,"t":0,"p":0}
 "#;
 
+/// D16.
 #[test]
 fn check_observed_judges_within_the_tolerance_and_tells_how_late_it_was() {
     let check = |tolerance: &str, lateness: &str, json: &[&str]| {
@@ -261,6 +262,7 @@ fn check_observed_judges_within_the_tolerance_and_tells_how_late_it_was() {
     assert_eq!(run(&["check"], OBSERVED).status.code(), Some(2));
 }
 
+/// D11: the exit code tells what the verdict does.
 #[test]
 fn check_observed_needs_its_tolerances_and_something_to_judge() {
     for args in [
@@ -307,6 +309,7 @@ fn threads_that_take_turns_conform_as_observed_and_those_that_race_do_not() {
     assert!(out(&racy).contains("breaks P1\n"), "{}", out(&racy));
 }
 
+/// D11: the exit code is that of the worst of them.
 #[test]
 fn many_files_are_judged_at_once_and_told_in_their_order() {
     let bad = TRACE.replace("\"emit\"", "\"hold\"");
@@ -324,6 +327,24 @@ fn many_files_are_judged_at_once_and_told_in_their_order() {
     for (i, (name, line)) in names.iter().zip(told).enumerate() {
         let word = if i % 7 == 0 { ": does not conform" } else { ": conforms" };
         assert!(line.contains(&format!("{name}{word}")), "{line}");
+    }
+}
+
+/// D11.
+#[cfg(unix)]
+#[test]
+fn the_exit_code_tells_the_verdict_that_nobody_reads() {
+    let bad = TRACE.replace("\"emit\"", "\"hold\"");
+    let (_dir, paths) = files(&[("good.jsonl", TRACE), ("bad.jsonl", &bad)]);
+    let page = paths[0].with_extension("html");
+    for command in [&["check"][..], &["check", "--json"], &["report", "--output", text(&page)]] {
+        for (path, code) in paths.iter().zip([0, 1]) {
+            let (reader, writer) = std::io::pipe().unwrap();
+            drop(reader);
+            let args = [command, &[text(path)]].concat();
+            let ended = fuseline(&args).stdout(writer).stderr(Stdio::piped()).output().unwrap();
+            assert_eq!((ended.status.code(), err(&ended)), (Some(code), ""), "{args:?}");
+        }
     }
 }
 
@@ -359,6 +380,7 @@ fn packed(text: &str) -> Vec<u8> {
     packer.finish().unwrap()
 }
 
+/// D10.
 #[test]
 fn what_a_crash_cut_off_is_judged_as_far_as_it_goes_if_that_is_asked_for() {
     let ends: Vec<usize> = TRACE.match_indices('\n').map(|(at, _)| at + 1).collect();
@@ -512,6 +534,7 @@ fn three() -> (tempfile::TempDir, Vec<PathBuf>) {
     files(&[("good.jsonl", TRACE), ("bad <& ü>.jsonl", &bad), ("none.jsonl", "{}\n")])
 }
 
+/// D11.
 #[test]
 fn code_hosts_get_each_violation_with_its_rule_and_place() {
     let (dir, paths) = three();
@@ -543,6 +566,7 @@ fn code_hosts_get_each_violation_with_its_rule_and_place() {
     assert!(unread.contains("none.jsonl:1"), "{unread}");
 }
 
+/// D11.
 #[test]
 fn quality_checkers_and_continuous_integration_get_each_trace_with_its_verdict() {
     let (dir, paths) = three();

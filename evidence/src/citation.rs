@@ -29,7 +29,7 @@ const CRATES: [(&str, &str); 5] = [
     ("fuseline_ros2", "adapters/ros2"),
 ];
 /// Where other tests are.
-const TESTS: [&str; 8] = [
+const TESTS: [&str; 9] = [
     "tests/tests",
     "tests/loom/tests",
     "tests/simulate/tests",
@@ -38,6 +38,7 @@ const TESTS: [&str; 8] = [
     "adapters/tokio/tests",
     "adapters/ros2/tests",
     "traces/tests",
+    "cli/tests",
 ];
 
 static DEFINITION: LazyLock<Regex> = LazyLock::new(|| {
@@ -48,6 +49,9 @@ const HARNESSES: &str = "proofs/src/harness";
 /// One identifier, or the first and the last of several.
 static WORD: LazyLock<Regex> =
     LazyLock::new(|| regex(r"\b([FPATD])(\d+)(g?)(?:–([FPATD])(\d+))?\b"));
+/// Words that look like an identifier and are none: a graphics processor, number types, percentiles.
+const OTHER_WORDS: [&str; 6] = ["A100", "F32", "F64", "P50", "P90", "P99"];
+
 /// The identifiers in the order of their definition, each with its title.
 pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, Error> {
     let spec = tree.text("SPEC.md")?;
@@ -61,7 +65,7 @@ pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, Error> {
 /// The identifiers in a text; `F2–F7` stands for all from one to the other.
 pub(crate) fn words(text: &str) -> BTreeSet<String> {
     let mut ids = BTreeSet::new();
-    for found in WORD.captures_iter(text) {
+    for found in WORD.captures_iter(text).filter(|found| !OTHER_WORDS.contains(&&found[0])) {
         match (found.get(4), found.get(5)) {
             (Some(_), Some(last)) => ids.extend(range(&found[1], &found[2], last.as_str())),
             _ => drop(ids.insert(format!("{}{}{}", &found[1], &found[2], &found[3]))),
@@ -224,7 +228,7 @@ mod tests {
 
     #[test]
     fn a_word_that_only_begins_like_an_identifier_is_none() {
-        assert_eq!(words("F3x XP2 f1 A"), set([]));
+        assert_eq!(words("F3x XP2 f1 A A100 P99"), set([]));
         assert_eq!(named("a_fold_p_f2gg_f2h"), set([]));
     }
 

@@ -109,8 +109,12 @@ impl Matrix {
         let defined = citation::defined(tree)?;
         let known: BTreeSet<&str> = defined.iter().map(|(id, _)| &**id).collect();
         let code = citation::code(tree)?;
-        let cited = code.keys().chain(faults.iter().flat_map(|fault| &fault.breaks));
-        wrong.extend(unknown("code or a fault", cited, &known));
+        for (id, places) in &code {
+            wrong.extend(unknown(&places.join(", "), std::iter::once(id), &known));
+        }
+        for fault in &faults {
+            wrong.extend(unknown(&format!("fault {}", fault.name), fault.breaks.iter(), &known));
+        }
 
         let seeded: Vec<Seeded> = faults.iter().map(|fault| seeded(fault, &records)).collect();
         for fault in &seeded {
@@ -296,7 +300,7 @@ fn lacks(row: &Row, records: &[(&Kind, Record)], stale: &[(&str, &str)]) -> Vec<
     let around = match row.id.split_at(1) {
         ("T", "4") => &[][..],
         ("T", _) => &["policy"][..],
-        ("D", _) => &["operator", "grpc", "recorder", "simulation", "ros2"][..],
+        ("D", _) => &["operator", "grpc", "recorder", "simulation", "ros2", "command"][..],
         _ => &[][..],
     };
     let is_stale = |name: &str| stale.iter().any(|(older, _)| *older == name);

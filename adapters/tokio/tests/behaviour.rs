@@ -11,10 +11,10 @@ use fuseline_tokio::{
     Call, Config, Ending, Error, Item, Local, OfferRefusal, Operator, Setup, SpawnError, Trace,
     WriteError, spawn, stream,
 };
-use futures_util::StreamExt;
+use futures_util::{FutureExt, StreamExt};
 use support::Act::{Answers, Never};
 use support::{Made, Script, line, play, play_default};
-use tokio::time::{Instant, sleep};
+use tokio::time::{Instant, advance, sleep};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -105,6 +105,32 @@ async fn a_response_handler_that_panics_or_errs_is_a_failure_when_the_response_a
         "50.000 ms: 0 local by failure from 20 ms\n150.000 ms: 1 local by failure from 120 ms\n\
          250.000 ms: 2 cloud by arrival from 250 ms\n"
     );
+}
+
+/// D3: an event has the instant at which it is taken, not the one at which it began to be made.
+#[tokio::test(start_paused = true)]
+async fn a_result_whose_response_handler_takes_until_it_is_due_is_late() {
+    for (busy, becomes) in [
+        (9, "29.000 ms: 0 cloud by arrival from 29 ms\n"),
+        (10, "30.000 ms: 0 local by timer from 10 ms\n"),
+        (80, "100.000 ms: 0 local by timer from 10 ms\n"),
+    ] {
+        let operator = Made(move |setup: &mut Setup<u64, String>| {
+            let response_handler = move |response| {
+                // The clock goes on while this holds the only thread.
+                advance(busy * MS).now_or_never();
+                Ok(response)
+            };
+            setup.use_cloud(
+                |(), _| after(20, "cloud"),
+                |_, _| Some(((), 30 * MS)),
+                response_handler,
+                1,
+            );
+            local_after(10)
+        });
+        assert_eq!(play(operator, Config::default(), &[0]).await.items, becomes, "{busy} ms");
+    }
 }
 
 /// D5.

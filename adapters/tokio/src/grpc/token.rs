@@ -68,7 +68,11 @@ impl Doorman {
     pub(crate) fn check(&self, headers: &HeaderMap) -> Result<(), Status> {
         let Some(token) = &self.0 else { return Ok(()) };
         match headers.get("authorization") {
-            Some(shown) if is_same(shown.as_bytes(), token.header().as_encoded_bytes()) => Ok(()),
+            Some(shown)
+                if is_same(shown.as_bytes().iter(), token.header().as_encoded_bytes().iter()) =>
+            {
+                Ok(())
+            }
             Some(_) => Err(Status::unauthenticated("the bearer token is wrong")),
             None => Err(Status::unauthenticated("a bearer token is needed")),
         }
@@ -76,9 +80,13 @@ impl Doorman {
 }
 
 /// Takes equally long wherever they differ, so that the time reveals nothing about the token.
-fn is_same(shown: &[u8], token: &[u8]) -> bool {
-    let differ = shown.iter().zip(token).fold(0, |differ, (a, b)| differ | (a ^ b));
-    shown.len() == token.len() && std::hint::black_box(differ) == 0
+fn is_same<'a>(
+    shown: impl ExactSizeIterator<Item = &'a u8>,
+    token: impl ExactSizeIterator<Item = &'a u8>,
+) -> bool {
+    let is_as_long = shown.len() == token.len();
+    let differ = shown.zip(token).fold(0, |differ, (a, b)| differ | (a ^ b));
+    is_as_long && std::hint::black_box(differ) == 0
 }
 
 fn header(token: &str) -> Result<MetadataValue<Ascii>, InvalidToken> {
@@ -89,4 +97,29 @@ fn header(token: &str) -> Result<MetadataValue<Ascii>, InvalidToken> {
         format!("Bearer {token}").parse().map_err(|_| InvalidToken)?;
     header.set_sensitive(true);
     Ok(header)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    /// D12.
+    #[test]
+    fn every_byte_is_looked_at_wherever_the_token_shown_differs() {
+        let token = b"Bearer secret";
+        let looked_at = |shown: &[u8]| {
+            let looks = Cell::new(0);
+            let look = |_: &&u8| looks.set(looks.get() + 1);
+            (is_same(shown.iter().inspect(look), token.iter().inspect(look)), looks.get())
+        };
+        let all = 2 * token.len();
+        assert_eq!(looked_at(token), (true, all));
+        for place in 0..token.len() {
+            let mut shown = *token;
+            shown[place] ^= 1;
+            assert_eq!(looked_at(&shown), (false, all), "{place}");
+        }
+    }
 }
