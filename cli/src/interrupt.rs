@@ -8,6 +8,7 @@ use tokio::sync::Notify;
 
 use crate::complain::complain;
 use crate::exit::INTERRUPTED;
+use crate::output::discard;
 
 /// Whether the user wants the command to end.
 #[derive(Clone, Default)]
@@ -35,6 +36,7 @@ impl Interrupt {
                 let handler = move || {
                     // A second one: do not wait for what is under way.
                     if seen.came() {
+                        discard();
                         process::exit(INTERRUPTED);
                     }
                     seen.set();

@@ -4,7 +4,7 @@ use std::fs::{self, File, Metadata};
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::process;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Mutex, MutexGuard, Once, PoisonError};
 
 use tempfile::{Builder, NamedTempFile};
 use thiserror::Error;
@@ -12,6 +12,10 @@ use thiserror::Error;
 use crate::exit::INTERRUPTED;
 use crate::fault::Fault;
 use crate::input;
+use crate::sink::Sink;
+
+/// The file that is being written, and not yet whole.
+static UNFINISHED: Mutex<Option<PathBuf>> = Mutex::new(None);
 
 /// Where a command writes; never one of the files that it reads.
 pub(crate) struct Output {
@@ -55,7 +59,7 @@ impl Output {
         self.file.is_none()
     }
 
-    /// Writes by `put`; if that fails or Ctrl-C ends it, nothing was written. Once in a command.
+    /// Writes by `put`; if that fails or Ctrl-C ends the process, nothing was written.
     ///
     /// # Errors
     /// The error of `put`; a [`Fault::Output`] gets the name of the output.
@@ -63,17 +67,29 @@ impl Output {
         &self,
         put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>,
     ) -> Result<(), Fault> {
-        let fault = |source| Fault::Create { name: self.name.clone(), source };
+        static CAUGHT: Once = Once::new();
         let Some(path) = &self.file else { return to_stdout(put) };
-        let unfinished: Arc<OnceLock<PathBuf>> = Arc::default();
-        let left = Arc::clone(&unfinished);
-        // Where the system refuses a handler, Ctrl-C leaves the unfinished file.
-        let _ = ctrlc::set_handler(move || {
-            let _ = left.get().map(fs::remove_file);
-            process::exit(INTERRUPTED);
+        CAUGHT.call_once(|| {
+            // Where the command has caught it, that discards the file; where the system refuses, it stays.
+            let _ = ctrlc::set_handler(|| {
+                discard();
+                process::exit(INTERRUPTED);
+            });
         });
-        let whole = beside(path).map_err(fault)?;
-        let _ = unfinished.set(whole.path().to_owned());
+        let whole = beside(path).map_err(|source| self.fault(source))?;
+        *unfinished() = Some(whole.path().to_owned());
+        let written = self.finish(whole, path, put);
+        *unfinished() = None;
+        written
+    }
+
+    fn finish(
+        &self,
+        whole: NamedTempFile,
+        path: &Path,
+        put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
+        let fault = |source| self.fault(source);
         let mut out = BufWriter::new(File::create(whole.path()).map_err(fault)?);
         put(&mut out).map_err(|error| match error {
             Fault::Output(source) => fault(source),
@@ -83,6 +99,22 @@ impl Output {
         whole.persist(path).map_err(|error| fault(error.error))?;
         Ok(())
     }
+
+    fn fault(&self, source: io::Error) -> Fault {
+        Fault::Create { name: self.name.clone(), source }
+    }
+}
+
+/// Removes what is not whole: the process ends now.
+pub(crate) fn discard() {
+    if let Some(path) = unfinished().take() {
+        // It may have become whole, and has its own name then.
+        let _ = fs::remove_file(path);
+    }
+}
+
+fn unfinished() -> MutexGuard<'static, Option<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The file at a path, links followed.
@@ -151,7 +183,8 @@ fn to_stdout(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Res
     put(&mut out)?;
     let mut whole = out.into_inner().map_err(|error| Fault::Output(error.into_error()))?;
     whole.rewind().map_err(Fault::Output)?;
-    let mut stdout = io::stdout().lock();
+    // Who reads no more still wants the exit code.
+    let mut stdout = Sink::new(io::stdout().lock());
     io::copy(&mut whole, &mut stdout).and_then(|_| stdout.flush()).map_err(Fault::Output)
 }
 
@@ -168,3 +201,6 @@ fn beside(path: &Path) -> io::Result<NamedTempFile> {
     prefix.push(path.file_name().unwrap_or_default());
     builder.prefix(&prefix).suffix(".tmp").tempfile_in(directory)
 }
+
+#[cfg(test)]
+mod tests;
