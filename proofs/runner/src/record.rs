@@ -8,6 +8,7 @@ use fuseline_evidence::SeededFault;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use crate::beyond::Beyond;
 use crate::error::Error;
 use crate::source::Sources;
 
@@ -87,6 +88,18 @@ impl Record {
         wrong
     }
 
+    /// The faults that a harness should catch, and that none is recorded to catch as they are now.
+    pub(crate) fn uncaught(&self, faults: &[SeededFault], beyond: &Beyond) -> Vec<String> {
+        let wrong = |fault: &SeededFault| match self.faults.get(&fault.name) {
+            Some(caught) if caught.change != fault.digest() => {
+                Some(format!("{} is not the fault of the record: search again", fault.name))
+            }
+            Some(caught) if !caught.by.is_empty() => None,
+            _ => Some(format!("no harness is recorded to catch {}", fault.name)),
+        };
+        faults.iter().filter(|fault| !beyond.holds(fault)).filter_map(wrong).collect()
+    }
+
     /// Pairs to run so that each fault is caught that some of `harnesses` can catch, and each of these catches one.
     pub(crate) fn pairs(
         &self,
@@ -147,3 +160,6 @@ pub(crate) fn save(path: &Path, value: &impl Serialize) -> Result<(), Error> {
     }
     fs::write(path, text).map_err(Error::file(path))
 }
+
+#[cfg(test)]
+mod tests;

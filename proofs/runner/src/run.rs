@@ -80,15 +80,7 @@ impl Run<'_> {
             eprintln!("{what}");
             good = false;
         };
-        for fault in faults.iter().filter(|fault| !beyond.holds(fault)) {
-            match record.faults.get(&fault.name) {
-                Some(caught) if caught.change != fault.digest() => {
-                    wrong(format!("{} is not the fault of the record: search again", fault.name));
-                }
-                Some(caught) if !caught.by.is_empty() => {}
-                _ => wrong(format!("no harness is recorded to catch {}", fault.name)),
-            }
-        }
+        record.uncaught(&faults, &beyond).into_iter().for_each(&mut wrong);
         let able: BTreeSet<&str> = if names.is_empty() {
             self.sources.harnesses.iter().map(|harness| harness.name.as_str()).collect()
         } else {
