@@ -1,5 +1,4 @@
 //! Thousands of messages through the machine on real threads, with values: each is answered once, and no value is lost.
-//! `.ci/thread-sanitizer` runs it under `ThreadSanitizer`.
 #![cfg(not(loom))]
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
