@@ -31,6 +31,8 @@ pub(crate) struct Log {
     pub(crate) calls: Vec<Seen>,
     /// What each reader read.
     pub(crate) items: Vec<Vec<Read>>,
+    /// When each reader left, if it did.
+    pub(crate) gone: Vec<Option<u64>>,
     pub(crate) hints: Vec<Heard>,
     /// What policies were told, by the clouds' priorities.
     pub(crate) ends: Vec<(u16, End)>,
@@ -100,7 +102,9 @@ pub(crate) struct Heard {
 
 impl World {
     pub(crate) fn new(scenario: &Scenario) -> Self {
-        let log = Log { items: vec![Vec::new(); scenario.readers.len()], ..Log::default() };
+        let readers = scenario.readers.len();
+        let log =
+            Log { items: vec![Vec::new(); readers], gone: vec![None; readers], ..Log::default() };
         Self {
             scenario: scenario.clone(),
             start: Instant::now(),

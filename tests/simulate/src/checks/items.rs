@@ -3,7 +3,8 @@
 use crate::checks::{Facts, ensure};
 use crate::log::{Left, Read};
 use crate::peers::{name, words};
-use crate::replay::{Leave, Way};
+use crate::play::Played;
+use crate::replay::{Leave, Replay, Way};
 use crate::scenario::How;
 use crate::value::Told;
 
@@ -17,10 +18,7 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     for (reader, items) in log.items.iter().enumerate() {
         let stays = scenario.readers[reader].leaves_after.is_none();
         // The place where it joined.
-        let first = items.first().and_then(|first| {
-            replay.left.iter().position(|place| replay.opened[*place].t == first.t)
-        });
-        let Some(first) = first else {
+        let Some(first) = joined(facts, items) else {
             // What it read came after the end of the trace, or it read nothing.
             let is_empty_right = items.is_empty() && (reader > 0 || replay.left.is_empty());
             if is_empty_right || !is_whole || !stays || !facts.runs_out() {
@@ -47,7 +45,8 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
         }
         ensure(items.len() <= told.len(), || format!("reader {reader} read more than there was"))?;
         if stays && items.len() < told.len() {
-            ensure(!facts.runs_out() && waits(facts), || {
+            // It read to the end: no item that it did not read was handed to anybody.
+            ensure(!facts.runs_out() && waits(facts, first + items.len()), || {
                 format!("reader {reader} read {} of {} items", items.len(), told.len())
             })?;
         }
@@ -64,15 +63,23 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     ensure(all, || format!("{} messages of {}", replay.opened.len(), log.written.len()))
 }
 
-/// Whether the end found items for which a reader had no room.
-fn waits(facts: &Facts<'_>) -> bool {
-    let log = &facts.played.log;
+/// The place in the output from which on a reader read.
+fn joined(facts: &Facts<'_>, items: &[Read]) -> Option<usize> {
+    let Replay { left, opened, .. } = &facts.replay;
+    let first = items.first()?;
+    left.iter().position(|place| opened[*place].t == first.t)
+}
+
+/// Whether the stop found a reader with no room for another item, when so many had been handed out.
+fn waits(facts: &Facts<'_>, handed: usize) -> bool {
+    let Facts { scenario, played: Played { log, .. }, .. } = facts;
     let Some(stopped) = log.stopped else { return false };
-    log.over == Some(stopped)
-        || log.items.iter().any(|items| {
-            let after = items.iter().filter(|read| read.at >= stopped).count();
-            after >= facts.scenario.output_len
-        })
+    let is_full = |(items, gone): (&Vec<Read>, &Option<u64>)| {
+        let Some(first) = joined(facts, items) else { return false };
+        let read = items.iter().filter(|read| read.at < stopped).count();
+        gone.is_none_or(|at| at >= stopped) && first + read + scenario.output_len <= handed
+    };
+    log.over == Some(stopped) || log.items.iter().zip(&log.gone).any(is_full)
 }
 
 fn is_same(read: &Read, left: Leave) -> bool {
