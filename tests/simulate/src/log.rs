@@ -31,8 +31,8 @@ pub(crate) struct Log {
     pub(crate) calls: Vec<Seen>,
     /// What each reader read.
     pub(crate) items: Vec<Vec<Read>>,
-    /// When each reader left, if it did.
-    pub(crate) gone: Vec<Option<u64>>,
+    /// Which readers left.
+    pub(crate) gone: Vec<bool>,
     pub(crate) hints: Vec<Heard>,
     /// What policies were told, by the clouds' priorities.
     pub(crate) ends: Vec<(u16, End)>,
@@ -42,6 +42,8 @@ pub(crate) struct Log {
     pub(crate) stalls: Vec<(u64, u64)>,
     /// When the operator was told to stop, or the runtime was dropped.
     pub(crate) stopped: Option<u64>,
+    /// How many items each reader had read then; none of those that were gone.
+    pub(crate) read: Vec<Option<usize>>,
     /// From when on the simulation is over and drops what is left.
     pub(crate) over: Option<u64>,
 }
@@ -104,7 +106,7 @@ impl World {
     pub(crate) fn new(scenario: &Scenario) -> Self {
         let readers = scenario.readers.len();
         let log =
-            Log { items: vec![Vec::new(); readers], gone: vec![None; readers], ..Log::default() };
+            Log { items: vec![Vec::new(); readers], gone: vec![false; readers], ..Log::default() };
         Self {
             scenario: scenario.clone(),
             start: Instant::now(),
@@ -165,6 +167,13 @@ impl World {
 }
 
 impl Log {
+    /// The operator is told to stop, or the runtime is dropped.
+    pub(crate) fn stop(&mut self, at: u64) {
+        let read = |(items, gone): (&Vec<Read>, &bool)| (!gone).then_some(items.len());
+        self.read = self.items.iter().zip(&self.gone).map(read).collect();
+        self.stopped = Some(at);
+    }
+
     /// How long the process stood still between two instants.
     pub(crate) fn stalled(&self, from: u64, to: u64) -> u64 {
         let overlap = |(begun, ended): &(u64, u64)| to.min(*ended).saturating_sub(from.max(*begun));

@@ -297,7 +297,7 @@ async fn listen(world: Arc<World>, place: usize, mut items: Items<Value>) {
             }
         }
         if plan.leaves_after == Some(count) {
-            world.log().gone[place] = Some(world.now());
+            world.log().gone[place] = true;
             return;
         }
         if let Some((_, lag)) = plan.lag.filter(|(after, _)| *after == count) {

@@ -73,12 +73,13 @@ pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<Played> {
             Ok((running, items)) => {
                 tokio::spawn(camera(Arc::clone(&world), writer));
                 tokio::spawn(stall(Arc::clone(&world)));
-                run(&world, running, items).await
+                // A task, for others may have their turn at its instant before it and after it.
+                tokio::spawn(run(Arc::clone(&world), running, items)).await?
             }
             Err(error) => (Ended::NotStarted(error.to_string()), None),
         };
-        (world, held)
-    });
+        Ok::<_, io::Error>((world, held))
+    })?;
     let (ended, tally) = held;
     let tasks = runtime.metrics().num_alive_tasks();
     drop(runtime);
@@ -97,15 +98,16 @@ pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<Played> {
 
 type Held = (Ended, Option<Tally>);
 
-async fn run(world: &Arc<World>, running: Running, items: Items<Value>) -> Held {
-    let reading = tokio::spawn(audience(Arc::clone(world), 0, items));
+async fn run(world: Arc<World>, running: Running, items: Items<Value>) -> Held {
+    let reading = tokio::spawn(audience(Arc::clone(&world), 0, items));
     let mut counts = None;
     let ended = match world.scenario.end {
         Finish::Crash(at) => {
             sleep_until(world.at(at)).await;
             let now = world.now();
             let mut log = world.log();
-            (log.stopped, log.over) = (Some(now), Some(now));
+            log.stop(now);
+            log.over = Some(now);
             return (Ended::Crashed, None);
         }
         Finish::Alone => {
@@ -115,7 +117,7 @@ async fn run(world: &Arc<World>, running: Running, items: Items<Value>) -> Held 
         Finish::Input => join(running, &mut counts).await,
         Finish::Stop(at) => {
             sleep_until(world.at(at)).await;
-            world.log().stopped = Some(world.now());
+            world.log().stop(world.now());
             running.stop();
             join(running, &mut counts).await
         }

@@ -74,12 +74,11 @@ fn joined(facts: &Facts<'_>, items: &[Read]) -> Option<usize> {
 fn waits(facts: &Facts<'_>, handed: usize) -> bool {
     let Facts { scenario, played: Played { log, .. }, .. } = facts;
     let Some(stopped) = log.stopped else { return false };
-    let is_full = |(items, gone): (&Vec<Read>, &Option<u64>)| {
-        let Some(first) = joined(facts, items) else { return false };
-        let read = items.iter().filter(|read| read.at < stopped).count();
-        gone.is_none_or(|at| at >= stopped) && first + read + scenario.output_len <= handed
+    let is_full = |(items, read): (&Vec<Read>, &Option<usize>)| {
+        let (Some(first), Some(read)) = (joined(facts, items), read) else { return false };
+        first + read + scenario.output_len <= handed
     };
-    log.over == Some(stopped) || log.items.iter().zip(&log.gone).any(is_full)
+    log.over == Some(stopped) || log.items.iter().zip(&log.read).any(is_full)
 }
 
 fn is_same(read: &Read, left: Leave) -> bool {
