@@ -11,6 +11,9 @@ pub(crate) const NO_LIST_OF_THREADS: &str = "!adapters/threads/src/lib.rs";
 pub(crate) const ARBITER: &str = "adapters/arbiter/src";
 /// The judge of what concurrent machines record, which the strict one does not know.
 pub(crate) const NO_OBSERVED: &str = "!traces/src/observed";
+/// Packings and tables, of which neither the strict judge nor a recorder knows.
+pub(crate) const NO_PACKED: &str = "!traces/src/packed";
+pub(crate) const NO_ROWS: &str = "!traces/src/rows.rs";
 /// The format, the reference machine, the judge.
 pub(crate) const TRACES: &str = "traces/src";
 pub(crate) const CORPUS: &str = "traces/corpus";

@@ -9,7 +9,7 @@ use crate::printed::{GENERATED, Outcomes, read_drive, read_models, read_tests};
 use crate::record::cited_by_obligation;
 use crate::sources::{
     ARBITER, CORE, CORPUS, KIT, NO_LIST, NO_LIST_OF_KIT, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES,
-    NO_OBSERVED, TESTS, THREADS, TRACES,
+    NO_OBSERVED, NO_PACKED, NO_ROWS, TESTS, THREADS, TRACES,
 };
 
 /// All of them.
@@ -46,6 +46,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             CORPUS,
             KIT,
             NO_LIST_OF_KIT,
@@ -74,6 +76,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             CORPUS,
             "tests/examples/corpus.rs",
         ],
@@ -107,6 +111,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             KIT,
             NO_LIST_OF_KIT,
             "models/src",
@@ -130,6 +136,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             CORPUS,
             KIT,
             NO_LIST_OF_KIT,
@@ -203,6 +211,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             CORPUS,
             KIT,
             NO_LIST_OF_KIT,
@@ -384,6 +394,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             "tests/simulate/seeds.toml",
             "tests/simulate/src",
             "!tests/simulate/src/lib.rs",

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use ::csv::{ReaderBuilder, Trim};
 use fuseline_deadline::Observation;
-use fuseline_unpack::rows::{Columns, RowError, Rows, Unit};
+use fuseline_traces::rows::{Columns, RowError, Rows, Unit};
 use serde_json::{Map, Value};
 
 use crate::check::held::as_file;

@@ -2,8 +2,8 @@
 
 use std::io::{self, BufRead};
 
+use fuseline_traces::packed::{Packing, unpack};
 use fuseline_traces::{Defect, Events, LINE, Line, ReadError, observed};
-use fuseline_unpack::{Packing, unpack};
 
 use crate::check::{Check, Ends, fit};
 

@@ -6,7 +6,6 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::io::{self, BufRead, Read};
 
-use fuseline_traces::{Line, ParseError, observed};
 use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -14,7 +13,8 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 use thiserror::Error;
 
-use crate::messages::chunks::Chunks;
+use crate::packed::messages::chunks::Chunks;
+use crate::{Line, ParseError, observed};
 
 /// The topic of a trace's lines, unless another is named.
 pub const TOPIC: &str = "/fuseline/trace";

@@ -1,7 +1,32 @@
-#![doc = include_str!("../README.md")]
+//! Traces as lines, however they are packed: plain, gzip, zstd or MCAP.
+//!
+//! ```
+//! use fuseline_traces::judge;
+//! use fuseline_traces::packed::unpack;
+//!
+//! let trace = b"{\"fuseline\":1,\"window\":16,\"clouds\":[]}\n{\"ev\":\"tick\",\"at\":7}\n";
+//! let packed = zstd::encode_all(&trace[..], 0)?;
+//! let verdict = judge("drive.jsonl.zst", unpack(&packed[..])?)?;
+//! assert!(verdict.conforms && verdict.lines == 2);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The first byte tells how a file is packed, not its name. The command and the wheel for Python both read with this, so what
+//! one can read the other can.
+//!
+//! | packed | unpacked in memory of |
+//! |---|---|
+//! | gzip, several members too | 32 KiB |
+//! | zstd, several frames too | the frame's window, at most 128 MiB |
+//! | MCAP, its chunks plain, lz4 or zstd | its largest record or chunk, at most 40 MiB |
+//!
+//! Of an MCAP file the messages of the topic `/fuseline/trace` are the lines. They are written anew in the form of a trace, so that a
+//! judge says of them what it says of what `fuseline convert` makes. A length that a file claims takes no memory before its bytes come;
+//! but a record in a packed chunk takes at once what it claims, and is refused beyond 40 MiB.
+//!
+//! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that).
 
 mod messages;
-pub mod rows;
 
 use std::io::{self, BufRead, BufReader};
 
@@ -43,7 +68,7 @@ impl Packing {
 pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
     Ok(match inner.fill_buf()?.first().copied().and_then(Packing::of) {
         None => Box::new(inner),
-        Some(Packing::Gzip) => fuseline_traces::unpack(inner)?,
+        Some(Packing::Gzip) => crate::unpack(inner)?,
         Some(Packing::Zstd) => {
             let mut unpacked = zstd::Decoder::with_buffer(inner)?;
             unpacked.window_log_max(WINDOW_LOG)?;

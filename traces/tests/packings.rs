@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::io::{self, Cursor, Read, Write};
 
 use flate2::write::GzEncoder;
+use fuseline_traces::packed::unpack;
 use fuseline_traces::{Defect, Events, judge};
-use fuseline_unpack::unpack;
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 

@@ -5,8 +5,9 @@ use std::fmt::Write as _;
 use std::io::Read;
 
 use csv::{Position, Reader, ReaderBuilder, StringRecord, Trim};
-use fuseline_traces::{Event, Line, observed};
 use thiserror::Error;
+
+use crate::{Event, Line, observed};
 
 /// The keys that an event may have, with those that are instants and durations.
 const KEYS: [(&str, bool); 8] = [
