@@ -7,20 +7,18 @@ use fuseline_core::{
     Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Ready,
     Timestamp,
 };
+use fuseline_testkit::splitmix64;
 
 /// How many inputs one pass times: as many machines as give so many open timestamps, so that small and great windows
 /// work on as much memory.
 pub const INPUTS: usize = 1024;
 
-/// Steele and Vigna's `SplitMix64`.
+/// A stream of random numbers.
 struct SplitMix(u64);
 
 impl SplitMix {
     fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        splitmix64(&mut self.0)
     }
 
     fn shuffle<T>(&mut self, items: &mut [T]) {

@@ -18,7 +18,7 @@ pub(crate) const NO_ROWS: &str = "!traces/src/rows.rs";
 pub(crate) const TRACES: &str = "traces/src";
 pub(crate) const CORPUS: &str = "traces/corpus";
 /// The generator, the ledger of promises and the account of what was reached.
-pub(crate) const KIT: &str = "kit/src";
-pub(crate) const NO_LIST_OF_KIT: &str = "!kit/src/lib.rs";
+pub(crate) const KIT: &str = "testkit/src";
+pub(crate) const NO_LIST_OF_KIT: &str = "!testkit/src/lib.rs";
 /// The driver, and what the fuzz targets check.
 pub(crate) const TESTS: &str = "tests/src";

@@ -70,8 +70,11 @@ fn core_is_not_reached_from_traces() {
 
 #[test]
 fn core_is_not_reached_from_the_kit() {
-    let reached = reached_from("fuseline-kit", &graph());
-    assert!(reached.contains("fuseline-traces"), "the packages behind fuseline-kit were not read");
+    let reached = reached_from("fuseline-testkit", &graph());
+    assert!(
+        reached.contains("fuseline-traces"),
+        "the packages behind fuseline-testkit were not read"
+    );
     assert!(!reached.contains("fuseline-core"), "the ledger could share the core's faults");
 }
 

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use fuseline_kit::{Generator, Run};
 use fuseline_operator::{Engine, Local, Recorder, Recording, SourceTally, Tally};
 use fuseline_report::{Page, Reckoning, Row};
+use fuseline_testkit::{Generator, Run};
 use fuseline_traces::{Events, Input};
 use serde_json::Value;
 

@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use fuseline_kit::split;
 use fuseline_operator::Trigger;
+use fuseline_testkit::split;
 use fuseline_traces::{Decision, DropReason, Event, Events, Input, Judge, OpenRefusal, Verdict};
 
 use crate::scenario::Scenario;

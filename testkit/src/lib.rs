@@ -9,6 +9,7 @@ mod reach;
 mod run;
 mod scene;
 
+pub use draw::splitmix64;
 pub use edge::Edge;
 pub use generate::Generator;
 pub use history::History;
