@@ -8,7 +8,7 @@ pub(crate) const NO_LIST_OF_TRACES: &str = "!traces/src/lib.rs";
 pub(crate) const THREADS: &str = "adapters/threads/src";
 pub(crate) const NO_LIST_OF_THREADS: &str = "!adapters/threads/src/lib.rs";
 /// What turns a trace's inputs into the machine's and its answers into decisions.
-pub(crate) const ARBITER: &str = "adapters/arbiter/src";
+pub(crate) const ARBITER: &str = "adapters/engine/src/arbiter";
 /// The judge of what concurrent machines record, which the strict one does not know.
 pub(crate) const NO_OBSERVED: &str = "!traces/src/observed";
 /// Packings and tables, of which neither the strict judge nor a recorder knows.

@@ -281,16 +281,15 @@ pub const KINDS: &[Kind] = &[
         title: "tests of operators",
         applies: |_| false,
         concerns: |fault| {
-            let is_of_operator = ["adapters/operator/", "adapters/tokio/"]
-                .iter()
-                .any(|at| fault.file.starts_with(at));
-            is_of_operator && !fault.file.starts_with(GRPC)
+            let is_of_operator =
+                ["adapters/engine/", "adapters/tokio/"].iter().any(|at| fault.file.starts_with(at));
+            is_of_operator && ![ARBITER, GRPC].iter().any(|at| fault.file.starts_with(at))
         },
         run: Run::Cargo {
             arguments: &[
                 "test",
                 "-p",
-                "fuseline-operator",
+                "fuseline-engine",
                 "-p",
                 "fuseline-tokio",
                 "--lib",
@@ -323,16 +322,15 @@ pub const KINDS: &[Kind] = &[
             variables: QUICK,
         },
         sources: &[
-            "adapters/operator/src",
-            "!adapters/operator/src/lib.rs",
-            "adapters/operator/tests",
+            "adapters/engine/src",
+            "!adapters/engine/src/lib.rs",
+            "adapters/engine/tests",
             "adapters/tokio/src",
             "!adapters/tokio/src/lib.rs",
             "!adapters/tokio/src/grpc",
             "adapters/tokio/tests",
             "!adapters/tokio/tests/grpc.rs",
             "!adapters/tokio/tests/strangers.rs",
-            ARBITER,
             CORE,
             NO_LIST,
         ],
@@ -390,12 +388,11 @@ pub const KINDS: &[Kind] = &[
             variables: QUICK,
         },
         sources: &[
-            "adapters/operator/src",
-            "!adapters/operator/src/lib.rs",
+            "adapters/engine/src",
+            "!adapters/engine/src/lib.rs",
             "adapters/tokio/src",
             "!adapters/tokio/src/lib.rs",
             "!adapters/tokio/src/grpc",
-            ARBITER,
             CORE,
             NO_LIST,
             TRACES,
@@ -508,11 +505,12 @@ const RECORDER: &str = "traces/src/record.rs";
 
 /// Whether simulated operators go through this file.
 fn is_simulated(file: &str) -> bool {
-    let around = ["adapters/operator/", "adapters/tokio/", RECORDER];
+    let around = ["adapters/engine/", "adapters/tokio/", RECORDER];
     let others = [
         "adapters/tokio/src/grpc",
         "adapters/tokio/src/common.rs",
-        "adapters/operator/src/pace.rs",
+        "adapters/engine/src/pace.rs",
+        ARBITER,
     ];
     around.iter().any(|at| file.starts_with(at)) && !others.iter().any(|at| file.starts_with(at))
 }

@@ -19,10 +19,9 @@ const OLDER: &str = "tests/fire/older.toml";
 
 /// What a soak is of, as little as is honest: what decides, what drives it, and what judges. Not
 /// the libraries around.
-const SOURCES: [&str; 8] = [
+const SOURCES: [&str; 7] = [
     "core/src",
-    "adapters/arbiter/src",
-    "adapters/operator/src",
+    "adapters/engine/src",
     "adapters/tokio/src",
     "traces/src",
     "!traces/src/lib.rs",

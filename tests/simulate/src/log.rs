@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use fuseline_operator::Trigger;
+use fuseline_engine::Trigger;
 use fuseline_tokio::deadline::End;
 use fuseline_tokio::{DropReason, Ending, Hint, Item, OpenRefusal};
 use tokio::time::Instant;

@@ -6,7 +6,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_operator::{Policy, Situation};
+use fuseline_engine::{Policy, Situation};
 use fuseline_tokio::deadline::{Chosen, End, Reason};
 use fuseline_tokio::{Call, Error, Items, Local, Operator, Setup, Writer};
 use tokio::task::yield_now;

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use fuseline_operator::Trigger;
+use fuseline_engine::Trigger;
 use fuseline_testkit::split;
 use fuseline_traces::{Decision, DropReason, Event, Events, Input, Judge, OpenRefusal, Verdict};
 

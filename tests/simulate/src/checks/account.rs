@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use fuseline_operator::{SourceTally, Tally, Trigger};
+use fuseline_engine::{SourceTally, Tally, Trigger};
 use fuseline_tokio::deadline::End;
 use metrics_util::debugging::DebugValue;
 
@@ -113,7 +113,7 @@ fn source_told(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
     if tally.reasons.iter().map(|(_, count)| count).sum::<u64>() + tally.reasons.others()
         != told.failed
     {
-        told.reasons = fuseline_operator::Reasons::default();
+        told.reasons = fuseline_engine::Reasons::default();
     }
     told
 }

@@ -6,12 +6,12 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_arbiter::{Answer, Arbiter};
 use fuseline_core::{Admission, ConfigError, Opening, Priority, Timestamp};
 use fuseline_deadline::{End, Policy, Situation};
 use fuseline_traces::{Header, Input};
 use tracing::warn;
 
+use crate::arbiter::{Answer, Arbiter};
 use crate::counts::Counting;
 use crate::counts::Event;
 use crate::effect::{Effect, Local, Offer};

@@ -6,13 +6,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_arbiter::{Answer, decisions_of, drop_reason, offer_refusal, open_refusal};
 use fuseline_core as core;
 use fuseline_core::Outcome;
 use fuseline_deadline::{End, Situation};
 use fuseline_traces::{Decision, DropReason, Input};
 use tracing::{debug, error, warn};
 
+use crate::arbiter::{Answer, decisions_of, drop_reason, offer_refusal, open_refusal};
 use crate::counts::{Counts, Event};
 use crate::effect::{Effect, Hint, Local};
 use crate::item::{Ending, Failure, Forwarded, Item, Source, Trigger};

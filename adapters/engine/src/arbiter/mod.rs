@@ -1,4 +1,5 @@
-#![doc = include_str!("../README.md")]
+//! The bridge from the machine to the trace: it applies one input, answers in the core's own types, and makes the
+//! trace's lines from them for those who record.
 
 mod answer;
 mod reason;

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fuseline_deadline::{Accuracy, Chosen, Constant, End, Expected, Reason};
-use fuseline_operator::{
+use fuseline_engine::{
     Cloud, Commit, Effect, Engine, Header, Local, Offer, OfferRefusal, Policy, Situation,
 };
 

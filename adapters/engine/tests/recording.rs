@@ -7,7 +7,7 @@ use std::process::{self, Command};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use fuseline_operator::{Commit, Engine, Header, Local, Recorder, Recording};
+use fuseline_engine::{Commit, Engine, Header, Local, Recorder, Recording};
 use fuseline_traces::judge;
 use tempfile::TempDir;
 

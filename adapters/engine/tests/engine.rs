@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::time::Duration;
 
-use fuseline_operator::{
+use fuseline_engine::{
     Cloud, Commit, DropReason, Effect, Ending, Engine, Header, Hint, Item, Local, Offer,
     OfferRefusal, Recorder, Recording, Trigger,
 };

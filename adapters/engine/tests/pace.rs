@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_operator::{Pace, Shortfall};
+use fuseline_engine::{Pace, Shortfall};
 
 fn pace(longest_s: f64, local_s: f64) -> Pace {
     Pace {
