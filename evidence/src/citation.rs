@@ -31,7 +31,7 @@ const CRATES: [(&str, &str); 5] = [
 const TESTS: [&str; 9] = [
     "tests/tests",
     "tests/loom/tests",
-    "tests/simulate/tests",
+    "tests/system/tests",
     "deadline/tests",
     "adapters/engine/tests",
     "adapters/tokio/tests",
