@@ -1,4 +1,4 @@
-"""What the shipped core does, asked of the program beside this folder."""
+"""What the shipped core does, asked of the program `proofs/runner/src/bin/rules`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def ask(lines: list[str]) -> list[str]:
 @functools.cache
 def _built() -> Path:
     """The program, built anew if something changed."""
-    command = ["cargo", "build", "--locked", "--quiet", "-p", "fuseline-rules"]
+    command = ["cargo", "build", "--locked", "--quiet", "-p", "fuseline-prove"]
+    command += ["--bin", "fuseline-rules"]
     built = subprocess.run(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, check=False)
     if built.returncode:
         raise Unbuilt(built.stderr)

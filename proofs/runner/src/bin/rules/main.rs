@@ -1,6 +1,6 @@
 //! Does with the shipped core what each line of standard input says, and tells what came of it, a line for each.
 //!
-//! `runner/code.py` writes the lines and compares the answers with the rules. Sets are numbers whose bits are the members.
+//! `proofs/rules/runner/code.py` writes the lines and compares the answers with the rules. Sets are numbers whose bits are the members.
 //!
 //! | line | is answered by |
 //! |---|---|
