@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use fuseline_testkit::splitmix64;
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Cloud, Commit, Demands, Events, Header, Input, Reference, judge};
 
@@ -123,12 +124,8 @@ impl Run {
         }
     }
 
-    /// Splitmix64.
     fn random(&mut self) -> u64 {
-        self.seed = self.seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.seed ^ (self.seed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        splitmix64(&mut self.seed)
     }
 }
 

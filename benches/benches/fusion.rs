@@ -1,11 +1,11 @@
-//! Time per input at 3 clouds and a window of 16, arrivals from recorded drives, beside a hash map and a heap and the
-//! same core about a balanced tree, their passes in turns.
+//! Time per input at 3 clouds and a window of 16, arrivals from recorded drives, beside a hash map and a heap,
+//! their passes in turns.
 
 use std::collections::hash_map::RandomState;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use fuseline_benches::arrivals::{CLOUDS, WINDOW, fusion, inputs, tree};
+use fuseline_benches::arrivals::{CLOUDS, WINDOW, fusion, inputs};
 use fuseline_benches::baseline::Baseline;
 use fuseline_benches::beside::{in_turns, passes};
 use fuseline_benches::machine::{Machine, Tally};
@@ -29,23 +29,17 @@ fn main() {
     for (name, commit) in [("eager", Commit::Eager), ("patient", Commit::Patient)] {
         let inputs = inputs(2_000, commit);
         let ours = || pass(fusion(commit).expect("a valid configuration"), &inputs);
-        let tree = || pass(tree(commit).expect("a valid configuration"), &inputs);
         let fast = || pass(Baseline::<FxBuildHasher>::new(WINDOW, commit, &CLOUDS), &inputs);
         let std = || pass(Baseline::<RandomState>::new(WINDOW, commit, &CLOUDS), &inputs);
         let (tally, _) = ours();
-        assert!([tree().0, fast().0, std().0].iter().all(|of_other| *of_other == tally));
+        assert!([fast().0, std().0].iter().all(|of_other| *of_other == tally));
         println!("{name}: {} inputs, {tally:?}", inputs.len());
-        let [ours, tree, fast, std] = in_turns(
-            passes(400),
-            [&mut || ours().1, &mut || tree().1, &mut || fast().1, &mut || std().1],
-        )
-        .map(|times| times.an_input(inputs.len()));
-        for (name, (median, best)) in [
-            ("Fuseline", ours),
-            ("the same about a tree", tree),
-            ("fast hash and heap", fast),
-            ("std hash and heap", std),
-        ] {
+        let [ours, fast, std] =
+            in_turns(passes(400), [&mut || ours().1, &mut || fast().1, &mut || std().1])
+                .map(|times| times.an_input(inputs.len()));
+        for (name, (median, best)) in
+            [("Fuseline", ours), ("fast hash and heap", fast), ("std hash and heap", std)]
+        {
             let (to_median, to_best) = (median / ours.0, best / ours.1);
             println!("  {name:24} {median:6.1} {best:6.1}   {to_median:4.2} {to_best:4.2}");
         }

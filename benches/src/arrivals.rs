@@ -69,26 +69,6 @@ pub fn inputs(messages: usize, commit: Commit) -> Vec<Input> {
     with_ticks(arrivals.into_values(), commit)
 }
 
-/// The same about a tree.
-///
-/// # Errors
-/// Never: the configuration is valid.
-pub fn tree(
-    commit: Commit,
-) -> Result<fuseline_tree::Fusion<3, WINDOW>, fuseline_tree::ConfigError> {
-    use fuseline_tree::{Cloud, Commit as Rule, Fusion, Priority};
-    let clouds = CLOUDS.map(|(p, limit, resume)| Cloud {
-        priority: Priority::new(u16::try_from(p).unwrap_or_default()),
-        limit,
-        resume,
-    });
-    let commit = match commit {
-        Commit::Eager => Rule::Eager,
-        Commit::Patient => Rule::Patient,
-    };
-    Fusion::new(WINDOW, commit, &clouds)
-}
-
 fn with_ticks(inputs: impl Iterator<Item = Input>, commit: Commit) -> Vec<Input> {
     let mut fusion = fusion(commit).expect("a valid configuration");
     let mut all = Vec::new();

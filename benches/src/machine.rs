@@ -1,5 +1,8 @@
 //! What can be given a trace's inputs and counts its decisions.
 
+use fuseline_core::{
+    Admission, At, Deadline, Fusion, Instant, Opening, Outcome, Priority, Timestamp,
+};
 use fuseline_traces::Input;
 
 /// How often each thing was decided: equal for machines that decide alike.
@@ -27,68 +30,51 @@ pub trait Machine {
     fn apply(&mut self, input: &Input, tally: &mut Tally);
 }
 
-/// The core's machine, and the same about a tree.
-macro_rules! machine {
-    ($core:ident) => {
-        const _: () = {
-            use $core::{
-                Admission, At, Deadline, Fusion, Instant, Opening, Outcome, Priority, Timestamp,
-            };
-
-            impl<const CLOUDS: usize, const WINDOW: usize> Machine for Fusion<CLOUDS, WINDOW> {
-                #[inline]
-                fn apply(&mut self, input: &Input, tally: &mut Tally) {
-                    let mut ready = loop {
-                        match self.at(Instant::from_nanos(input.at())) {
-                            At::Fired(firing) => {
-                                tally.timers += firing.timers.iter().count() as u64;
-                                count(&firing.outcome, tally);
-                            }
-                            At::Ready(ready) => break ready,
-                        }
-                    };
-                    match *input {
-                        Input::Open { t, deadline, .. } => {
-                            match ready.open(Timestamp::new(t), deadline.map(Deadline::from_nanos))
-                            {
-                                Opening::Accepted => tally.admitted += 1,
-                                Opening::Refused(_) => tally.refused += 1,
-                            }
-                        }
-                        Input::Offer { t, p, deadline, backlog, .. } => {
-                            let deadline = Deadline::from_nanos(deadline);
-                            match ready.offer(Timestamp::new(t), priority(p), deadline, backlog) {
-                                Admission::Admitted { .. } => tally.admitted += 1,
-                                Admission::Refused(_) => tally.refused += 1,
-                            }
-                        }
-                        Input::Result { t, p, .. } => {
-                            count(&ready.result(Timestamp::new(t), priority(p)), tally);
-                        }
-                        Input::Fail { t, p, .. } => {
-                            count(&ready.fail(Timestamp::new(t), priority(p)), tally)
-                        }
-                        Input::Tick { .. } => {}
-                    }
+impl<const CLOUDS: usize, const WINDOW: usize> Machine for Fusion<CLOUDS, WINDOW> {
+    #[inline]
+    fn apply(&mut self, input: &Input, tally: &mut Tally) {
+        let mut ready = loop {
+            match self.at(Instant::from_nanos(input.at())) {
+                At::Fired(firing) => {
+                    tally.timers += firing.timers.iter().count() as u64;
+                    count(&firing.outcome, tally);
                 }
-            }
-
-            fn priority(p: u64) -> Priority {
-                Priority::new(u16::try_from(p).unwrap_or(u16::MAX))
-            }
-
-            fn count<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>, tally: &mut Tally) {
-                match outcome {
-                    Outcome::Dropped(_) => tally.dropped += 1,
-                    Outcome::Held => tally.held += 1,
-                    Outcome::Waiting => {}
-                    Outcome::Forwarded { by, .. } => tally.forwarded += u64::from(by.as_u16()) + 1,
-                    Outcome::Missed => tally.missed += 1,
-                }
+                At::Ready(ready) => break ready,
             }
         };
-    };
+        match *input {
+            Input::Open { t, deadline, .. } => {
+                match ready.open(Timestamp::new(t), deadline.map(Deadline::from_nanos)) {
+                    Opening::Accepted => tally.admitted += 1,
+                    Opening::Refused(_) => tally.refused += 1,
+                }
+            }
+            Input::Offer { t, p, deadline, backlog, .. } => {
+                let deadline = Deadline::from_nanos(deadline);
+                match ready.offer(Timestamp::new(t), priority(p), deadline, backlog) {
+                    Admission::Admitted { .. } => tally.admitted += 1,
+                    Admission::Refused(_) => tally.refused += 1,
+                }
+            }
+            Input::Result { t, p, .. } => {
+                count(&ready.result(Timestamp::new(t), priority(p)), tally);
+            }
+            Input::Fail { t, p, .. } => count(&ready.fail(Timestamp::new(t), priority(p)), tally),
+            Input::Tick { .. } => {}
+        }
+    }
 }
 
-machine!(fuseline_core);
-machine!(fuseline_tree);
+fn priority(p: u64) -> Priority {
+    Priority::new(u16::try_from(p).unwrap_or(u16::MAX))
+}
+
+fn count<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>, tally: &mut Tally) {
+    match outcome {
+        Outcome::Dropped(_) => tally.dropped += 1,
+        Outcome::Held => tally.held += 1,
+        Outcome::Waiting => {}
+        Outcome::Forwarded { by, .. } => tally.forwarded += u64::from(by.as_u16()) + 1,
+        Outcome::Missed => tally.missed += 1,
+    }
+}

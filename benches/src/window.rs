@@ -1,21 +1,24 @@
-//! Full windows of 4 to 1024 timestamps, touched in random order, about the core's window and about a tree.
+//! Full windows of 4 to 1024 timestamps, touched in random order.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant as Clock};
+
+use fuseline_core::{
+    Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Ready,
+    Timestamp,
+};
+use fuseline_testkit::splitmix64;
 
 /// How many inputs one pass times: as many machines as give so many open timestamps, so that small and great windows
 /// work on as much memory.
 pub const INPUTS: usize = 1024;
 
-/// Steele and Vigna's `SplitMix64`.
+/// A stream of random numbers.
 struct SplitMix(u64);
 
 impl SplitMix {
     fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        splitmix64(&mut self.0)
     }
 
     fn shuffle<T>(&mut self, items: &mut [T]) {
@@ -97,128 +100,107 @@ impl Load {
     }
 }
 
-/// The same code over two crates with the same names.
-macro_rules! contestant {
-    ($(#[$doc:meta])* $name:ident, $core:ident) => {
-        $(#[$doc])*
-        #[must_use]
-        pub fn $name<const WINDOW: usize>(load: &Load, kind: Kind) -> Duration {
-            use $core::{
-                Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome,
-                Priority, Ready, Timestamp,
-            };
+const NEAR: Priority = Priority::new(1);
+const FAR: Priority = Priority::new(2);
+type Machine<const WINDOW: usize> = Fusion<3, WINDOW>;
 
-            const NEAR: Priority = Priority::new(1);
-            const FAR: Priority = Priority::new(2);
-            type Machine<const WINDOW: usize> = Fusion<3, WINDOW>;
+fn ready<const WINDOW: usize>(machine: &mut Machine<WINDOW>) -> Ready<'_, 3, WINDOW> {
+    match machine.at(Instant::START) {
+        At::Ready(ready) => ready,
+        At::Fired(firing) => unreachable!("{firing:?}"),
+    }
+}
 
-            fn ready<const WINDOW: usize>(machine: &mut Machine<WINDOW>) -> Ready<'_, 3, WINDOW> {
-                match machine.at(Instant::START) {
-                    At::Ready(ready) => ready,
-                    At::Fired(firing) => unreachable!("{firing:?}"),
+/// With all timestamps open, as far as the kind needs it.
+fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>> {
+    let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
+    let machine = || Fusion::new(WINDOW, Commit::Eager, &clouds).expect("a valid configuration");
+    let mut machines: Vec<Machine<WINDOW>> = (0..INPUTS / WINDOW).map(|_| machine()).collect();
+    if matches!(kind, Kind::Open) {
+        return machines;
+    }
+    let limited = matches!(kind, Kind::ExpireWaiting);
+    for (i, t) in &load.timestamps {
+        // A deadline long after every cloud's due.
+        let deadline = limited.then_some(Deadline::from_nanos(1_000_000_000));
+        let opening = ready(&mut machines[*i]).open(Timestamp::new(*t), deadline);
+        assert_eq!(opening, Opening::Accepted);
+    }
+    for (nth, (i, t, deadline)) in load.touched.iter().enumerate() {
+        let t = Timestamp::new(*t);
+        let mut ready = ready(&mut machines[*i]);
+        let mut offer = |cloud| {
+            let admission = ready.offer(t, cloud, Deadline::from_nanos(*deadline), 0);
+            assert!(matches!(admission, Admission::Admitted { .. }));
+        };
+        match kind {
+            Kind::Open | Kind::Offer | Kind::FailMissed => {}
+            Kind::ResultHeld | Kind::ExpireWaiting => offer(NEAR),
+            Kind::FailWaiting | Kind::ResultForwarded => {
+                offer(NEAR);
+                offer(FAR);
+            }
+            Kind::ResultSuperseded => {
+                if nth % 2 == 0 {
+                    let outcome = ready.result(t, Priority::LOCAL);
+                    assert!(matches!(outcome, Outcome::Forwarded { .. }));
                 }
             }
-
-            /// With all timestamps open, as far as the kind needs it.
-            fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>> {
-                let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
-                let machine =
-                    || Fusion::new(WINDOW, Commit::Eager, &clouds).expect("a valid configuration");
-                let mut machines: Vec<Machine<WINDOW>> =
-                    (0..INPUTS / WINDOW).map(|_| machine()).collect();
-                if matches!(kind, Kind::Open) {
-                    return machines;
-                }
-                let limited = matches!(kind, Kind::ExpireWaiting);
-                for (i, t) in &load.timestamps {
-                    // A deadline long after every cloud's due.
-                    let deadline = limited.then_some(Deadline::from_nanos(1_000_000_000));
-                    let opening = ready(&mut machines[*i]).open(Timestamp::new(*t), deadline);
-                    assert_eq!(opening, Opening::Accepted);
-                }
-                for (nth, (i, t, deadline)) in load.touched.iter().enumerate() {
-                    let t = Timestamp::new(*t);
-                    let mut ready = ready(&mut machines[*i]);
-                    let mut offer = |cloud| {
-                        let admission = ready.offer(t, cloud, Deadline::from_nanos(*deadline), 0);
-                        assert!(matches!(admission, Admission::Admitted { .. }));
-                    };
-                    match kind {
-                        Kind::Open | Kind::Offer | Kind::FailMissed => {}
-                        Kind::ResultHeld | Kind::ExpireWaiting => offer(NEAR),
-                        Kind::FailWaiting | Kind::ResultForwarded => {
-                            offer(NEAR);
-                            offer(FAR);
-                        }
-                        Kind::ResultSuperseded => {
-                            if nth % 2 == 0 {
-                                let outcome = ready.result(t, Priority::LOCAL);
-                                assert!(matches!(outcome, Outcome::Forwarded { .. }));
-                            }
-                        }
-                        Kind::ExpireForwarded => {
-                            offer(FAR);
-                            assert_eq!(ready.result(t, Priority::LOCAL), Outcome::Held);
-                        }
-                    }
-                }
-                machines
+            Kind::ExpireForwarded => {
+                offer(FAR);
+                assert_eq!(ready.result(t, Priority::LOCAL), Outcome::Held);
             }
-
-            let mut machines = machines::<WINDOW>(load, kind);
-            let start = Clock::now();
-            match kind {
-                Kind::Open => {
-                    for (i, t) in &load.timestamps {
-                        let _ = black_box(ready(&mut machines[*i]).open(Timestamp::new(*t), None));
-                    }
-                }
-                Kind::ExpireWaiting | Kind::ExpireForwarded => {
-                    for machine in &mut machines {
-                        // A tick at each due instant, as a driver would.
-                        for _ in 0..WINDOW {
-                            let Some(due) = machine.next_due() else { break };
-                            assert!(matches!(black_box(machine.at(due)), At::Fired(_)));
-                        }
-                    }
-                }
-                _ => {
-                    for (i, t, deadline) in &load.touched {
-                        let t = Timestamp::new(*t);
-                        let mut ready = ready(&mut machines[*i]);
-                        match kind {
-                            Kind::Offer => {
-                                let deadline = Deadline::from_nanos(*deadline);
-                                let _ = black_box(ready.offer(t, NEAR, deadline, 0));
-                            }
-                            Kind::ResultHeld => {
-                                let _ = black_box(ready.result(t, Priority::LOCAL));
-                            }
-                            Kind::ResultForwarded | Kind::ResultSuperseded => {
-                                let _ = black_box(ready.result(t, FAR));
-                            }
-                            Kind::FailWaiting => {
-                                let _ = black_box(ready.fail(t, FAR));
-                            }
-                            _ => {
-                                let _ = black_box(ready.fail(t, Priority::LOCAL));
-                            }
-                        }
-                    }
-                }
-            }
-            let elapsed = start.elapsed();
-            black_box(&machines);
-            elapsed
         }
-    };
+    }
+    machines
 }
 
-contestant! {
-    /// Times one input of the kind for every timestamp of the load, by the core.
-    flat, fuseline_core
-}
-contestant! {
-    /// The same about a tree.
-    tree, fuseline_tree
+/// Times one input of the kind for every timestamp of the load.
+#[must_use]
+pub fn flat<const WINDOW: usize>(load: &Load, kind: Kind) -> Duration {
+    let mut machines = machines::<WINDOW>(load, kind);
+    let start = Clock::now();
+    match kind {
+        Kind::Open => {
+            for (i, t) in &load.timestamps {
+                let _ = black_box(ready(&mut machines[*i]).open(Timestamp::new(*t), None));
+            }
+        }
+        Kind::ExpireWaiting | Kind::ExpireForwarded => {
+            for machine in &mut machines {
+                // A tick at each due instant, as a driver would.
+                for _ in 0..WINDOW {
+                    let Some(due) = machine.next_due() else { break };
+                    assert!(matches!(black_box(machine.at(due)), At::Fired(_)));
+                }
+            }
+        }
+        _ => {
+            for (i, t, deadline) in &load.touched {
+                let t = Timestamp::new(*t);
+                let mut ready = ready(&mut machines[*i]);
+                match kind {
+                    Kind::Offer => {
+                        let deadline = Deadline::from_nanos(*deadline);
+                        let _ = black_box(ready.offer(t, NEAR, deadline, 0));
+                    }
+                    Kind::ResultHeld => {
+                        let _ = black_box(ready.result(t, Priority::LOCAL));
+                    }
+                    Kind::ResultForwarded | Kind::ResultSuperseded => {
+                        let _ = black_box(ready.result(t, FAR));
+                    }
+                    Kind::FailWaiting => {
+                        let _ = black_box(ready.fail(t, FAR));
+                    }
+                    _ => {
+                        let _ = black_box(ready.fail(t, Priority::LOCAL));
+                    }
+                }
+            }
+        }
+    }
+    let elapsed = start.elapsed();
+    black_box(&machines);
+    elapsed
 }

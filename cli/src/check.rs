@@ -5,7 +5,7 @@ use std::io::{self, BufReader, IsTerminal, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_report::{Found, Judging};
-use fuseline_unpack::{Packing, unpack};
+use fuseline_traces::packed::{Packing, unpack};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use thiserror::Error;

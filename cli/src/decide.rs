@@ -1,6 +1,6 @@
 //! The core's decisions as lines.
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::Input;
 
 /// Appends the core's decisions about an input, a line each.

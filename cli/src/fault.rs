@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::io;
 
-use fuseline_operator::ConfigError;
+use fuseline_engine::ConfigError;
 use fuseline_traces::ReadError;
 use fuseline_traces::observed::{Disorder, JudgeError};
 use thiserror::Error;

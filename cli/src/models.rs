@@ -5,6 +5,7 @@ use std::str::FromStr;
 use std::sync::LazyLock;
 use std::time::Duration;
 
+use fuseline_testkit::splitmix64;
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -119,12 +120,10 @@ pub(crate) fn names() -> String {
     TABLE.runtime_ms.iter().map(|row| row.model.as_str()).collect::<Vec<_>>().join(", ")
 }
 
-/// The finalizer of `SplitMix64`: spreads neighbouring numbers over all of `u64`.
+/// Spreads neighbouring numbers over all of `u64`.
 const fn mix(number: u64) -> u64 {
-    let mut mixed = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    mixed ^ (mixed >> 31)
+    let mut state = number;
+    splitmix64(&mut state)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_report::{Found, Manner, Page, PageError};
-use fuseline_unpack::unpack;
+use fuseline_traces::packed::unpack;
 
 use crate::exit::Exit;
 use crate::fault::Fault;

@@ -10,10 +10,9 @@ use crate::error::Error;
 use crate::tree::Tree;
 
 /// Where the code that meets the rules is.
-const CODE: [&str; 8] = [
+const CODE: [&str; 7] = [
     "core/src",
-    "adapters/arbiter/src",
-    "adapters/operator/src",
+    "adapters/engine/src",
     "adapters/ros2/src",
     "adapters/threads/src",
     "adapters/tokio/src",
@@ -24,7 +23,7 @@ const CODE: [&str; 8] = [
 const CRATES: [(&str, &str); 5] = [
     ("fuseline_core", "core"),
     ("fuseline_deadline", "deadline"),
-    ("fuseline_operator", "adapters/operator"),
+    ("fuseline_engine", "adapters/engine"),
     ("fuseline_tokio", "adapters/tokio"),
     ("fuseline_ros2", "adapters/ros2"),
 ];
@@ -32,9 +31,9 @@ const CRATES: [(&str, &str); 5] = [
 const TESTS: [&str; 9] = [
     "tests/tests",
     "tests/loom/tests",
-    "tests/simulate/tests",
+    "tests/system/tests",
     "deadline/tests",
-    "adapters/operator/tests",
+    "adapters/engine/tests",
     "adapters/tokio/tests",
     "adapters/ros2/tests",
     "traces/tests",

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::gap::Gap;
 use crate::sources::{
-    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES, NO_OBSERVED, TESTS,
-    THREADS, TRACES,
+    ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES, NO_OBSERVED, NO_PACKED,
+    NO_ROWS, TESTS, THREADS, TRACES,
 };
 use crate::tool::Tests;
 use crate::tree::Tree;
@@ -103,6 +103,8 @@ pub const MEASURES: &[Measure] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             CORPUS,
             TESTS,
             "traces/tests/corpus.rs",

@@ -1,7 +1,7 @@
 //! The machine that ships against the reference machine, decision for decision.
 #![no_main]
 
-use fuseline_kit::Mark;
+use fuseline_testkit::Mark;
 use fuseline_tests::fuzz::step;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz::run(step, Mark::of_runs, bytes));

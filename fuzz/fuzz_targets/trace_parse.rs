@@ -1,7 +1,7 @@
 //! Any bytes through the reader: an error that says where, or lines that survive writing.
 #![no_main]
 
-use fuseline_kit::Mark;
+use fuseline_testkit::Mark;
 use fuseline_tests::fuzz::trace_parse;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| fuseline_fuzz::run(trace_parse, Mark::of_files, bytes));

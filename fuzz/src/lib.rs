@@ -2,7 +2,7 @@
 
 use std::sync::{LazyLock, Mutex, PoisonError};
 
-use fuseline_kit::{Mark, Reach};
+use fuseline_testkit::{Mark, Reach};
 
 /// Printed once everything that a target can come to was reached.
 const REACHED: &str = "fuseline-fuzz: everything was reached";

@@ -1,6 +1,6 @@
 //! What is claimed of the machine: that it follows the rules and keeps the promises.
 
-use fuseline_kit::Promise;
+use fuseline_testkit::Promise;
 use fuseline_traces::Rule;
 
 use crate::property::properties;

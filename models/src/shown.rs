@@ -1,7 +1,7 @@
 //! Which sightings a step shows.
 
 use fuseline_core::Priority;
-use fuseline_kit::History;
+use fuseline_testkit::History;
 use fuseline_traces::{Commit, Decision, DropReason, Input, OfferRefusal, OpenRefusal};
 
 use crate::machine::{Fired, Reaction};

@@ -5,7 +5,7 @@ use std::hash::{Hash, Hasher};
 use std::sync::OnceLock;
 
 use fuseline_core::{Instant, Priority, Timestamp};
-use fuseline_kit::{History, Ledger};
+use fuseline_testkit::{History, Ledger};
 use fuseline_traces::{Decision, Demands, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};

@@ -1,6 +1,6 @@
 //! The configurations that are checked: operator, environment, and how many states they have.
 
-use fuseline_kit::Terms;
+use fuseline_testkit::Terms;
 use fuseline_traces::{Cloud, Commit, Header};
 
 use crate::sighting::Sighting;

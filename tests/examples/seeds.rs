@@ -9,7 +9,7 @@ use std::path::Path;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use fuseline_kit::{Mark, Reach, Run};
+use fuseline_testkit::{Mark, Reach, Run};
 use fuseline_tests::fuzz::{self, Edit, Op};
 use fuseline_traces::corpus::{CASES, Example};
 use fuseline_traces::{LINE, Rule};

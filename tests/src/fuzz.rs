@@ -6,8 +6,8 @@
 mod bytes;
 mod edit;
 
-use fuseline_arbiter::Arbiter;
-use fuseline_kit::{Mark, Reach, Run};
+use fuseline_engine::arbiter::Arbiter;
+use fuseline_testkit::{Mark, Reach, Run};
 use fuseline_traces as traces;
 use fuseline_traces::{Defect, Event, Events, LINE, Line, ReadError, parse, unpack};
 use serde::de::IgnoredAny;

@@ -74,7 +74,7 @@ fn files() -> impl Iterator<Item = PathBuf> {
 
 fn is_witness(file: &Path) -> bool {
     let within = |folder: &str| file.components().any(|part| part.as_os_str() == folder);
-    within("tests") || within("kit") || within("corpus") || file.ends_with("tests.rs")
+    within("tests") || within("testkit") || within("corpus") || file.ends_with("tests.rs")
 }
 
 /// The citations of one file, whose path is relative to the root.

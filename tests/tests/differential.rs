@@ -5,8 +5,8 @@ use std::fs;
 use std::io::BufReader;
 use std::path::Path;
 
-use fuseline_arbiter::Arbiter;
-use fuseline_kit::{Generator, Ledger, Reach, Run, Terms, split};
+use fuseline_engine::arbiter::Arbiter;
+use fuseline_testkit::{Generator, Ledger, Reach, Run, Terms, split};
 use fuseline_tests::fuzz::compare;
 use fuseline_traces::{Commit, Decision, Event, Events, Header, Input};
 

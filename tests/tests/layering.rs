@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use cargo_lock::Lockfile;
-use cargo_metadata::{DependencyKind, MetadataCommand};
+use cargo_metadata::{DependencyKind, MetadataCommand, Package};
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
@@ -34,8 +34,8 @@ fn reached_from(from: &str, graph: &Graph) -> BTreeSet<String> {
     reached
 }
 
-#[test]
-fn core_depends_on_nothing_but_what_is_optional() {
+/// What a member's manifest says.
+fn member(name: &str) -> Package {
     let metadata = MetadataCommand::new()
         .cargo_path(env!("CARGO"))
         .manifest_path(format!("{ROOT}/Cargo.toml"))
@@ -43,8 +43,13 @@ fn core_depends_on_nothing_but_what_is_optional() {
         .no_deps()
         .exec()
         .expect("cargo reads the workspace");
-    let core = metadata.packages.iter().find(|package| package.name.as_str() == "fuseline-core");
-    let core = core.expect("the core is a member");
+    let mut packages = metadata.packages.into_iter();
+    packages.find(|package| package.name.as_str() == name).expect("it is a member")
+}
+
+#[test]
+fn core_depends_on_nothing_but_what_is_optional() {
+    let core = member("fuseline-core");
     for dependency in &core.dependencies {
         let is_optional = dependency.optional && ["serde", "defmt"].contains(&&*dependency.name);
         let is_shipped = dependency.kind != DependencyKind::Development;
@@ -70,8 +75,11 @@ fn core_is_not_reached_from_traces() {
 
 #[test]
 fn core_is_not_reached_from_the_kit() {
-    let reached = reached_from("fuseline-kit", &graph());
-    assert!(reached.contains("fuseline-traces"), "the packages behind fuseline-kit were not read");
+    let reached = reached_from("fuseline-testkit", &graph());
+    assert!(
+        reached.contains("fuseline-traces"),
+        "the packages behind fuseline-testkit were not read"
+    );
     assert!(!reached.contains("fuseline-core"), "the ledger could share the core's faults");
 }
 
@@ -95,10 +103,23 @@ fn core_behind_a_package_that_traces_uses_is_seen() {
 
 #[test]
 fn the_arbiter_reaches_of_ours_core_and_traces_alone() {
-    let reached = reached_from("fuseline-arbiter", &graph());
-    let ours: Vec<_> = reached.iter().filter(|name| name.starts_with("fuseline")).collect();
-    assert_eq!(ours, ["fuseline-core", "fuseline-traces"]);
+    let engine = member("fuseline-engine");
+    let shipped = engine.dependencies.iter().filter(|it| it.kind != DependencyKind::Development);
+    let always: Vec<_> = shipped.filter(|it| !it.optional).map(|it| it.name.as_str()).collect();
+    assert_eq!(always, ["fuseline-core", "fuseline-traces"]);
+    let reached = [always[0], always[1]].map(|name| reached_from(name, &graph()));
     for heavy in ["metrics", "tracing", "tokio"] {
-        assert!(!reached.contains(heavy), "fuseline-arbiter reaches {heavy}");
+        assert!(!reached.iter().any(|of| of.contains(heavy)), "the arbiter reaches {heavy}");
     }
+}
+
+#[test]
+fn what_unpacks_and_reads_csv_is_optional_in_traces() {
+    let traces = member("fuseline-traces");
+    for heavy in ["csv", "mcap", "zstd"] {
+        let found = traces.dependencies.iter().find(|it| it.name == heavy);
+        assert!(found.is_some_and(|it| it.optional), "{heavy}: {found:?}");
+    }
+    let by_default = traces.features.get("default");
+    assert!(by_default.is_none_or(Vec::is_empty), "features by default: {by_default:?}");
 }

@@ -12,7 +12,7 @@ use serde::Deserialize;
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// The libraries whose names others meet: what is published, and the models. Every adapter is one.
-const LIBRARIES: [&str; 6] = ["core", "traces", "unpack", "kit", "deadline", "models"];
+const LIBRARIES: [&str; 5] = ["core", "traces", "testkit", "deadline", "models"];
 
 /// A type, with its name. What is `pub` is reached from outside: the lint `unreachable_pub` sees to it.
 static TYPE: LazyLock<Regex> = LazyLock::new(|| {

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use fuseline_kit::{Generator, Mark, Reach, Run};
+use fuseline_testkit::{Generator, Mark, Reach, Run};
 use fuseline_tests::fuzz::{Edit, Op, bytes_of, judge, marks_of_judge, run_of, step, trace_parse};
 use proptest::prelude::*;
 

@@ -4,11 +4,15 @@ pub mod corpus;
 mod event;
 mod judge;
 pub mod observed;
+#[cfg(feature = "packed")]
+pub mod packed;
 mod parse;
 mod read;
 mod reason;
 mod record;
 mod reference;
+#[cfg(feature = "csv")]
+pub mod rows;
 mod rule;
 mod scan;
 mod word;

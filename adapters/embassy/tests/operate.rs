@@ -7,9 +7,9 @@ use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::{Duration, MockDriver};
-use fuseline_arbiter::{Answer, decisions_of};
 use fuseline_core::{Cloud, Commit, Deadline, Fusion, Priority, Timestamp};
 use fuseline_embassy::{Arrival, Told, operate};
+use fuseline_engine::arbiter::{Answer, decisions_of};
 use fuseline_traces::{Decision, Input, judge};
 
 const HEADER: &str = r#"{"fuseline":1,"window":4,"commit":"eager","clouds":[{"p":1,"limit":31}]}"#;

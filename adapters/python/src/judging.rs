@@ -2,7 +2,7 @@
 
 use std::io::BufRead;
 
-use fuseline_arbiter::Arbiter;
+use fuseline_engine::arbiter::Arbiter;
 use fuseline_report::{Found, Judging, Manner, Page};
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Decision, Event, Events, Header, Input, Verdict};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use fuseline_deadline::Invalid;
-use fuseline_operator::ConfigError;
+use fuseline_engine::ConfigError;
 use fuseline_tokio::grpc::{InvalidToken, RemoteError};
 use rustdds::dds::CreateError;
 use thiserror::Error;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Counting, Ending, Hint, Item, Offer, Situation};
+use fuseline_engine::{Counting, Ending, Hint, Item, Offer, Situation};
 use fuseline_tokio::Call;
 use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
 use tokio::time::Instant;

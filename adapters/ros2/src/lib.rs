@@ -25,7 +25,7 @@ mod voice;
 
 pub use arguments::Arguments;
 pub use error::{GrpcError, NodeError};
-pub use fuseline_operator::{Commit, Tally};
+pub use fuseline_engine::{Commit, Tally};
 pub use node::{check, run};
 pub use raw::Payload;
 pub use rosout::{Lines, Rosout};

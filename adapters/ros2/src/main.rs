@@ -92,7 +92,7 @@ fn log(level: Option<Level>) -> Lines {
     // The libraries' logs are for those who ask for them: one of them logs an error where there is
     // no multicast, as on loopback alone, another for each message while clocks differ, and these are none to us.
     let ours = format!(
-        "error,fuseline_ros2={level},fuseline_operator={level},rustdds::network=off,\
+        "error,fuseline_ros2={level},fuseline_engine={level},rustdds::network=off,\
          zenoh::net::routing::dispatcher::pubsub=off"
     );
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(ours));

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use fuseline_operator::Tally;
+use fuseline_engine::Tally;
 use tokio::sync::mpsc;
 use tracing::error;
 

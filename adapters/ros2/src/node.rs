@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use fuseline_operator::{
+use fuseline_engine::{
     self as shared, Counting, Engine, Header, Local, Mcap, Recorder, Recording, Tally,
 };
 use fuseline_tokio::drive::{Driver, finish};

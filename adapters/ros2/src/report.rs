@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_operator::{Ending, Item, SourceTally, Tally, Trigger};
+use fuseline_engine::{Ending, Item, SourceTally, Tally, Trigger};
 use serde::Serialize;
 
 use crate::key::Stamp;

@@ -16,7 +16,7 @@ mod table;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use fuseline_operator::Commit;
+use fuseline_engine::Commit;
 use fuseline_tokio::Timers;
 
 use crate::arguments::{Arguments, Level};

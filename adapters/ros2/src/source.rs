@@ -123,7 +123,7 @@ mod tests {
     use std::future::ready;
     use std::path::PathBuf;
 
-    use fuseline_operator::{Commit, Engine, Header, Local};
+    use fuseline_engine::{Commit, Engine, Header, Local};
     use fuseline_tokio::grpc::Server;
     use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
     use tokio::net::TcpListener;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_operator::Situation;
+use fuseline_engine::Situation;
 use tokio::time::Instant;
 
 use crate::raw::Payload;

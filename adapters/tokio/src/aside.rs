@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use fuseline_operator::Gate;
+use fuseline_engine::Gate;
 use futures_util::future::BoxFuture;
 use metrics::{Counter, counter};
 use tokio::sync::Semaphore;

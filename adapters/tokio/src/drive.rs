@@ -30,7 +30,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Effect, Engine, Hint, Item, Offer, Situation};
+use fuseline_engine::{Effect, Engine, Hint, Item, Offer, Situation};
 use futures_util::future::BoxFuture;
 use futures_util::task::AtomicWaker;
 use tokio::time::Instant;

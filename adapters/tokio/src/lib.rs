@@ -21,7 +21,7 @@ pub use aside::{Aside, AsideTally};
 pub use common::Common;
 pub use drive::Timers;
 pub use fuseline_deadline as deadline;
-pub use fuseline_operator::{
+pub use fuseline_engine::{
     Commit, ConfigError, DropReason, Ending, Failure, Forwarded, Hint, InForce, Item, OfferRefusal,
     OpenRefusal, Reasons, Recording, Shortfall, Shortfalls, Source, SourceTally, Tally, Trigger,
 };

@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use fuseline_operator::{
+use fuseline_engine::{
     self as shared, Commit, ConfigError, Counting, Engine, Header, Item, Pace, Recorder, Recording,
     Shortfalls, Tally,
 };

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_operator::{Counting, Hint, Item, Offer, Situation};
+use fuseline_engine::{Counting, Hint, Item, Offer, Situation};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use tokio::sync::oneshot;
@@ -189,7 +189,7 @@ impl<O: Send + Sync + 'static> Outbox<O> {
 mod tests {
     use super::*;
     use crate::stream::stream;
-    use fuseline_operator::Ending;
+    use fuseline_engine::Ending;
 
     /// D8: found by the simulator.
     #[tokio::test]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_deadline::{Policy, Situation};
-use fuseline_operator::{Counting, Hint};
+use fuseline_engine::{Counting, Hint};
 use futures_util::future::BoxFuture;
 use tracing::error;
 

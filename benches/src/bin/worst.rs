@@ -6,21 +6,19 @@
 use std::hint::black_box;
 
 use fuseline_core::{At, Cloud, Commit, Deadline, Fusion, Instant, Priority, Ready, Timestamp};
+use fuseline_testkit::splitmix64;
 
 type Machine = Fusion<3, 16>;
 
 /// Enough for timestamps to take all seats many times over.
 const ROUNDS: u64 = 4_000;
 
-/// Steele and Vigna's `SplitMix64`.
+/// A stream of random numbers.
 struct SplitMix(u64);
 
 impl SplitMix {
     fn below(&mut self, bound: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) % bound
+        splitmix64(&mut self.0) % bound
     }
 }
 

@@ -2,8 +2,8 @@
 
 use std::io::Read;
 
+use fuseline_traces::rows::{Columns, RowError, Rows};
 use fuseline_traces::{Event, Header};
-use fuseline_unpack::rows::{Columns, RowError, Rows};
 
 use crate::convert::recorded::{ConvertError, Recorded};
 use crate::fault::Fault;

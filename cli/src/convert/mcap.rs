@@ -2,8 +2,8 @@
 
 use std::io::Read;
 
+use fuseline_traces::packed::{MessageError, Messages};
 use fuseline_traces::{Event, Header, Line};
-use fuseline_unpack::{MessageError, Messages};
 
 use crate::convert::recorded::{ConvertError, Recorded};
 use crate::fault::Fault;

@@ -8,8 +8,8 @@ use std::io::{self, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use fuseline_traces::rows::{self, Columns, Unit};
 use fuseline_traces::{Decision, Event, Events, Header, Input};
-use fuseline_unpack::rows::{self, Columns, Unit};
 
 use crate::convert::csv::Table;
 use crate::convert::recorded::{ConvertError, Recorded};
@@ -51,7 +51,7 @@ pub(crate) struct Args {
     #[arg(long, default_value = "ns", value_parser = unit())]
     unit: Unit,
     /// The MCAP file's topic.
-    #[arg(long, default_value = fuseline_unpack::TOPIC)]
+    #[arg(long, default_value = fuseline_traces::packed::TOPIC)]
     topic: String,
     /// Put the events in the order of their instants, holding all of them.
     #[arg(long)]

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::BufReader;
 use std::path::Path;
 
-use fuseline_kit::{Generator, Run};
+use fuseline_testkit::{Generator, Run};
 use fuseline_traces::corpus::CASES;
 use fuseline_traces::unpack;
 use sha2::{Digest, Sha256};

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
-use fuseline_kit::{Generator, Reach};
+use fuseline_testkit::{Generator, Reach};
 use fuseline_traces::Commit;
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use thiserror::Error;

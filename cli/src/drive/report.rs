@@ -5,8 +5,8 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
-use fuseline_kit::Reach;
 use fuseline_report::AnyViolation;
+use fuseline_testkit::Reach;
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
 use serde_json::{Map, Value, json};

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::mem::discriminant;
 use std::time::{Duration, Instant};
 
-use fuseline_kit::Run;
+use fuseline_testkit::Run;
 use fuseline_traces::{Cloud, Header, Input, Rule};
 
 use super::peer::Misbehaviour;

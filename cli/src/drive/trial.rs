@@ -5,7 +5,7 @@ use std::io;
 use std::process::Stdio;
 use std::time::Duration;
 
-use fuseline_kit::Run;
+use fuseline_testkit::Run;
 use fuseline_traces::{Decision, Demands, Event, Header, Input, Reference, Verdict, judge};
 
 use super::peer::{Misbehaviour, Peer, Trouble};

@@ -2,7 +2,7 @@
 
 use std::io::{self, Seek, Write};
 
-use fuseline_operator::{Mcap, McapError};
+use fuseline_engine::{Mcap, McapError};
 use fuseline_traces::{Event, Header};
 
 use crate::export::viewer::Writer;

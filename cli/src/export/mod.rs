@@ -8,7 +8,7 @@ use std::io::BufReader;
 use std::path::PathBuf;
 
 use fuseline_traces::Events;
-use fuseline_unpack::unpack;
+use fuseline_traces::packed::unpack;
 
 use crate::exit::Exit;
 use crate::export::mcap::Messages;

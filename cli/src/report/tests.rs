@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use fuseline_kit::{Generator, Run};
-use fuseline_operator::{Engine, Local, Recorder, Recording, SourceTally, Tally};
+use fuseline_engine::{Engine, Local, Recorder, Recording, SourceTally, Tally};
 use fuseline_report::{Page, Reckoning, Row};
+use fuseline_testkit::{Generator, Run};
 use fuseline_traces::{Events, Input};
 use serde_json::Value;
 
@@ -70,7 +70,7 @@ fn holds(row: &Row, tally: &SourceTally, is_local: bool) {
         assert_eq!(superseded, tally.cancelled, "{row:?}");
     }
     // Accepted results are those held and those forwarded at once; pending ones are what is left.
-    let at_once = tally.outputs.get(&fuseline_operator::Trigger::Arrival).copied().unwrap_or(0);
+    let at_once = tally.outputs.get(&fuseline_engine::Trigger::Arrival).copied().unwrap_or(0);
     let accepted = tally.held + at_once;
     assert!(
         forwarded + discarded <= accepted && accepted <= forwarded + discarded + open,

@@ -9,7 +9,7 @@ use crate::printed::{GENERATED, Outcomes, read_drive, read_models, read_tests};
 use crate::record::cited_by_obligation;
 use crate::sources::{
     ARBITER, CORE, CORPUS, KIT, NO_LIST, NO_LIST_OF_KIT, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES,
-    NO_OBSERVED, TESTS, THREADS, TRACES,
+    NO_OBSERVED, NO_PACKED, NO_ROWS, TESTS, THREADS, TRACES,
 };
 
 /// All of them.
@@ -46,6 +46,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             CORPUS,
             KIT,
             NO_LIST_OF_KIT,
@@ -74,6 +76,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             CORPUS,
             "tests/examples/corpus.rs",
         ],
@@ -107,6 +111,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             KIT,
             NO_LIST_OF_KIT,
             "models/src",
@@ -130,6 +136,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             CORPUS,
             KIT,
             NO_LIST_OF_KIT,
@@ -203,6 +211,8 @@ pub const KINDS: &[Kind] = &[
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
+            NO_PACKED,
+            NO_ROWS,
             CORPUS,
             KIT,
             NO_LIST_OF_KIT,
@@ -255,7 +265,14 @@ pub const KINDS: &[Kind] = &[
             arguments: &["test", "-p", "fuseline-deadline", "--lib", "--tests", "--no-fail-fast"],
             variables: &[],
         },
-        sources: &["deadline/src", "!deadline/src/lib.rs", "deadline/tests", CORE, NO_LIST],
+        sources: &[
+            "deadline/src",
+            "!deadline/src/lib.rs",
+            "deadline/tests",
+            "testkit/src/draw.rs",
+            CORE,
+            NO_LIST,
+        ],
         read: read_tests,
         cites: cited_by_test,
     },
@@ -264,16 +281,15 @@ pub const KINDS: &[Kind] = &[
         title: "tests of operators",
         applies: |_| false,
         concerns: |fault| {
-            let is_of_operator = ["adapters/operator/", "adapters/tokio/"]
-                .iter()
-                .any(|at| fault.file.starts_with(at));
-            is_of_operator && !fault.file.starts_with(GRPC)
+            let is_of_operator =
+                ["adapters/engine/", "adapters/tokio/"].iter().any(|at| fault.file.starts_with(at));
+            is_of_operator && ![ARBITER, GRPC].iter().any(|at| fault.file.starts_with(at))
         },
         run: Run::Cargo {
             arguments: &[
                 "test",
                 "-p",
-                "fuseline-operator",
+                "fuseline-engine",
                 "-p",
                 "fuseline-tokio",
                 "--lib",
@@ -306,16 +322,15 @@ pub const KINDS: &[Kind] = &[
             variables: QUICK,
         },
         sources: &[
-            "adapters/operator/src",
-            "!adapters/operator/src/lib.rs",
-            "adapters/operator/tests",
+            "adapters/engine/src",
+            "!adapters/engine/src/lib.rs",
+            "adapters/engine/tests",
             "adapters/tokio/src",
             "!adapters/tokio/src/lib.rs",
             "!adapters/tokio/src/grpc",
             "adapters/tokio/tests",
             "!adapters/tokio/tests/grpc.rs",
             "!adapters/tokio/tests/strangers.rs",
-            ARBITER,
             CORE,
             NO_LIST,
         ],
@@ -369,26 +384,34 @@ pub const KINDS: &[Kind] = &[
         applies: |_| false,
         concerns: |fault| is_simulated(&fault.file),
         run: Run::Cargo {
-            arguments: &["test", "-p", "fuseline-simulate", "--test", "checks"],
+            arguments: &[
+                "test",
+                "-p",
+                "fuseline-system-tests",
+                "--no-default-features",
+                "--features",
+                "simulate",
+                "--test",
+                "checks",
+            ],
             variables: QUICK,
         },
         sources: &[
-            "adapters/operator/src",
-            "!adapters/operator/src/lib.rs",
+            "adapters/engine/src",
+            "!adapters/engine/src/lib.rs",
             "adapters/tokio/src",
             "!adapters/tokio/src/lib.rs",
             "!adapters/tokio/src/grpc",
-            ARBITER,
             CORE,
             NO_LIST,
             TRACES,
             NO_LIST_OF_TRACES,
             NO_OBSERVED,
-            "tests/simulate/seeds.toml",
-            "tests/simulate/src",
-            "!tests/simulate/src/lib.rs",
-            "!tests/simulate/src/main.rs",
-            "tests/simulate/tests/checks.rs",
+            NO_PACKED,
+            NO_ROWS,
+            "tests/system/simulate/seeds.toml",
+            "tests/system/src/simulate",
+            "tests/system/tests/checks.rs",
         ],
         read: read_tests,
         cites: cited_by_test,
@@ -489,11 +512,12 @@ const RECORDER: &str = "traces/src/record.rs";
 
 /// Whether simulated operators go through this file.
 fn is_simulated(file: &str) -> bool {
-    let around = ["adapters/operator/", "adapters/tokio/", RECORDER];
+    let around = ["adapters/engine/", "adapters/tokio/", RECORDER];
     let others = [
         "adapters/tokio/src/grpc",
         "adapters/tokio/src/common.rs",
-        "adapters/operator/src/pace.rs",
+        "adapters/engine/src/pace.rs",
+        ARBITER,
     ];
     around.iter().any(|at| file.starts_with(at)) && !others.iter().any(|at| file.starts_with(at))
 }

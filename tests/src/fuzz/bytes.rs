@@ -1,7 +1,7 @@
 //! A run as bytes, in a form that suits a fuzzer: any bytes are a run, and small changes of them
 //! make a run that is close.
 
-use fuseline_kit::Run;
+use fuseline_testkit::Run;
 use fuseline_traces::{Cloud, Commit, Header, Input};
 
 /// Eight bytes follow, least first.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_operator::{
+use fuseline_engine::{
     self as shared, DropReason, Ending, Engine, Forwarded, Header, Local, OfferRefusal, OpenRefusal,
 };
 use tokio::time::Instant;

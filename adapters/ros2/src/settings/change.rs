@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_operator::Shortfalls;
+use fuseline_engine::Shortfalls;
 use thiserror::Error;
 
 use crate::parameters::Value;

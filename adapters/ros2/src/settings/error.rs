@@ -1,6 +1,6 @@
 //! What is wrong with settings.
 
-use fuseline_operator::Shortfalls;
+use fuseline_engine::Shortfalls;
 use thiserror::Error;
 
 use crate::names::NameError;

@@ -4,7 +4,7 @@ use std::fmt;
 use std::time::Duration;
 
 use fuseline_deadline::{Accuracy, Expected, Guard, Hazard, Impact, Invalid, Parameters, Span};
-use fuseline_operator::{Pace, Policy, Shortfalls};
+use fuseline_engine::{Pace, Policy, Shortfalls};
 
 use crate::parameters::Value;
 use crate::settings::reader::{Placed, Reader};

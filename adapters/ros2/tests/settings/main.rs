@@ -7,7 +7,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use fuseline_operator::Commit;
+use fuseline_engine::Commit;
 use fuseline_ros2::arguments::{Arguments, Level};
 use fuseline_ros2::key::{Key, Kind};
 use fuseline_ros2::parameters::{Place, Value};

@@ -1,14 +1,13 @@
 //! Random numbers.
 
+use fuseline_testkit::splitmix64;
+
 /// A small generator (splitmix64); a run is its seed.
 pub(super) struct Random(pub(super) u64);
 
 impl Random {
     pub(super) fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let bits = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        bits ^ (bits >> 31)
+        splitmix64(&mut self.0)
     }
 
     pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {

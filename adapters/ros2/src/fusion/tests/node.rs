@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize};
 use std::sync::{Mutex, MutexGuard};
 
-use fuseline_operator::{Engine, Tally};
+use fuseline_engine::{Engine, Tally};
 use fuseline_tokio::drive::{Driver, Timers, finish};
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::{MissedTickBehavior, interval};

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use fuseline_kit::split;
+use fuseline_testkit::split;
 use fuseline_traces::{Decision, DropReason, Event, Events, Input, OpenRefusal, Verdict, judge};
 
 use super::play::{Asked, Played, Told};

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use bytes::Bytes;
-use fuseline_operator::Tally;
+use fuseline_engine::Tally;
 use fuseline_tokio::Call;
 use tokio::runtime::Builder;
 use tokio::time::{Instant, advance, sleep, sleep_until};

@@ -1,0 +1,54 @@
+#![doc = include_str!("../README.md")]
+
+pub mod arbiter;
+#[cfg(feature = "operator")]
+mod counts;
+#[cfg(feature = "operator")]
+mod effect;
+#[cfg(feature = "operator")]
+mod engine;
+#[cfg(feature = "operator")]
+mod hands;
+#[cfg(feature = "operator")]
+mod item;
+#[cfg(feature = "operator")]
+mod lane;
+#[cfg(feature = "mcap")]
+mod mcap;
+#[cfg(feature = "operator")]
+mod meter;
+#[cfg(feature = "operator")]
+mod pace;
+#[cfg(feature = "operator")]
+mod reasons;
+#[cfg(feature = "operator")]
+mod story;
+#[cfg(feature = "operator")]
+mod tally;
+#[cfg(feature = "operator")]
+mod tape;
+
+#[cfg(feature = "operator")]
+pub use counts::Counting;
+#[cfg(feature = "operator")]
+pub use effect::{Effect, Hint, Local, Offer};
+#[cfg(feature = "operator")]
+pub use engine::Engine;
+pub use fuseline_core::{ConfigError, Gate};
+#[cfg(feature = "operator")]
+pub use fuseline_deadline::{Policy, Situation};
+pub use fuseline_traces::{
+    Cloud, Commit, DropReason, Header, OfferRefusal, OpenRefusal, Recorder, Recording,
+};
+#[cfg(feature = "operator")]
+pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
+#[cfg(feature = "mcap")]
+pub use mcap::{Mcap, McapError};
+#[cfg(feature = "operator")]
+pub use pace::{Pace, Shortfall, Shortfalls};
+#[cfg(feature = "operator")]
+pub use reasons::Reasons;
+#[cfg(feature = "operator")]
+pub use tally::{InForce, SourceTally, Tally};
+#[cfg(feature = "operator")]
+pub use tape::Sink;

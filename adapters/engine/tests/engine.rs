@@ -1,0 +1,480 @@
+//! The engine by hand: inputs at chosen instants, effects looked at one by one.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::BufReader;
+use std::time::Duration;
+
+use fuseline_engine::{
+    Cloud, Commit, DropReason, Effect, Ending, Engine, Header, Hint, Item, Local, Offer,
+    OfferRefusal, Recorder, Recording, Trigger,
+};
+use fuseline_traces::judge;
+use metrics_util::debugging::{DebugValue, DebuggingRecorder};
+use proptest::prelude::*;
+
+type Tested = Engine<&'static str, u64>;
+
+const NS: Duration = Duration::from_nanos(1);
+
+/// Clouds 1 and 2, each with one call at a time and a gate that shuts at 2.
+fn header(commit: Commit) -> Header {
+    let cloud = |p, name: &str| Cloud { p, name: Some(name.into()), limit: 2, resume: 0 };
+    let clouds = vec![cloud(2, "east"), cloud(1, "west")];
+    Header { operator: Some("tested".into()), window: 4, commit, clouds }
+}
+
+fn engine() -> Tested {
+    let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
+    Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap()
+}
+
+fn effects(engine: &mut Tested) -> Vec<String> {
+    std::iter::from_fn(|| engine.next_effect()).map(|effect| words(&effect)).collect()
+}
+
+fn words(effect: &Effect<&'static str, u64>) -> String {
+    match effect {
+        Effect::Start { priority, timestamp, until, request } => {
+            format!("start {priority} {timestamp} due {until:?} with {request}")
+        }
+        Effect::Abort { priority, timestamp } => format!("abort {priority} {timestamp}"),
+        Effect::Hint(Hint { timestamp, source, value, age, why }) => {
+            format!("hint {timestamp} {value} of {source} after {age:?}: {why}")
+        }
+        Effect::Output(Item { timestamp, decided, ending, .. }) => {
+            let at = decided.as_nanos();
+            match ending {
+                Ending::Forwarded(f) => {
+                    format!("{at}: {timestamp} {} of {} by {}", f.value, f.source, f.trigger)
+                }
+                Ending::Missed => format!("{at}: {timestamp} missed"),
+                Ending::Refused(why) => format!("{at}: {timestamp} refused {why}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn a_better_result_aborts_what_it_outranks_and_a_late_word_of_it_changes_nothing() {
+    let mut engine = engine();
+    assert!(engine.open(10, 0, None, 70, []));
+    engine.offer(11, 0, 1, 100 * NS, 71);
+    engine.offer(12, 0, 2, 50 * NS, 72);
+    assert_eq!(engine.next_due(), Some(62));
+    assert_eq!(
+        effects(&mut engine),
+        [
+            "start 0 0 due None with 70",
+            "start 1 0 due Some(111) with 71",
+            "start 2 0 due Some(62) with 72"
+        ]
+    );
+    engine.result(20, 0, 2, "boxes");
+    assert_eq!(effects(&mut engine), ["20: 0 boxes of east by arrival", "abort 1 0"]);
+    // West's result was on its way when its call was aborted.
+    engine.result(21, 0, 1, "boxes");
+    engine.result(22, 0, 0, "boxes");
+    assert_eq!(effects(&mut engine), [""; 0]);
+    assert!(engine.is_idle());
+    let tally = engine.counts().tally();
+    assert_eq!(tally.sources[2].dropped, BTreeMap::from([(DropReason::Superseded, 1)]));
+    assert_eq!(tally.sources[2].cancelled, 1);
+    assert_eq!(tally.sources[1].outputs, BTreeMap::from([(Trigger::Arrival, 1)]));
+}
+
+/// D2.
+#[test]
+fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_result() {
+    let mut engine = engine();
+    for t in 0..2 {
+        assert!(engine.open(t, t, None, 0, []));
+        engine.offer(t, t, 1, 100 * NS, 0);
+    }
+    engine.result(50, 0, 0, "zero");
+    effects(&mut engine);
+    // At 100 the first message's timer is due; its decision comes before the result's.
+    engine.result(100, 1, 0, "one");
+    assert_eq!(
+        effects(&mut engine),
+        ["abort 1 0", "100: 0 zero of local by timer", "start 1 1 due Some(101) with 0"]
+    );
+}
+
+/// D4.
+#[test]
+fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
+    let mut engine = engine();
+    for t in 0..3 {
+        assert!(engine.open(t, t, None, 0, []));
+        engine.offer(t, t, 1, if t == 1 { 10 * NS } else { 100 * NS }, t);
+    }
+    effects(&mut engine);
+    engine.tick(11);
+    // The second is gone; the call of the first goes on.
+    assert_eq!(effects(&mut engine), [""; 0]);
+    engine.result(20, 0, 1, "boxes");
+    assert_eq!(
+        effects(&mut engine),
+        ["20: 0 boxes of west by arrival", "start 1 2 due Some(102) with 2"]
+    );
+}
+
+/// D4.
+#[test]
+fn the_gate_sees_the_true_length_of_the_queue() {
+    let mut engine = engine();
+    for t in 0..4 {
+        assert!(engine.open(t, t, None, 0, []), "{t}");
+        engine.result(t, t, 0, "local");
+        engine.offer(t, t, 1, 100 * NS, t);
+    }
+    // Nothing was offered for an answered message.
+    assert_eq!(
+        engine.counts().tally().sources[2].refused,
+        BTreeMap::from([(OfferRefusal::Closed, 4)])
+    );
+    for t in 4..8 {
+        assert!(engine.open(t, t, None, 0, []), "{t}");
+        engine.offer(t, t, 1, 100 * NS, t);
+        engine.result(t, t, 0, "local");
+    }
+    // One is under way, two wait; the fourth was refused and its local result went at once.
+    let west = &engine.counts().tally().sources[2];
+    assert_eq!(west.refused[&OfferRefusal::Queue], 1);
+    assert_eq!(west.admitted, 3);
+}
+
+#[test]
+fn local_beyond_its_queue_is_told_and_answered_by_a_cloud() {
+    let mut engine = engine();
+    for t in 0..3 {
+        assert!(engine.open(t, t, None, t, []));
+    }
+    let offer = Offer { priority: 2, deadline: 100 * NS, request: 3 };
+    assert!(engine.open(3, 3, None, 3, [offer]));
+    let local = &engine.counts().tally().sources[0];
+    assert_eq!(local.reasons.to_string(), "1 × too many computations wait");
+    engine.result(6, 3, 2, "boxes");
+    let all = effects(&mut engine);
+    assert_eq!(all.last().unwrap(), "6: 3 boxes of east by arrival");
+    assert!(!engine.open(7, 3, None, 0, []));
+    assert_eq!(effects(&mut engine), ["7: 3 refused order"]);
+}
+
+/// D11.
+#[test]
+fn meters_say_what_the_tally_says() {
+    let recorder = DebuggingRecorder::new();
+    let snapshotter = recorder.snapshotter();
+    let mut engine = metrics::with_local_recorder(&recorder, engine);
+    let _ = engine.open(0, 0, None, 0, []);
+    engine.offer(0, 0, 1, 100 * NS, 0);
+    engine.offer(0, 0, 7, 100 * NS, 0);
+    engine.result(30, 0, 0, "boxes");
+    engine.counts().sent(1, 333);
+    engine.tick(150);
+    let _ = engine.open(160, 1, None, 0, []);
+    engine.offer(160, 1, 2, 100 * NS, 0);
+    engine.fail(170, 1, 2, &"as told");
+    engine.fail(180, 1, 0, &"as told");
+    engine.fail(190, 1, 0, &"as told");
+    let mut seen = BTreeMap::new();
+    for (key, _, _, value) in snapshotter.snapshot().into_vec() {
+        let key = key.key();
+        let labels: Vec<&str> = key.labels().map(metrics::Label::value).collect();
+        let name = format!("{} {}", key.name().trim_start_matches("fuseline_"), labels.join(" "));
+        match value {
+            DebugValue::Counter(0) | DebugValue::Gauge(_) => {}
+            DebugValue::Counter(count) => drop(seen.insert(name, count.to_string())),
+            DebugValue::Histogram(values) if values.is_empty() => {}
+            DebugValue::Histogram(values) => {
+                let nanos: Vec<f64> = values.iter().map(|v| (v.0 * 1e9).round()).collect();
+                seen.insert(name, format!("{nanos:?} ns"));
+            }
+        }
+    }
+    let expected = [
+        ("deadlines_total tested east offered", "1"),
+        ("deadlines_total tested west offered", "1"),
+        ("failures_total tested east accepted", "1"),
+        ("failures_total tested local accepted", "1"),
+        ("failures_total tested local superseded", "1"),
+        ("messages_total tested", "2"),
+        ("missed_messages_total tested", "1"),
+        ("output_seconds tested local", "[150.0] ns"),
+        ("outputs_total tested local timer", "1"),
+        ("requests_total tested east admitted", "1"),
+        ("requests_total tested local admitted", "2"),
+        ("requests_total tested west admitted", "1"),
+        ("response_seconds tested east", "[10.0] ns"),
+        ("response_seconds tested local", "[30.0, 20.0] ns"),
+        ("results_total tested local held", "1"),
+        ("sent_bytes_total tested west", "333"),
+        ("timer_lag_seconds tested", "[50.0] ns"),
+        ("timers_total tested west", "1"),
+    ];
+    let expected = expected.map(|(key, value)| (key.to_owned(), value.to_owned()));
+    assert_eq!(seen, BTreeMap::from(expected));
+}
+
+/// How many computations gave their places back without a word.
+fn lost(engine: &Tested) -> usize {
+    usize::try_from(engine.counts().tally().sources[0].lost).unwrap()
+}
+
+/// One step of a random run.
+#[derive(Clone, Copy, Debug)]
+enum Step {
+    Wait(u64),
+    /// The clock in the caller's hands goes back (F0).
+    GoBack(u64),
+    Open {
+        deadline: Option<u64>,
+    },
+    Offer {
+        back: u64,
+        p: u16,
+        deadline: u64,
+    },
+    /// The `nth` of those under way ends, well or not.
+    End {
+        nth: usize,
+        well: bool,
+    },
+    /// A word about anything at all.
+    Stray {
+        back: u64,
+        p: u16,
+        well: bool,
+    },
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        9 => (0..20_u64).prop_map(Step::Wait),
+        1 => prop_oneof![Just(1 << 40), Just(u64::MAX)].prop_map(Step::Wait),
+        2 => prop_oneof![0..100_u64, Just(u64::MAX)].prop_map(Step::GoBack),
+        10 => proptest::option::of(1..60_u64).prop_map(|deadline| Step::Open { deadline }),
+        10 => (0..4_u64, 1..=2_u16, 0..60_u64).prop_map(|(back, p, deadline)| Step::Offer {
+            back,
+            p,
+            deadline
+        }),
+        10 => (0..8_usize, proptest::bool::weighted(0.8)).prop_map(|(nth, well)| Step::End { nth, well }),
+        10 => (0..6_u64, 0..=3_u16, any::<bool>()).prop_map(|(back, p, well)| Step::Stray {
+            back,
+            p,
+            well
+        }),
+    ]
+}
+
+/// Over topics, with four at once and a limit of 100.
+fn over_topics() -> Tested {
+    let local = Local { at_once: 4, waiting: 4, skip_answered: false, lossy: true };
+    Engine::new(&header(Commit::Eager), &[64, 64], local).unwrap()
+}
+
+/// Which computations were started.
+fn started(engine: &mut Tested) -> Vec<u64> {
+    let starts = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
+        Effect::Start { priority: 0, timestamp, .. } => Some(timestamp),
+        Effect::Start { .. } | Effect::Abort { .. } | Effect::Output(_) | Effect::Hint(_) => None,
+    });
+    starts.collect()
+}
+
+/// D13.
+#[test]
+fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_was_answered() {
+    let mut engine = over_topics();
+    for t in 0..6 {
+        assert!(engine.open(t, t, Some(100 * NS), t, []));
+        engine.offer(t, t, 2, 50 * NS, t);
+        engine.result(t, t, 2, "east's");
+    }
+    // All are answered, so no timer of the rules is left.
+    assert!(engine.is_idle());
+    assert_eq!(started(&mut engine), [0, 1, 2, 3]);
+    assert_eq!(engine.next_due(), Some(100));
+    engine.tick(99);
+    assert_eq!(started(&mut engine), [0; 0]);
+    engine.tick(100);
+    assert_eq!((started(&mut engine), engine.next_due()), (vec![4], Some(101)));
+    assert_eq!(engine.counts().tally().sources[0].lost, 1);
+    engine.tick(101);
+    // Nothing waits any more: what else is lost is seen when it matters.
+    assert_eq!((started(&mut engine), engine.next_due()), (vec![5], None));
+    assert!(engine.open(300, 6, Some(100 * NS), 6, []));
+    assert_eq!(started(&mut engine), [6]);
+    assert_eq!(engine.counts().tally().sources[0].lost, 6);
+}
+
+#[test]
+fn the_word_of_a_lost_computation_counts_when_it_comes_after_all_and_frees_nothing_twice() {
+    let mut engine = over_topics();
+    for t in 0..4 {
+        assert!(engine.open(0, t, Some(100 * NS), t, []));
+    }
+    engine.tick(100);
+    assert_eq!(started(&mut engine), [0, 1, 2, 3]);
+    for t in 4..8 {
+        assert!(engine.open(100, t, Some(100 * NS), t, []));
+    }
+    assert_eq!(started(&mut engine), [4, 5, 6, 7]);
+    engine.result(110, 0, 0, "local's of 0");
+    assert_eq!(engine.counts().tally().sources[0].dropped[&DropReason::Superseded], 1);
+    assert!(!engine.open(120, 8, Some(100 * NS), 8, []));
+    engine.result(130, 4, 0, "local's of 4");
+    assert!(engine.open(140, 8, Some(100 * NS), 8, []));
+    assert_eq!(started(&mut engine), [8]);
+}
+
+#[test]
+fn a_computation_that_still_runs_keeps_its_place() {
+    let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
+    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap();
+    for t in 0..2 {
+        assert!(engine.open(t, t, Some(100 * NS), t, []));
+    }
+    engine.tick(1000);
+    assert_eq!((started(&mut engine), engine.next_due()), (vec![0], None));
+    assert_eq!(engine.counts().tally().sources[0].lost, 0);
+}
+
+#[test]
+fn with_skip_answered_what_was_answered_takes_no_room_among_what_waits() {
+    let local = Local { at_once: 1, waiting: 1, skip_answered: true, lossy: false };
+    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[8, 8], local).unwrap();
+    for t in 0..8 {
+        assert!(engine.open(t, t, None, t, []), "{t}");
+        engine.offer(t, t, 2, 50 * NS, t);
+        engine.result(t, t, 2, "east's");
+    }
+    engine.result(10, 0, 0, "local's of 0");
+    assert_eq!(started(&mut engine), [0]);
+    assert!(engine.open(11, 8, None, 8, []));
+    assert_eq!(started(&mut engine), [8]);
+}
+
+#[test]
+fn why_sources_failed_is_told_with_the_item_and_counted_by_its_words() {
+    let mut engine = engine();
+    for t in 0..3 {
+        assert!(engine.open(t, t, None, t, []));
+        engine.offer(t, t, 2, 50 * NS, t);
+        engine.fail(t, t, 2, if t == 1 { &"reset" } else { &"connection refused" });
+        engine.fail(t, t, 0, &"x".repeat(1000));
+        // It is superseded: nobody waited for it.
+        engine.fail(t, t, 0, &"too late to matter");
+    }
+    let mut items = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
+        Effect::Output(item) => Some(item),
+        Effect::Start { .. } | Effect::Abort { .. } | Effect::Hint(_) => None,
+    });
+    let item = items.nth(1).unwrap();
+    let why: Vec<_> = item.failures.iter().map(|f| (f.source.priority, f.why.len())).collect();
+    assert_eq!((item.timestamp, why), (1, vec![(2, "reset".len()), (0, 200)]));
+    drop(items);
+    let tally = engine.counts().tally();
+    assert_eq!(tally.sources[1].reasons.to_string(), "2 × connection refused, 1 × reset");
+    assert_eq!(tally.sources[0].reasons.iter().next().unwrap().1, 3);
+    for n in 0..20 {
+        let t = n + 3;
+        let _ = engine.open(t, t, None, t, []);
+        engine.fail(t, t, 0, &format!("reason {n}"));
+    }
+    let reasons = engine.counts().tally().sources[0].reasons.clone();
+    assert_eq!((reasons.iter().count(), reasons.others()), (8, 13));
+}
+
+proptest! {
+    #[test]
+    fn whatever_happens_calls_are_bounded_messages_answered_once_and_the_trace_conforms(
+        steps in proptest::collection::vec(step(), 1..200),
+        patient in any::<bool>(),
+        skip_answered in any::<bool>(),
+        lossy in any::<bool>(),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("trace.jsonl");
+        let header = header(if patient { Commit::Patient } else { Commit::Eager });
+        let local = Local { at_once: 2, waiting: 4, skip_answered, lossy };
+        let mut engine: Tested = Engine::new(&header, &[2, 1], local).unwrap();
+        let recorder = Recorder::create(&path, &header, Recording::default()).unwrap();
+        engine.record(recorder).unwrap();
+        let at_once = [2, 1, 2];
+        let (mut now, mut next) = (0_u64, 0);
+        // The machine's clock: the greatest of the caller's.
+        let mut latest = 0;
+        let mut flying: BTreeSet<(u16, u64)> = BTreeSet::new();
+        let mut answered: BTreeSet<u64> = BTreeSet::new();
+        for step in steps {
+            match step {
+                Step::Wait(nanos) => {
+                    now = now.saturating_add(nanos);
+                    engine.tick(now);
+                }
+                Step::GoBack(nanos) => {
+                    now = now.saturating_sub(nanos);
+                    engine.tick(now);
+                }
+                Step::Open { deadline } => {
+                    engine.open(now, next, deadline.map(Duration::from_nanos), next, []);
+                    next += 1;
+                }
+                Step::Offer { back, p, deadline } => {
+                    let t = u64::saturating_sub(next, back);
+                    engine.offer(now, t, p, Duration::from_nanos(deadline), t);
+                }
+                Step::End { nth, well } => {
+                    let Some((p, t)) = flying.iter().nth(nth).copied() else { continue };
+                    flying.remove(&(p, t));
+                    if well {
+                        engine.result(now, t, p, "boxes");
+                    } else {
+                        engine.fail(now, t, p, &"as told");
+                    }
+                }
+                Step::Stray { back, p, well } => {
+                    let t = u64::saturating_sub(next, back);
+                    flying.remove(&(p, t));
+                    if well {
+                        engine.result(now, t, p, "boxes");
+                    } else {
+                        engine.fail(now, t, p, &"as told");
+                    }
+                }
+            }
+            latest = latest.max(now);
+            while let Some(effect) = engine.next_effect() {
+                match effect {
+                    Effect::Output(item) => prop_assert!(answered.insert(item.timestamp)),
+                    Effect::Start { priority, timestamp, until, request } => {
+                        prop_assert_eq!(request, timestamp);
+                        prop_assert!(until.is_none_or(|until| until > latest));
+                        prop_assert!(flying.insert((priority, timestamp)));
+                        let calls = flying.iter().filter(|(p, _)| *p == priority).count();
+                        let lost = if priority > 0 { 0 } else { lost(&engine) };
+                        prop_assert!(calls <= at_once[usize::from(priority)] + lost);
+                    }
+                    Effect::Abort { priority, timestamp } => {
+                        prop_assert!(priority > 0);
+                        prop_assert!(flying.remove(&(priority, timestamp)));
+                    }
+                    Effect::Hint(hint) => prop_assert!(false, "nobody takes {hint:?}"),
+                }
+            }
+        }
+        prop_assert_eq!(engine.is_idle(), u64::try_from(answered.len()).unwrap() == next);
+        let tally = engine.counts().tally();
+        let refused: u64 = tally.refused.values().sum();
+        prop_assert_eq!(tally.messages + refused, next);
+        let answers = tally.forwarded() + tally.missed + refused;
+        prop_assert_eq!(answers, u64::try_from(answered.len()).unwrap());
+        engine.finish().unwrap();
+        let verdict = judge("trace", BufReader::new(File::open(&path).unwrap())).unwrap();
+        prop_assert!(verdict.conforms, "{:#?}", verdict.violations);
+    }
+}

@@ -1,0 +1,157 @@
+//! A policy is asked about what is sent alone.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use fuseline_deadline::{Accuracy, Chosen, Constant, End, Expected, Reason};
+use fuseline_engine::{
+    Cloud, Commit, Effect, Engine, Header, Local, Offer, OfferRefusal, Policy, Situation,
+};
+
+type Tested = Engine<(), ()>;
+
+const MS: u64 = 1_000_000;
+const WEST: u16 = 1;
+const CAP: Duration = Duration::from_millis(90);
+
+/// West has one call at a time, and its gate shuts when one request waits.
+fn engine(policy: impl Policy + Send + 'static) -> Tested {
+    let west = Cloud { p: WEST, name: Some("west".into()), limit: 1, resume: 0 };
+    let header = Header { operator: None, window: 64, commit: Commit::Eager, clouds: vec![west] };
+    let local = Local { at_once: 64, waiting: 0, skip_answered: false, lossy: false };
+    let mut engine = Engine::new(&header, &[1], local).unwrap();
+    engine.set_policy(WEST, Box::new(policy));
+    engine
+}
+
+const fn offer() -> Offer<()> {
+    Offer { priority: WEST, deadline: CAP, request: () }
+}
+
+/// Keeps why each deadline was chosen.
+struct Noting<P> {
+    policy: P,
+    reasons: Arc<Mutex<Vec<Reason>>>,
+}
+
+impl<P: Policy> Policy for Noting<P> {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
+        let chosen = self.policy.decide(situation, cap);
+        self.reasons.lock().unwrap().push(chosen.reason);
+        chosen
+    }
+
+    fn ended(&mut self, end: End) {
+        self.policy.ended(end);
+    }
+}
+
+fn noting<P: Policy>(policy: P) -> (Noting<P>, Arc<Mutex<Vec<Reason>>>) {
+    let reasons = Arc::default();
+    (Noting { policy, reasons: Arc::clone(&reasons) }, reasons)
+}
+
+/// T6.
+#[test]
+fn a_policy_is_not_asked_about_what_will_be_refused() {
+    let (policy, reasons) = noting(Constant(CAP));
+    let mut engine = engine(policy);
+    // One is sent, one waits, two find the gate shut; then it is offered again, for nothing, and too late.
+    for t in 0..4 {
+        assert!(engine.open(0, t, None, (), [offer()]));
+    }
+    engine.offer(0, 1, WEST, CAP, ());
+    engine.offer(0, 2, WEST, Duration::ZERO, ());
+    engine.result(MS, 3, 0, ());
+    engine.offer(MS, 3, WEST, CAP, ());
+    let west = engine.counts().tally().sources.remove(1);
+    assert_eq!((west.admitted, reasons.lock().unwrap().len()), (2, 2));
+    let refused = |why| west.refused.get(&why).copied().unwrap_or_default();
+    assert_eq!((refused(OfferRefusal::Queue), refused(OfferRefusal::Duplicate)), (2, 1));
+    assert_eq!((refused(OfferRefusal::Deadline), refused(OfferRefusal::Closed)), (1, 1));
+}
+
+/// An engine among its sources: local takes 20 ms, west 60 ms from when it is called.
+struct Run {
+    engine: Tested,
+    now: u64,
+    is_west_gone: bool,
+    /// When which source answers which message.
+    answers: Vec<(u64, u64, u16)>,
+    /// The messages that were answered with west's results.
+    wests: Vec<u64>,
+}
+
+impl Run {
+    /// So many messages at once.
+    fn burst(&mut self, timestamps: std::ops::Range<u64>) {
+        for t in timestamps {
+            assert!(self.engine.open(self.now, t, None, (), [offer()]));
+        }
+    }
+
+    fn until(&mut self, end: u64) {
+        loop {
+            self.act();
+            let answer = self.answers.iter().min().copied();
+            let due = self.engine.next_due().into_iter();
+            let next = due.chain(answer.map(|(at, ..)| at)).min().filter(|at| *at <= end);
+            self.now = next.unwrap_or(end);
+            match answer.filter(|(at, ..)| Some(*at) == next) {
+                Some((at, t, p)) => {
+                    self.answers.retain(|other| *other != (at, t, p));
+                    self.engine.result(at, t, p, ());
+                }
+                None if next.is_some() => self.engine.tick(self.now),
+                None => return,
+            }
+        }
+    }
+
+    fn act(&mut self) {
+        while let Some(effect) = self.engine.next_effect() {
+            match effect {
+                Effect::Start { priority: WEST, .. } if self.is_west_gone => {}
+                Effect::Start { priority, timestamp, .. } => {
+                    let takes = if priority == WEST { 60 } else { 20 };
+                    self.answers.push((self.now + takes * MS, timestamp, priority));
+                }
+                Effect::Abort { timestamp, priority } => {
+                    self.answers.retain(|(_, t, p)| (*t, *p) != (timestamp, priority));
+                }
+                Effect::Output(item) => {
+                    let is_wests = item.forwarded().is_some_and(|it| it.source.priority == WEST);
+                    self.wests.extend(is_wests.then_some(item.timestamp));
+                }
+                Effect::Hint(_) => {}
+            }
+        }
+    }
+}
+
+/// T6.
+#[test]
+fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() {
+    let loss = Accuracy { local: 42.0, cloud: 58.0, price_per_ms: 0.01 };
+    let (policy, reasons) = noting(Expected::<_, 16>::new(loss, 0.02, Some(4)).unwrap());
+    let (answers, wests) = (Vec::new(), Vec::new());
+    let mut run = Run { engine: engine(policy), now: 0, is_west_gone: true, answers, wests };
+    run.burst(0..2);
+    run.until(100 * MS);
+    run.is_west_gone = false;
+    // Of four at once the first is sent, the second waits, and the others find the gate shut. Counted
+    // by messages each probe would be a third one.
+    for burst in 0..30 {
+        let first = 2 + 4 * burst;
+        run.burst(first..first + 4);
+        run.until((200 + 100 * burst) * MS);
+    }
+    // Sixteen requests after its return all that is known is from after it.
+    let found: Vec<_> = (8..30).map(|burst| 2 + 4 * burst).collect();
+    assert!(found.iter().all(|first| run.wests.contains(first)), "{:?}", run.wests);
+    let reasons = reasons.lock().unwrap();
+    assert_eq!(reasons.len(), 2 + 2 * 30);
+    let places = reasons.iter().enumerate().filter(|(_, reason)| **reason == Reason::Probe);
+    let places: Vec<_> = places.map(|(place, _)| place).collect();
+    assert_eq!(places, (0..reasons.len()).step_by(4).collect::<Vec<_>>());
+}

@@ -1,0 +1,130 @@
+//! What of a recording is in the file while the operator runs, and what becomes of it on a full disk.
+
+use std::env;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{self, Command};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use fuseline_engine::{Commit, Engine, Header, Local, Recorder, Recording};
+use fuseline_traces::judge;
+use tempfile::TempDir;
+
+type Tested = Engine<u64, u64>;
+
+/// Nothing takes as long; a file that has not what is waited for by then never will.
+const NEVER: Duration = Duration::from_secs(60);
+
+fn header() -> Header {
+    Header { operator: None, window: 4, commit: Commit::Eager, clouds: Vec::new() }
+}
+
+fn engine(path: &Path, recording: Recording) -> Tested {
+    let local = Local { at_once: 1, waiting: 4, skip_answered: false, lossy: false };
+    let mut engine = Engine::new(&header(), &[], local).unwrap();
+    engine.record(Recorder::create(path, &header(), recording).unwrap()).unwrap();
+    engine
+}
+
+fn answer(engine: &mut Tested, t: u64) {
+    let _ = engine.open(10 * t, t, None, t, []);
+    engine.result(10 * t + 1, t, 0, t);
+    while engine.next_effect().is_some() {}
+}
+
+/// Waits until the file has this.
+fn until_written(path: &Path, words: &str) -> String {
+    let began = Instant::now();
+    loop {
+        let text = fs::read_to_string(path).unwrap();
+        if text.contains(words) {
+            return text;
+        }
+        assert!(began.elapsed() < NEVER, "no {words} in {text}");
+        thread::yield_now();
+    }
+}
+
+fn folder() -> (TempDir, PathBuf) {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("trace.jsonl");
+    (folder, path)
+}
+
+#[test]
+fn what_happened_is_in_the_file_while_the_operator_is_idle() {
+    for every_input in [false, true] {
+        let (_folder, path) = folder();
+        let mut engine = engine(&path, Recording { every_input, ..Recording::default() });
+        answer(&mut engine, 0);
+        let text = until_written(&path, r#"{"ev":"emit","at":1,"t":0,"p":0}"#);
+        assert_eq!(text.lines().count(), 4, "{text}");
+        answer(&mut engine, 1);
+        until_written(&path, r#"{"ev":"emit","at":11,"t":1,"p":0}"#);
+        engine.finish().unwrap();
+        assert!(judge("trace", &fs::read(&path).unwrap()[..]).unwrap().conforms);
+    }
+}
+
+/// D10.
+#[test]
+fn a_killed_process_leaves_the_miss_that_it_died_of() {
+    const PATH: &str = "RECORDING_TEST_PATH";
+    if let Some(path) = env::var_os(PATH) {
+        let mut engine = engine(Path::new(&path), Recording::default());
+        for t in 0..3 {
+            answer(&mut engine, t);
+        }
+        let _ = engine.open(30, 3, None, 3, []);
+        engine.fail(31, 3, 0, &"as told");
+        until_written(Path::new(&path), r#"{"ev":"miss","at":31,"t":3}"#);
+        process::abort();
+    }
+    let (_folder, path) = folder();
+    let killed = Command::new(env::current_exe().unwrap())
+        .args(["--exact", "a_killed_process_leaves_the_miss_that_it_died_of"])
+        .env(PATH, &path)
+        .output()
+        .unwrap();
+    assert_eq!(killed.status.code(), None, "it was no signal that ended it");
+    let verdict = judge("trace", &fs::read(&path).unwrap()[..]).unwrap();
+    assert!(verdict.conforms && verdict.judged == 4, "{verdict}");
+}
+
+/// D10.
+#[test]
+fn a_disk_that_fills_is_told_when_it_happens_and_the_operator_goes_on() {
+    const SMALL_DISK: &str = "RECORDING_TEST_SMALL_DISK";
+    const NAME: &str = "a_disk_that_fills_is_told_when_it_happens_and_the_operator_goes_on";
+    if env::var_os(SMALL_DISK).is_none() {
+        // A process that may write no file of more than 16 KiB.
+        let ended = Command::new("sh")
+            .args(["-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh"])
+            .arg(env::current_exe().unwrap())
+            .args(["--exact", NAME])
+            .env(SMALL_DISK, "")
+            .output()
+            .unwrap();
+        assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stdout));
+        return;
+    }
+    let (_folder, path) = folder();
+    let mut engine = engine(&path, Recording::default());
+    let counts = engine.counts();
+    let mut t = 0;
+    while counts.tally().unrecorded.is_none() {
+        answer(&mut engine, t);
+        t += 1;
+    }
+    let why = counts.tally().unrecorded.unwrap();
+    assert!(why.contains("trace.jsonl") && why.contains("File too large"), "{why}");
+    for later in t..t + 100 {
+        answer(&mut engine, later);
+    }
+    assert_eq!(counts.tally().forwarded(), t + 100);
+    let error = engine.finish().unwrap_err();
+    assert_eq!(error.to_string(), *why);
+    let verdict = judge("trace", &fs::read(&path).unwrap()[..]).unwrap();
+    assert!(verdict.conforms && verdict.judged > 100, "{verdict}");
+}

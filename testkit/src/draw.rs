@@ -1,0 +1,64 @@
+//! Numbers drawn by chance, the same for ever from the same seed.
+
+/// The next number of the stream that has this state, by Steele and Vigna's `SplitMix64`. The first state is the seed.
+pub const fn splitmix64(state: &mut u64) -> u64 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A stream of them. The identifiers of generated cases hang on its values.
+pub(crate) struct Draw(u64);
+
+impl Draw {
+    /// The stream of one case of one seed.
+    pub(crate) fn new(seed: u64, case: u64) -> Self {
+        let mut draw = Self(seed);
+        Self(draw.next().wrapping_add(case))
+    }
+
+    /// Any number.
+    pub(crate) fn next(&mut self) -> u64 {
+        splitmix64(&mut self.0)
+    }
+
+    /// A number from `least` to `most`, both included.
+    pub(crate) fn between(&mut self, least: u64, most: u64) -> u64 {
+        match (most - least).checked_add(1) {
+            Some(count) => least + self.next() % count,
+            None => self.next(),
+        }
+    }
+
+    /// An index into something of this length; 0 if it is empty.
+    pub(crate) fn place(&mut self, len: usize) -> usize {
+        let len = u64::try_from(len).unwrap_or(u64::MAX).max(1);
+        usize::try_from(self.next() % len).unwrap_or(0)
+    }
+
+    /// True once in `times`.
+    pub(crate) fn one_in(&mut self, times: u64) -> bool {
+        self.next().is_multiple_of(times)
+    }
+
+    /// These in another order, any as likely.
+    pub(crate) fn shuffle<T>(&mut self, items: &mut [T]) {
+        for last in (1..items.len()).rev() {
+            items.swap(last, self.place(last + 1));
+        }
+    }
+
+    /// One of these, each as often as its weight says. At least one weight must not be 0.
+    pub(crate) fn weighed<T: Copy>(&mut self, choices: &[(u64, T)]) -> T {
+        let whole: u64 = choices.iter().map(|(weight, _)| weight).sum();
+        let mut left = self.next() % whole;
+        for (weight, choice) in choices {
+            match left.checked_sub(*weight) {
+                Some(rest) => left = rest,
+                None => return *choice,
+            }
+        }
+        choices[0].1
+    }
+}

@@ -1,0 +1,79 @@
+//! Traces as lines, however they are packed: plain, gzip, zstd or MCAP.
+//!
+//! ```
+//! use fuseline_traces::judge;
+//! use fuseline_traces::packed::unpack;
+//!
+//! let trace = b"{\"fuseline\":1,\"window\":16,\"clouds\":[]}\n{\"ev\":\"tick\",\"at\":7}\n";
+//! let packed = zstd::encode_all(&trace[..], 0)?;
+//! let verdict = judge("drive.jsonl.zst", unpack(&packed[..])?)?;
+//! assert!(verdict.conforms && verdict.lines == 2);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The first byte tells how a file is packed, not its name. The command and the wheel for Python both read with this, so what
+//! one can read the other can.
+//!
+//! | packed | unpacked in memory of |
+//! |---|---|
+//! | gzip, several members too | 32 KiB |
+//! | zstd, several frames too | the frame's window, at most 128 MiB |
+//! | MCAP, its chunks plain, lz4 or zstd | its largest record or chunk, at most 40 MiB |
+//!
+//! Of an MCAP file the messages of the topic `/fuseline/trace` are the lines. They are written anew in the form of a trace, so that a
+//! judge says of them what it says of what `fuseline convert` makes. A length that a file claims takes no memory before its bytes come;
+//! but a record in a packed chunk takes at once what it claims, and is refused beyond 40 MiB.
+//!
+//! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that).
+
+mod messages;
+
+use std::io::{self, BufRead, BufReader};
+
+pub use messages::{MessageError, Messages, TOPIC};
+
+/// The binary logarithm of the greatest window of a zstd frame, in bytes: what its own command takes.
+const WINDOW_LOG: u32 = 27;
+
+/// How a file's first byte says that it is packed; a trace begins with none of them.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Packing {
+    /// Gzip.
+    Gzip,
+    /// Zstd.
+    Zstd,
+    /// MCAP.
+    Mcap,
+}
+
+impl Packing {
+    /// What a first byte says; none of a plain file.
+    #[must_use]
+    pub const fn of(first: u8) -> Option<Self> {
+        match first {
+            0x1f => Some(Self::Gzip),
+            0x28 => Some(Self::Zstd),
+            0x89 => Some(Self::Mcap),
+            _ => None,
+        }
+    }
+}
+
+/// Reads a trace's lines, however they are packed.
+///
+/// What is packed and not whole gives an error of the kind `UnexpectedEof` where it ends.
+///
+/// # Errors
+/// If the first bytes cannot be read.
+pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
+    Ok(match inner.fill_buf()?.first().copied().and_then(Packing::of) {
+        None => Box::new(inner),
+        Some(Packing::Gzip) => crate::unpack(inner)?,
+        Some(Packing::Zstd) => {
+            let mut unpacked = zstd::Decoder::with_buffer(inner)?;
+            unpacked.window_log_max(WINDOW_LOG)?;
+            Box::new(BufReader::with_capacity(64 * 1024, unpacked))
+        }
+        Some(Packing::Mcap) => Box::new(messages::Lines::new(inner)),
+    })
+}

@@ -1,0 +1,241 @@
+//! Messages of one JSON channel of an MCAP file.
+
+mod chunks;
+
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use std::io::{self, BufRead, Read};
+
+use mcap::McapError;
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+use thiserror::Error;
+
+use crate::packed::messages::chunks::Chunks;
+use crate::{Line, ParseError, observed};
+
+/// The topic of a trace's lines, unless another is named.
+pub const TOPIC: &str = "/fuseline/trace";
+
+/// The longest record, in bytes: an image of 4K and four channels fits. What a record in a packed chunk claims to hold takes
+/// memory before the first byte of it came, and up to three times as much while a buffer grows.
+const RECORD: usize = 40 << 20;
+/// How much is read at once, in bytes: what a record claims to hold takes memory as it comes.
+const PIECE: usize = 64 << 10;
+
+/// Why an MCAP file gives no more lines.
+#[derive(Debug, Error)]
+pub enum MessageError {
+    /// The file cannot be read, or is none.
+    #[error("{}", plain(.0))]
+    File(#[from] McapError),
+    /// The bytes could not be read.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// The topic's messages are of another encoding.
+    #[error("topic {topic} is encoded as {encoding:?}; a trace's is json")]
+    Encoding {
+        /// The topic.
+        topic: String,
+        /// Its encoding.
+        encoding: String,
+    },
+    /// A message is no line of a trace.
+    #[error("message {number}: {source}")]
+    Message {
+        /// Which message of the topic, counted from 1.
+        number: u64,
+        /// What is wrong with it.
+        source: ParseError,
+    },
+    /// There is none.
+    #[error("no message of topic {0}")]
+    None(String),
+}
+
+/// The messages of one topic of an MCAP file, as lines of a trace.
+///
+/// After an error it yields nothing more.
+pub struct Messages<'a, R> {
+    inner: R,
+    reader: LinearReader,
+    chunks: Chunks,
+    topic: &'a str,
+    channels: BTreeSet<u16>,
+    number: u64,
+}
+
+impl<'a, R: Read> Messages<'a, R> {
+    /// Reads the messages of `topic`; nothing is read yet.
+    pub fn new(inner: R, topic: &'a str) -> Self {
+        let options = LinearReaderOptions::default()
+            .with_record_length_limit(RECORD)
+            .with_validate_chunk_crcs(true);
+        let reader = LinearReader::new_with_options(options);
+        let chunks = Chunks::new();
+        Self { inner, reader, chunks, topic, channels: BTreeSet::new(), number: 0 }
+    }
+
+    /// How many messages of the topic were read.
+    #[must_use]
+    pub const fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// What to say of a file without a message of the topic.
+    #[must_use]
+    pub fn none(&self) -> MessageError {
+        MessageError::None(self.topic.to_owned())
+    }
+
+    /// The next message; none at the end. One without `at` has its log time.
+    ///
+    /// # Errors
+    /// If the file cannot be read, the topic is not JSON, or a message is no line of a trace.
+    pub fn line(&mut self) -> Result<Option<Line>, MessageError> {
+        loop {
+            let (data, opcode) = match self.reader.next_event().transpose()? {
+                None => return Ok(None),
+                Some(LinearReadEvent::ReadRequest(wanted)) => {
+                    let room = self.reader.insert(wanted.min(PIECE));
+                    let read = self.inner.read(room)?;
+                    self.chunks.look(&room[..read]).map_err(|_| McapError::UnexpectedEoc)?;
+                    self.reader.notify_read(read);
+                    continue;
+                }
+                Some(LinearReadEvent::Record { data, opcode }) => (data, opcode),
+            };
+            // Others are not asked for, and the library takes the memory that a text in them claims
+            // to need.
+            if !matches!(opcode, op::CHANNEL | op::MESSAGE) {
+                continue;
+            }
+            if opcode == op::CHANNEL && !is_whole(data) {
+                return Err(McapError::UnexpectedEof.into());
+            }
+            match mcap::parse_record(opcode, data)? {
+                Record::Channel(channel) if channel.topic == self.topic => {
+                    if channel.message_encoding != "json" {
+                        let (topic, encoding) = (channel.topic, channel.message_encoding);
+                        return Err(MessageError::Encoding { topic, encoding });
+                    }
+                    self.channels.insert(channel.id);
+                }
+                Record::Message { header, data } if self.channels.contains(&header.channel_id) => {
+                    self.number += 1;
+                    let line = observed::parse(&dated(&data, header.log_time));
+                    let number = self.number;
+                    return line
+                        .map(Some)
+                        .map_err(|source| MessageError::Message { number, source });
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+/// The messages as the bytes of a trace.
+pub(crate) struct Lines<R> {
+    messages: Messages<'static, R>,
+    line: Vec<u8>,
+    taken: usize,
+}
+
+impl<R: Read> Lines<R> {
+    pub(crate) fn new(inner: R) -> Self {
+        Self { messages: Messages::new(inner, TOPIC), line: Vec::new(), taken: 0 }
+    }
+
+    fn next_line(&mut self) -> Result<(), MessageError> {
+        match self.messages.line()? {
+            Some(line) => line.write(&mut self.line),
+            None if self.messages.number() == 0 => {
+                return Err(self.messages.none());
+            }
+            None => return Ok(()),
+        }
+        self.line.push(b'\n');
+        Ok(())
+    }
+}
+
+impl<R: Read> BufRead for Lines<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if self.taken == self.line.len() {
+            self.line.clear();
+            self.taken = 0;
+            self.next_line().map_err(io_error)?;
+        }
+        Ok(self.line.get(self.taken..).unwrap_or_default())
+    }
+
+    fn consume(&mut self, amount: usize) {
+        self.taken = self.line.len().min(self.taken + amount);
+    }
+}
+
+impl<R: Read> Read for Lines<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let len = self.fill_buf()?.read(buffer)?;
+        self.consume(len);
+        Ok(len)
+    }
+}
+
+fn io_error(error: MessageError) -> io::Error {
+    match error {
+        MessageError::Io(error) | MessageError::File(McapError::Io(error)) => error,
+        MessageError::File(McapError::UnexpectedEof) => {
+            io::Error::new(io::ErrorKind::UnexpectedEof, error)
+        }
+        error => io::Error::new(io::ErrorKind::InvalidData, error),
+    }
+}
+
+/// The library's words, which may quote the file, as one line that no terminal takes for a command.
+fn plain(error: &McapError) -> String {
+    error.to_string().replace(char::is_control, "\u{fffd}")
+}
+
+/// Whether the texts of a channel's record end within it: topic, encoding, and pairs of metadata. The library takes the memory that
+/// a text claims to need, and looks for the value of a last key behind the pairs.
+fn is_whole(channel: &[u8]) -> bool {
+    // The channel's and its schema's number come before.
+    let texts = channel.get(4..).and_then(after_text).and_then(after_text);
+    let Some((len, rest)) = texts.and_then(|rest| rest.split_first_chunk::<4>()) else {
+        return false;
+    };
+    // What a later version of the format adds may follow.
+    let pairs = usize::try_from(u32::from_le_bytes(*len)).ok().and_then(|len| rest.get(..len));
+    let Some(mut pairs) = pairs else { return false };
+    while let Some(rest) = after_text(pairs).and_then(after_text) {
+        pairs = rest;
+    }
+    pairs.is_empty()
+}
+
+/// What follows a text: its length in 4 bytes, then itself.
+fn after_text(bytes: &[u8]) -> Option<&[u8]> {
+    let (len, rest) = bytes.split_first_chunk::<4>()?;
+    rest.get(usize::try_from(u32::from_le_bytes(*len)).ok()?..)
+}
+
+/// A message with its log time as `at`, if it has none.
+fn dated(data: &[u8], log_time: u64) -> Cow<'_, [u8]> {
+    #[derive(Deserialize)]
+    struct Dated {
+        at: Option<IgnoredAny>,
+        fuseline: Option<IgnoredAny>,
+        ev: Option<IgnoredAny>,
+    }
+    let told = serde_json::from_slice::<Dated>(data);
+    let is_undated =
+        told.is_ok_and(|told| told.at.is_none() && told.fuseline.is_none() && told.ev.is_some());
+    let Some(rest) = data.trim_ascii_start().strip_prefix(b"{").filter(|_| is_undated) else {
+        return Cow::Borrowed(data);
+    };
+    Cow::Owned([format!("{{\"at\":{log_time},").as_bytes(), rest].concat())
+}
