@@ -241,12 +241,18 @@ fn j1_gaps_between_opens_and_at_the_end_are_told() {
     assert_eq!(period(&["open 50 1", "tick 160"]), [(3, Some(1), Some(1))]);
     // Out of order by no more than may be; the time before the first open is none.
     assert_eq!(period(&["tick 0", "open 204 2", "open 200 1", "open 309 3", "tick 310"]), []);
+    // It is about instants, whatever the timestamps are.
+    assert_eq!(period(&["open 50 9", "open 150 2", "open 250 1"]), []);
     // Refused ones end no gap, whether the refusal stands before or after.
     let refused = [(3, Some(2), Some(91)), (7, Some(4), Some(1))];
     let later = ["open 100 1", "open 300 2", "open 350 3", "refuse 350 3 full", "tick 350"];
     assert_eq!(period(&[&later[..], &["open 410 4"]].concat()), refused);
     let sooner = ["open 100 1", "open 300 2", "refuse 350 3 full", "open 350 3", "tick 350"];
     assert_eq!(period(&[&sooner[..], &["open 410 4"]].concat()), refused);
+    // A45: that the run has ended does not move its end.
+    let ended =
+        read(LOOSE, Some(100), &["open 50 1", "result 50 1 0", "emit 50 1 0"]).finish_ended();
+    assert_eq!((ended.violations, ended.conforms), (vec![], true));
     // Nothing is opened at all.
     assert_eq!(period(&["tick 10", "result 60 1 0", "emit 60 1 0", "tick 119"]), []);
     assert_eq!(
