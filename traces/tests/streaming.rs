@@ -79,12 +79,13 @@ fn end(events: &[Event]) -> u64 {
     events.iter().map(at).max().unwrap_or(0)
 }
 
+/// The instants of opens with their deadlines.
+type Opens = Vec<(u64, Option<u64>)>;
+/// The instants of refusals with their places.
+type Refusals = BTreeSet<(u64, usize)>;
+
 /// The opens that no refusal takes away.
-fn accepted(
-    reach: u64,
-    opens: &[(u64, Option<u64>)],
-    refusals: &BTreeSet<(u64, usize)>,
-) -> Vec<(u64, Option<u64>)> {
+fn accepted(reach: u64, opens: &[(u64, Option<u64>)], refusals: &Refusals) -> Opens {
     let mut opens = opens.to_vec();
     for (at, _) in refusals {
         let nearest = (0..opens.len()).min_by_key(|place| opens[*place].0.abs_diff(*at));
@@ -95,11 +96,10 @@ fn accepted(
     opens
 }
 
-/// How many gaps there are between opens, each of which is as long as `most` at least.
+/// How many gaps longer than `most` there are between opens, and at the end.
 fn gaps(most: u64, slack: Slack, events: &[Event]) -> usize {
     let reach = 2 * slack.tolerance + slack.lateness;
-    let mut by_t: BTreeMap<u64, (Vec<(u64, Option<u64>)>, BTreeSet<(u64, usize)>)> =
-        BTreeMap::new();
+    let mut by_t: BTreeMap<u64, (Opens, Refusals)> = BTreeMap::new();
     for (i, event) in events.iter().enumerate() {
         match *event {
             Event::Input(Input::Open { at, t, deadline }) => {
