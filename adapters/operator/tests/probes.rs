@@ -170,7 +170,7 @@ fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() 
     assert_eq!(places, (0..reasons.len()).step_by(4).collect::<Vec<_>>());
 }
 
-/// F0: what is due comes before the offer, so that its message is closed when the policy would be asked.
+/// T6, F0: what is due comes before the offer, so that its message is closed when the policy would be asked.
 #[test]
 fn a_policy_is_not_asked_about_a_message_that_a_timer_due_then_closes() {
     for late_by in [0, 1] {
