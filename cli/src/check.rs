@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufReader, IsTerminal, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::{Found, Judging};
+use fuseline_report::Found;
 use fuseline_traces::packed::{Packing, unpack};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
@@ -37,12 +37,17 @@ off by the tolerance and that timers and outputs may be late by the lateness. A 
 nothing can be judged does not conform then. Memory grows with the timestamps that are open at
 once, not with the trace: 0.5 KB for each, up to 1 KB with what came for it.
 
+A trace does not say whether its run is over, so an operator that hangs leaves one that conforms.
+Where it is known, say so with --ended, or let the recorder write a tick last. With --period the
+operator is to open a message so often, whatever their timestamps are.
+
 Exit code 0 if all traces conform, 1 if some do not, 2 if one cannot be read. Traces in gzip, zstd
 or MCAP are unpacked as they are read; several files are judged at once.
 
 Examples:
   fuseline check trace.jsonl
   fuseline check --observed --tolerance 2ms --lateness 5ms node.jsonl
+  fuseline check --ended --observed --tolerance 2ms --lateness 5ms --period 100ms arm.jsonl
   fuseline check --json traces/*.jsonl
   fuseline check --sarif found.sarif traces/*.jsonl
   fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict
@@ -53,7 +58,7 @@ pub(crate) struct Args {
     files: Vec<PathBuf>,
     #[command(flatten)]
     how: How,
-    /// Print one JSON object a file: file, conforms, judged, lines, violations.
+    /// Print one JSON object a file: file, conforms, judged, lines, violations; with --ended, unfinished.
     #[arg(long)]
     json: bool,
     /// Write the verdicts for continuous integration, as `JUnit` XML.
@@ -62,7 +67,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     results: Files,
     /// Keep judging one file as it grows, until Ctrl-C; what is not answered by then is not judged.
-    #[arg(long, conflicts_with_all = ["junit", "sarif", "xqar"])]
+    #[arg(long, conflicts_with_all = ["junit", "sarif", "xqar", "ended"])]
     follow: bool,
 }
 
@@ -174,7 +179,7 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
     bar.set_prefix(name.clone());
     let manner = args.how.manner();
     let mut reader = reader(manner, &name, Tail::new(file, Interrupt::watch()))?;
-    let mut judging = Judging::new(manner, &name, reader.header());
+    let mut judging = args.how.judging(&name, reader.header());
     let mut told = 0;
     while let Some(event) = next_event(&mut reader, End::Early)? {
         judging.line(reader.line(), &event)?;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use fuseline_report::{Found, Judging, Manner, Summary};
 use fuseline_traces::observed::Slack;
-use fuseline_traces::{Event, Events, ReadError};
+use fuseline_traces::{Event, Events, Header, ReadError};
 use thiserror::Error;
 
 use crate::complain::complain;
@@ -16,6 +16,8 @@ use crate::fault::Fault;
 pub(crate) enum End {
     /// What is not there by then is missing.
     Whole,
+    /// The run has ended: what is not there is missing, whenever it was due.
+    Ended,
     /// The trace may go on, or was cut short: what is not there may still have come.
     Early,
 }
@@ -34,6 +36,15 @@ pub(crate) struct How {
     #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
         allow_hyphen_values = true)]
     lateness: Option<Duration>,
+    /// How often the operator opens a message, such as 100ms: a gap beyond this, the lateness and twice the
+    /// tolerance breaks J1, the time from the last open to the end of the trace included.
+    #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
+        allow_hyphen_values = true)]
+    period: Option<Duration>,
+    /// Take the run for ended: what is not in the trace never came, and what was still due is overdue. A
+    /// message that only waits for local is unfinished, and not judged.
+    #[arg(long, conflicts_with = "truncated")]
+    ended: bool,
     /// Judge what a crash or a full disk cut off: without a last line that is cut short, and without
     /// decisions that are not there. A note says what was left out.
     #[arg(long)]
@@ -44,7 +55,7 @@ pub(crate) struct How {
 pub(crate) fn judge(how: &How, name: &str, trace: impl BufRead) -> Result<Found, Fault> {
     let (manner, end) = (how.manner(), how.end());
     let mut reader = reader(manner, name, trace)?;
-    let mut judging = Judging::new(manner, name, reader.header());
+    let mut judging = how.judging(name, reader.header());
     while let Some(event) = next_event(&mut reader, end)? {
         judging.line(reader.line(), &event)?;
     }
@@ -75,7 +86,7 @@ pub(crate) fn next_event<R: BufRead>(
             complain(format_args!("note: {file}:{line}: cut short here; this line is left out"));
             Ok(None)
         }
-        (true, End::Whole) => Err(Fault::own(Cut(error))),
+        (true, End::Whole | End::Ended) => Err(Fault::own(Cut(error))),
         (false, _) => Err(error.into()),
     }
 }
@@ -92,16 +103,43 @@ pub(crate) fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> Result
 }
 
 impl How {
+    /// Every decision, to the trace's end.
+    pub(crate) const fn strictly() -> Self {
+        let (tolerance, lateness, period) = (None, None, None);
+        Self { observed: false, tolerance, lateness, period, ended: false, truncated: false }
+    }
+
     /// What is done where the trace ends.
     pub(crate) const fn end(&self) -> End {
-        if self.truncated { End::Early } else { End::Whole }
+        match (self.truncated, self.ended) {
+            (true, _) => End::Early,
+            (false, true) => End::Ended,
+            (false, false) => End::Whole,
+        }
+    }
+
+    /// A judge of a trace with this header.
+    pub(crate) fn judging(&self, name: &str, header: &Header) -> Judging {
+        let judging = Judging::new(self.manner(), name, header);
+        match self.period() {
+            None => judging,
+            Some(period) => judging.with_period(period),
+        }
+    }
+
+    /// In nanoseconds, if it is known.
+    pub(crate) fn period(&self) -> Option<u64> {
+        self.period.map(nanos)
     }
 
     pub(crate) fn manner(&self) -> Manner {
-        let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         let (tolerance, lateness) = (nanos(self.tolerance?), nanos(self.lateness?));
         Some(Slack { tolerance, lateness })
     }
+}
+
+fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// A span of time with its unit.
@@ -113,6 +151,7 @@ fn time(text: &str) -> Result<Duration, &'static str> {
 pub(crate) fn finish(judging: Judging, end: End) -> Found {
     match end {
         End::Whole => judging.finish(),
+        End::Ended => judging.finish_ended(),
         End::Early => noted(judging.finish_early()),
     }
 }

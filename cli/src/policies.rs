@@ -192,6 +192,29 @@ mod tests {
         }
     }
 
+    /// It has in hand whatever comes first, so that nothing is in time without it.
+    #[test]
+    fn one_deadline_is_in_time_wherever_the_first_response_is() {
+        let failed = |millis| Arrival::Failed(ms(millis));
+        let all = [
+            at(100),
+            at(300),
+            at(499),
+            at(500),
+            at(9_000),
+            failed(0),
+            failed(300),
+            failed(600),
+            Arrival::Never,
+        ];
+        for (local, west, east) in (0..all.len().pow(3)).map(|i| (i / 81, i / 9 % 9, i % 9)) {
+            let one = [message([all[local], all[west], all[east]], None)];
+            let (constant, first) = (score(&constant(), &one), score(&Policy::FirstWins, &one));
+            assert!(constant.in_time >= first.in_time, "{one:?}");
+            assert!(constant.ap >= first.ap && constant.ap.is_some(), "{one:?}");
+        }
+    }
+
     #[test]
     fn a_result_at_the_deadline_counts_as_late() {
         let late = [message([at(500), at(499), at(501)], Some((0, 500)))];

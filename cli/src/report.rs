@@ -3,7 +3,7 @@
 use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::{Found, Manner, Page, PageError};
+use fuseline_report::{Found, Page, PageError};
 use fuseline_traces::packed::unpack;
 
 use crate::exit::Exit;
@@ -58,7 +58,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
         Box::new(Sink::new(anstream::stdout()))
     };
     for path in &args.traces {
-        let found = read_file(&mut page, args.how.manner(), args.how.end(), path)?;
+        let found = read_file(&mut page, &args.how, path)?;
         verdict::tell_summary(&found.summary(), &mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict::exit(&found));
     }
@@ -70,7 +70,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
 pub(crate) fn of(trace: &Path, output: &Path) -> Result<(), Fault> {
     let output = Output::new(output, &[trace])?;
     let mut page = Page::default();
-    read_file(&mut page, None, End::Whole, trace)?;
+    read_file(&mut page, &How::strictly(), trace)?;
     write(&output, &page)
 }
 
@@ -79,17 +79,22 @@ fn write(output: &Output, page: &Page) -> Result<(), Fault> {
 }
 
 /// Reads and judges one trace, and puts it on the page.
-fn read_file(page: &mut Page, manner: Manner, end: End, path: &Path) -> Result<Found, Fault> {
+fn read_file(page: &mut Page, how: &How, path: &Path) -> Result<Found, Fault> {
+    let (manner, end) = (how.manner(), how.end());
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
     let mut reader = reader(manner, &name, trace)?;
     let mut sheet = page.begin(manner, &name, reader.header());
+    if let Some(period) = how.period() {
+        sheet = sheet.with_period(period);
+    }
     while let Some(event) = next_event(&mut reader, end)? {
         sheet.event(reader.line(), event)?;
     }
     Ok(match end {
         End::Whole => sheet.finish(),
+        End::Ended => sheet.finish_ended(),
         End::Early => noted(sheet.finish_early()),
     })
 }

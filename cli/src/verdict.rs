@@ -39,7 +39,7 @@ pub(crate) fn tell(found: &Found, out: &mut impl Write, told: usize, json: bool)
 
 /// One line.
 pub(crate) fn tell_summary(summary: &Summary<'_>, out: &mut impl Write) -> io::Result<()> {
-    let Summary { file, conforms, judged, lines, violations } = *summary;
+    let Summary { file, conforms, judged, unfinished, lines, violations } = *summary;
     let word = match (conforms, violations) {
         (true, _) => format!("{GOOD}conforms{GOOD:#}"),
         (false, 0) => format!("{BAD}does not conform{BAD:#} (nothing to judge)"),
@@ -48,7 +48,11 @@ pub(crate) fn tell_summary(summary: &Summary<'_>, out: &mut impl Write) -> io::R
         }
     };
     let (judged, lines) = (count(judged, "timestamp"), count(lines, "line"));
-    writeln!(out, "{file}: {word}, {judged} judged in {lines}")
+    let unfinished = match unfinished {
+        None | Some(0) => String::new(),
+        Some(unfinished) => format!(", {unfinished} unfinished"),
+    };
+    writeln!(out, "{file}: {word}, {judged} judged in {lines}{unfinished}")
 }
 
 /// What `tell` prints, without colours.

@@ -301,6 +301,7 @@ fn lacks(row: &Row, records: &[(&Kind, Record)], stale: &[(&str, &str)]) -> Vec<
         ("T", "4") => &[][..],
         ("T", _) => &["policy"][..],
         ("D", _) => &["operator", "grpc", "recorder", "simulation", "ros2", "command"][..],
+        ("J", _) => &["judge"][..],
         _ => &[][..],
     };
     let is_stale = |name: &str| stale.iter().any(|(older, _)| *older == name);

@@ -87,6 +87,7 @@ fn markdown(matrix: &Matrix) -> String {
         ('A', "Ambiguities"),
         ('T', "Promises of deadlines"),
         ('D', "Promises of adapters"),
+        ('J', "Judging"),
     ] {
         let _ = writeln!(text, "\n## {title}");
         for row in matrix.rows.iter().filter(|row| row.id.starts_with(family)) {

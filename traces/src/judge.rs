@@ -53,6 +53,10 @@ pub struct Verdict {
     /// How many timestamps were judged: those opened that have a result, a failure, an emit or a
     /// miss.
     pub judged: u64,
+    /// Of a run that is known to have ended: how many timestamps were open at its end that local owed
+    /// a result and that had no timer. They are not among those judged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unfinished: Option<u64>,
     /// How many lines the trace has, the header's too.
     pub lines: u64,
     /// What does not conform, up to 100.
@@ -111,6 +115,7 @@ impl Judge {
                 file,
                 conforms: true,
                 judged: 0,
+                unfinished: None,
                 lines: 1,
                 violations: Vec::new(),
                 more: 0,
@@ -146,6 +151,20 @@ impl Judge {
     pub fn finish(mut self) -> Verdict {
         self.close("no decision; the trace ends");
         self.verdict.judged += self.touched.len() as u64;
+        self.verdict
+    }
+
+    /// Ends the trace of a run that is known to have ended: each timer that is left was to fire when it
+    /// was due (A44).
+    #[must_use]
+    pub fn finish_ended(mut self) -> Verdict {
+        self.close("no decision; the trace ends");
+        while let Some(at) = self.reference.next_due() {
+            self.demand(self.verdict.lines, &Input::Tick { at });
+            self.close("no decision; the run has ended");
+        }
+        // P7: what is open without a timer waits for local.
+        self.verdict.unfinished = Some(self.reference.open_len() as u64);
         self.verdict
     }
 
@@ -297,6 +316,9 @@ impl fmt::Display for Verdict {
         let Self { file, judged, lines, .. } = self;
         let word = if self.conforms { "conforms" } else { "does not conform" };
         write!(f, "{file}: {word}; {judged} timestamps judged in {lines} lines")?;
+        if let Some(unfinished) = self.unfinished.filter(|unfinished| *unfinished > 0) {
+            write!(f, ", {unfinished} unfinished")?;
+        }
         for violation in &self.violations {
             write!(f, "\n{file}:{violation}")?;
         }

@@ -4,6 +4,7 @@
 //! then one [`Story`], of which it is decided, exactly, whether the rules can explain it within the [`Slack`].
 
 mod explain;
+mod gap;
 mod judge;
 mod open;
 mod story;

@@ -176,7 +176,10 @@ impl Recorder {
         } else if self.gathered.len() >= most {
             self.attempt(Self::write_gathered);
         }
-        self.inputs.push(self.gathered.len());
+        // After an error nothing is gathered, the places of inputs included.
+        if self.error.is_none() {
+            self.inputs.push(self.gathered.len());
+        }
         self.line(|out| input.write(out));
     }
 
@@ -275,3 +278,6 @@ fn write_all(file: &mut File, bytes: &[u8]) -> Result<usize, (usize, io::Error)>
     }
     Ok(written)
 }
+
+#[cfg(test)]
+mod tests;

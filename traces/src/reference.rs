@@ -298,6 +298,12 @@ impl Reference {
         self.now
     }
 
+    /// How many timestamps are open.
+    #[must_use]
+    pub fn open_len(&self) -> usize {
+        self.open.len()
+    }
+
     /// Whether `t` is open.
     #[must_use]
     pub fn is_open(&self, t: u64) -> bool {

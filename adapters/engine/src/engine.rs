@@ -161,6 +161,10 @@ impl<V, R> Engine<V, R> {
     /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. It is asked only
     /// if the request will be admitted.
     pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
+        // F0: what is due comes first; it may close the message that the policy would be asked about.
+        if self.arbiter.next_due().is_some_and(|due| due <= at) {
+            self.tick(at);
+        }
         self.begin(at);
         let place = self.hands.place(p);
         let backlog = place.map_or(0, |place| self.hands.lanes[place].backlog() as u64);

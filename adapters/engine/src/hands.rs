@@ -275,6 +275,8 @@ impl<V, R> Hands<V, R> {
             );
             return None;
         };
+        // The cap holds for a policy too: what is shown is what the request gets.
+        let chosen = InForce { deadline: chosen.deadline.min(cap), ..chosen };
         if let Some(meter) = self.counts.meters.sources.get(place) {
             meter.chosen(&chosen);
         }
@@ -283,7 +285,7 @@ impl<V, R> Hands<V, R> {
             lane.in_force = Some(chosen);
             self.counts.in_force(place, chosen);
         }
-        Some(chosen.deadline.min(cap))
+        Some(chosen.deadline)
     }
 
     /// A request has ended by itself, perhaps before it was sent.

@@ -97,7 +97,7 @@ pub(crate) fn told(found: Found) -> Told {
 }
 
 fn strict(verdict: Verdict) -> Told {
-    let Verdict { file, conforms, judged, lines, violations, more } = verdict;
+    let Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
     let violations = violations.into_iter().map(|found| {
         let (rule, sentence) = (found.rule.id(), found.rule.sentence());
         (found.line, found.t, rule, sentence, found.found, found.expected, None, found.story)
@@ -106,9 +106,9 @@ fn strict(verdict: Verdict) -> Told {
 }
 
 fn observed(verdict: observed::Verdict) -> Told {
-    let observed::Verdict { file, conforms, judged, lines, violations, more } = verdict;
+    let observed::Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
     let violations = violations.into_iter().map(|found| {
-        let (t, rule, sentence) = (Some(found.t), found.rule.id(), found.rule.sentence());
+        let (t, rule, sentence) = (found.t, found.rule.id(), found.rule.sentence());
         (found.line, t, rule, sentence, found.found, found.expected, found.late, found.story)
     });
     (file, conforms, judged, lines, violations.collect(), more)

@@ -42,6 +42,9 @@ pub(crate) struct Told {
     sources: Vec<Source>,
     conforms: bool,
     judged: u64,
+    /// If the run is known to have ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unfinished: Option<u64>,
     lines: u64,
     violations: Vec<Violation>,
     more: u64,
@@ -172,6 +175,7 @@ impl Columns {
             sources: self.named(header),
             conforms: summary.conforms,
             judged: summary.judged,
+            unfinished: summary.unfinished,
             lines: summary.lines,
             more: summary.violations - violations.len() as u64,
             violations: violations

@@ -35,6 +35,8 @@ pub struct Summary<'a> {
     pub conforms: bool,
     /// Timestamps judged.
     pub judged: u64,
+    /// Timestamps that local owed a result when the run ended, if it is known to have ended.
+    pub unfinished: Option<u64>,
     /// Lines, the header's too.
     pub lines: u64,
     /// All violations, those that are not told too.
@@ -70,6 +72,16 @@ impl Judging {
         }
     }
 
+    /// The same, for an operator that opens a timestamp each `period`, in nanoseconds (J1). The strict judge compares
+    /// decisions alone and takes no notice of it.
+    #[must_use]
+    pub fn with_period(self, period: u64) -> Self {
+        match self {
+            Self::Strict(_) => self,
+            Self::Observed(judge) => Self::Observed(judge.with_period(period)),
+        }
+    }
+
     /// Judges the next line.
     ///
     /// # Errors
@@ -101,6 +113,16 @@ impl Judging {
         match self {
             Self::Strict(judge) => Found::Strict(judge.finish()),
             Self::Observed(judge) => Found::observed(judge.finish()),
+        }
+    }
+
+    /// The verdict on the whole trace of a run that is known to have ended: all that it owed is overdue. Violations stand by
+    /// their lines.
+    #[must_use]
+    pub fn finish_ended(self) -> Found {
+        match self {
+            Self::Strict(judge) => Found::Strict(judge.finish_ended()),
+            Self::Observed(judge) => Found::observed(judge.finish_ended()),
         }
     }
 
@@ -141,17 +163,11 @@ impl Found {
     #[must_use]
     pub const fn summary(&self) -> Summary<'_> {
         match self {
-            Self::Strict(Verdict { file, conforms, judged, lines, violations, more }) => Summary {
-                file: file.as_str(),
-                conforms: *conforms,
-                judged: *judged,
-                lines: *lines,
-                violations: violations.len() as u64 + *more,
-            },
-            Self::Observed(observed::Verdict {
+            Self::Strict(Verdict {
                 file,
                 conforms,
                 judged,
+                unfinished,
                 lines,
                 violations,
                 more,
@@ -159,6 +175,23 @@ impl Found {
                 file: file.as_str(),
                 conforms: *conforms,
                 judged: *judged,
+                unfinished: *unfinished,
+                lines: *lines,
+                violations: violations.len() as u64 + *more,
+            },
+            Self::Observed(observed::Verdict {
+                file,
+                conforms,
+                judged,
+                unfinished,
+                lines,
+                violations,
+                more,
+            }) => Summary {
+                file: file.as_str(),
+                conforms: *conforms,
+                judged: *judged,
+                unfinished: *unfinished,
                 lines: *lines,
                 violations: violations.len() as u64 + *more,
             },
@@ -187,6 +220,6 @@ impl<'a> From<&'a observed::Violation> for AnyViolation<'a> {
     fn from(violation: &'a observed::Violation) -> Self {
         let observed::Violation { line, t, rule, found, expected, late, story } = violation;
         let rule = (rule.id(), rule.sentence());
-        Self { line: *line, t: Some(*t), rule, found, expected, late: *late, story }
+        Self { line: *line, t: *t, rule, found, expected, late: *late, story }
     }
 }

@@ -75,6 +75,13 @@ impl Page {
 }
 
 impl Sheet<'_> {
+    /// The same, judged for an operator with this period; see [`Judging::with_period`].
+    #[must_use]
+    pub fn with_period(mut self, period: u64) -> Self {
+        self.judging = self.judging.with_period(period);
+        self
+    }
+
     /// Takes the next event, with its line.
     ///
     /// # Errors
@@ -91,6 +98,12 @@ impl Sheet<'_> {
     #[must_use = "whether it conforms"]
     pub fn finish(self) -> Found {
         self.end(|judging| (judging.finish(), false)).0
+    }
+
+    /// The same for the trace of a run that is known to have ended; see [`Judging::finish_ended`].
+    #[must_use = "whether it conforms"]
+    pub fn finish_ended(self) -> Found {
+        self.end(|judging| (judging.finish_ended(), false)).0
     }
 
     /// The same for a trace that may go on, or was cut short; see [`Judging::finish_early`].

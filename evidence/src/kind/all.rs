@@ -379,6 +379,41 @@ pub const KINDS: &[Kind] = &[
         cites: cited_by_test,
     },
     Kind {
+        name: "judge",
+        title: "tests of the judges",
+        applies: |_| false,
+        concerns: |fault| JUDGES.iter().any(|at| fault.file.starts_with(at)),
+        run: Run::Cargo {
+            arguments: &[
+                "test",
+                "-p",
+                "fuseline-traces",
+                "--lib",
+                "--test",
+                "corpus",
+                "--test",
+                "judge",
+                "--test",
+                "observed",
+                "--test",
+                "streaming",
+                "--no-fail-fast",
+            ],
+            variables: &[],
+        },
+        sources: &[
+            TRACES,
+            NO_LIST_OF_TRACES,
+            CORPUS,
+            "traces/tests/corpus.rs",
+            "traces/tests/judge.rs",
+            "traces/tests/observed.rs",
+            "traces/tests/streaming.rs",
+        ],
+        read: read_tests,
+        cites: cited_by_test,
+    },
+    Kind {
         name: "simulation",
         title: "checks of simulated operators",
         applies: |_| false,
@@ -454,6 +489,8 @@ pub const KINDS: &[Kind] = &[
                 "--test",
                 "convert",
                 "--test",
+                "ended",
+                "--test",
                 "locations",
                 "--test",
                 "outputs",
@@ -489,6 +526,7 @@ pub const KINDS: &[Kind] = &[
             "cli/examples/two_vehicles",
             "cli/tests/common",
             "cli/tests/convert.rs",
+            "cli/tests/ended.rs",
             "cli/tests/locations.rs",
             "cli/tests/outputs.rs",
             "cli/tests/report.rs",
@@ -509,6 +547,9 @@ const GRPC: &str = "adapters/tokio/src/grpc/";
 
 /// What writes a trace as a run goes on.
 const RECORDER: &str = "traces/src/record.rs";
+
+/// What judges traces.
+const JUDGES: [&str; 2] = ["traces/src/judge.rs", "traces/src/observed/"];
 
 /// Whether simulated operators go through this file.
 fn is_simulated(file: &str) -> bool {

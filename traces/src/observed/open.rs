@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use super::gap::Opened;
 use super::story::{Slack, Story};
 use crate::event::{Decision, Event, Input};
 use crate::reason::DropReason;
@@ -198,6 +199,27 @@ impl OpenStory {
                     known.is_none_or(|known| known.saturating_add(reach) >= *refused)
                 }),
         }
+    }
+
+    /// Whether this line is an open of it.
+    pub(super) fn has_open(&self, line: u64) -> bool {
+        self.opens.iter().any(|open| open.line == line)
+    }
+
+    /// Until when a line may come that changes which of its opens were refused.
+    pub(super) fn opens_by(&self, slack: Slack) -> u64 {
+        let opens = self.opens.iter().map(|open| open.at);
+        let last = opens.chain(self.refusals.iter().copied()).max().unwrap_or(0);
+        let margin = slack.tolerance.saturating_mul(4).saturating_add(slack.lateness);
+        last.saturating_add(margin)
+    }
+
+    /// Its opens that were refused; `t` is the timestamp.
+    pub(super) fn refused(&self, t: u64, slack: Slack) -> Vec<Opened> {
+        let reach = slack.tolerance.saturating_mul(2).saturating_add(slack.lateness);
+        let accepted = self.accepted(reach);
+        let refused = self.opens.iter().filter(|open| !accepted.contains(open));
+        refused.map(|open| Opened { at: open.at, line: open.line, t }).collect()
     }
 
     /// A42: the opens that were not refused. A refusal takes away the nearest open, if two errors of the clock and the lateness
