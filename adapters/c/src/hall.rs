@@ -39,8 +39,8 @@ struct Hall<const CLOUDS: usize, const WINDOW: usize> {
 
 /// The owner's half, of whatever capacity.
 pub(crate) trait OwnersHalf {
-    fn open(&mut self, now: u64, t: u64, deadline: Option<u64>) -> Result<CTicket, CReason>;
-    fn offer(&mut self, now: u64, ticket: CTicket, offer: (u64, u64, u64)) -> Told;
+    fn open(&mut self, now: u64, t: u64, deadline: Option<Deadline>) -> Result<CTicket, CReason>;
+    fn offer(&mut self, now: u64, ticket: CTicket, offer: (u64, Deadline, u64)) -> Told;
 }
 
 /// The half of all threads, of whatever capacity.
@@ -67,18 +67,16 @@ pub(crate) struct Told {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> OwnersHalf for Owner<'static, CLOUDS, WINDOW> {
-    fn open(&mut self, now: u64, t: u64, deadline: Option<u64>) -> Result<CTicket, CReason> {
-        let deadline = deadline.map(Deadline::from_nanos);
+    fn open(&mut self, now: u64, t: u64, deadline: Option<Deadline>) -> Result<CTicket, CReason> {
         let opened = self.open(Instant::from_nanos(now), Timestamp::new(t), deadline);
         opened.map(plain).map_err(open_refusal)
     }
 
-    fn offer(&mut self, now: u64, ticket: CTicket, offer: (u64, u64, u64)) -> Told {
+    fn offer(&mut self, now: u64, ticket: CTicket, offer: (u64, Deadline, u64)) -> Told {
         let (p, deadline, backlog) = offer;
         let ticket = named(ticket);
         // F2 unknown: local is no cloud (A19), as is what does not fit 16 bits (A18).
         let cloud = priority(p).unwrap_or(Priority::LOCAL);
-        let deadline = Deadline::from_nanos(deadline);
         let (fired, admission) =
             self.offer(Instant::from_nanos(now), ticket, cloud, deadline, backlog);
         let mut told = Told::new(now, ticket, fired.as_ref());
@@ -139,7 +137,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Hall<CLOUDS, WINDOW> {
     /// # Safety
     /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else until the
     /// machine is ended.
-    unsafe fn fill(storage: *mut Self, made: Shared<CLOUDS, WINDOW>, capacity: u32) {
+    unsafe fn fill(storage: *mut Self, made: Shared<CLOUDS, WINDOW>, config: &CConfig) {
         const { Self::FITS };
         // SAFETY: within the storage, by the caller's promise.
         let shared = unsafe { addr_of_mut!((*storage).shared) };
@@ -155,7 +153,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Hall<CLOUDS, WINDOW> {
         let place = unsafe { addr_of_mut!((*storage).desk) };
         // SAFETY: as above.
         unsafe { place.write(desk) };
-        let head = CShared { head: Head::new::<CShared, Self>(storage, capacity) };
+        let head = CShared { head: Head::new::<CShared, Self>(storage, config) };
         // SAFETY: within the storage.
         let place = unsafe { addr_of_mut!((*storage).head) };
         // SAFETY: as above. Last, so that a machine is one only when it is whole.
@@ -186,7 +184,7 @@ pub(crate) unsafe fn make(
     with_room!(config.capacity, R = Hall => {
         let made = Shared::new(window, commit, clouds).map_err(|error| status_of(&error))?;
         // SAFETY: aligned and large enough, as was asked, and the caller's to give.
-        unsafe { R::fill(storage.cast(), made, config.capacity) };
+        unsafe { R::fill(storage.cast(), made, &config) };
     }, else return Err(CStatus::Capacity));
     // SAFETY: not null, aligned, and the header asks that it may be written.
     unsafe { machine.write(storage.cast()) };
@@ -217,7 +215,7 @@ pub(crate) unsafe fn desk<A>(
 pub(crate) unsafe fn owner<A>(
     machine: *mut CShared,
     answers: &[Written],
-    call: impl FnOnce(&mut dyn OwnersHalf) -> A,
+    call: impl FnOnce(&mut dyn OwnersHalf, &Head) -> A,
 ) -> Result<A, CStatus> {
     // SAFETY: by the caller's promise.
     let head = unsafe { Head::of(machine, answers) }?;
@@ -229,7 +227,7 @@ pub(crate) unsafe fn owner<A>(
         // SAFETY: the seal says that a hall of this capacity was written here.
         let owner = unsafe { addr_of_mut!((*machine.cast::<R>()).owner) };
         // SAFETY: as above, and `busy` says that no other call uses the owner's half.
-        Ok(call(unsafe { &mut *owner }))
+        Ok(call(unsafe { &mut *owner }, head))
     }, else Err(CStatus::Foreign));
     head.busy.store(0, Ordering::Release);
     told

@@ -92,8 +92,8 @@ pub unsafe extern "C" fn fuseline_shared_offer(
 ) -> CStatus {
     // SAFETY: as the header asks.
     let told = unsafe {
-        hall::owner(machine, &[place(fired), place(answer)], |owner| {
-            owner.offer(now, ticket, (p, deadline, backlog))
+        hall::owner(machine, &[place(fired), place(answer)], |owner, head| {
+            owner.offer(now, ticket, (p, head.deadline(deadline), backlog))
         })
     };
     // SAFETY: as the header asks.
@@ -176,7 +176,9 @@ unsafe fn open(
 ) -> CStatus {
     // SAFETY: as the header asks.
     let asked = unsafe {
-        hall::owner(machine, &[place(ticket), place(answer)], |owner| owner.open(now, t, deadline))
+        hall::owner(machine, &[place(ticket), place(answer)], |owner, head| {
+            owner.open(now, t, deadline.map(|deadline| head.deadline(deadline)))
+        })
     };
     let mut told = CAnswer { at: now, t, outcome: COutcome::Accepted, ..CAnswer::EMPTY };
     match asked {

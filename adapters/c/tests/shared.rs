@@ -38,6 +38,7 @@ fn make(storage: &mut Storage) -> (CStatus, Machine) {
         window: 16,
         clouds_len: 2,
         clouds: CLOUDS.as_ptr(),
+        greatest_deadline: 1_000,
     };
     let mut machine = null_mut();
     let (place, bytes) = ((&raw mut *storage).cast(), size_of::<Storage>());
@@ -129,6 +130,33 @@ fn wrong_use_of_it_is_told() {
     let mut copy = Box::new(Storage([0; _]));
     copy.0.copy_from_slice(&storage.0);
     assert_eq!(Machine((&raw mut *copy).cast()).result(0, ticket, 0).0, CStatus::Foreign);
+}
+
+#[test]
+fn a_deadline_above_the_greatest_is_refused() {
+    let mut storage = Box::new(Storage([0xa5; _]));
+    let (_, machine) = make(&mut storage);
+    let negative = 0_u64.wrapping_sub(20);
+    let mut ticket = CTicket { opaque: [0; 3] };
+    let mut open = |deadline| {
+        // SAFETY: a machine, and places of this test's own.
+        let (_, [answer, _]) = Machine::call(|answer, _| unsafe {
+            fuseline_shared_open_within(machine.0, 0, 7, deadline, &raw mut ticket, answer)
+        });
+        (answer.outcome, answer.why)
+    };
+    for deadline in [0, 1_001, negative] {
+        assert_eq!(open(deadline), (COutcome::Refused, CReason::Deadline), "{deadline}");
+    }
+    assert_eq!(open(1_000).0, COutcome::Accepted);
+    for deadline in [0, 1_001, negative] {
+        // SAFETY: as above.
+        let (_, [_, answer]) = Machine::call(|fired, answer| unsafe {
+            fuseline_shared_offer(machine.0, 0, ticket, 1, deadline, 0, fired, answer)
+        });
+        let told = (answer.outcome, answer.why);
+        assert_eq!(told, (COutcome::Refused, CReason::Deadline), "{deadline}");
+    }
 }
 
 #[test]
