@@ -180,6 +180,10 @@ enum fuseline_status
    * The greatest deadline is 0: every deadline would be refused.
    */
   FUSELINE_STATUS_DEADLINE = 30,
+  /**
+   * The ticket names no message of this machine: another machine gave it, or none did.
+   */
+  FUSELINE_STATUS_TICKET = 31,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -557,7 +561,8 @@ typedef struct fuseline_message {
 } fuseline_message;
 
 /**
- * Names one open message to the machine for many threads that opened it. Not for use with another machine.
+ * Names one open message to the machine for many threads that opened it. Another machine refuses it, and one that is
+ * all 0, FUSELINE_STATUS_TICKET.
  */
 typedef struct fuseline_ticket {
   /**
@@ -752,7 +757,7 @@ fuseline_status fuseline_shared_init(void *storage,
 FUSELINE_CHECKED fuseline_status fuseline_shared_end(struct fuseline_shared *machine);
 
 /**
- * F1, the owner's: a message came. `*ticket` names it if it is accepted.
+ * F1, the owner's: a message came. `*ticket` names it if it is accepted, else nothing.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_open(struct fuseline_shared *machine,

@@ -14,7 +14,7 @@ pub(crate) const VERSION: &CStr =
 /// What a number that has no word is called.
 const NO_WORD: &CStr = c"?";
 
-const STATUSES: [(CStatus, &CStr); 18] = [
+const STATUSES: [(CStatus, &CStr); 19] = [
     (CStatus::Done, c"done"),
     (CStatus::Again, c"again"),
     (CStatus::None, c"none"),
@@ -33,6 +33,7 @@ const STATUSES: [(CStatus, &CStr); 18] = [
     (CStatus::Twice, c"twice"),
     (CStatus::Gate, c"gate"),
     (CStatus::Deadline, c"deadline"),
+    (CStatus::Ticket, c"ticket"),
 ];
 
 const OUTCOMES: [(COutcome, &CStr); 9] = [

@@ -60,6 +60,8 @@ pub enum CStatus {
     Gate = 29,
     /// The greatest deadline is 0: every deadline would be refused.
     Deadline = 30,
+    /// The ticket names no message of this machine: another machine gave it, or none did.
+    Ticket = 31,
 }
 
 /// How much a machine has room for: 65536 times the clouds, plus the open timestamps (FUSELINE_CAPACITY_OF). A library
@@ -259,7 +261,8 @@ pub struct CMessage {
     pub reserved: u32,
 }
 
-/// Names one open message to the machine for many threads that opened it. Not for use with another machine.
+/// Names one open message to the machine for many threads that opened it. Another machine refuses it, and one that is
+/// all 0, FUSELINE_STATUS_TICKET.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CTicket {

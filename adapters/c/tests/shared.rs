@@ -123,10 +123,17 @@ fn wrong_use_of_it_is_told() {
         unsafe { fuseline_shared_result(machine.0, 0, ticket, 0, fired, inside) }
     });
     assert_eq!(status, CStatus::Overlap);
-    // A ticket that no open gave names nothing that is open.
-    let wild = CTicket { opaque: [u64::MAX; 3] };
-    let (_, [_, answer]) = machine.result(0, wild, 0);
-    assert_eq!((answer.outcome, answer.why), (COutcome::Dropped, CReason::Superseded));
+    // Tickets that no open gave, or that of another machine.
+    let mut other_storage = Box::new(Storage([0xa5; _]));
+    let (_, other) = make(&mut other_storage);
+    let (_, _, others) = other.open(0, 1);
+    for wild in [CTicket { opaque: [u64::MAX; 3] }, CTicket { opaque: [0; 3] }, others] {
+        assert_eq!(machine.result(0, wild, 0).0, CStatus::Ticket);
+        assert_eq!(machine.offer(0, wild, 1).0, CStatus::Ticket);
+    }
+    // An open that is refused leaves no ticket of the message before.
+    assert_eq!(machine.open(0, 1).2, CTicket { opaque: [0; 3] });
+    assert_eq!(machine.result(0, ticket, 0).1[1].outcome, COutcome::Forwarded);
     let mut copy = Box::new(Storage([0; _]));
     copy.0.copy_from_slice(&storage.0);
     assert_eq!(Machine((&raw mut *copy).cast()).result(0, ticket, 0).0, CStatus::Foreign);

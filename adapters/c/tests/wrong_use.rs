@@ -254,7 +254,7 @@ fn every_enumerator_has_its_word() {
         assert_eq!(rest.to_lowercase(), told);
         found += 1;
     }
-    assert_eq!(found, 18 + 9 + 12);
+    assert_eq!(found, 19 + 9 + 12);
     assert_eq!(word(fuseline_reason_name(99)), "?");
 }
 
