@@ -101,5 +101,8 @@ struct Approximate {
     constexpr bool operator>(Odd) const { return true; }
   };
   static_cast<void>(nanoseconds_of(std::chrono::duration<Odd>(Odd{1})));
+#elif CASE == 24
+  // case 24 | a negative limit of a gate, which would never shut | narrowing|cannot be narrowed
+  const Cloud wrong{cloud, -1};
 #endif
 }
