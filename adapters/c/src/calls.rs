@@ -20,6 +20,38 @@ pub extern "C" fn fuseline_abi() -> u32 {
     FUSELINE_ABI
 }
 
+/// The version of the library, as FUSELINE_VERSION is the header's: "0.1.0".
+#[must_use]
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_version() -> *const c_char {
+    names::VERSION.as_ptr()
+}
+
+/// The capacity that the library was built for beside the named ones; 0 if there is none.
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_own_capacity() -> u32 {
+    storage::OWN_CAPACITY
+}
+
+/// A deadline from a signed number of units, of `unit` nanoseconds each, as in
+/// fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND): 0, which is refused, if it is negative; UINT64_MAX,
+/// which is above every greatest deadline but itself, if it does not fit.
+#[must_use]
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_deadline(count: i64, unit: u64) -> u64 {
+    u64::try_from(count).unwrap_or(0).saturating_mul(unit)
+}
+
+/// An instant from a reading of CLOCK_MONOTONIC or its like: a struct timespec's seconds and nanoseconds. 0 if it is
+/// negative; UINT64_MAX if it does not fit.
+#[must_use]
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_instant(seconds: i64, nanoseconds: i64) -> u64 {
+    u64::try_from(seconds).map_or(0, |seconds| {
+        seconds.saturating_mul(1_000_000_000).saturating_add_signed(nanoseconds)
+    })
+}
+
 /// How many bytes of storage a capacity takes in this library; 0 if it does not hold it.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_bytes(capacity: u32) -> usize {

@@ -9,7 +9,7 @@ use core::sync::atomic::Ordering;
 use fuseline_core::{Deadline, DropReason, Firing, Instant, Outcome, Priority, Timestamp};
 use fuseline_threads::{Desk, Owner, Shared, Ticket};
 
-use crate::head::{Head, Kind, NO_CLOUDS, Written, asked, rule, status_of};
+use crate::head::{Head, Kind, NO_CLOUDS, Written, asked, rule, status_of, wrong};
 use crate::inputs::{open_refusal, priority, tell, tell_admission, tell_firing};
 use crate::plain::{
     CAnswer, CConfig, CReason, CStatus, CTicket, FUSELINE_SHARED_BYTES,
@@ -39,14 +39,14 @@ struct Hall<const CLOUDS: usize, const WINDOW: usize> {
 
 /// The owner's half, of whatever capacity.
 pub(crate) trait OwnersHalf {
-    fn open(&mut self, now: u64, t: u64, deadline: Option<u64>) -> Result<CTicket, CReason>;
-    fn offer(&mut self, now: u64, ticket: CTicket, offer: (u64, u64, u64)) -> Told;
+    fn open(&mut self, now: u64, t: u64, deadline: Option<Deadline>) -> Result<Ticket, CReason>;
+    fn offer(&mut self, now: u64, ticket: Ticket, offer: (u64, Deadline, u64)) -> Told;
 }
 
 /// The half of all threads, of whatever capacity.
 pub(crate) trait PublicHalf {
-    fn bring(&self, now: u64, ticket: CTicket, brought: Brought) -> Told;
-    fn next_due(&self, ticket: CTicket) -> Option<u64>;
+    fn bring(&self, now: u64, ticket: Ticket, brought: Brought) -> Told;
+    fn next_due(&self, ticket: Ticket) -> Option<u64>;
 }
 
 /// What any thread may tell of one message.
@@ -67,18 +67,15 @@ pub(crate) struct Told {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> OwnersHalf for Owner<'static, CLOUDS, WINDOW> {
-    fn open(&mut self, now: u64, t: u64, deadline: Option<u64>) -> Result<CTicket, CReason> {
-        let deadline = deadline.map(Deadline::from_nanos);
+    fn open(&mut self, now: u64, t: u64, deadline: Option<Deadline>) -> Result<Ticket, CReason> {
         let opened = self.open(Instant::from_nanos(now), Timestamp::new(t), deadline);
-        opened.map(plain).map_err(open_refusal)
+        opened.map_err(open_refusal)
     }
 
-    fn offer(&mut self, now: u64, ticket: CTicket, offer: (u64, u64, u64)) -> Told {
+    fn offer(&mut self, now: u64, ticket: Ticket, offer: (u64, Deadline, u64)) -> Told {
         let (p, deadline, backlog) = offer;
-        let ticket = named(ticket);
         // F2 unknown: local is no cloud (A19), as is what does not fit 16 bits (A18).
         let cloud = priority(p).unwrap_or(Priority::LOCAL);
-        let deadline = Deadline::from_nanos(deadline);
         let (fired, admission) =
             self.offer(Instant::from_nanos(now), ticket, cloud, deadline, backlog);
         let mut told = Told::new(now, ticket, fired.as_ref());
@@ -88,8 +85,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> OwnersHalf for Owner<'static, CLO
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> PublicHalf for Desk<CLOUDS, WINDOW> {
-    fn bring(&self, now: u64, ticket: CTicket, brought: Brought) -> Told {
-        let (at, ticket) = (Instant::from_nanos(now), named(ticket));
+    fn bring(&self, now: u64, ticket: Ticket, brought: Brought) -> Told {
+        let at = Instant::from_nanos(now);
         // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
         let unknown = || (self.expire(at, ticket), Outcome::Dropped(DropReason::Unknown));
         let (fired, outcome) = match brought {
@@ -102,8 +99,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> PublicHalf for Desk<CLOUDS, WINDO
         told
     }
 
-    fn next_due(&self, ticket: CTicket) -> Option<u64> {
-        self.next_due(named(ticket)).map(Instant::as_nanos)
+    fn next_due(&self, ticket: Ticket) -> Option<u64> {
+        self.next_due(ticket).map(Instant::as_nanos)
     }
 }
 
@@ -139,7 +136,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Hall<CLOUDS, WINDOW> {
     /// # Safety
     /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else until the
     /// machine is ended.
-    unsafe fn fill(storage: *mut Self, made: Shared<CLOUDS, WINDOW>, capacity: u32) {
+    unsafe fn fill(storage: *mut Self, made: Shared<CLOUDS, WINDOW>, config: &CConfig) {
         const { Self::FITS };
         // SAFETY: within the storage, by the caller's promise.
         let shared = unsafe { addr_of_mut!((*storage).shared) };
@@ -155,7 +152,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Hall<CLOUDS, WINDOW> {
         let place = unsafe { addr_of_mut!((*storage).desk) };
         // SAFETY: as above.
         unsafe { place.write(desk) };
-        let head = CShared { head: Head::new::<CShared, Self>(storage, capacity) };
+        let head = CShared { head: Head::new::<CShared, Self>(storage, config) };
         // SAFETY: within the storage.
         let place = unsafe { addr_of_mut!((*storage).head) };
         // SAFETY: as above. Last, so that a machine is one only when it is whole.
@@ -186,7 +183,7 @@ pub(crate) unsafe fn make(
     with_room!(config.capacity, R = Hall => {
         let made = Shared::new(window, commit, clouds).map_err(|error| status_of(&error))?;
         // SAFETY: aligned and large enough, as was asked, and the caller's to give.
-        unsafe { R::fill(storage.cast(), made, config.capacity) };
+        unsafe { R::fill(storage.cast(), made, &config) };
     }, else return Err(CStatus::Capacity));
     // SAFETY: not null, aligned, and the header asks that it may be written.
     unsafe { machine.write(storage.cast()) };
@@ -217,7 +214,7 @@ pub(crate) unsafe fn desk<A>(
 pub(crate) unsafe fn owner<A>(
     machine: *mut CShared,
     answers: &[Written],
-    call: impl FnOnce(&mut dyn OwnersHalf) -> A,
+    call: impl FnOnce(&mut dyn OwnersHalf, &Head) -> A,
 ) -> Result<A, CStatus> {
     // SAFETY: by the caller's promise.
     let head = unsafe { Head::of(machine, answers) }?;
@@ -229,21 +226,42 @@ pub(crate) unsafe fn owner<A>(
         // SAFETY: the seal says that a hall of this capacity was written here.
         let owner = unsafe { addr_of_mut!((*machine.cast::<R>()).owner) };
         // SAFETY: as above, and `busy` says that no other call uses the owner's half.
-        Ok(call(unsafe { &mut *owner }))
+        Ok(call(unsafe { &mut *owner }, head))
     }, else Err(CStatus::Foreign));
     head.busy.store(0, Ordering::Release);
     told
 }
 
-// A ticket crosses the border as it is. It has no padding where addresses have 64 bits.
+// A ticket crosses the border as three integers, the last of which is its place. It has no padding where addresses have
+// 64 bits.
 const _: () = assert!(size_of::<usize>() == 8, "the machine for many threads is for 64 bits");
 
-fn named(ticket: CTicket) -> Ticket {
-    // SAFETY: a ticket is three integers of 64 bits, any of which are a ticket. The sizes are compared when compiled.
-    unsafe { transmute::<[u64; 3], Ticket>(ticket.opaque) }
+/// What crosses the border where no message was opened.
+pub(crate) const NO_TICKET: CTicket = CTicket { opaque: [0; 3] };
+
+/// A ticket as the caller has it: its place stands beside the address of its machine, counted from 1.
+pub(crate) fn plain(machine: *mut CShared, ticket: Ticket) -> CTicket {
+    // SAFETY: as for `named`; no byte of it is padding.
+    let [timestamp, generation, place] = unsafe { transmute::<Ticket, [u64; 3]>(ticket) };
+    CTicket { opaque: [timestamp, generation, place.wrapping_add(first_place(machine))] }
 }
 
-fn plain(ticket: Ticket) -> CTicket {
-    // SAFETY: as for `named`; no byte of it is padding.
-    CTicket { opaque: unsafe { transmute::<Ticket, [u64; 3]>(ticket) } }
+/// The ticket of a message of this machine.
+pub(crate) fn named(machine: *mut CShared, ticket: CTicket) -> Result<Ticket, CStatus> {
+    let [timestamp, generation, place] = ticket.opaque;
+    let place = place.wrapping_sub(first_place(machine));
+    if place >= PLACES.wrapping_sub(1) {
+        return Err(wrong(CStatus::Ticket));
+    }
+    // SAFETY: a ticket is three integers of 64 bits, any of which are a ticket. The sizes are compared when compiled.
+    Ok(unsafe { transmute::<[u64; 3], Ticket>([timestamp, generation, place]) })
+}
+
+/// More than the places of any machine.
+const PLACES: u64 = 2048;
+
+/// What stands for a machine's first place: not 0, and far from another machine's, for each is aligned to 64 bytes and no
+/// address uses its upper 5 bits.
+fn first_place(machine: *mut CShared) -> u64 {
+    (machine.addr() as u64 / 64).wrapping_mul(PLACES).wrapping_add(1)
 }

@@ -4,7 +4,7 @@ use core::ffi::c_void;
 use core::ptr::addr_of_mut;
 use core::sync::atomic::AtomicU32;
 
-use fuseline_core::{Cloud, Commit, ConfigError, Gate, Priority};
+use fuseline_core::{Cloud, Commit, ConfigError, Deadline, Gate, Priority};
 
 use crate::plain::{CCloud, CCommit, CConfig, CStatus, FUSELINE_ABI, LAYOUT};
 
@@ -24,6 +24,8 @@ pub(crate) struct Head {
     pub(crate) capacity: u32,
     /// 1 while a call is under way.
     pub(crate) busy: AtomicU32,
+    /// In nanoseconds. A greater one is refused.
+    greatest_deadline: u64,
 }
 
 /// A kind of machine, of which a caller has a pointer: a [`Head`] and its alignment.
@@ -42,9 +44,20 @@ pub(crate) struct Written {
 
 impl Head {
     /// The head of a whole storage of type `T`.
-    pub(crate) fn new<K: Kind, T>(storage: *const T, capacity: u32) -> Self {
-        let seal = seal::<K>(storage.addr());
-        Self { seal, bytes: size_of::<T>(), capacity, busy: AtomicU32::new(0) }
+    pub(crate) fn new<K: Kind, T>(storage: *const T, config: &CConfig) -> Self {
+        Self {
+            seal: seal::<K>(storage.addr()),
+            bytes: size_of::<T>(),
+            capacity: config.capacity,
+            busy: AtomicU32::new(0),
+            greatest_deadline: config.greatest_deadline,
+        }
+    }
+
+    /// A caller's deadline. One above the greatest is 0 to the machine, which refuses it `deadline` if no other reason
+    /// comes first (F1, F2, A11).
+    pub(crate) const fn deadline(&self, nanos: u64) -> Deadline {
+        Deadline::from_nanos(if nanos > self.greatest_deadline { 0 } else { nanos })
     }
 
     /// The head of a machine, if it is one and the answers lie outside of it.
@@ -124,6 +137,9 @@ pub(crate) unsafe fn asked<K>(
     }
     if config.commit > CCommit::Patient as u32 {
         return Err(CStatus::Commit);
+    }
+    if config.greatest_deadline == 0 {
+        return Err(CStatus::Deadline);
     }
     // SAFETY: the clouds may be read, by the caller's promise.
     let clouds = unsafe { registered(&config, clouds) }?;

@@ -3,10 +3,11 @@
 use core::mem::MaybeUninit;
 
 use fuseline_core::{
-    Admission, At, Deadline, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal,
-    Opening, Outcome, Priorities, Priority, Ready, Source, Timestamp,
+    Admission, At, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal, Opening,
+    Outcome, Priorities, Priority, Ready, Source, Timestamp,
 };
 
+use crate::head::Head;
 use crate::plain::{CAnswer, CMessage, COutcome, CReason, CState, CStatus, FUSELINE_SOURCES};
 use crate::storage::Room;
 
@@ -64,7 +65,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Room<CLOUDS, WINDOW> {
                     CStatus::Again
                 }
                 At::Ready(ready) => {
-                    apply(ready, Timestamp::new(t), asked, answer);
+                    apply(ready, Timestamp::new(t), asked, self.head(), answer);
                     CStatus::Done
                 }
             }
@@ -99,6 +100,7 @@ fn apply<const CLOUDS: usize, const WINDOW: usize>(
     mut ready: Ready<'_, CLOUDS, WINDOW>,
     t: Timestamp,
     asked: Asked,
+    head: &Head,
     answer: &mut CAnswer,
 ) {
     // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
@@ -106,12 +108,12 @@ fn apply<const CLOUDS: usize, const WINDOW: usize>(
     match asked {
         Asked::Open => tell_opening(answer, ready.open(t, None)),
         Asked::OpenWithin(deadline) => {
-            tell_opening(answer, ready.open(t, Some(Deadline::from_nanos(deadline))));
+            tell_opening(answer, ready.open(t, Some(head.deadline(deadline))));
         }
         Asked::Offer(&Offer { p, deadline, backlog }) => {
             // F2 unknown: as for a result.
             let admission = priority(p).map_or(Admission::Refused(OfferRefusal::Unknown), |p| {
-                ready.offer(t, p, Deadline::from_nanos(deadline), backlog)
+                ready.offer(t, p, head.deadline(deadline), backlog)
             });
             tell_admission(answer, admission);
         }

@@ -48,7 +48,7 @@ pub unsafe extern "C" fn fuseline_shared_end(machine: *mut CShared) -> CStatus {
     CStatus::Done
 }
 
-/// F1, the owner's: a message came. `*ticket` names it if it is accepted.
+/// F1, the owner's: a message came. `*ticket` names it if it is accepted, else nothing.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_open(
@@ -92,10 +92,12 @@ pub unsafe extern "C" fn fuseline_shared_offer(
 ) -> CStatus {
     // SAFETY: as the header asks.
     let told = unsafe {
-        hall::owner(machine, &[place(fired), place(answer)], |owner| {
-            owner.offer(now, ticket, (p, deadline, backlog))
+        hall::owner(machine, &[place(fired), place(answer)], |owner, head| {
+            hall::named(machine, ticket)
+                .map(|ticket| owner.offer(now, ticket, (p, head.deadline(deadline), backlog)))
         })
     };
+    let told = told.and_then(|told| told);
     // SAFETY: as the header asks.
     told.map_or_else(|status| status, |told| unsafe { write(&told, fired, answer) })
 }
@@ -154,8 +156,12 @@ pub unsafe extern "C" fn fuseline_shared_next_due(
     due: *mut u64,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    let found = unsafe { hall::desk(machine, &[place(due)], |desk| desk.next_due(ticket)) };
-    match found {
+    let found = unsafe {
+        hall::desk(machine, &[place(due)], |desk| {
+            hall::named(machine, ticket).map(|ticket| desk.next_due(ticket))
+        })
+    };
+    match found.and_then(|found| found) {
         Ok(Some(found)) => {
             // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
             unsafe { due.write(found) };
@@ -176,15 +182,21 @@ unsafe fn open(
 ) -> CStatus {
     // SAFETY: as the header asks.
     let asked = unsafe {
-        hall::owner(machine, &[place(ticket), place(answer)], |owner| owner.open(now, t, deadline))
+        hall::owner(machine, &[place(ticket), place(answer)], |owner, head| {
+            owner.open(now, t, deadline.map(|deadline| head.deadline(deadline)))
+        })
     };
     let mut told = CAnswer { at: now, t, outcome: COutcome::Accepted, ..CAnswer::EMPTY };
-    match asked {
-        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
-        Ok(Ok(made)) => unsafe { ticket.write(made) },
-        Ok(Err(why)) => (told.outcome, told.why) = (COutcome::Refused, why),
+    let made = match asked {
+        Ok(Ok(made)) => hall::plain(machine, made),
+        Ok(Err(why)) => {
+            (told.outcome, told.why) = (COutcome::Refused, why);
+            hall::NO_TICKET
+        }
         Err(status) => return status,
-    }
+    };
+    // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+    unsafe { ticket.write(made) };
     // SAFETY: as above.
     unsafe { answer.write(told) };
     CStatus::Done
@@ -202,7 +214,12 @@ unsafe fn bring(
 ) -> CStatus {
     let answers = [place(fired), place(answer)];
     // SAFETY: as the header asks.
-    let told = unsafe { hall::desk(machine, &answers, |desk| desk.bring(now, ticket, brought)) };
+    let told = unsafe {
+        hall::desk(machine, &answers, |desk| {
+            hall::named(machine, ticket).map(|ticket| desk.bring(now, ticket, brought))
+        })
+    };
+    let told = told.and_then(|told| told);
     // SAFETY: as the header asks.
     told.map_or_else(|status| status, |told| unsafe { write(&told, fired, answer) })
 }

@@ -37,6 +37,12 @@ pub(crate) const OWN_CLOUDS: usize = number(option_env!("FUSELINE_OWN_CLOUDS"), 
 #[cfg(feature = "capacity-own")]
 pub(crate) const OWN_WINDOW: usize = number(option_env!("FUSELINE_OWN_WINDOW"), 1);
 
+#[cfg(feature = "capacity-own")]
+pub(crate) const OWN_CAPACITY: u32 = crate::plain::capacity_of(OWN_CLOUDS, OWN_WINDOW);
+/// Not a capacity: none of one's own was asked for when the library was built.
+#[cfg(not(feature = "capacity-own"))]
+pub(crate) const OWN_CAPACITY: u32 = 0;
+
 /// The bytes that the header reserves for a capacity: more than is needed, so that the machine may change.
 const fn reserved(clouds: usize, window: usize) -> usize {
     let a_timestamp =
@@ -71,7 +77,7 @@ macro_rules! with_room {
                 $do
             }
             #[cfg(feature = "capacity-own")]
-            n if n == $crate::plain::CCapacity::Own as u32 => {
+            n if n == $crate::storage::OWN_CAPACITY => {
                 type $Room = $Of<{ $crate::storage::OWN_CLOUDS }, { $crate::storage::OWN_WINDOW }>;
                 $do
             }
@@ -93,26 +99,26 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
     /// # Safety
     /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else.
     #[expect(unsafe_code, reason = "writes to the caller's storage")]
-    unsafe fn fill(
-        storage: *mut Self,
-        capacity: u32,
-        config: &CConfig,
-        clouds: &[Cloud],
-    ) -> Result<(), CStatus> {
+    unsafe fn fill(storage: *mut Self, config: &CConfig, clouds: &[Cloud]) -> Result<(), CStatus> {
         const { Self::FITS };
         let (window, commit) = rule(config);
         let fusion = Fusion::new(window, commit, clouds).map_err(|error| status_of(&error))?;
-        let head = CMachine { head: Head::new::<CMachine, Self>(storage, capacity) };
+        let head = CMachine { head: Head::new::<CMachine, Self>(storage, config) };
         // SAFETY: that many bytes may be written, by the caller's promise; nothing was there that would have to be
         // dropped.
         unsafe { storage.write(Self { head, fusion: UnsafeCell::new(fusion) }) };
         Ok(())
     }
 
+    /// What the storage begins with.
+    pub(crate) const fn head(&self) -> &Head {
+        &self.head.head
+    }
+
     /// Whether a call is under way.
     pub(crate) fn is_busy(&self) -> bool {
         // Acquire, and Release where it ends: what the last call wrote, should the caller go from thread to thread.
-        self.head.head.busy.load(Ordering::Acquire) != 0
+        self.head().busy.load(Ordering::Acquire) != 0
     }
 
     /// Runs `call` with the machine, unless another call is under way.
@@ -125,7 +131,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
         if self.is_busy() {
             return wrong(CStatus::Busy);
         }
-        let busy = &self.head.head.busy;
+        let busy = &self.head().busy;
         busy.store(1, Ordering::Relaxed);
         compiler_fence(Ordering::SeqCst);
         // SAFETY: the caller's thread is the only one, as it promised, and `busy` says that no call of it was
@@ -159,7 +165,7 @@ pub(crate) unsafe fn make(
         unsafe { asked((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
     with_room!(config.capacity, R = Room => {
         // SAFETY: aligned and large enough, as was asked, and the caller's to give.
-        unsafe { R::fill(storage.cast(), config.capacity, &config, clouds) }?;
+        unsafe { R::fill(storage.cast(), &config, clouds) }?;
     }, else return Err(CStatus::Capacity));
     // SAFETY: not null, aligned, and may be written by the caller's promise.
     unsafe { machine.write(storage.cast()) };

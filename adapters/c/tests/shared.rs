@@ -38,6 +38,7 @@ fn make(storage: &mut Storage) -> (CStatus, Machine) {
         window: 16,
         clouds_len: 2,
         clouds: CLOUDS.as_ptr(),
+        greatest_deadline: 1_000,
     };
     let mut machine = null_mut();
     let (place, bytes) = ((&raw mut *storage).cast(), size_of::<Storage>());
@@ -122,13 +123,47 @@ fn wrong_use_of_it_is_told() {
         unsafe { fuseline_shared_result(machine.0, 0, ticket, 0, fired, inside) }
     });
     assert_eq!(status, CStatus::Overlap);
-    // A ticket that no open gave names nothing that is open.
-    let wild = CTicket { opaque: [u64::MAX; 3] };
-    let (_, [_, answer]) = machine.result(0, wild, 0);
-    assert_eq!((answer.outcome, answer.why), (COutcome::Dropped, CReason::Superseded));
+    // Tickets that no open gave, or that of another machine.
+    let mut other_storage = Box::new(Storage([0xa5; _]));
+    let (_, other) = make(&mut other_storage);
+    let (_, _, others) = other.open(0, 1);
+    for wild in [CTicket { opaque: [u64::MAX; 3] }, CTicket { opaque: [0; 3] }, others] {
+        assert_eq!(machine.result(0, wild, 0).0, CStatus::Ticket);
+        assert_eq!(machine.offer(0, wild, 1).0, CStatus::Ticket);
+    }
+    // An open that is refused leaves no ticket of the message before.
+    assert_eq!(machine.open(0, 1).2, CTicket { opaque: [0; 3] });
+    assert_eq!(machine.result(0, ticket, 0).1[1].outcome, COutcome::Forwarded);
     let mut copy = Box::new(Storage([0; _]));
     copy.0.copy_from_slice(&storage.0);
     assert_eq!(Machine((&raw mut *copy).cast()).result(0, ticket, 0).0, CStatus::Foreign);
+}
+
+#[test]
+fn a_deadline_above_the_greatest_is_refused() {
+    let mut storage = Box::new(Storage([0xa5; _]));
+    let (_, machine) = make(&mut storage);
+    let negative = 0_u64.wrapping_sub(20);
+    let mut ticket = CTicket { opaque: [0; 3] };
+    let mut open = |deadline| {
+        // SAFETY: a machine, and places of this test's own.
+        let (_, [answer, _]) = Machine::call(|answer, _| unsafe {
+            fuseline_shared_open_within(machine.0, 0, 7, deadline, &raw mut ticket, answer)
+        });
+        (answer.outcome, answer.why)
+    };
+    for deadline in [0, 1_001, negative] {
+        assert_eq!(open(deadline), (COutcome::Refused, CReason::Deadline), "{deadline}");
+    }
+    assert_eq!(open(1_000).0, COutcome::Accepted);
+    for deadline in [0, 1_001, negative] {
+        // SAFETY: as above.
+        let (_, [_, answer]) = Machine::call(|fired, answer| unsafe {
+            fuseline_shared_offer(machine.0, 0, ticket, 1, deadline, 0, fired, answer)
+        });
+        let told = (answer.outcome, answer.why);
+        assert_eq!(told, (COutcome::Refused, CReason::Deadline), "{deadline}");
+    }
 }
 
 #[test]

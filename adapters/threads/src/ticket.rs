@@ -3,6 +3,8 @@
 use fuseline_core::Timestamp;
 
 /// Names one open message for the machine that opened it. Using it with another machine is not detected.
+// The C interface has it as three integers in this order.
+#[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Ticket {
     pub(crate) timestamp: Timestamp,

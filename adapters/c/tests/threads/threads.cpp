@@ -224,7 +224,7 @@ int main(int argc, char** argv) {
   if (argc > 2) messages = std::strtoull(argv[2], nullptr, 10);
   const fuseline_cloud clouds[] = {{1, 31, 30}, {2, 31, 30}, {3, 31, 30}};
   const std::uint32_t commit = is_patient ? FUSELINE_COMMIT_PATIENT : FUSELINE_COMMIT_EAGER;
-  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C7W64, commit, kWindow, kSources - 1, clouds};
+  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C7W64, commit, kWindow, kSources - 1, clouds, UINT64_MAX};
   if (fuseline_shared_init(storage, sizeof storage, &config, &machine) != FUSELINE_STATUS_DONE) return 2;
 
   std::vector<Caller> callers;
