@@ -86,3 +86,69 @@ async fn rejoin(domain: &DomainHandle) -> Result<(), NodeError> {
     previous.leave().await;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use std::future::ready;
+
+    use tokio::sync::mpsc;
+
+    use super::super::domain::Domain;
+    use super::*;
+    use crate::middleware::Publish;
+    use crate::raw::Payload;
+    use crate::settings::Qos;
+
+    const DOMAIN: u16 = 80;
+    const TYPE: &str = "tests/msg/Number";
+    const RELIABLE: Qos = Qos { reliable: true, transient_local: false, depth: 1000 };
+
+    fn number(number: u32) -> Payload {
+        Payload { big_endian: true, body: number.to_be_bytes().to_vec().into() }
+    }
+
+    /// D13.
+    #[tokio::test]
+    async fn what_is_sent_over_a_reliable_topic_while_either_side_rejoins_comes_once() {
+        let topic = format!("/numbers_of_{}", std::process::id());
+        let [sending, receiving] = [(); 2].map(|()| Domain::join(DOMAIN, true).unwrap());
+        let (taken, mut received) = mpsc::unbounded_channel();
+        let end = receiving.inlet(&topic, TYPE, RELIABLE, move |sample| {
+            taken.send(sample.unwrap()).unwrap();
+            ready(())
+        });
+        let (end, outlet) = (end.unwrap(), sending.outlet(&topic, TYPE, RELIABLE).unwrap());
+        while end.matched() == 0 || outlet.matched() == 0 {
+            sleep(MATCH_PERIOD).await;
+        }
+        // What comes right after discovery may be before the writer's first heartbeat.
+        sleep(OVERLAP).await;
+        let domains = [receiving.handle(), sending.handle()];
+        let rejoins = async move {
+            for domain in &domains {
+                rejoin(domain).await.unwrap();
+            }
+        };
+        tokio::pin!(rejoins);
+        let mut sent = 0;
+        let mut is_rejoining = true;
+        while is_rejoining {
+            assert!(outlet.publish(number(sent)), "the number {sent} is not sent");
+            sent += 1;
+            tokio::select! {
+                () = &mut rejoins => is_rejoining = false,
+                () = sleep(Duration::from_millis(5)) => {}
+            }
+        }
+        let mut payloads = Vec::new();
+        while let Ok(payload) = timeout(2 * OVERLAP, received.recv()).await {
+            payloads.push(payload.unwrap().body);
+        }
+        payloads.sort_unstable();
+        let expected: Vec<_> = (0..sent).map(|sent| number(sent).body).collect();
+        assert_eq!(payloads, expected);
+        assert_eq!((end.matched(), outlet.matched()), (1, 1));
+        sending.leave().await;
+        receiving.leave().await;
+    }
+}
