@@ -26,8 +26,9 @@ use crate::settings::{Qos, Settings};
 /// How many requests a service has room for, as ROS's services have: those that come while a participant is not in use yet.
 const SERVICE_DEPTH: usize = 10;
 
-/// How many requests are remembered, so that one that came to two participants is answered once.
-const REMEMBERED: usize = 64;
+/// How many requests are remembered, so that one that came to two participants is answered once: what comes while a server
+/// is not in use yet, of which `rustdds` may keep more than the depth.
+const REMEMBERED: usize = 1024;
 
 /// The node, in each participant that it has, and its full name.
 pub(crate) struct Participant {
