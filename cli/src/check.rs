@@ -15,11 +15,11 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::interrupt::Interrupt;
-use crate::judging::{End, How, finish, judge, next_event, reader};
-use crate::results::{Files, Judged};
+use crate::judging::{End, JudgeOptions, finish, judge, next_event, reader};
+use crate::results::{Files, Subject};
 use crate::sink::Sink;
 use crate::tail::Tail;
-use crate::verdict::{self, tell_violation};
+use crate::verdict::{self, print_violation};
 
 /// Files shorter than this, in bytes, are judged before anyone could see a bar.
 const LONG: u64 = 16 << 20;
@@ -57,7 +57,7 @@ pub(crate) struct Args {
     #[arg(value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
-    how: How,
+    how: JudgeOptions,
     /// Print one JSON object a file: file, conforms, judged, lines, violations; with --ended, unfinished.
     #[arg(long)]
     json: bool,
@@ -109,13 +109,13 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
         for (path, found) in some.iter().zip(judged) {
             if !outputs.is_empty() {
                 all.push(match &found {
-                    Ok(found) => Judged::found(found),
-                    Err(fault) => Judged::unread(path, fault),
+                    Ok(found) => Subject::found(found),
+                    Err(fault) => Subject::unread(path, fault),
                 });
             }
             exit = exit.max(match found {
                 Ok(found) => {
-                    verdict::tell(&found, &mut out, 0, args.json).map_err(Fault::Output)?;
+                    verdict::print_report(&found, &mut out, 0, args.json).map_err(Fault::Output)?;
                     verdict::exit(&found)
                 }
                 Err(fault) => {
@@ -130,7 +130,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
 }
 
 /// Judges a file that is read to its end.
-fn judge_file(how: &How, path: &Path, bars: &MultiProgress) -> Result<Found, Fault> {
+fn judge_file(how: &JudgeOptions, path: &Path, bars: &MultiProgress) -> Result<Found, Fault> {
     let (name, file) = open(path)?;
     let len = path.metadata().map_or(0, |metadata| metadata.len());
     let bar = if len >= LONG && io::stderr().is_terminal() {
@@ -177,23 +177,23 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
             .unwrap_or_else(|_| ProgressStyle::default_spinner()),
     );
     bar.set_prefix(name.clone());
-    let manner = args.how.manner();
-    let mut reader = reader(manner, &name, Tail::new(file, Interrupt::watch()))?;
+    let mode = args.how.mode();
+    let mut reader = reader(mode, &name, Tail::new(file, Interrupt::watch()))?;
     let mut judging = args.how.judging(&name, reader.header());
-    let mut told = 0;
+    let mut reported = 0;
     while let Some(event) = next_event(&mut reader, End::Early)? {
         judging.line(reader.line(), &event)?;
         bar.set_position(reader.line());
         if args.json {
             continue;
         }
-        for violation in judging.since(told) {
-            bar.suspend(|| tell_violation(&violation, &name, out)).map_err(Fault::Output)?;
-            told += 1;
+        for violation in judging.since(reported) {
+            bar.suspend(|| print_violation(&violation, &name, out)).map_err(Fault::Output)?;
+            reported += 1;
         }
     }
     bar.finish_and_clear();
     let found = finish(judging, End::Early);
-    verdict::tell(&found, out, told, args.json).map_err(Fault::Output)?;
+    verdict::print_report(&found, out, reported, args.json).map_err(Fault::Output)?;
     Ok(verdict::exit(&found))
 }

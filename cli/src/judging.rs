@@ -3,7 +3,7 @@
 use std::io::{self, BufRead};
 use std::time::Duration;
 
-use fuseline_report::{Found, Judging, Manner, Summary};
+use fuseline_report::{Found, TraceJudge, JudgeMode, Summary};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{Event, Events, Header, ReadError};
 use thiserror::Error;
@@ -24,7 +24,7 @@ pub(crate) enum End {
 
 /// The options that tell the manner.
 #[derive(clap::Args)]
-pub(crate) struct How {
+pub(crate) struct JudgeOptions {
     /// Judge what a concurrent implementation recorded, each timestamp by itself.
     #[arg(long, requires = "tolerance", requires = "lateness")]
     observed: bool,
@@ -52,9 +52,9 @@ pub(crate) struct How {
 }
 
 /// Judges a trace to its end.
-pub(crate) fn judge(how: &How, name: &str, trace: impl BufRead) -> Result<Found, Fault> {
-    let (manner, end) = (how.manner(), how.end());
-    let mut reader = reader(manner, name, trace)?;
+pub(crate) fn judge(how: &JudgeOptions, name: &str, trace: impl BufRead) -> Result<Found, Fault> {
+    let (mode, end) = (how.mode(), how.end());
+    let mut reader = reader(mode, name, trace)?;
     let mut judging = how.judging(name, reader.header());
     while let Some(event) = next_event(&mut reader, end)? {
         judging.line(reader.line(), &event)?;
@@ -86,7 +86,7 @@ pub(crate) fn next_event<R: BufRead>(
             complain(format_args!("note: {file}:{line}: cut short here; this line is left out"));
             Ok(None)
         }
-        (true, End::Whole | End::Ended) => Err(Fault::own(Cut(error))),
+        (true, End::Whole | End::Ended) => Err(Fault::own(TruncatedTrace(error))),
         (false, _) => Err(error.into()),
     }
 }
@@ -94,15 +94,15 @@ pub(crate) fn next_event<R: BufRead>(
 /// A trace ends in the midst of a line.
 #[derive(Debug, Error)]
 #[error("{0}; --truncated judges what stands before")]
-struct Cut(ReadError);
+struct TruncatedTrace(ReadError);
 
 /// Reads a trace's header for the judge of that manner.
-pub(crate) fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> Result<Events<R>, Fault> {
-    let read = if manner.is_none() { Events::new } else { Events::observed };
+pub(crate) fn reader<R: BufRead>(mode: JudgeMode, name: &str, trace: R) -> Result<Events<R>, Fault> {
+    let read = if mode.is_none() { Events::new } else { Events::observed };
     Ok(read(name, trace)?)
 }
 
-impl How {
+impl JudgeOptions {
     /// Every decision, to the trace's end.
     pub(crate) const fn strictly() -> Self {
         let (tolerance, lateness, period) = (None, None, None);
@@ -119,8 +119,8 @@ impl How {
     }
 
     /// A judge of a trace with this header.
-    pub(crate) fn judging(&self, name: &str, header: &Header) -> Judging {
-        let judging = Judging::new(self.manner(), name, header);
+    pub(crate) fn judging(&self, name: &str, header: &Header) -> TraceJudge {
+        let judging = TraceJudge::new(self.mode(), name, header);
         match self.period() {
             None => judging,
             Some(period) => judging.with_period(period),
@@ -132,7 +132,7 @@ impl How {
         self.period.map(nanos)
     }
 
-    pub(crate) fn manner(&self) -> Manner {
+    pub(crate) fn mode(&self) -> JudgeMode {
         let (tolerance, lateness) = (nanos(self.tolerance?), nanos(self.lateness?));
         Some(Slack { tolerance, lateness })
     }
@@ -148,7 +148,7 @@ fn time(text: &str) -> Result<Duration, &'static str> {
 }
 
 /// The verdict at that end. A note says what is not judged.
-pub(crate) fn finish(judging: Judging, end: End) -> Found {
+pub(crate) fn finish(judging: TraceJudge, end: End) -> Found {
     match end {
         End::Whole => judging.finish(),
         End::Ended => judging.finish_ended(),

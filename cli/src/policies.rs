@@ -26,7 +26,7 @@ pub(crate) enum Policy {
 
 /// What a policy gives: means over all messages.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Score {
+pub(crate) struct PolicyScore {
     /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None
     /// if it is not known: some model has no figure, or some call was ended before its deadline.
     pub(crate) ap: Option<f64>,
@@ -67,7 +67,7 @@ impl Policy {
         messages: &[Message],
         aps: &[Option<f64>],
         deadline: Duration,
-    ) -> Score {
+    ) -> PolicyScore {
         let mut responses = Vec::with_capacity(messages.len());
         let mut in_outages = Vec::new();
         let (mut sum, mut in_time) = (Some(0.0), 0);
@@ -89,7 +89,7 @@ impl Policy {
         #[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
         let ap = sum.filter(|_| !messages.is_empty()).map(|sum| sum / messages.len() as f64);
         let [outage, ..] = quantiles(&mut in_outages);
-        Score { ap, in_time, quantiles: quantiles(&mut responses), outage }
+        PolicyScore { ap, in_time, quantiles: quantiles(&mut responses), outage }
     }
 
     fn choose(&self, message: &Message) -> Choice {
@@ -160,7 +160,7 @@ mod tests {
         Policy::Constant(Constant { deadline, priorities })
     }
 
-    fn score(policy: &Policy, messages: &[Message]) -> Score {
+    fn score(policy: &Policy, messages: &[Message]) -> PolicyScore {
         policy.score(messages, &APS, DEADLINE)
     }
 

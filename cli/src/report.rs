@@ -9,7 +9,7 @@ use fuseline_traces::packed::unpack;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
-use crate::judging::{End, How, next_event, noted, reader};
+use crate::judging::{End, JudgeOptions, next_event, noted, reader};
 use crate::output::Output;
 use crate::sink::Sink;
 use crate::verdict;
@@ -38,7 +38,7 @@ pub(crate) struct Args {
     #[arg(short, long, value_name = "FILE", default_value = "report.html")]
     output: PathBuf,
     #[command(flatten)]
-    how: How,
+    how: JudgeOptions,
 }
 
 impl From<PageError> for Fault {
@@ -59,7 +59,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     };
     for path in &args.traces {
         let found = read_file(&mut page, &args.how, path)?;
-        verdict::tell_summary(&found.summary(), &mut out).map_err(Fault::Output)?;
+        verdict::print_summary(&found.summary(), &mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict::exit(&found));
     }
     write(&output, &page)?;
@@ -70,7 +70,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
 pub(crate) fn of(trace: &Path, output: &Path) -> Result<(), Fault> {
     let output = Output::new(output, &[trace])?;
     let mut page = Page::default();
-    read_file(&mut page, &How::strictly(), trace)?;
+    read_file(&mut page, &JudgeOptions::strictly(), trace)?;
     write(&output, &page)
 }
 
@@ -79,22 +79,22 @@ fn write(output: &Output, page: &Page) -> Result<(), Fault> {
 }
 
 /// Reads and judges one trace, and puts it on the page.
-fn read_file(page: &mut Page, how: &How, path: &Path) -> Result<Found, Fault> {
-    let (manner, end) = (how.manner(), how.end());
+fn read_file(page: &mut Page, how: &JudgeOptions, path: &Path) -> Result<Found, Fault> {
+    let (mode, end) = (how.mode(), how.end());
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let mut reader = reader(manner, &name, trace)?;
-    let mut sheet = page.begin(manner, &name, reader.header());
+    let mut reader = reader(mode, &name, trace)?;
+    let mut canvas = page.begin(mode, &name, reader.header());
     if let Some(period) = how.period() {
-        sheet = sheet.with_period(period);
+        canvas = canvas.with_period(period);
     }
     while let Some(event) = next_event(&mut reader, end)? {
-        sheet.event(reader.line(), event)?;
+        canvas.event(reader.line(), event)?;
     }
     Ok(match end {
-        End::Whole => sheet.finish(),
-        End::Ended => sheet.finish_ended(),
-        End::Early => noted(sheet.finish_early()),
+        End::Whole => canvas.finish(),
+        End::Ended => canvas.finish_ended(),
+        End::Early => noted(canvas.finish_early()),
     })
 }

@@ -28,29 +28,29 @@ fn observed(more: &[&str], trace: &str) -> (Option<i32>, String) {
 #[test]
 fn a_hang_conforms_until_it_is_known_that_the_run_has_ended() {
     assert_eq!(observed(&[], HANG).0, Some(0));
-    let (code, told) = observed(&["--ended"], HANG);
+    let (code, printed) = observed(&["--ended"], HANG);
     assert_eq!(code, Some(1));
     for part in ["stdin:7: timestamp 1 breaks P5\n", "2 timestamps judged in 7 lines\n"] {
-        assert!(told.contains(part), "{part} is not in\n{told}");
+        assert!(printed.contains(part), "{part} is not in\n{printed}");
     }
-    assert!(!told.contains("late by"), "{told}");
+    assert!(!printed.contains("late by"), "{printed}");
     // A last tick tells the same, and how late it is by then.
-    let (code, told) = observed(&[], &format!("{HANG}{{\"ev\":\"tick\",\"at\":200000000}}\n"));
-    assert_eq!((code, told.contains("breaks P5\n")), (Some(1), true), "{told}");
+    let (code, printed) = observed(&[], &format!("{HANG}{{\"ev\":\"tick\",\"at\":200000000}}\n"));
+    assert_eq!((code, printed.contains("breaks P5\n")), (Some(1), true), "{printed}");
 }
 
 /// A44, P7.
 #[test]
 fn what_only_waits_for_local_is_unfinished_and_not_judged() {
     let hang: String = HANG.split_inclusive('\n').take(6).collect();
-    let (code, told) = observed(&["--ended"], &hang);
+    let (code, printed) = observed(&["--ended"], &hang);
     let line = "stdin: conforms, 1 timestamp judged in 6 lines, 1 unfinished\n";
-    assert_eq!((code, &*told), (Some(0), line));
-    let (_, told) = observed(&["--ended", "--json"], &hang);
-    let told: Value = serde_json::from_str(&told).unwrap();
-    assert_eq!((&told["judged"], &told["unfinished"]), (&1.into(), &1.into()));
-    let (_, told) = observed(&["--json"], &hang);
-    assert_eq!(serde_json::from_str::<Value>(&told).unwrap().get("unfinished"), None);
+    assert_eq!((code, &*printed), (Some(0), line));
+    let (_, printed) = observed(&["--ended", "--json"], &hang);
+    let printed: Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!((&printed["judged"], &printed["unfinished"]), (&1.into(), &1.into()));
+    let (_, printed) = observed(&["--json"], &hang);
+    assert_eq!(serde_json::from_str::<Value>(&printed).unwrap().get("unfinished"), None);
 }
 
 /// A44: strictly the timers that are left are missing.
@@ -78,7 +78,7 @@ fn a_hang_is_seen_strictly_too() {
 fn gaps_between_opens_are_told_where_a_period_is() {
     let answered = format!("{HANG}{{\"ev\":\"emit\",\"at\":140000000,\"t\":1,\"p\":0}}\n");
     assert_eq!(observed(&["--period", "93ms"], &answered).0, Some(0));
-    let (code, told) = observed(&["--period", "92ms"], &answered);
+    let (code, printed) = observed(&["--period", "92ms"], &answered);
     assert_eq!(code, Some(1));
     for part in [
         "stdin:5: timestamp 1 breaks J1\n",
@@ -86,16 +86,16 @@ fn gaps_between_opens_are_told_where_a_period_is() {
         "  late by   1ms\n",
         "does not conform (1 violation), 2 timestamps judged in 8 lines\n",
     ] {
-        assert!(told.contains(part), "{part} is not in\n{told}");
+        assert!(printed.contains(part), "{part} is not in\n{printed}");
     }
     // And at the end, which --ended does not move.
     assert_eq!(observed(&["--period", "93ms", "--ended"], &answered).0, Some(0));
     let idle = format!("{answered}{{\"ev\":\"tick\",\"at\":200000001}}\n");
-    let (code, told) = observed(&["--period", "93ms"], &idle);
+    let (code, printed) = observed(&["--period", "93ms"], &idle);
     assert_eq!(
-        (code, told.contains("stdin:9: timestamp 1 breaks J1\n")),
+        (code, printed.contains("stdin:9: timestamp 1 breaks J1\n")),
         (Some(1), true),
-        "{told}"
+        "{printed}"
     );
 }
 

@@ -219,14 +219,14 @@ impl Judge {
             self.verdict.more += 1;
             return;
         }
-        let told = |told: Option<Decision>| told.map_or(lack.into(), |told| told.to_string());
+        let reported = |reported: Option<Decision>| reported.map_or(lack.into(), |reported| reported.to_string());
         let (t, rule) = self.blame(found, demand);
         self.verdict.violations.push(Violation {
             line: self.verdict.lines,
             t,
             rule,
-            found: told(found),
-            expected: told(demand.map(|(expected, _)| expected)),
+            found: reported(found),
+            expected: reported(demand.map(|(expected, _)| expected)),
             story: t.map_or_else(Vec::new, |t| self.story(t)),
         });
     }
@@ -294,10 +294,10 @@ impl Judge {
     fn story(&self, t: u64) -> Vec<String> {
         let cause = self.input.map(|(line, _)| line);
         let of_t = |(line, event): &&(u64, Event)| event.t() == Some(t) || Some(*line) == cause;
-        let told: Vec<_> = self.recent.iter().filter(of_t).collect();
-        let left_out = told.len().saturating_sub(STORY);
+        let reported: Vec<_> = self.recent.iter().filter(of_t).collect();
+        let left_out = reported.len().saturating_sub(STORY);
         let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
-        let lines = told.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
+        let lines = reported.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
         lead.into_iter().chain(lines).collect()
     }
 

@@ -45,10 +45,10 @@ fn verdict(slack: Slack, events: &[&str]) -> Verdict {
 fn broken(slack: Slack, events: &[&str]) -> Vec<(u64, String, Option<u64>)> {
     let verdict = verdict(slack, events);
     assert_eq!(verdict.conforms, verdict.violations.is_empty());
-    let told = |found: fuseline_traces::observed::Violation| {
+    let reported = |found: fuseline_traces::observed::Violation| {
         (found.line, found.rule.to_string(), found.late)
     };
-    verdict.violations.into_iter().map(told).collect()
+    verdict.violations.into_iter().map(reported).collect()
 }
 
 fn is_broken(events: &[&str], line: u64, rule: &str, late: Option<u64>) {
@@ -110,23 +110,23 @@ fn f3_nothing_goes_while_something_pending_outranks_it() {
 
 #[test]
 fn p4_p6_p7_what_comes_too_late_is_told_by_how_much() {
-    let asked = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
-    is_broken(&[&asked[..], &["emit 17 1 0"]].concat(), 5, "P4", Some(7));
+    let requested = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
+    is_broken(&[&requested[..], &["emit 17 1 0"]].concat(), 5, "P4", Some(7));
     is_broken(&["open 0 1", "result 3 1 0", "emit 5 1 0"], 4, "P6", Some(2));
     is_broken(&["open 0 1 10", "miss 13 1"], 3, "P7", Some(3));
-    let late: Vec<_> = [&asked[..], &["tick 90", "emit 90 1 0"]].concat();
+    let late: Vec<_> = [&requested[..], &["tick 90", "emit 90 1 0"]].concat();
     assert_eq!(broken(LOOSE, &late), [(6, "P4".to_owned(), Some(66))]);
 }
 
 #[test]
 fn p5_p6_p7_something_comes_out() {
-    let asked = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
-    is_broken(&[&asked[..], &["tick 50"]].concat(), 4, "P5", Some(40));
+    let requested = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
+    is_broken(&[&requested[..], &["tick 50"]].concat(), 4, "P5", Some(40));
     is_broken(&["open 0 1", "result 3 1 0", "tick 8"], 3, "P6", Some(5));
     is_broken(&["open 0 1 10", "fail 3 1 0", "tick 20"], 3, "P7", Some(17));
     // It waits for local; it ends before it must come out.
     assert_eq!(broken(EXACT, &["open 0 1", "request 0 1 1 10", "result 9 1 1", "emit 9 1 1"]), []);
-    assert_eq!(broken(LOOSE, &[&asked[..], &["tick 16"]].concat()), []);
+    assert_eq!(broken(LOOSE, &[&requested[..], &["tick 16"]].concat()), []);
 }
 
 #[test]
@@ -200,9 +200,9 @@ fn read(slack: Slack, period: Option<u64>, events: &[&str]) -> Judge {
 fn a44_what_an_ended_run_owes_is_overdue_but_for_locals_result_without_a_deadline() {
     let done = ["open 0 1", "result 1 1 0", "emit 1 1 0"];
     let ended = |more: &[&str]| read(LOOSE, None, &[&done[..], more].concat()).finish_ended();
-    let asked = ["open 2 2", "request 2 2 1 1000"];
+    let requested = ["open 2 2", "request 2 2 1 1000"];
     for (more, judged, unfinished, broken) in [
-        (&asked[..], 1, 1, None),
+        (&requested[..], 1, 1, None),
         (&["open 2 2"], 1, 1, None),
         (&["open 2 2", "request 2 2 1 9", "fail 3 2 1"], 1, 1, None),
         (&["open 2 2 900"], 1, 0, Some("P7")),
@@ -221,9 +221,9 @@ fn a44_what_an_ended_run_owes_is_overdue_but_for_locals_result_without_a_deadlin
         // It never came: nobody knows how late that is.
         assert!(verdict.violations.iter().all(|it| it.late.is_none()), "{more:?}");
     }
-    let hang = ended(&asked);
+    let hang = ended(&requested);
     assert_eq!(serde_json::to_value(&hang).unwrap()["unfinished"], 1);
-    let open = read(LOOSE, None, &asked).finish();
+    let open = read(LOOSE, None, &requested).finish();
     assert_eq!(serde_json::to_value(&open).unwrap().get("unfinished"), None);
 }
 
@@ -232,8 +232,8 @@ fn j1_gaps_between_opens_and_at_the_end_are_told() {
     // At most 100 + 5 + 2 · 2 apart.
     let period = |events: &[&str]| {
         let verdict = read(LOOSE, Some(100), events).finish();
-        let told = verdict.violations.iter().filter(|it| it.rule == BrokenRule::J1);
-        told.map(|it| (it.line, it.t, it.late)).collect::<Vec<_>>()
+        let reported = verdict.violations.iter().filter(|it| it.rule == BrokenRule::J1);
+        reported.map(|it| (it.line, it.t, it.late)).collect::<Vec<_>>()
     };
     assert_eq!(period(&["open 50 1", "open 159 2"]), []);
     assert_eq!(period(&["open 50 1", "open 160 2"]), [(3, Some(2), Some(1))]);
@@ -296,10 +296,10 @@ fn a_violation_tells_what_was_allowed_and_the_story() {
     assert_eq!(violation.found, r#"{"ev":"emit","at":17,"t":1,"p":0}"#);
     assert_eq!(violation.expected, "emit p 0, at 10 to 10");
     assert_eq!(violation.story.len(), 5);
-    let told = serde_json::to_value(&verdict).unwrap();
+    let reported = serde_json::to_value(&verdict).unwrap();
     let expected = json!({"line": 6, "t": 1, "rule": "P4", "found": violation.found,
         "expected": violation.expected, "late": 7});
-    assert_eq!(told["violations"][0], expected);
+    assert_eq!(reported["violations"][0], expected);
 }
 
 #[test]

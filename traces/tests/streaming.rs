@@ -151,9 +151,9 @@ fn fate(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> Opt
     }
     let refused_from = refusals.iter().map(|(at, _)| *at).min();
     let opens = accepted(reach, &opens, &refusals);
-    let asked = story.requests.iter().map(|(_, at, _)| *at);
+    let requested = story.requests.iter().map(|(_, at, _)| *at);
     let out = story.outputs.iter().map(|(_, at)| *at);
-    let known = opens.iter().map(|(at, _)| *at).chain(asked).chain(out).min();
+    let known = opens.iter().map(|(at, _)| *at).chain(requested).chain(out).min();
     let counts = |fact: &(u64, u64)| {
         let is_before = |at: u64| known.is_none_or(|known| at + reach < known);
         let is_refused = refused_from.is_some_and(is_before);

@@ -181,9 +181,9 @@ enum fuseline_status
    */
   FUSELINE_STATUS_DEADLINE = 30,
   /**
-   * The ticket names no message of this machine: another machine gave it, or none did.
+   * The message id names no message of this machine: another machine gave it, or none did.
    */
-  FUSELINE_STATUS_TICKET = 31,
+  FUSELINE_STATUS_MESSAGE_ID = 31,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -562,14 +562,14 @@ typedef struct fuseline_message {
 
 /**
  * Names one open message to the machine for many threads that opened it. Another machine refuses it, and one that is
- * all 0, FUSELINE_STATUS_TICKET.
+ * all 0, FUSELINE_STATUS_MESSAGE_ID.
  */
-typedef struct fuseline_ticket {
+typedef struct fuseline_message_id {
   /**
    * Opaque.
    */
   uint64_t opaque[3];
-} fuseline_ticket;
+} fuseline_message_id;
 
 #ifdef __cplusplus
 extern "C" {
@@ -742,7 +742,7 @@ size_t fuseline_shared_bytes(uint32_t capacity);
 /**
  * Makes a machine for many threads (SPEC.md, section 8) in `storage`, aligned to 64 bytes. As fuseline_init otherwise.
  *
- * One thread at a time opens and offers; any thread gives results, failures and time, each for one ticket. Call no
+ * One thread at a time opens and offers; any thread gives results, failures and time, each for one message id. Call no
  * function of it before this one returned, and none while or after it is ended.
  */
 FUSELINE_CHECKED
@@ -757,13 +757,13 @@ fuseline_status fuseline_shared_init(void *storage,
 FUSELINE_CHECKED fuseline_status fuseline_shared_end(struct fuseline_shared *machine);
 
 /**
- * F1, the owner's: a message came. `*ticket` names it if it is accepted, else nothing.
+ * F1, the owner's: a message came. `*message id` names it if it is accepted, else nothing.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_open(struct fuseline_shared *machine,
                                      uint64_t now,
                                      uint64_t t,
-                                     struct fuseline_ticket *ticket,
+                                     struct fuseline_message_id *message_id,
                                      struct fuseline_answer *answer);
 
 /**
@@ -774,7 +774,7 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
                                             uint64_t now,
                                             uint64_t t,
                                             uint64_t deadline,
-                                            struct fuseline_ticket *ticket,
+                                            struct fuseline_message_id *message_id,
                                             struct fuseline_answer *answer);
 
 /**
@@ -783,7 +783,7 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
                                       uint64_t now,
-                                      struct fuseline_ticket ticket,
+                                      struct fuseline_message_id message_id,
                                       uint64_t p,
                                       uint64_t deadline,
                                       uint64_t backlog,
@@ -797,7 +797,7 @@ fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
                                        uint64_t now,
-                                       struct fuseline_ticket ticket,
+                                       struct fuseline_message_id message_id,
                                        uint64_t p,
                                        struct fuseline_answer *fired,
                                        struct fuseline_answer *answer);
@@ -808,7 +808,7 @@ fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_fail(struct fuseline_shared *machine,
                                      uint64_t now,
-                                     struct fuseline_ticket ticket,
+                                     struct fuseline_message_id message_id,
                                      uint64_t p,
                                      struct fuseline_answer *fired,
                                      struct fuseline_answer *answer);
@@ -819,7 +819,7 @@ fuseline_status fuseline_shared_fail(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
                                        uint64_t now,
-                                       struct fuseline_ticket ticket,
+                                       struct fuseline_message_id message_id,
                                        struct fuseline_answer *fired,
                                        struct fuseline_answer *answer);
 
@@ -828,7 +828,7 @@ fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_next_due(struct fuseline_shared *machine,
-                                         struct fuseline_ticket ticket,
+                                         struct fuseline_message_id message_id,
                                          uint64_t *due);
 
 #ifdef __cplusplus

@@ -8,8 +8,8 @@
 
 use core::ffi::{c_char, c_void};
 
-use crate::head::place;
-use crate::inputs::{Asked, Inputs, Offer, Place};
+use crate::header::place;
+use crate::inputs::{MessageInput, Inputs, Offer, AnswerPointer};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
 use crate::storage::{self, CMachine};
@@ -98,7 +98,7 @@ pub unsafe extern "C" fn fuseline_open(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, Asked::Open, answer)) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Open, answer)) }
 }
 
 /// F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
@@ -113,7 +113,7 @@ pub unsafe extern "C" fn fuseline_open_within(
 ) -> CStatus {
     // SAFETY: as the header asks.
     unsafe {
-        with(machine, answer, |room, answer| room.ask(now, t, Asked::OpenWithin(deadline), answer))
+        with(machine, answer, |room, answer| room.ask(now, t, MessageInput::OpenWithin(deadline), answer))
     }
 }
 
@@ -133,7 +133,7 @@ pub unsafe extern "C" fn fuseline_offer(
     // SAFETY: as the header asks.
     unsafe {
         with(machine, answer, |room, answer| {
-            room.ask(now, t, Asked::Offer(&Offer { p, deadline, backlog }), answer)
+            room.ask(now, t, MessageInput::Offer(&Offer { p, deadline, backlog }), answer)
         })
     }
 }
@@ -149,7 +149,7 @@ pub unsafe extern "C" fn fuseline_result(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, Asked::Result(p), answer)) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Result(p), answer)) }
 }
 
 /// F4: no result will come from source `p`; 0 is local.
@@ -163,7 +163,7 @@ pub unsafe extern "C" fn fuseline_fail(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, Asked::Fail(p), answer)) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Fail(p), answer)) }
 }
 
 /// F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
@@ -175,7 +175,7 @@ pub unsafe extern "C" fn fuseline_tick(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, 0, Asked::Tick, answer)) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, 0, MessageInput::Tick, answer)) }
 }
 
 /// Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.
@@ -246,7 +246,7 @@ pub extern "C" fn fuseline_reason_name(reason: u32) -> *const c_char {
 unsafe fn with<T>(
     machine: *mut CMachine,
     answer: *mut T,
-    call: impl FnOnce(&dyn Inputs, Place<T>) -> CStatus,
+    call: impl FnOnce(&dyn Inputs, AnswerPointer<T>) -> CStatus,
 ) -> CStatus {
     // SAFETY: as the header asks.
     match unsafe { storage::room(machine, &[place(answer)]) } {

@@ -33,7 +33,7 @@ const STATUSES: [(CStatus, &CStr); 19] = [
     (CStatus::Twice, c"twice"),
     (CStatus::Gate, c"gate"),
     (CStatus::Deadline, c"deadline"),
-    (CStatus::Ticket, c"ticket"),
+    (CStatus::MessageId, c"message_id"),
 ];
 
 const OUTCOMES: [(COutcome, &CStr); 9] = [

@@ -60,8 +60,8 @@ pub enum CStatus {
     Gate = 29,
     /// The greatest deadline is 0: every deadline would be refused.
     Deadline = 30,
-    /// The ticket names no message of this machine: another machine gave it, or none did.
-    Ticket = 31,
+    /// The message id names no message of this machine: another machine gave it, or none did.
+    MessageId = 31,
 }
 
 /// How much a machine has room for: 65536 times the clouds, plus the open timestamps (FUSELINE_CAPACITY_OF). A library
@@ -262,10 +262,10 @@ pub struct CMessage {
 }
 
 /// Names one open message to the machine for many threads that opened it. Another machine refuses it, and one that is
-/// all 0, FUSELINE_STATUS_TICKET.
+/// all 0, FUSELINE_STATUS_MESSAGE_ID.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct CTicket {
+pub struct CMessageId {
     /// Opaque.
     pub opaque: [u64; 3],
 }

@@ -242,7 +242,7 @@ fn every_enumerator_has_its_word() {
             continue;
         };
         let Ok(number) = number.parse() else { continue };
-        let (rest, told) = if let Some(rest) = name.strip_prefix("FUSELINE_STATUS_") {
+        let (rest, answer_list) = if let Some(rest) = name.strip_prefix("FUSELINE_STATUS_") {
             (rest, word(fuseline_status_name(number)))
         } else if let Some(rest) = name.strip_prefix("FUSELINE_OUTCOME_") {
             (rest, word(fuseline_outcome_name(number)))
@@ -251,7 +251,7 @@ fn every_enumerator_has_its_word() {
         } else {
             continue;
         };
-        assert_eq!(rest.to_lowercase(), told);
+        assert_eq!(rest.to_lowercase(), answer_list);
         found += 1;
     }
     assert_eq!(found, 19 + 9 + 12);

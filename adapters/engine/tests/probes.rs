@@ -43,12 +43,12 @@ const fn offer() -> Offer<()> {
 }
 
 /// Keeps why each deadline was chosen.
-struct Noting<P> {
+struct RecordingPolicy<P> {
     policy: P,
     reasons: Arc<Mutex<Vec<Reason>>>,
 }
 
-impl<P: Policy> Policy for Noting<P> {
+impl<P: Policy> Policy for RecordingPolicy<P> {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         let chosen = self.policy.decide(situation, cap);
         self.reasons.lock().unwrap().push(chosen.reason);
@@ -60,9 +60,9 @@ impl<P: Policy> Policy for Noting<P> {
     }
 }
 
-fn noting<P: Policy>(policy: P) -> (Noting<P>, Arc<Mutex<Vec<Reason>>>) {
+fn noting<P: Policy>(policy: P) -> (RecordingPolicy<P>, Arc<Mutex<Vec<Reason>>>) {
     let reasons = Arc::default();
-    (Noting { policy, reasons: Arc::clone(&reasons) }, reasons)
+    (RecordingPolicy { policy, reasons: Arc::clone(&reasons) }, reasons)
 }
 
 /// T6.

@@ -200,7 +200,7 @@ pub const KINDS: &[Kind] = &[
         title: "cases that `fuseline drive` sends",
         applies: |_| false,
         concerns: is_of_machine,
-        run: Run::Driven {
+        run: Run::DrivePrinted {
             arguments: &["run", "-p", "fuseline-tests", "--example", "machine"],
             by: &["drive", "--json", "--cases", "200", "--"],
         },
@@ -556,8 +556,8 @@ fn is_simulated(file: &str) -> bool {
     let around = ["adapters/engine/", "adapters/tokio/", RECORDER];
     let others = [
         "adapters/tokio/src/grpc",
-        "adapters/tokio/src/common.rs",
-        "adapters/engine/src/pace.rs",
+        "adapters/tokio/src/shared.rs",
+        "adapters/engine/src/workload.rs",
         ARBITER,
     ];
     around.iter().any(|at| file.starts_with(at)) && !others.iter().any(|at| file.starts_with(at))

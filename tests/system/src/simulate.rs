@@ -13,6 +13,6 @@ mod simulator;
 mod value;
 
 pub use checks::{CHECKS, Check, Finding};
-pub use kept::{Kept, kept};
-pub use scenario::{Act, Ask, Audience, Disk, Finish, How, Message, OnBoard, Remote, Scenario};
+pub use kept::{KeptSeed, kept};
+pub use scenario::{SourceAction, OfferAction, ReaderPlan, Disk, Finish, CallResult, Message, OnBoard, Remote, Scenario};
 pub use simulator::{Simulated, Simulator};

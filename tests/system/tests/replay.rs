@@ -56,7 +56,7 @@ fn every_kind_of_trouble_is_drawn() {
         "a linger",
         all.iter().flat_map(|it| &it.clouds).filter(|it| !it.linger.is_zero()).count(),
     );
-    drawn("an aside", all.iter().filter(|it| it.aside.is_some()).count());
+    drawn("an aside", all.iter().filter(|it| it.side.is_some()).count());
     drawn("hints", all.iter().filter(|it| it.hints.is_some()).count());
     drawn("metrics", all.iter().filter(|it| it.metered).count());
     drawn("a full disk", all.iter().filter(|it| matches!(it.disk, Disk::FullAfter(..))).count());

@@ -7,10 +7,10 @@ use std::io::BufRead;
 use rangemap::RangeInclusiveSet;
 
 use super::gap::{Gap, Gaps, Opened};
-use super::open::{OpenStory, WholeStory};
+use super::open::{OpenMessageHistory, WholeMessageHistory};
 use super::story::Slack;
 use super::verdict::{BrokenRule, Verdict, Violation};
-use super::violation::{Unplaced, of_again, of_refused, of_story};
+use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
 use crate::event::{Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
@@ -37,7 +37,7 @@ pub struct Judge {
     records_opens: bool,
     /// The greatest instant so far.
     greatest: u64,
-    open: BTreeMap<u64, OpenStory>,
+    open: BTreeMap<u64, OpenMessageHistory>,
     /// When each can be judged, or could before it got another line.
     ripening: BinaryHeap<Reverse<(u64, u64)>>,
     /// Of those open, the ones that broke the rules.
@@ -60,7 +60,7 @@ pub enum JudgeError {
     Read(#[from] ReadError),
     /// Its lines are out of order.
     #[error(transparent)]
-    Disorder(#[from] Disorder),
+    TimeOrderError(#[from] TimeOrderError),
 }
 
 /// A line that stands further out of order than the tolerance explains.
@@ -69,7 +69,7 @@ pub enum JudgeError {
     "{file}:{line}:1: at {at} after a line at {greatest}, more than twice the tolerance of {tolerance} ns; sort the \
      lines, or give a greater tolerance"
 )]
-pub struct Disorder {
+pub struct TimeOrderError {
     /// The name that the trace was given.
     pub file: String,
     /// The line, counted from 1.
@@ -137,13 +137,13 @@ impl Judge {
     ///
     /// # Errors
     /// If its instant is more than twice the tolerance before one that was read.
-    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), Disorder> {
+    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), TimeOrderError> {
         let at = at(event);
         let before = self.slack.tolerance.saturating_mul(2);
         let since = self.greatest.saturating_sub(before);
         if at < since {
             let (file, tolerance) = (self.verdict.file.clone(), self.slack.tolerance);
-            return Err(Disorder { file, line, at, greatest: self.greatest, tolerance });
+            return Err(TimeOrderError { file, line, at, greatest: self.greatest, tolerance });
         }
         if self.recent.len() == RECENT {
             self.recent.pop_front();
@@ -294,20 +294,20 @@ impl Judge {
     }
 
     /// Whether a timestamp is not open, nothing having come out: it was refused, never opened, or retired before.
-    fn is_not_open(&self, t: u64, whole: &WholeStory) -> bool {
+    fn is_not_open(&self, t: u64, whole: &WholeMessageHistory) -> bool {
         Self::is_refused(whole) || whole.is_none() || self.ended.contains(&t)
     }
 
-    fn is_refused(whole: &WholeStory) -> bool {
+    fn is_refused(whole: &WholeMessageHistory) -> bool {
         !whole.is_opened() && whole.was_refused
     }
 
-    fn whole(&self, t: u64, open: &OpenStory) -> WholeStory {
+    fn whole(&self, t: u64, open: &OpenMessageHistory) -> WholeMessageHistory {
         open.whole(self.slack, self.refused.contains(&t))
     }
 
     /// Judges a timestamp; `end` is the greatest instant that its trace is known to have.
-    fn close(&mut self, t: u64, open: &OpenStory, whole: &WholeStory, end: u64) {
+    fn close(&mut self, t: u64, open: &OpenMessageHistory, whole: &WholeMessageHistory, end: u64) {
         if open.is_overdue {
             self.overdue.retain(|overdue| *overdue != t);
         }
@@ -328,7 +328,7 @@ impl Judge {
             match &mut self.verdict.unfinished {
                 // P7: what breaks nothing and is open to the end of time waits for local.
                 Some(unfinished) if unplaced.is_none() && !open.has_come_out() => *unfinished += 1,
-                _ => self.verdict.judged += u64::from(whole.is_told_of()),
+                _ => self.verdict.judged += u64::from(whole.is_reported_of()),
             }
             unplaced
         };
@@ -351,7 +351,7 @@ impl Judge {
             // One that is done with has told what was refused.
             let open = self.open.get(&t).filter(|open| open.has_open(line));
             let may_change =
-                |open: &OpenStory| greatest.is_some_and(|it| open.opens_by(self.slack) >= it);
+                |open: &OpenMessageHistory| greatest.is_some_and(|it| open.opens_by(self.slack) >= it);
             if open.is_some_and(may_change) {
                 break;
             }
@@ -369,8 +369,8 @@ impl Judge {
         self.violate(Violation { line, t, rule: BrokenRule::J1, found, expected, late, story });
     }
 
-    fn tell(&mut self, t: u64, open: &OpenStory, unplaced: Unplaced) {
-        let Unplaced { line, rule, found, expected, late } = unplaced;
+    fn tell(&mut self, t: u64, open: &OpenMessageHistory, unplaced: UnlocatedViolation) {
+        let UnlocatedViolation { line, rule, found, expected, late } = unplaced;
         let line = line.unwrap_or(open.line);
         let story = self.story(t);
         self.violate(Violation { line, t: Some(t), rule, found, expected, late, story });
@@ -387,10 +387,10 @@ impl Judge {
 
     /// The last lines of a timestamp.
     fn story(&self, t: u64) -> Vec<String> {
-        let told: Vec<_> = self.recent.iter().filter(|(_, event)| event.t() == Some(t)).collect();
-        let left_out = told.len().saturating_sub(STORY);
+        let reported: Vec<_> = self.recent.iter().filter(|(_, event)| event.t() == Some(t)).collect();
+        let left_out = reported.len().saturating_sub(STORY);
         let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
-        let lines = told.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
+        let lines = reported.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
         lead.into_iter().chain(lines).collect()
     }
 }

@@ -24,8 +24,8 @@ use tracing::warn;
 use self::domain::JoinedParticipant;
 pub(crate) use self::domain::{Domain, DomainHandle, InUse, NewEntity};
 pub(crate) use self::recent::RecentIds;
-use super::end::{End, dds_type};
-use super::{Publish, Sample, Unread};
+use super::end::{Endpoint, dds_type};
+use super::{Publish, Sample, DecodeError};
 use crate::error::NodeError;
 use crate::raw::{Cdr, Payload};
 use crate::settings::Qos;
@@ -47,10 +47,10 @@ const REPAIRS: Deadline = Deadline(Duration::from_millis(5));
 const REMEMBERED: usize = 1024;
 
 /// A publisher of serialized messages.
-pub(crate) struct Outlet {
+pub(crate) struct SerializedPublisher {
     writer: Arc<InUse<Writer>>,
     stamper: Stamper,
-    end: Arc<End>,
+    end: Arc<Endpoint>,
 }
 
 type Writer = Arc<DataWriter<Payload, Cdr>>;
@@ -70,15 +70,15 @@ struct Stamper(AtomicU64);
 
 impl Domain {
     /// Publishes on a topic.
-    pub(crate) fn outlet(&self, topic: &str, ty: &str, qos: Qos) -> Result<Outlet, NodeError> {
+    pub(crate) fn outlet(&self, topic: &str, ty: &str, qos: Qos) -> Result<SerializedPublisher, NodeError> {
         let limits = ResourceLimits {
             max_samples: UNACKNOWLEDGED,
             max_instances: 1,
             max_samples_per_instance: UNACKNOWLEDGED,
         };
         let qos = policies(qos).resource_limits(limits).deadline(REPAIRS).build();
-        let (end, writer) = (Arc::new(End::new(topic, ty)), Arc::new(InUse::default()));
-        let outlet = Outlet {
+        let (end, writer) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(InUse::default()));
+        let outlet = SerializedPublisher {
             writer: Arc::clone(&writer),
             stamper: Stamper::default(),
             end: Arc::clone(&end),
@@ -117,13 +117,13 @@ impl Domain {
         ty: &str,
         qos: Qos,
         take: impl Fn(Sample) -> F + Send + Sync + 'static,
-    ) -> Result<Arc<End>, NodeError>
+    ) -> Result<Arc<Endpoint>, NodeError>
     where
         F: Future<Output = ()> + Send + 'static,
     {
         let taken = Mutex::new(RecentIds::new(REMEMBERED.max(qos.depth.into())));
         let qos = policies(qos).build();
-        let (end, inlet) = (Arc::new(End::new(topic, ty)), Arc::new(Inlet { take, taken }));
+        let (end, inlet) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(Inlet { take, taken }));
         let (current_end, topic, ty) = (Arc::clone(&end), topic.to_owned(), ty.to_owned());
         self.handle().create(move |joined| {
             let dds = joined.topic(&topic, &ty, &qos)?;
@@ -158,7 +158,7 @@ where
     async fn serve(
         self: Arc<Self>,
         reader: SimpleDataReader<Payload, Cdr>,
-        end: Arc<End>,
+        end: Arc<Endpoint>,
         participant: DomainParticipant,
         closed: impl Future<Output = ()>,
     ) {
@@ -173,9 +173,9 @@ where
                     Some(Ok(sample)) if end.is_strange(sample.writer_guid().to_bytes()) => {}
                     Some(Ok(sample)) if !self.is_new(&sample) => {}
                     Some(sample) => {
-                        end.heard(Instant::now());
+                        end.received(Instant::now());
                         let sample = sample.map(DeserializedCacheChange::into_value);
-                        (self.take)(sample.map_err(|error| Unread(error.to_string()))).await;
+                        (self.take)(sample.map_err(|error| DecodeError(error.to_string()))).await;
                     }
                     None => break,
                 },
@@ -189,7 +189,7 @@ where
     }
 }
 
-impl Publish for Outlet {
+impl Publish for SerializedPublisher {
     fn publish(&self, payload: Payload) -> bool {
         let stamp = self.stamper.stamp(Timestamp::now());
         match self.writer.with(|writer| writer.write(payload, Some(stamp))) {
@@ -202,7 +202,7 @@ impl Publish for Outlet {
         }
     }
 
-    fn end(&self) -> &Arc<End> {
+    fn end(&self) -> &Arc<Endpoint> {
         &self.end
     }
 }
@@ -214,7 +214,7 @@ impl Stamper {
     }
 }
 
-impl End {
+impl Endpoint {
     /// An endpoint in another participant, which replaces this end's once it has met the same peers.
     fn replaced_by<F>(
         self: Arc<Self>,

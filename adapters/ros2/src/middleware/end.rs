@@ -6,20 +6,20 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::time::Instant;
 use tracing::{info, warn};
 
-use crate::rhythm::Rhythm;
+use crate::silence_detector::SilenceDetector;
 
 /// What tells one end of a topic from all others, as ROS has it.
 pub(crate) type Gid = [u8; 16];
 
 /// The node's end of a topic, and its peers.
 #[derive(Debug)]
-pub(crate) struct End {
+pub(crate) struct Endpoint {
     pub(crate) topic: String,
     /// The type's name in DDS.
     type_name: String,
     /// Those of the endpoint in use: after a rejoin over DDS they are another endpoint's.
     peers: Mutex<SharedPeers>,
-    rhythm: Arc<Mutex<Rhythm>>,
+    silence_detector: Arc<Mutex<SilenceDetector>>,
 }
 
 type SharedPeers = Arc<Mutex<Peers>>;
@@ -40,16 +40,16 @@ pub(crate) struct Incompatible {
     pub(crate) policy: String,
 }
 
-impl End {
+impl Endpoint {
     pub(crate) fn new(topic: &str, ty: &str) -> Self {
-        let (peers, rhythm) = (Mutex::default(), Arc::default());
-        Self { topic: topic.into(), type_name: dds_type(ty), peers, rhythm }
+        let (peers, silence_detector) = (Mutex::default(), Arc::default());
+        Self { topic: topic.into(), type_name: dds_type(ty), peers, silence_detector }
     }
 
     /// The same topic's end in another participant, which has met nobody yet.
     pub(super) fn in_new_participant(&self) -> Self {
         let (topic, type_name) = (self.topic.clone(), self.type_name.clone());
-        Self { topic, type_name, peers: Mutex::default(), rhythm: Arc::clone(&self.rhythm) }
+        Self { topic, type_name, peers: Mutex::default(), silence_detector: Arc::clone(&self.silence_detector) }
     }
 
     /// Whether it has met all peers that the other end has.
@@ -66,17 +66,17 @@ impl End {
 
     /// Sets how long counts as silence; none leaves it to the gaps between messages.
     pub(crate) fn patience(&self, patience: Option<std::time::Duration>) {
-        *self.rhythm() = Rhythm::new(patience);
+        *self.silence_detector() = SilenceDetector::new(patience);
     }
 
     /// A message came.
-    pub(crate) fn heard(&self, now: Instant) {
-        self.rhythm().beat(now);
+    pub(crate) fn received(&self, now: Instant) {
+        self.silence_detector().beat(now);
     }
 
     /// How long nothing has come, if that is too long and a publisher is there.
     pub(crate) fn silence(&self) -> Option<std::time::Duration> {
-        if self.matched() == 0 { None } else { self.rhythm().silence(Instant::now()) }
+        if self.matched() == 0 { None } else { self.silence_detector().silence(Instant::now()) }
     }
 
     /// How many peers there are.
@@ -111,7 +111,7 @@ impl End {
                 peers.strangers.insert(peer, other.clone());
             } else if peers.matched.insert(peer) {
                 info!(topic = self.topic, peers = peers.matched.len(), "a peer came");
-                self.rhythm().rest(Instant::now());
+                self.silence_detector().rest(Instant::now());
             }
         });
     }
@@ -126,8 +126,8 @@ impl End {
         access(&mut locked(&peers))
     }
 
-    fn rhythm(&self) -> MutexGuard<'_, Rhythm> {
-        locked(&self.rhythm)
+    fn silence_detector(&self) -> MutexGuard<'_, SilenceDetector> {
+        locked(&self.silence_detector)
     }
 }
 
@@ -151,7 +151,7 @@ mod tests {
     /// D14.
     #[test]
     fn a_peer_with_another_type_is_no_peer_until_it_leaves() {
-        let (end, peer) = (End::new("/input", "a_msgs/msg/A"), [7; 16]);
+        let (end, peer) = (Endpoint::new("/input", "a_msgs/msg/A"), [7; 16]);
         let other = "b_msgs::msg::dds_::B_".to_owned();
         end.change(peer, 1, Some(&other));
         assert_eq!((end.matched(), end.other_type(), end.is_strange(peer)), (0, Some(other), true));
@@ -166,7 +166,7 @@ mod tests {
     /// D13.
     #[test]
     fn a_new_participant_meets_the_peers_of_a_topic_before_they_are_taken_from_it() {
-        let (end, peer, late) = (End::new("/input", "a_msgs/msg/A"), [7; 16], [8; 16]);
+        let (end, peer, late) = (Endpoint::new("/input", "a_msgs/msg/A"), [7; 16], [8; 16]);
         end.change(peer, 1, None);
         let next = end.in_new_participant();
         assert!(!next.has_all_peers_of(&end));

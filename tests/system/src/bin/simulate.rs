@@ -92,8 +92,8 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            let told = error.to_string();
-            eprintln!("{}", told.lines().next().unwrap_or("error: bad arguments"));
+            let reported = error.to_string();
+            eprintln!("{}", reported.lines().next().unwrap_or("error: bad arguments"));
             return ExitCode::from(2);
         }
     };
@@ -104,7 +104,7 @@ fn main() -> ExitCode {
         Some(seed) => replay(&cli, seed),
         None => search(&cli),
     };
-    match done.and_then(|sum| tell(&cli, &sum)) {
+    match done.and_then(|sum| report(&cli, &sum)) {
         Ok(code) => code,
         // Whoever reads has read enough.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
@@ -201,7 +201,7 @@ fn failed(
     Ok(Some(Failed { seed: scenario.seed, check: finding.check, what, smallest }))
 }
 
-fn tell(cli: &Cli, sum: &Sum) -> io::Result<ExitCode> {
+fn report(cli: &Cli, sum: &Sum) -> io::Result<ExitCode> {
     let mut out = anstream::stdout();
     if cli.json {
         serde_json::to_writer(&mut out, sum)?;

@@ -69,7 +69,7 @@ fn events(bytes: &[u8], ends: &mut Ends) -> Check {
         for (key, value) in &line {
             let place = columns.iter().position(|column| column == key);
             let cell = place.and_then(|place| record.get(place)).unwrap_or_default();
-            let is_said = match (&**key, value) {
+            let is_printed = match (&**key, value) {
                 // A request without one is due when its deadline ends.
                 ("due", value) if cell.is_empty() => {
                     let named =
@@ -81,7 +81,7 @@ fn events(bytes: &[u8], ends: &mut Ends) -> Check {
                 (_, Value::String(text)) => text == cell || text == "result" && cell == "response",
                 (_, value) => value.as_u64() == cell.parse().ok(),
             };
-            if !is_said {
+            if !is_printed {
                 return Err(format!("{key} is {value}, the row says {cell:?}: {record:?}"));
             }
         }

@@ -84,8 +84,8 @@ fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
     let (code, replied) = ask(DESCRIBE, body, cut)?;
     if code == Code::Ok {
         ends.insert("described");
-        let told = split(&replied).map(|(message, _)| Description::decode(message));
-        if !matches!(told, Some(Ok(told)) if told == served()) {
+        let reported = split(&replied).map(|(message, _)| Description::decode(message));
+        if !matches!(reported, Some(Ok(reported)) if reported == served()) {
             return Err(format!("{body:?} is told {replied:?}"));
         }
     }
@@ -124,8 +124,8 @@ fn ask(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String> {
     let at_once = status(response.headers());
     let collected = response.into_body().collect().now_or_never().ok_or(waits)?;
     let collected = collected.map_err(|status| format!("a reply breaks off: {status}"))?;
-    let told = at_once.or_else(|| collected.trailers().and_then(status)).ok_or("no status")?;
-    Ok((Code::from_bytes(told.as_bytes()), collected.to_bytes()))
+    let reported = at_once.or_else(|| collected.trailers().and_then(status)).ok_or("no status")?;
+    Ok((Code::from_bytes(reported.as_bytes()), collected.to_bytes()))
 }
 
 /// The message of a first frame that is whole and plain, and what follows.
@@ -162,14 +162,14 @@ fn locations(mut bytes: &[u8], ends: &mut Ends) -> Check {
 
 /// The others are each another, few, named, and somewhere.
 fn others(reply: &Reply) -> Check {
-    let told = Locations::decode(reply.payload.clone()).map_err(|error| error.to_string())?;
-    let names: BTreeSet<&str> = told.others.iter().map(|other| &*other.vehicle).collect();
-    let is_right = told.others.iter().all(|other| {
+    let reported = Locations::decode(reply.payload.clone()).map_err(|error| error.to_string())?;
+    let names: BTreeSet<&str> = reported.others.iter().map(|other| &*other.vehicle).collect();
+    let is_right = reported.others.iter().all(|other| {
         let figures = [other.time_s, other.x_m, other.y_m, other.vx_mps, other.vy_mps];
         figures.iter().all(|figure| figure.is_finite()) && (1..=64).contains(&other.vehicle.len())
     });
-    if !is_right || names.len() != told.others.len() || names.len() >= VEHICLES {
-        return Err(format!("the others are {told:?}"));
+    if !is_right || names.len() != reported.others.len() || names.len() >= VEHICLES {
+        return Err(format!("the others are {reported:?}"));
     }
     Ok(())
 }

@@ -38,15 +38,15 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
     page(Some(SLACK), &name, trace, ends)
 }
 
-fn page(manner: Manner, name: &str, trace: &[u8], ends: &mut Ends) -> Check {
-    let read = if manner.is_none() { Events::new } else { Events::observed };
+fn page(mode: Manner, name: &str, trace: &[u8], ends: &mut Ends) -> Check {
+    let read = if mode.is_none() { Events::new } else { Events::observed };
     let Ok(mut reader) = read("page".to_owned(), BufReader::new(trace)) else {
         ends.insert("no trace");
         return Ok(());
     };
     let header = reader.header().clone();
     let (mut page, mut count) = (Page::default(), 0);
-    let mut sheet = page.begin(manner, name, &header);
+    let mut sheet = page.begin(mode, name, &header);
     // Up to where it is no trace any more, as if it were cut short there.
     while let Ok(Some(event)) = reader.next_event()
         && count < EVENTS
@@ -60,17 +60,17 @@ fn page(manner: Manner, name: &str, trace: &[u8], ends: &mut Ends) -> Check {
         count += 1;
     }
     let found = sheet.finish();
-    ends.insert(if manner.is_none() { "judged" } else { "observed" });
+    ends.insert(if mode.is_none() { "judged" } else { "observed" });
     let mut html = Vec::new();
     page.write(&mut html).map_err(|error| error.to_string())?;
-    let told = embedded(&html)?;
-    if told["conforms"] != found.summary().conforms
-        || told["ev"].as_str().map(str::len) != Some(count)
+    let reported = embedded(&html)?;
+    if reported["conforms"] != found.summary().conforms
+        || reported["ev"].as_str().map(str::len) != Some(count)
     {
-        return Err(format!("{count} events, {:?} is told as {told}", found.summary().conforms));
+        return Err(format!("{count} events, {:?} is told as {reported}", found.summary().conforms));
     }
-    names(&told, name, &header)?;
-    whole(&told, count)
+    names(&reported, name, &header)?;
+    whole(&reported, count)
 }
 
 /// The one trace of a page, out of its data: nothing in these ends their element.
@@ -87,29 +87,29 @@ fn embedded(html: &[u8]) -> Result<Value, String> {
 }
 
 /// Names are told as they are.
-fn names(told: &Value, name: &str, header: &Header) -> Check {
-    let sources = told["sources"].as_array().map(Vec::as_slice).unwrap_or_default();
+fn names(reported: &Value, name: &str, header: &Header) -> Check {
+    let sources = reported["sources"].as_array().map(Vec::as_slice).unwrap_or_default();
     let names: BTreeSet<&str> =
         sources.iter().filter_map(|source| source["name"].as_str()).collect();
     let is_there = |name: Option<&str>| name.is_none_or(|name| names.contains(name));
     let are_there = header.clouds.iter().all(|cloud| is_there(cloud.name.as_deref()));
-    if told["file"] != name || told["operator"].as_str() != header.operator.as_deref() || !are_there
+    if reported["file"] != name || reported["operator"].as_str() != header.operator.as_deref() || !are_there
     {
-        return Err(format!("{name:?} with {header:?} is told as {told}"));
+        return Err(format!("{name:?} with {header:?} is told as {reported}"));
     }
     Ok(())
 }
 
 /// The columns are as long as each other.
-fn whole(told: &Value, count: usize) -> Check {
-    let len = |key: &str| told[key].as_array().map(Vec::len);
+fn whole(reported: &Value, count: usize) -> Check {
+    let len = |key: &str| reported[key].as_array().map(Vec::len);
     let timestamps = len("timestamps");
     let fates = timestamps.zip(len("sources")).map(|(t, sources)| t * sources);
     if [len("at"), len("t"), len("p")] != [Some(count); 3]
         || len("outcome") != timestamps
-        || told["fates"].as_str().map(str::len) != fates
+        || reported["fates"].as_str().map(str::len) != fates
     {
-        return Err(format!("the columns do not fit: {told}"));
+        return Err(format!("the columns do not fit: {reported}"));
     }
     Ok(())
 }

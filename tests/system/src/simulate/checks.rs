@@ -7,8 +7,8 @@ mod items;
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::simulate::log::Seen;
-use crate::simulate::play::{Ended, Played};
+use crate::simulate::log::ExternalLog;
+use crate::simulate::play::{OperatorEnd, RunResult};
 use crate::simulate::replay::Replay;
 use crate::simulate::scenario::{Disk, Finish, Scenario};
 
@@ -96,10 +96,10 @@ pub const CHECKS: &[Check] = &[
 /// What is known of one run.
 pub(crate) struct Facts<'a> {
     pub(crate) scenario: &'a Scenario,
-    pub(crate) played: &'a Played,
+    pub(crate) played: &'a RunResult,
     pub(crate) replay: Replay,
     /// Calls and local computations by source and timestamp.
-    pub(crate) calls: BTreeMap<(u16, u64), &'a Seen>,
+    pub(crate) calls: BTreeMap<(u16, u64), &'a ExternalLog>,
     /// Whether the trace tells of everything.
     pub(crate) is_whole: bool,
 }
@@ -114,12 +114,12 @@ pub struct Finding {
 }
 
 impl<'a> Facts<'a> {
-    pub(crate) fn new(scenario: &'a Scenario, played: &'a Played) -> Self {
+    pub(crate) fn new(scenario: &'a Scenario, played: &'a RunResult) -> Self {
         let is_cut = matches!(scenario.disk, Disk::FullAfter(..));
         let is_whole = match played.ended {
-            Ended::Early | Ended::NotStarted(_) => false,
-            Ended::Well => !is_cut || played.tally.is_some(),
-            Ended::Crashed | Ended::Panicked | Ended::Never => !is_cut,
+            OperatorEnd::Early | OperatorEnd::NotStarted(_) => false,
+            OperatorEnd::Well => !is_cut || played.tally.is_some(),
+            OperatorEnd::Crashed | OperatorEnd::Panicked | OperatorEnd::Never => !is_cut,
         };
         let replay = Replay::of(scenario, &played.trace);
         let calls = played.log.calls.iter().map(|seen| ((seen.p, seen.t), seen)).collect();
@@ -151,10 +151,10 @@ impl<'a> Facts<'a> {
 fn ends(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, .. } = facts;
     let is_due = match (&played.ended, scenario.end) {
-        (Ended::Crashed, end) => matches!(end, Finish::Crash(_)),
-        (Ended::Well, end) => !matches!(end, Finish::Crash(_)),
-        (Ended::Early, _) => matches!(scenario.disk, Disk::FullAfter(..)),
-        (Ended::NotStarted(_) | Ended::Panicked | Ended::Never, _) => false,
+        (OperatorEnd::Crashed, end) => matches!(end, Finish::Crash(_)),
+        (OperatorEnd::Well, end) => !matches!(end, Finish::Crash(_)),
+        (OperatorEnd::Early, _) => matches!(scenario.disk, Disk::FullAfter(..)),
+        (OperatorEnd::NotStarted(_) | OperatorEnd::Panicked | OperatorEnd::Never, _) => false,
     };
     ensure(is_due, || format!("it ended so: {:?}, and its end is {:?}", played.ended, scenario.end))
 }

@@ -7,7 +7,7 @@ use fastrand::Rng;
 use fuseline_tokio::Commit;
 
 use crate::simulate::scenario::{
-    Act, Ask, Audience, Disk, Finish, How, Message, OnBoard, Remote, Scenario,
+    SourceAction, OfferAction, ReaderPlan, Disk, Finish, CallResult, Message, OnBoard, Remote, Scenario,
 };
 
 /// So many lines of a trace wait for the disk in any case, which is as slow as the machine that this runs on.
@@ -15,7 +15,7 @@ const LINES: usize = 30_000;
 
 /// How a source does for a while.
 #[derive(Clone, Copy)]
-enum Weather {
+enum SourcePhase {
     /// It answers, within this time.
     Fair(Duration),
     /// It answers about when it is due.
@@ -45,9 +45,9 @@ impl Scenario {
         let gap = Duration::from_micros(one(rng, &[0, 200, 1_000, 5_000, 20_000]));
         let span = gap.saturating_mul(u32::try_from(count).unwrap_or(u32::MAX));
         let end = finish(rng, span);
-        let aside = rng.u8(..6) == 0;
-        let aside = aside.then(|| (rng.u64(1..4), rng.usize(1..4)));
-        let frames = frames(rng, count, gap, &clouds, (&local, end), aside.is_some());
+        let side = rng.u8(..6) == 0;
+        let side = side.then(|| (rng.u64(1..4), rng.usize(1..4)));
+        let frames = frames(rng, count, gap, &clouds, (&local, end), side.is_some());
         let readers = one(rng, &[1, 1, 1, 2, 3]);
         let readers = iter::repeat_with(|| audience(rng, end)).take(readers).collect();
         Self {
@@ -59,7 +59,7 @@ impl Scenario {
             output_len: one(rng, &[1, 2, 16, 1024]),
             local,
             clouds,
-            aside,
+            side,
             metered: rng.u8(..8) == 0,
             hints: (rng.u8(..4) == 0).then(|| rng.u8(..4) == 0),
             disk: match rng.u8(..12) {
@@ -103,14 +103,14 @@ fn frames(
     gap: Duration,
     clouds: &[Remote],
     (local, end): (&OnBoard, Finish),
-    aside: bool,
+    side: bool,
 ) -> Vec<Message> {
-    let mut skies = vec![(0, Weather::Wild); clouds.len() + 2];
+    let mut skies = vec![(0, SourcePhase::Wild); clouds.len() + 2];
     let mut frames = Vec::with_capacity(count);
     for _ in 0..count {
-        for (left, weather) in &mut skies {
+        for (left, phase) in &mut skies {
             if *left == 0 {
-                (*left, *weather) = (rng.usize(4..80), sky(rng));
+                (*left, *phase) = (rng.usize(4..80), sky(rng));
             }
             *left -= 1;
         }
@@ -118,11 +118,11 @@ fn frames(
         let mut of_local = act(rng, skies[0].1, due);
         // Nobody ever ends what has no deadline and does not end by itself (A9).
         if local.deadline.is_none() && of_local.how.hangs() && !matches!(end, Finish::Stop(_)) {
-            of_local.how = How::Fails;
+            of_local.how = CallResult::Fails;
         }
         let asks = clouds.iter().zip(&skies[2..]).map(|(_, sky)| ask(rng, sky.1));
         let asks = asks.collect();
-        let aside = if aside { ask(rng, skies[1].1) } else { Ask::Nothing };
+        let side = if side { ask(rng, skies[1].1) } else { OfferAction::Nothing };
         let gap = match rng.u8(..16) {
             0 => gap * rng.u32(2..20),
             1..4 => Duration::ZERO,
@@ -130,49 +130,49 @@ fn frames(
             _ => gap,
         };
         let yields = if rng.u8(..8) == 0 { rng.u8(1..6) } else { 0 };
-        frames.push(Message { gap, yields, local: of_local, asks, aside });
+        frames.push(Message { gap, yields, local: of_local, asks, side });
     }
     frames
 }
 
-fn sky(rng: &mut Rng) -> Weather {
+fn sky(rng: &mut Rng) -> SourcePhase {
     match rng.u8(..16) {
-        0..8 => Weather::Fair(Duration::from_millis(one(rng, &[1, 5, 20, 50]))),
-        8..11 => Weather::Edge,
-        11..13 => Weather::Dead,
-        13 => Weather::Refusing,
-        _ => Weather::Wild,
+        0..8 => SourcePhase::Fair(Duration::from_millis(one(rng, &[1, 5, 20, 50]))),
+        8..11 => SourcePhase::Edge,
+        11..13 => SourcePhase::Dead,
+        13 => SourcePhase::Refusing,
+        _ => SourcePhase::Wild,
     }
 }
 
-fn ask(rng: &mut Rng, weather: Weather) -> Ask {
+fn ask(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
     match rng.u8(..40) {
-        0..3 => Ask::Nothing,
-        3 => Ask::Panics,
-        4 => Ask::Offers(Duration::ZERO, Act::answers(Duration::ZERO)),
-        5 => Ask::Offers(Duration::MAX, act(rng, Weather::Fair(Duration::ZERO), Duration::ZERO)),
+        0..3 => OfferAction::Nothing,
+        3 => OfferAction::Panics,
+        4 => OfferAction::Offers(Duration::ZERO, SourceAction::answers(Duration::ZERO)),
+        5 => OfferAction::Offers(Duration::MAX, act(rng, SourcePhase::Fair(Duration::ZERO), Duration::ZERO)),
         _ => {
             let deadline = Duration::from_millis(one(rng, &[1, 10, 20, 20, 20, 21, 50]));
             let deadline = edge(rng, deadline);
-            Ask::Offers(deadline, act(rng, weather, deadline))
+            OfferAction::Offers(deadline, act(rng, phase, deadline))
         }
     }
 }
 
 /// What a source with a deadline does.
-fn act(rng: &mut Rng, weather: Weather, deadline: Duration) -> Act {
+fn act(rng: &mut Rng, phase: SourcePhase, deadline: Duration) -> SourceAction {
     let yields = if rng.u8(..8) == 0 { rng.u8(1..4) } else { 0 };
-    let (after, how) = match weather {
-        Weather::Fair(most) => (most.mul_f64(rng.f64()), How::Answers),
-        Weather::Edge => (edge(rng, deadline), How::Answers),
-        Weather::Dead => (Duration::ZERO, How::Hangs),
-        Weather::Refusing => (Duration::ZERO, How::Fails),
-        Weather::Wild => {
+    let (after, how) = match phase {
+        SourcePhase::Fair(most) => (most.mul_f64(rng.f64()), CallResult::Answers),
+        SourcePhase::Edge => (edge(rng, deadline), CallResult::Answers),
+        SourcePhase::Dead => (Duration::ZERO, CallResult::Hangs),
+        SourcePhase::Refusing => (Duration::ZERO, CallResult::Fails),
+        SourcePhase::Wild => {
             let after = one(rng, &[Duration::ZERO, deadline / 2, deadline, deadline * 2]);
-            (after.min(Duration::from_secs(5)), one(rng, &How::ALL))
+            (after.min(Duration::from_secs(5)), one(rng, &CallResult::ALL))
         }
     };
-    Act { after, yields, how }
+    SourceAction { after, yields, how }
 }
 
 fn finish(rng: &mut Rng, span: Duration) -> Finish {
@@ -186,10 +186,10 @@ fn finish(rng: &mut Rng, span: Duration) -> Finish {
 }
 
 /// A reader; one who leaves is among the rare ones.
-fn audience(rng: &mut Rng, end: Finish) -> Audience {
+fn audience(rng: &mut Rng, end: Finish) -> ReaderPlan {
     let is_lazy = rng.u8(..5) == 0;
     let lag = (rng.u8(..6) == 0).then(|| (rng.usize(..60), Duration::from_millis(rng.u64(..400))));
-    Audience {
+    ReaderPlan {
         joins_after: rng.usize(..40),
         pace: if is_lazy { Duration::from_micros(rng.u64(..3000)) } else { Duration::ZERO },
         lag,
@@ -234,7 +234,7 @@ fn one<T: Copy>(rng: &mut Rng, choices: &[T]) -> T {
     choices[rng.usize(..choices.len())]
 }
 
-impl How {
+impl CallResult {
     const ALL: [Self; 8] = [
         Self::Answers,
         Self::Fails,

@@ -5,7 +5,7 @@ use serde::Deserialize;
 /// A seed that failed once.
 #[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Kept {
+pub struct KeptSeed {
     /// The seed.
     pub seed: u64,
     /// What it found, and what was done about it.
@@ -17,12 +17,12 @@ pub struct Kept {
 /// # Panics
 /// If `seeds.toml` is no list of seeds with reasons; a test reads it.
 #[must_use]
-pub fn kept() -> Vec<Kept> {
+pub fn kept() -> Vec<KeptSeed> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct File {
         #[serde(default)]
-        seed: Vec<Kept>,
+        seed: Vec<KeptSeed>,
     }
     let file: Result<File, _> = toml::from_str(include_str!("../../simulate/seeds.toml"));
     file.map(|file| file.seed).expect("seeds.toml is a list of seeds with reasons")

@@ -9,15 +9,15 @@ use fuseline_tokio::{DropReason, Ending, Hint, Item, OpenRefusal};
 use tokio::time::Instant;
 
 use crate::simulate::scenario::Scenario;
-use crate::simulate::value::{Census, Told, Value};
+use crate::simulate::value::{InstanceCounts, ValueLabel, Value};
 
 /// All that the simulated parts share.
-pub(crate) struct World {
+pub(crate) struct SimulationState {
     pub(crate) scenario: Scenario,
     start: Instant,
     log: Mutex<Log>,
-    pub(crate) frames: Census,
-    pub(crate) values: Census,
+    pub(crate) frames: InstanceCounts,
+    pub(crate) values: InstanceCounts,
 }
 
 /// What was seen, in the order in which it happened. Instants are nanoseconds of the operator's clock.
@@ -26,18 +26,18 @@ pub(crate) struct Log {
     /// By timestamp: the message's number and when it was written.
     pub(crate) written: Vec<(usize, u64)>,
     /// Message handlers that were asked: cloud and timestamp.
-    pub(crate) asked: Vec<(u16, u64)>,
+    pub(crate) requested: Vec<(u16, u64)>,
     /// Calls and local computations.
-    pub(crate) calls: Vec<Seen>,
+    pub(crate) calls: Vec<LoggedCall>,
     /// What each reader read.
     pub(crate) items: Vec<Vec<Read>>,
     /// Which readers left.
     pub(crate) gone: Vec<bool>,
-    pub(crate) hints: Vec<Heard>,
+    pub(crate) hints: Vec<LoggedHint>,
     /// What policies were told, by the clouds' priorities.
     pub(crate) ends: Vec<(u16, End)>,
     /// Asides: asked of the handler, under way now and at most, and answers that came to the response handler.
-    pub(crate) asides: [usize; 4],
+    pub(crate) sides: [usize; 4],
     /// When the process stood still: from, to.
     pub(crate) stalls: Vec<(u64, u64)>,
     /// When the operator was told to stop, or the runtime was dropped.
@@ -50,7 +50,7 @@ pub(crate) struct Log {
 
 /// A call or a local computation.
 #[derive(PartialEq, Debug)]
-pub(crate) struct Seen {
+pub(crate) struct LoggedCall {
     pub(crate) p: u16,
     pub(crate) t: u64,
     pub(crate) serial: usize,
@@ -67,7 +67,7 @@ pub(crate) enum Stop {
     Answered,
     Failed,
     /// It was dropped by others.
-    Dropped,
+    DroppedResult,
 }
 
 /// An item, as it was read.
@@ -78,31 +78,31 @@ pub(crate) struct Read {
     pub(crate) at: u64,
     pub(crate) opened: u64,
     pub(crate) decided: u64,
-    pub(crate) left: Left,
+    pub(crate) left: LoggedOutcome,
     /// Whose failures were accepted, with the words.
     pub(crate) failures: Vec<(u16, Arc<str>)>,
 }
 
 /// How a message left.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) enum Left {
-    Forwarded { told: Told, p: u16, name: Arc<str>, arrived: u64, trigger: Trigger },
+pub(crate) enum LoggedOutcome {
+    Forwarded { reported: ValueLabel, p: u16, name: Arc<str>, arrived: u64, trigger: Trigger },
     Missed,
     Refused(OpenRefusal),
 }
 
 /// A hint.
 #[derive(PartialEq, Debug)]
-pub(crate) struct Heard {
+pub(crate) struct LoggedHint {
     pub(crate) at: u64,
     pub(crate) t: u64,
     pub(crate) p: u16,
-    pub(crate) told: Told,
+    pub(crate) reported: ValueLabel,
     pub(crate) age: Duration,
     pub(crate) why: DropReason,
 }
 
-impl World {
+impl SimulationState {
     pub(crate) fn new(scenario: &Scenario) -> Self {
         let readers = scenario.readers.len();
         let log =
@@ -111,8 +111,8 @@ impl World {
             scenario: scenario.clone(),
             start: Instant::now(),
             log: Mutex::new(log),
-            frames: Census::default(),
-            values: Census::default(),
+            frames: InstanceCounts::default(),
+            values: InstanceCounts::default(),
         }
     }
 
@@ -131,15 +131,15 @@ impl World {
 
     pub(crate) fn read(&self, reader: usize, item: &Item<Value>) {
         let left = match &item.ending {
-            Ending::Forwarded(forwarded) => Left::Forwarded {
-                told: forwarded.value.told,
+            Ending::Forwarded(forwarded) => LoggedOutcome::Forwarded {
+                reported: forwarded.value.reported,
                 p: forwarded.source.priority,
                 name: Arc::clone(&forwarded.source.name),
                 arrived: nanos(forwarded.arrived),
                 trigger: forwarded.trigger,
             },
-            Ending::Missed => Left::Missed,
-            Ending::Refused(why) => Left::Refused(*why),
+            Ending::Missed => LoggedOutcome::Missed,
+            Ending::Refused(why) => LoggedOutcome::Refused(*why),
         };
         let failures = item.failures.iter();
         let read = Read {
@@ -154,15 +154,15 @@ impl World {
     }
 
     pub(crate) fn hear(&self, hint: &Hint<Value>) {
-        let heard = Heard {
+        let received = LoggedHint {
             at: self.now(),
             t: hint.timestamp,
             p: hint.source.priority,
-            told: hint.value.told,
+            reported: hint.value.reported,
             age: hint.age,
             why: hint.why,
         };
-        self.log().hints.push(heard);
+        self.log().hints.push(received);
     }
 }
 

@@ -14,7 +14,7 @@ use tokio::runtime::Builder;
 use tokio::task::JoinHandle;
 use tokio::time::{sleep_until, timeout};
 
-use crate::simulate::log::{Log, World};
+use crate::simulate::log::{Log, SimulationState};
 use crate::simulate::peers::{Script, audience, camera, stall};
 use crate::simulate::scenario::{Disk, Finish, Scenario};
 use crate::simulate::value::Value;
@@ -23,11 +23,11 @@ use crate::simulate::value::Value;
 const FOR_EVER: Duration = Duration::from_secs(100_000);
 
 /// What came of a scenario.
-pub(crate) struct Played {
+pub(crate) struct RunResult {
     pub(crate) log: Log,
     /// The trace, put together from its parts.
     pub(crate) trace: Vec<u8>,
-    pub(crate) ended: Ended,
+    pub(crate) ended: OperatorEnd,
     /// None if nobody held the operator to its end.
     pub(crate) tally: Option<Tally>,
     pub(crate) metrics: Vec<(CompositeKey, DebugValue)>,
@@ -39,7 +39,7 @@ pub(crate) struct Played {
 
 /// How the operator ended.
 #[derive(PartialEq, Debug)]
-pub(crate) enum Ended {
+pub(crate) enum OperatorEnd {
     Well,
     /// Its trace ended earlier.
     Early,
@@ -57,58 +57,58 @@ pub(crate) enum Ended {
 ///
 /// # Errors
 /// If the folder cannot be used.
-pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<Played> {
+pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<RunResult> {
     let path = prepare(scenario, folder)?;
     let recorder = DebuggingRecorder::new();
     let snapshotter = recorder.snapshotter();
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
-    let (world, held) = runtime.block_on(async {
-        let world = Arc::new(World::new(scenario));
+    let (simulation, held) = runtime.block_on(async {
+        let simulation = Arc::new(SimulationState::new(scenario));
         let (writer, input) = stream(scenario.input_len);
-        let script = Script(Arc::clone(&world));
+        let script = Script(Arc::clone(&simulation));
         let start = || spawn(script, config(scenario, path.clone()), input);
         let started =
             if scenario.metered { metrics::with_local_recorder(&recorder, start) } else { start() };
         let held = match started {
             Ok((running, items)) => {
-                tokio::spawn(camera(Arc::clone(&world), writer));
-                tokio::spawn(stall(Arc::clone(&world)));
+                tokio::spawn(camera(Arc::clone(&simulation), writer));
+                tokio::spawn(stall(Arc::clone(&simulation)));
                 // A task, for others may have their turn at its instant before it and after it.
-                tokio::spawn(run(Arc::clone(&world), running, items)).await?
+                tokio::spawn(run(Arc::clone(&simulation), running, items)).await?
             }
-            Err(error) => (Ended::NotStarted(error.to_string()), None),
+            Err(error) => (OperatorEnd::NotStarted(error.to_string()), None),
         };
-        Ok::<_, io::Error>((world, held))
+        Ok::<_, io::Error>((simulation, held))
     })?;
     let (ended, tally) = held;
     let tasks = runtime.metrics().num_alive_tasks();
     drop(runtime);
-    let log = std::mem::take(&mut *world.log());
+    let log = std::mem::take(&mut *simulation.log());
     let metered = snapshotter.snapshot().into_vec().into_iter();
-    Ok(Played {
+    Ok(RunResult {
         log,
         trace: put_together(&path)?,
         ended,
         tally,
         metrics: metered.map(|(key, _, _, value)| (key, value)).collect(),
-        most: [world.frames.most(), world.values.most()],
-        left: [tasks, world.frames.now(), world.values.now()],
+        most: [simulation.frames.most(), simulation.values.most()],
+        left: [tasks, simulation.frames.now(), simulation.values.now()],
     })
 }
 
-type Held = (Ended, Option<Tally>);
+type Held = (OperatorEnd, Option<Tally>);
 
-async fn run(world: Arc<World>, running: Running, items: Items<Value>) -> Held {
-    let reading = tokio::spawn(audience(Arc::clone(&world), 0, items));
+async fn run(simulation: Arc<SimulationState>, running: Running, items: Items<Value>) -> Held {
+    let reading = tokio::spawn(audience(Arc::clone(&simulation), 0, items));
     let mut counts = None;
-    let ended = match world.scenario.end {
+    let ended = match simulation.scenario.end {
         Finish::Crash(at) => {
-            sleep_until(world.at(at)).await;
-            let now = world.now();
-            let mut log = world.log();
+            sleep_until(simulation.at(at)).await;
+            let now = simulation.now();
+            let mut log = simulation.log();
             log.stop(now);
             log.over = Some(now);
-            return (Ended::Crashed, None);
+            return (OperatorEnd::Crashed, None);
         }
         Finish::Alone => {
             drop(running);
@@ -116,37 +116,37 @@ async fn run(world: Arc<World>, running: Running, items: Items<Value>) -> Held {
         }
         Finish::Input => join(running, &mut counts).await,
         Finish::Stop(at) => {
-            sleep_until(world.at(at)).await;
-            world.log().stop(world.now());
+            sleep_until(simulation.at(at)).await;
+            simulation.log().stop(simulation.now());
             running.stop();
             join(running, &mut counts).await
         }
     };
     // Readers read to the end, and local computes on. Until a set instant: while the recorder's thread ends, which takes real
     // time, virtual time may go on.
-    sleep_until(world.at(FOR_EVER * 2)).await;
-    let now = world.now();
-    world.log().over = Some(now);
+    sleep_until(simulation.at(FOR_EVER * 2)).await;
+    let now = simulation.now();
+    simulation.log().over = Some(now);
     (ended, counts)
 }
 
-async fn join(running: Running, counts: &mut Option<Tally>) -> Ended {
+async fn join(running: Running, counts: &mut Option<Tally>) -> OperatorEnd {
     let ended = timeout(FOR_EVER, running.join()).await;
     let (ended, tally) = match ended {
-        Ok(Ok(tally)) => (Ended::Well, tally),
-        Ok(Err(JoinError::Trace { tally, .. })) => (Ended::Early, *tally),
-        Ok(Err(JoinError::Stopped { tally })) => (Ended::Panicked, *tally),
-        Err(_) => return Ended::Never,
+        Ok(Ok(tally)) => (OperatorEnd::Well, tally),
+        Ok(Err(JoinError::Trace { tally, .. })) => (OperatorEnd::Early, *tally),
+        Ok(Err(JoinError::Stopped { tally })) => (OperatorEnd::Panicked, *tally),
+        Err(_) => return OperatorEnd::Never,
     };
     *counts = Some(tally);
     ended
 }
 
-async fn finished(reading: JoinHandle<()>) -> Ended {
+async fn finished(reading: JoinHandle<()>) -> OperatorEnd {
     match timeout(FOR_EVER, reading).await {
-        Ok(Ok(())) => Ended::Well,
-        Ok(Err(_)) => Ended::Panicked,
-        Err(_) => Ended::Never,
+        Ok(Ok(())) => OperatorEnd::Well,
+        Ok(Err(_)) => OperatorEnd::Panicked,
+        Err(_) => OperatorEnd::Never,
     }
 }
 

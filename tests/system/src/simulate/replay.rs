@@ -17,11 +17,11 @@ pub(crate) struct Replay {
     /// The instant of the last input.
     pub(crate) end: u64,
     /// The messages in the order in which they were opened.
-    pub(crate) opened: Vec<Opened>,
+    pub(crate) opened: Vec<OpenedMessage>,
     /// Where each message stands in `opened`.
     by_t: BTreeMap<u64, usize>,
     /// What was asked of local and the clouds, in the order in which it was admitted.
-    pub(crate) asked: Vec<Asked>,
+    pub(crate) requested: Vec<AdmittedRequest>,
     /// The messages in the order in which they left: places in `opened`.
     pub(crate) left: Vec<usize>,
     /// Offers: timestamp, cloud, and how they were answered.
@@ -30,35 +30,35 @@ pub(crate) struct Replay {
     pub(crate) wrong_backlogs: Vec<String>,
     /// Local computations that failed for want of room, or did not, in words.
     pub(crate) wrong_room: Vec<String>,
-    pub(crate) dropped: Vec<Dropped>,
+    pub(crate) dropped: Vec<DroppedResult>,
     pub(crate) held: Vec<u16>,
 }
 
 /// A message that was opened.
-pub(crate) struct Opened {
+pub(crate) struct OpenedMessage {
     pub(crate) t: u64,
     pub(crate) at: u64,
-    pub(crate) left: Option<Leave>,
+    pub(crate) left: Option<MessageEnd>,
     /// Whose failures were accepted.
     pub(crate) failures: Vec<u16>,
 }
 
 /// How a message left.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Leave {
+pub(crate) struct MessageEnd {
     pub(crate) at: u64,
-    pub(crate) how: Way,
+    pub(crate) how: CallPath,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Way {
+pub(crate) enum CallPath {
     Forwarded(u16, Trigger),
     Missed,
     Refused(OpenRefusal),
 }
 
 /// A request that was admitted, or a local computation.
-pub(crate) struct Asked {
+pub(crate) struct AdmittedRequest {
     pub(crate) p: u16,
     pub(crate) t: u64,
     pub(crate) at: u64,
@@ -75,7 +75,7 @@ pub(crate) struct Asked {
 }
 
 /// A result or failure that was dropped.
-pub(crate) struct Dropped {
+pub(crate) struct DroppedResult {
     pub(crate) at: u64,
     pub(crate) t: u64,
     pub(crate) p: u16,
@@ -150,12 +150,12 @@ impl Replay {
     }
 
     /// The message of this timestamp.
-    pub(crate) fn message(&self, t: u64) -> Option<&Opened> {
+    pub(crate) fn message(&self, t: u64) -> Option<&OpenedMessage> {
         self.by_t.get(&t).map(|place| &self.opened[*place])
     }
 }
 
-impl Asked {
+impl AdmittedRequest {
     /// When it was no longer wanted, if it was closed before it ended.
     pub(crate) fn closed(&self) -> Option<u64> {
         self.fired.into_iter().chain(self.cancelled).min()
@@ -171,8 +171,8 @@ impl Reader<'_> {
         if let Input::Offer { t, p, backlog, .. } = *input {
             let waiting = self.queue(p).map_or(0, |queue| self.queues[queue].waiting.len());
             if waiting as u64 != backlog {
-                let told = format!("{t} was offered to {p} with backlog {backlog}, {waiting} wait");
-                self.replay.wrong_backlogs.push(told);
+                let reported = format!("{t} was offered to {p} with backlog {backlog}, {waiting} wait");
+                self.replay.wrong_backlogs.push(reported);
             }
         }
         if let Input::Result { t, p, .. } | Input::Fail { t, p, .. } = *input {
@@ -203,7 +203,7 @@ impl Reader<'_> {
         let Input::Open { at, t, deadline } = *input else { return };
         let replay = &mut self.replay;
         replay.by_t.insert(t, replay.opened.len());
-        replay.opened.push(Opened { t, at, left: None, failures: Vec::new() });
+        replay.opened.push(OpenedMessage { t, at, left: None, failures: Vec::new() });
         if own.is_empty() {
             let due = deadline.map(|deadline| self.now.saturating_add(deadline));
             self.ask(0, 0, t, due);
@@ -222,14 +222,14 @@ impl Reader<'_> {
         let bound = self.scenario.local.waiting.unwrap_or(self.scenario.window.into());
         let fails = matches!(input, Input::Fail { t: of, p: 0, .. } if *of == t);
         if waiting > bound && !fails {
-            let told = format!("{waiting} wait for local, which is bounded by {bound}");
-            self.replay.wrong_room.push(told);
+            let reported = format!("{waiting} wait for local, which is bounded by {bound}");
+            self.replay.wrong_room.push(reported);
         }
     }
 
     fn ask(&mut self, queue: usize, p: u16, t: u64, due: Option<u64>) {
-        self.queues[queue].waiting.push_back(self.replay.asked.len());
-        self.replay.asked.push(Asked {
+        self.queues[queue].waiting.push_back(self.replay.requested.len());
+        self.replay.requested.push(AdmittedRequest {
             p,
             t,
             at: self.now,
@@ -245,14 +245,14 @@ impl Reader<'_> {
     /// The source's own word came.
     fn end(&mut self, t: u64, p: u64, is_result: bool) {
         if let Some(queue) = self.queue(p)
-            && let Some(asked) = self.take(queue, t)
+            && let Some(requested) = self.take(queue, t)
         {
-            self.replay.asked[asked].ended = Some((self.now, is_result));
-        } else if let Some(asked) =
-            self.replay.asked.iter_mut().rev().find(|asked| u64::from(asked.p) == p && asked.t == t)
+            self.replay.requested[requested].ended = Some((self.now, is_result));
+        } else if let Some(requested) =
+            self.replay.requested.iter_mut().rev().find(|requested| u64::from(requested.p) == p && requested.t == t)
         {
             // It came although it had been closed: it lingered, or came with its timer.
-            asked.ended.get_or_insert((self.now, is_result));
+            requested.ended.get_or_insert((self.now, is_result));
         }
     }
 
@@ -264,13 +264,13 @@ impl Reader<'_> {
                 {
                     self.take(queue, t);
                 }
-                self.mark(t, p, |asked| asked.fired = Some(at));
+                self.mark(t, p, |requested| requested.fired = Some(at));
             }
             Decision::Cancel { at, t, p } => {
                 if let Some(queue) = self.queue(p) {
                     self.take(queue, t);
                 }
-                self.mark(t, p, |asked| asked.cancelled = Some(at));
+                self.mark(t, p, |requested| requested.cancelled = Some(at));
             }
             Decision::Request { t, p, due, .. } => {
                 self.replay.offers.push((t, short(p), None));
@@ -281,29 +281,29 @@ impl Reader<'_> {
             Decision::RefuseOffer { t, p, why, .. } => {
                 self.replay.offers.push((t, short(p), Some(why)));
             }
-            Decision::Emit { at, t, p } => self.leave(at, t, Way::Forwarded(short(p), trigger)),
-            Decision::Miss { at, t } => self.leave(at, t, Way::Missed),
-            Decision::RefuseOpen { at, t, why } => self.leave(at, t, Way::Refused(why)),
+            Decision::Emit { at, t, p } => self.leave(at, t, CallPath::Forwarded(short(p), trigger)),
+            Decision::Miss { at, t } => self.leave(at, t, CallPath::Missed),
+            Decision::RefuseOpen { at, t, why } => self.leave(at, t, CallPath::Refused(why)),
             Decision::Hold { p, .. } => self.replay.held.push(short(p)),
             Decision::Drop { at, t, p, why } => {
                 let is_result = matches!(input, Input::Result { .. });
-                self.replay.dropped.push(Dropped { at, t, p: short(p), why, is_result });
+                self.replay.dropped.push(DroppedResult { at, t, p: short(p), why, is_result });
             }
         }
     }
 
-    fn leave(&mut self, at: u64, t: u64, how: Way) {
+    fn leave(&mut self, at: u64, t: u64, how: CallPath) {
         let Some(place) = self.replay.by_t.get(&t).copied() else { return };
-        self.replay.opened[place].left = Some(Leave { at, how });
+        self.replay.opened[place].left = Some(MessageEnd { at, how });
         self.replay.left.push(place);
-        let waits = |queue: &Queue, asked: &[Asked]| {
-            queue.waiting.iter().position(|place| asked[*place].t == t)
+        let waits = |queue: &Queue, requested: &[AdmittedRequest]| {
+            queue.waiting.iter().position(|place| requested[*place].t == t)
         };
         if self.scenario.local.skip_answered
-            && let Some(at) = waits(&self.queues[0], &self.replay.asked)
-            && let Some(asked) = self.queues[0].waiting.remove(at)
+            && let Some(at) = waits(&self.queues[0], &self.replay.requested)
+            && let Some(requested) = self.queues[0].waiting.remove(at)
         {
-            self.replay.asked[asked].skipped = true;
+            self.replay.requested[requested].skipped = true;
         }
     }
 
@@ -311,29 +311,29 @@ impl Reader<'_> {
     fn start(&mut self) {
         for queue in &mut self.queues {
             while queue.flying.len() < queue.at_once
-                && let Some(asked) = queue.waiting.pop_front()
+                && let Some(requested) = queue.waiting.pop_front()
             {
-                self.replay.asked[asked].started = Some(self.now);
-                queue.flying.push(asked);
+                self.replay.requested[requested].started = Some(self.now);
+                queue.flying.push(requested);
             }
         }
     }
 
     /// Takes a request out of its queue, or from what is under way.
     fn take(&mut self, queue: usize, t: u64) -> Option<usize> {
-        let asked = &self.replay.asked;
+        let requested = &self.replay.requested;
         let Queue { waiting, flying, .. } = &mut self.queues[queue];
-        if let Some(place) = flying.iter().position(|place| asked[*place].t == t) {
+        if let Some(place) = flying.iter().position(|place| requested[*place].t == t) {
             return Some(flying.remove(place));
         }
-        let place = waiting.iter().position(|place| asked[*place].t == t)?;
+        let place = waiting.iter().position(|place| requested[*place].t == t)?;
         waiting.remove(place)
     }
 
-    fn mark(&mut self, t: u64, p: u64, mark: impl FnOnce(&mut Asked)) {
-        let is_it = |asked: &&mut Asked| asked.t == t && u64::from(asked.p) == p;
-        if let Some(asked) = self.replay.asked.iter_mut().rev().find(is_it) {
-            mark(asked);
+    fn mark(&mut self, t: u64, p: u64, mark: impl FnOnce(&mut AdmittedRequest)) {
+        let is_it = |requested: &&mut AdmittedRequest| requested.t == t && u64::from(requested.p) == p;
+        if let Some(requested) = self.replay.requested.iter_mut().rev().find(is_it) {
+            mark(requested);
         }
     }
 

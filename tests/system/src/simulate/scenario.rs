@@ -23,7 +23,7 @@ pub struct Scenario {
     /// The clouds, as they are registered.
     pub clouds: Vec<Remote>,
     /// Calls beside the rules, if there are any: the gate's limit and how many may be under way.
-    pub aside: Option<(u64, usize)>,
+    pub side: Option<(u64, usize)>,
     /// Whether late results are handed on as hints, and whether their handler panics.
     pub hints: Option<bool>,
     /// Whether somebody takes the metrics, which costs as much as a source.
@@ -31,7 +31,7 @@ pub struct Scenario {
     /// What becomes of the recording.
     pub disk: Disk,
     /// Who reads the output; the first is there from the start.
-    pub readers: Vec<Audience>,
+    pub readers: Vec<ReaderPlan>,
     /// When the process stands still, and for how long.
     pub stalls: Vec<(Duration, Duration)>,
     /// The messages, in order.
@@ -81,7 +81,7 @@ pub enum Disk {
 
 /// A reader of the output.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Audience {
+pub struct ReaderPlan {
     /// After how many items of the first reader it joins.
     pub joins_after: usize,
     /// How long it takes for each item.
@@ -100,38 +100,38 @@ pub struct Message {
     /// How often others have their turn before it is written.
     pub yields: u8,
     /// What local does.
-    pub local: Act,
+    pub local: SourceAction,
     /// What each cloud is asked, and does.
-    pub asks: Vec<Ask>,
+    pub asks: Vec<OfferAction>,
     /// What is asked beside the rules.
-    pub aside: Ask,
+    pub side: OfferAction,
 }
 
 /// What a message handler does with a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Ask {
+pub enum OfferAction {
     /// It asks nothing.
     Nothing,
     /// It panics.
     Panics,
     /// It offers a request with this deadline; the cloud then acts so.
-    Offers(Duration, Act),
+    Offers(Duration, SourceAction),
 }
 
 /// What a source does once it is called.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Act {
+pub struct SourceAction {
     /// How long it takes.
     pub after: Duration,
     /// How often others have their turn before it begins and before it ends.
     pub yields: u8,
     /// How it ends.
-    pub how: How,
+    pub how: CallResult,
 }
 
 /// How a call or a computation ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum How {
+pub enum CallResult {
     /// With a result.
     Answers,
     /// With an error: a connection that was refused or reset.
@@ -165,24 +165,24 @@ pub enum Finish {
 
 impl Scenario {
     /// What source `p` does about this message, if it is asked.
-    pub(crate) fn act(&self, serial: usize, p: u16) -> Option<Act> {
+    pub(crate) fn act(&self, serial: usize, p: u16) -> Option<SourceAction> {
         let frame = self.frames.get(serial)?;
         if p == 0 {
             return Some(frame.local);
         }
         let place = self.clouds.iter().position(|cloud| cloud.p == p)?;
         match frame.asks.get(place)? {
-            Ask::Offers(_, act) => Some(*act),
-            Ask::Nothing | Ask::Panics => None,
+            OfferAction::Offers(_, act) => Some(*act),
+            OfferAction::Nothing | OfferAction::Panics => None,
         }
     }
 }
 
-impl Act {
+impl SourceAction {
     /// Answers after this long.
     #[must_use]
     pub const fn answers(after: Duration) -> Self {
-        Self { after, yields: 0, how: How::Answers }
+        Self { after, yields: 0, how: CallResult::Answers }
     }
 }
 
@@ -198,7 +198,7 @@ impl fmt::Display for Scenario {
         for cloud in &self.clouds {
             writeln!(f, "  cloud   {cloud:?}")?;
         }
-        if let Some((limit, calls)) = self.aside {
+        if let Some((limit, calls)) = self.side {
             writeln!(f, "  aside   limit {limit}, {calls} calls")?;
         }
         if let Some(panics) = self.hints {
@@ -221,8 +221,8 @@ impl fmt::Display for Scenario {
             for (cloud, ask) in self.clouds.iter().zip(&frame.asks) {
                 write!(f, ", cloud {} {ask}", cloud.p)?;
             }
-            if self.aside.is_some() {
-                write!(f, ", aside {}", frame.aside)?;
+            if self.side.is_some() {
+                write!(f, ", aside {}", frame.side)?;
             }
             writeln!(f)?;
         }
@@ -230,7 +230,7 @@ impl fmt::Display for Scenario {
     }
 }
 
-impl fmt::Display for Ask {
+impl fmt::Display for OfferAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Nothing => f.write_str("is not asked"),
@@ -240,7 +240,7 @@ impl fmt::Display for Ask {
     }
 }
 
-impl fmt::Display for Act {
+impl fmt::Display for SourceAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?} after {:?}", self.how, self.after)?;
         if self.yields > 0 { write!(f, " and {} yields", self.yields) } else { Ok(()) }

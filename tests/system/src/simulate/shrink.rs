@@ -3,7 +3,7 @@
 use std::io;
 use std::time::Duration;
 
-use crate::simulate::scenario::{Act, Ask, Audience, Disk, Finish, How, Scenario};
+use crate::simulate::scenario::{SourceAction, OfferAction, ReaderPlan, Disk, Finish, CallResult, Scenario};
 
 /// The most runs that are tried.
 const TRIES: usize = 3000;
@@ -79,12 +79,12 @@ fn plainer(scenario: &Scenario) -> Vec<Scenario> {
     for place in 0..scenario.stalls.len() {
         propose(&|it| it.stalls = [&it.stalls[..place], &it.stalls[place + 1..]].concat());
     }
-    let plain = Audience { joins_after: 0, pace: Duration::ZERO, lag: None, leaves_after: None };
+    let plain = ReaderPlan { joins_after: 0, pace: Duration::ZERO, lag: None, leaves_after: None };
     propose(&|it| it.readers.truncate(1));
     propose(&|it| it.readers.iter_mut().for_each(|reader| *reader = plain));
     propose(&|it| it.disk = Disk::Whole(None));
     propose(&|it| it.hints = None);
-    propose(&|it| it.aside = None);
+    propose(&|it| it.side = None);
     propose(&|it| it.end = Finish::Input);
     propose(&|it| it.input_len = 1024);
     propose(&|it| it.output_len = 1024);
@@ -97,21 +97,21 @@ fn plainer(scenario: &Scenario) -> Vec<Scenario> {
     }
     for place in 0..scenario.frames.len() {
         propose(&|it| it.frames[place].yields = 0);
-        propose(&|it| it.frames[place].aside = Ask::Nothing);
-        propose(&|it| it.frames[place].local = Act::answers(Duration::ZERO));
+        propose(&|it| it.frames[place].side = OfferAction::Nothing);
+        propose(&|it| it.frames[place].local = SourceAction::answers(Duration::ZERO));
         propose(&|it| it.frames[place].local.yields = 0);
         for cloud in 0..scenario.clouds.len() {
-            propose(&|it| it.frames[place].asks[cloud] = Ask::Nothing);
+            propose(&|it| it.frames[place].asks[cloud] = OfferAction::Nothing);
             propose(&|it| {
-                if let Ask::Offers(_, act) = &mut it.frames[place].asks[cloud] {
-                    *act = Act { how: How::Answers, yields: 0, ..*act };
+                if let OfferAction::Offers(_, act) = &mut it.frames[place].asks[cloud] {
+                    *act = SourceAction { how: CallResult::Answers, yields: 0, ..*act };
                 }
             });
         }
     }
     // Removing local's deadline may leave a message open for ever, which shows nothing but that.
     all.retain(|it| {
-        let hangs = |act: Act| matches!(act.how, How::Hangs | How::HangsAndPanics);
+        let hangs = |act: SourceAction| matches!(act.how, CallResult::Hangs | CallResult::HangsAndPanics);
         it.local.deadline.is_some() || !it.frames.iter().any(|frame| hangs(frame.local))
     });
     all

@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 use crate::simulate::checks::{Facts, Finding};
 use crate::simulate::log::Log;
-use crate::simulate::play::{Ended, Played, play};
+use crate::simulate::play::{OperatorEnd, RunResult, play};
 use crate::simulate::scenario::Scenario;
 use crate::simulate::shrink;
 
@@ -30,15 +30,15 @@ pub struct Simulated {
     /// The operator's trace.
     pub trace: Vec<u8>,
     /// What else was seen; none if a panic came through.
-    seen: Option<Seen>,
+    seen: Option<ExternalLog>,
 }
 
 /// What was seen outside of the trace.
 #[derive(Debug)]
 #[expect(dead_code, reason = "it is shown as a whole")]
-struct Seen {
+struct ExternalLog {
     log: Log,
-    ended: Ended,
+    ended: OperatorEnd,
     tally: Option<Tally>,
     most: [usize; 2],
     left: [usize; 3],
@@ -84,12 +84,12 @@ impl Simulator {
 }
 
 impl Simulated {
-    fn new(findings: Vec<Finding>, played: Played) -> Self {
+    fn new(findings: Vec<Finding>, played: RunResult) -> Self {
         let last = played.log.items.iter().flatten().map(|read| read.at).max().unwrap_or(0);
         let life = Duration::from_nanos(played.log.stopped.unwrap_or(last));
-        let Played { log, trace, ended, tally, most, left, .. } = played;
+        let RunResult { log, trace, ended, tally, most, left, .. } = played;
         let messages = log.written.len() as u64;
-        let seen = Some(Seen { log, ended, tally, most, left });
+        let seen = Some(ExternalLog { log, ended, tally, most, left });
         Self { findings, messages, life, trace, seen }
     }
 

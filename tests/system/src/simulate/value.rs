@@ -6,18 +6,18 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// A message from the camera.
 pub(crate) struct Frame {
     pub(crate) serial: usize,
-    _alive: Alive,
+    _alive: LiveCounter,
 }
 
 /// A result.
 pub(crate) struct Value {
-    pub(crate) told: Told,
-    _alive: Alive,
+    pub(crate) reported: ValueLabel,
+    _alive: LiveCounter,
 }
 
 /// What a value says of itself.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Told {
+pub(crate) struct ValueLabel {
     /// The source's priority.
     pub(crate) p: u16,
     /// The timestamp that the source was told.
@@ -30,23 +30,23 @@ pub(crate) struct Told {
 
 /// How many of one kind there are, and were at most.
 #[derive(Clone, Default)]
-pub(crate) struct Census(Arc<[AtomicUsize; 2]>);
+pub(crate) struct InstanceCounts(Arc<[AtomicUsize; 2]>);
 
-struct Alive(Census);
+struct LiveCounter(InstanceCounts);
 
 impl Frame {
-    pub(crate) fn new(serial: usize, census: &Census) -> Self {
-        Self { serial, _alive: census.born() }
+    pub(crate) fn new(serial: usize, instance_counts: &InstanceCounts) -> Self {
+        Self { serial, _alive: instance_counts.born() }
     }
 }
 
 impl Value {
-    pub(crate) fn new(told: Told, census: &Census) -> Self {
-        Self { told, _alive: census.born() }
+    pub(crate) fn new(reported: ValueLabel, instance_counts: &InstanceCounts) -> Self {
+        Self { reported, _alive: instance_counts.born() }
     }
 }
 
-impl Census {
+impl InstanceCounts {
     pub(crate) fn now(&self) -> usize {
         self.0[0].load(Ordering::Relaxed)
     }
@@ -55,14 +55,14 @@ impl Census {
         self.0[1].load(Ordering::Relaxed)
     }
 
-    fn born(&self) -> Alive {
+    fn born(&self) -> LiveCounter {
         let now = self.0[0].fetch_add(1, Ordering::Relaxed) + 1;
         self.0[1].fetch_max(now, Ordering::Relaxed);
-        Alive(self.clone())
+        LiveCounter(self.clone())
     }
 }
 
-impl Drop for Alive {
+impl Drop for LiveCounter {
     fn drop(&mut self) {
         self.0.0[0].fetch_sub(1, Ordering::Relaxed);
     }

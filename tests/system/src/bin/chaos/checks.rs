@@ -6,10 +6,10 @@ use std::fmt;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use fuseline_tokio::Tally;
 
-use crate::fleet::{Fate, Late, outputs};
-use crate::gauges::{Lateness, Taken};
-use crate::spell::Spell;
-use crate::strike::Harm;
+use crate::fleet::{OperatorOutcome, LateItem, outputs};
+use crate::gauges::{Lateness, ResourceUsage};
+use crate::span::TimeSpan;
+use crate::disruption::Disruption;
 
 /// A line below the header and no other.
 const STYLE: TableStyle =
@@ -20,16 +20,16 @@ const SHOWN: usize = 3;
 
 /// A run, as it was seen from outside of the operators.
 #[derive(Default)]
-pub(crate) struct Course {
-    pub(crate) strikes: BTreeMap<&'static str, Spell>,
+pub(crate) struct ObservedRun {
+    pub(crate) strikes: BTreeMap<&'static str, TimeSpan>,
     /// All calms together.
-    pub(crate) calm: Spell,
+    pub(crate) calm: TimeSpan,
     /// Clouds that an operator had no output of during a calm.
     pub(crate) unheard: Vec<String>,
     /// What the process took in each calm.
-    pub(crate) taken: Vec<Taken>,
+    pub(crate) taken: Vec<ResourceUsage>,
     /// What it took before there were operators, and after.
-    pub(crate) left: (Taken, Taken),
+    pub(crate) left: (ResourceUsage, ResourceUsage),
 }
 
 /// One check and what it found.
@@ -41,54 +41,54 @@ pub(crate) struct Check {
 /// All checks.
 pub(crate) fn checks(
     messages: u64,
-    course: &Course,
-    fates: &[Result<Fate, String>],
-    late: &Late,
+    observed: &ObservedRun,
+    fates: &[Result<OperatorOutcome, String>],
+    late: &LateItem,
     lateness: &Lateness,
 ) -> Vec<Check> {
-    let ended: Vec<&Fate> = fates.iter().flatten().collect();
-    let each = |found: &dyn Fn(&Fate) -> Vec<String>| ended.iter().flat_map(|f| found(f)).collect();
-    let answered: u64 = ended.iter().flat_map(|fate| fate.seen.answers.values()).sum();
-    let mut once: Vec<String> = each(&|fate| fate.seen.wrong.1.clone());
+    let ended: Vec<&OperatorOutcome> = fates.iter().flatten().collect();
+    let each = |found: &dyn Fn(&OperatorOutcome) -> Vec<String>| ended.iter().flat_map(|f| found(f)).collect();
+    let answered: u64 = ended.iter().flat_map(|operator_outcome| operator_outcome.seen.answers.values()).sum();
+    let mut once: Vec<String> = each(&|operator_outcome| operator_outcome.seen.wrong.1.clone());
     once.extend((answered != messages).then(|| format!("{answered} of {messages} are answered")));
     let found = [
-        ("everything ends", fates.iter().filter_map(|fate| fate.as_ref().err().cloned()).collect()),
+        ("everything ends", fates.iter().filter_map(|operator_outcome| operator_outcome.as_ref().err().cloned()).collect()),
         ("answered once", once),
         ("none late", late.outputs.beyond(lateness)),
         ("aborted", late.calls.beyond(lateness)),
-        ("the rules decide", each(&|fate| by_the_rules(fate))),
-        ("one account", each(&|fate| one_account(fate))),
-        ("each with its reason", each(&|fate| reasons(&fate.tally))),
-        ("found again", course.unheard.clone()),
-        ("strikes bite", course.blunt()),
-        ("flat", course.grown()),
-        ("nothing is left", course.left()),
+        ("the rules decide", each(&|operator_outcome| by_the_rules(operator_outcome))),
+        ("one account", each(&|operator_outcome| one_account(operator_outcome))),
+        ("each with its reason", each(&|operator_outcome| reasons(&operator_outcome.tally))),
+        ("found again", observed.unheard.clone()),
+        ("strikes bite", observed.blunt()),
+        ("flat", observed.grown()),
+        ("nothing is left", observed.left()),
     ];
     found.into_iter().map(|(name, found)| Check { name, found }).collect()
 }
 
 /// What the judge found in the trace, and whether all messages are in it.
-fn by_the_rules(fate: &Fate) -> Vec<String> {
-    let (number, judged, messages) = (fate.number, fate.judged, fate.tally.messages);
+fn by_the_rules(operator_outcome: &OperatorOutcome) -> Vec<String> {
+    let (number, judged, messages) = (operator_outcome.number, operator_outcome.judged, operator_outcome.tally.messages);
     let mut found: Vec<String> =
-        fate.finding.iter().map(|finding| format!("operator {number}: {finding}")).collect();
+        operator_outcome.finding.iter().map(|finding| format!("operator {number}: {finding}")).collect();
     if judged != messages {
         found.push(format!("operator {number}: the trace has {judged} messages of {messages}"));
     }
-    found.extend(fate.tally.unrecorded.iter().map(|why| format!("operator {number}: {why}")));
+    found.extend(operator_outcome.tally.unrecorded.iter().map(|why| format!("operator {number}: {why}")));
     found
 }
 
 /// What the tally tells otherwise than the items.
-fn one_account(fate: &Fate) -> Vec<String> {
-    let Fate { number, seen, tally, .. } = fate;
+fn one_account(operator_outcome: &OperatorOutcome) -> Vec<String> {
+    let OperatorOutcome { number, seen, tally, .. } = operator_outcome;
     let mut found = Vec::new();
     for source in &tally.sources {
         let name = &*source.source.name;
-        let (told, read) = (outputs(tally, name), seen.answers.get(name).copied().unwrap_or(0));
-        if told != read {
+        let (reported, read) = (outputs(tally, name), seen.answers.get(name).copied().unwrap_or(0));
+        if reported != read {
             found
-                .push(format!("operator {number}: {told} outputs of {name} are told, {read} read"));
+                .push(format!("operator {number}: {reported} outputs of {name} are told, {read} read"));
         }
     }
     found
@@ -100,25 +100,25 @@ fn reasons(tally: &Tally) -> Vec<String> {
     unnamed.map(|source| format!("{}: {}", source.source.name, source.reasons)).collect()
 }
 
-impl Course {
+impl ObservedRun {
     /// Strikes that did not do what they should: the run shows nothing then.
     fn blunt(&self) -> Vec<String> {
         let mut found = Vec::new();
-        for harm in Harm::ALL {
+        for harm in Disruption::ALL {
             let name = harm.as_str();
-            let Some(spell) = self.strikes.get(name) else {
+            let Some(span) = self.strikes.get(name) else {
                 found.push(format!("{name}: there was none"));
                 continue;
             };
             // A third of the outputs is a cloud's when nothing breaks.
-            if harm.silences() && spell.of_struck > spell.outputs / 20 {
-                found.push(format!("{name}: the cloud answers, {spell:?}"));
+            if harm.silences() && span.of_struck > span.outputs / 20 {
+                found.push(format!("{name}: the cloud answers, {span:?}"));
             }
-            if harm.breaks_calls() && spell.failed + spell.timed_out == 0 {
-                found.push(format!("{name}: no call fails, {spell:?}"));
+            if harm.breaks_calls() && span.failed + span.timed_out == 0 {
+                found.push(format!("{name}: no call fails, {span:?}"));
             }
-            if harm.is_told() && spell.failed == 0 {
-                found.push(format!("{name}: calls wait, {spell:?}"));
+            if harm.is_reported() && span.failed == 0 {
+                found.push(format!("{name}: calls wait, {span:?}"));
             }
         }
         found
@@ -161,19 +161,19 @@ impl Course {
             "calls failed",
             "timed out",
         ]);
-        let harms = Harm::ALL.map(Harm::as_str).into_iter();
+        let harms = Disruption::ALL.map(Disruption::as_str).into_iter();
         let struck = harms.filter_map(|name| Some((name, self.strikes.get(name)?)));
-        for (name, spell) in struck.chain([("calm", &self.calm)]) {
-            let share = |of: u64| format!("{} %", of * 100 / spell.outputs.max(1));
+        for (name, span) in struck.chain([("calm", &self.calm)]) {
+            let share = |of: u64| format!("{} %", of * 100 / span.outputs.max(1));
             table.add_row([
                 name.to_owned(),
-                spell.times.to_string(),
-                format!("{}.{}", spell.ms / 1000, spell.ms % 1000 / 100),
-                spell.outputs.to_string(),
-                share(spell.of_struck),
-                share(spell.of_local),
-                spell.failed.to_string(),
-                spell.timed_out.to_string(),
+                span.times.to_string(),
+                format!("{}.{}", span.ms / 1000, span.ms % 1000 / 100),
+                span.outputs.to_string(),
+                share(span.of_struck),
+                share(span.of_local),
+                span.failed.to_string(),
+                span.timed_out.to_string(),
             ]);
         }
         for column in table.column_iter_mut().skip(1) {

@@ -47,11 +47,11 @@ pub(crate) async fn cloud(args: Args) -> Result<(), Error> {
         ..Server::default()
     };
     let delay = Arc::new(AtomicU64::new(0));
-    let (told, number) = (Arc::clone(&delay), args.number);
+    let (reported, number) = (Arc::clone(&delay), args.number);
     let (end, ended) = oneshot::channel::<()>();
     std::thread::spawn(move || {
         for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-            told.store(line.trim().parse().unwrap_or(0), Ordering::Relaxed);
+            reported.store(line.trim().parse().unwrap_or(0), Ordering::Relaxed);
         }
         drop(end);
     });

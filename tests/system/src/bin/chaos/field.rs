@@ -11,7 +11,7 @@ use fuseline_tokio::grpc::Remote;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::certificates::Ca;
-use crate::strike::{Harm, Strike};
+use crate::disruption::{Disruption, ScheduledDisruption};
 
 /// The port of the first cloud.
 const PORT: u16 = 7000;
@@ -20,7 +20,7 @@ const PORT: u16 = 7000;
 const YEARS: (i32, i32) = (4000, 2020);
 
 /// Clouds and network; dropped, it leaves no process.
-pub(crate) struct Field {
+pub(crate) struct Testbed {
     folder: PathBuf,
     clouds: Vec<Child>,
     /// Holds the seconds by which the wall clock is off, for the library that `.ci/chaos` preloads.
@@ -28,7 +28,7 @@ pub(crate) struct Field {
     ca: Ca,
 }
 
-impl Field {
+impl Testbed {
     /// Starts this many clouds.
     ///
     /// # Errors
@@ -73,52 +73,52 @@ impl Field {
     }
 
     /// Breaks what the strike says; [`mend`](Self::mend) ends it.
-    pub(crate) fn strike(&mut self, strike: Strike) -> Result<(), Error> {
-        let (cloud, port) = (strike.cloud, port(strike.cloud));
-        match strike.harm {
-            Harm::Kill => self.kill(cloud)?,
-            Harm::Stop => self.signal(cloud, Signal::STOP)?,
+    pub(crate) fn disruption(&mut self, disruption: ScheduledDisruption) -> Result<(), Error> {
+        let (cloud, port) = (disruption.cloud, port(disruption.cloud));
+        match disruption.harm {
+            Disruption::Kill => self.kill(cloud)?,
+            Disruption::Stop => self.signal(cloud, Signal::STOP)?,
             // Resets themselves must come through.
-            Harm::Reset => nft(port, "tcp flags & rst != rst reject with tcp reset")?,
-            Harm::BlackHole => nft(port, "drop")?,
-            Harm::Loss => nft(port, "numgen random mod 100 < 20 drop")?,
-            Harm::Slow => {
+            Disruption::Reset => nft(port, "tcp flags & rst != rst reject with tcp reset")?,
+            Disruption::BlackHole => nft(port, "drop")?,
+            Disruption::Loss => nft(port, "numgen random mod 100 < 20 drop")?,
+            Disruption::Slow => {
                 run("tc", "qdisc add dev lo root tbf rate 1mbit burst 64kb latency 400ms")?;
             }
-            Harm::Latency => self.tell(cloud, "150"),
-            Harm::Step => self.tell(cloud, "40"),
-            Harm::Dns => {
+            Disruption::Latency => self.report(cloud, "150"),
+            Disruption::Step => self.report(cloud, "40"),
+            Disruption::Dns => {
                 resolve(self.clouds.len(), Some(cloud))?;
                 self.kill(cloud)?;
                 self.clouds[cloud] = self.start(cloud, "good")?;
             }
-            Harm::Expired => {
+            Disruption::Expired => {
                 self.kill(cloud)?;
                 self.clouds[cloud] = self.start(cloud, "expired")?;
             }
-            Harm::ClockBack => self.step("-3600")?,
-            Harm::ClockAhead => self.step("+3600")?,
+            Disruption::ClockBack => self.step("-3600")?,
+            Disruption::ClockAhead => self.step("+3600")?,
         }
         Ok(())
     }
 
     /// Ends a strike.
-    pub(crate) fn mend(&mut self, strike: Strike) -> Result<(), Error> {
-        let cloud = strike.cloud;
-        match strike.harm {
-            Harm::Kill => self.clouds[cloud] = self.start(cloud, "good")?,
-            Harm::Stop => self.signal(cloud, Signal::CONT)?,
-            Harm::Reset | Harm::BlackHole | Harm::Loss => {
+    pub(crate) fn mend(&mut self, disruption: ScheduledDisruption) -> Result<(), Error> {
+        let cloud = disruption.cloud;
+        match disruption.harm {
+            Disruption::Kill => self.clouds[cloud] = self.start(cloud, "good")?,
+            Disruption::Stop => self.signal(cloud, Signal::CONT)?,
+            Disruption::Reset | Disruption::BlackHole | Disruption::Loss => {
                 run("nft", "flush chain inet chaos arrives")?;
             }
-            Harm::Slow => run("tc", "qdisc del dev lo root")?,
-            Harm::Latency | Harm::Step => self.tell(cloud, "0"),
-            Harm::Dns => resolve(self.clouds.len(), None)?,
-            Harm::Expired => {
+            Disruption::Slow => run("tc", "qdisc del dev lo root")?,
+            Disruption::Latency | Disruption::Step => self.report(cloud, "0"),
+            Disruption::Dns => resolve(self.clouds.len(), None)?,
+            Disruption::Expired => {
                 self.kill(cloud)?;
                 self.clouds[cloud] = self.start(cloud, "good")?;
             }
-            Harm::ClockBack | Harm::ClockAhead => self.step("+0000")?,
+            Disruption::ClockBack | Disruption::ClockAhead => self.step("+0000")?,
         }
         Ok(())
     }
@@ -157,14 +157,14 @@ impl Field {
     }
 
     /// A cloud that is gone hears nothing.
-    fn tell(&mut self, cloud: usize, delay_ms: &str) {
+    fn report(&mut self, cloud: usize, delay_ms: &str) {
         if let Some(stdin) = &mut self.clouds[cloud].stdin {
             let _ = writeln!(stdin, "{delay_ms}");
         }
     }
 }
 
-impl Drop for Field {
+impl Drop for Testbed {
     fn drop(&mut self) {
         for cloud in &mut self.clouds {
             let _ = cloud.kill();

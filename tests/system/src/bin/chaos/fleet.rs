@@ -15,7 +15,7 @@ use fuseline_traces::judge;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout_at};
 
-use crate::field::Field;
+use crate::field::Testbed;
 use crate::gauges::Overruns;
 use crate::vehicle::{Answer, DEADLINE, Vehicle, name};
 
@@ -26,14 +26,14 @@ const ENDS: Duration = Duration::from_secs(30);
 const TOLD: usize = 3;
 
 /// What was over after its deadline.
-pub(crate) struct Late {
+pub(crate) struct LateItem {
     pub(crate) outputs: Arc<Overruns>,
     pub(crate) calls: Arc<Overruns>,
 }
 
 /// All operators.
 pub(crate) struct Fleet {
-    vessels: Vec<Vessel>,
+    vessels: Vec<OperatorUnderTest>,
     /// Items that were read.
     read: Arc<AtomicU64>,
     messages: u64,
@@ -42,19 +42,19 @@ pub(crate) struct Fleet {
 }
 
 /// One operator with all that is around it.
-struct Vessel {
+struct OperatorUnderTest {
     number: u64,
     /// The lower first.
     clouds: [usize; 2],
     running: Running,
     trace: PathBuf,
     camera: JoinHandle<()>,
-    reader: JoinHandle<Seen>,
+    reader: JoinHandle<ReaderLog>,
 }
 
 /// What a reader saw.
 #[derive(Default)]
-pub(crate) struct Seen {
+pub(crate) struct ReaderLog {
     /// Messages with their own value, by who made it.
     pub(crate) answers: BTreeMap<String, u64>,
     /// Items that are missed, refused, another's or there twice: how many, and the first in words.
@@ -63,9 +63,9 @@ pub(crate) struct Seen {
 }
 
 /// What came of one operator.
-pub(crate) struct Fate {
+pub(crate) struct OperatorOutcome {
     pub(crate) number: u64,
-    pub(crate) seen: Seen,
+    pub(crate) seen: ReaderLog,
     pub(crate) tally: Tally,
     /// Messages that the judge found in the trace.
     pub(crate) judged: u64,
@@ -79,12 +79,12 @@ impl Fleet {
     /// Starts so many operators, which take so many messages each, so many a second. Their traces
     /// are in this folder.
     pub(crate) fn launch(
-        field: &Field,
+        field: &Testbed,
         operators: u32,
         each: u64,
         rate: u32,
         folder: &Path,
-        late: &Late,
+        late: &LateItem,
     ) -> Result<Self, Error> {
         let read = Arc::default();
         let every = Duration::from_secs(1) / rate;
@@ -109,7 +109,7 @@ impl Fleet {
                 see(output, number.into(), each, Arc::clone(&read), Arc::clone(&late.outputs));
             let reader = tokio::spawn(reader);
             let number = number.into();
-            vessels.push(Vessel { number, clouds, running, trace, camera, reader });
+            vessels.push(OperatorUnderTest { number, clouds, running, trace, camera, reader });
         }
         Ok(Self { vessels, read, messages: each * u64::from(operators), rate: rate * operators })
     }
@@ -132,17 +132,17 @@ impl Fleet {
 
     /// The operators' counts so far.
     pub(crate) fn tallies(&self) -> Vec<Tally> {
-        self.vessels.iter().map(|vessel| vessel.running.tally()).collect()
+        self.vessels.iter().map(|subject| subject.running.tally()).collect()
     }
 
     /// Each operator's clouds that made no output since then.
     pub(crate) fn unheard(&self, since: &[Tally]) -> Vec<String> {
         let mut unheard = Vec::new();
-        for ((vessel, before), now) in self.vessels.iter().zip(since).zip(self.tallies()) {
-            for cloud in vessel.clouds {
+        for ((subject, before), now) in self.vessels.iter().zip(since).zip(self.tallies()) {
+            for cloud in subject.clouds {
                 let name = name(Some(cloud));
                 if outputs(&now, &name) == outputs(before, &name) {
-                    unheard.push(format!("operator {} of {name}", vessel.number));
+                    unheard.push(format!("operator {} of {name}", subject.number));
                 }
             }
         }
@@ -151,15 +151,15 @@ impl Fleet {
 
     /// Waits for all ends and has the traces judged. What an operator that does not end leaves
     /// behind is in its place.
-    pub(crate) async fn land(mut self) -> Result<Vec<Result<Fate, String>>, Error> {
-        for vessel in &mut self.vessels {
-            (&mut vessel.camera).await?;
+    pub(crate) async fn land(mut self) -> Result<Vec<Result<OperatorOutcome, String>>, Error> {
+        for subject in &mut self.vessels {
+            (&mut subject.camera).await?;
         }
         let (mut fates, until) = (Vec::new(), Instant::now() + ENDS);
-        for vessel in self.vessels {
-            let (number, tally) = (vessel.number, vessel.running.tally());
+        for subject in self.vessels {
+            let (number, tally) = (subject.number, subject.running.tally());
             let ended =
-                async { Ok::<_, Error>((vessel.reader.await?, vessel.running.join().await?)) };
+                async { Ok::<_, Error>((subject.reader.await?, subject.running.join().await?)) };
             let Ok(ended) = timeout_at(until, ended).await else {
                 fates.push(Err(format!("operator {number} does not end: {tally:?}")));
                 continue;
@@ -171,7 +171,7 @@ impl Fleet {
                     continue;
                 }
             };
-            let trace = vessel.trace;
+            let trace = subject.trace;
             let judged = move || {
                 let trace_bytes = trace.metadata()?.len();
                 let verdict = judge("trace", BufReader::new(File::open(&trace)?))?;
@@ -180,7 +180,7 @@ impl Fleet {
             };
             let (verdict, trace_bytes) = tokio::task::spawn_blocking(judged).await??;
             let finding = verdict.violations.first().map(|finding| format!("{finding:?}"));
-            fates.push(Ok(Fate {
+            fates.push(Ok(OperatorOutcome {
                 number,
                 seen,
                 tally,
@@ -219,8 +219,8 @@ async fn see(
     messages: u64,
     read: Arc<AtomicU64>,
     late_outputs: Arc<Overruns>,
-) -> Seen {
-    let mut seen = Seen::default();
+) -> ReaderLog {
+    let mut seen = ReaderLog::default();
     let mut times = vec![0_u8; usize::try_from(messages).unwrap_or(0)];
     while let Some(item) = output.read().await {
         read.fetch_add(1, Ordering::Relaxed);
@@ -247,7 +247,7 @@ async fn see(
     seen
 }
 
-impl Seen {
+impl ReaderLog {
     fn wrong(&mut self, operator: u64, item: &Item<Answer>) {
         self.wrong.0 += 1;
         if self.wrong.1.len() < TOLD {

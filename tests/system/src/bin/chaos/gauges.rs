@@ -15,7 +15,7 @@ static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
 
 /// What the process takes at one moment.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, serde::Serialize, serde::Deserialize)]
-pub(crate) struct Taken {
+pub(crate) struct ResourceUsage {
     /// What the system holds for the process, freed and not given back included.
     pub(crate) resident_kib: u64,
     /// What is allocated and not freed.
@@ -24,7 +24,7 @@ pub(crate) struct Taken {
     pub(crate) tasks: u64,
 }
 
-impl Taken {
+impl ResourceUsage {
     pub(crate) fn now() -> std::io::Result<Self> {
         let pages = std::fs::read_to_string("/proc/self/statm")?;
         let pages: u64 = pages.split(' ').nth(1).and_then(|pages| pages.parse().ok()).unwrap_or(0);
@@ -86,8 +86,8 @@ impl Overruns {
     /// Those that were greater than an operator's turn and what held the machine up.
     pub(crate) fn beyond(&self, lateness: &Lateness) -> Vec<String> {
         let greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
-        let told = greatest.values().map(|over| (over, lateness.allows(*over)));
-        told.filter(|(over, allowed)| over.by > TURN + *allowed)
+        let reported = greatest.values().map(|over| (over, lateness.allows(*over)));
+        reported.filter(|(over, allowed)| over.by > TURN + *allowed)
             .map(|(over, allowed)| {
                 let at = (over.at - self.start).as_secs_f64();
                 format!("at {at:.1} s by {:?}, the machine by {allowed:?}", over.by)
@@ -106,7 +106,7 @@ const TENTH: u128 = 100;
 
 /// What the machine held up in a tenth of a second.
 #[derive(Clone, Copy, Debug, Default)]
-struct HeldUp {
+struct HostStall {
     /// How late the timer was.
     timer: Duration,
     /// The longest that one of the process's threads was ready and had no processor.
@@ -117,7 +117,7 @@ struct HeldUp {
 /// of the threads.
 pub(crate) struct Lateness {
     start: Instant,
-    tenths: Mutex<Vec<HeldUp>>,
+    tenths: Mutex<Vec<HostStall>>,
 }
 
 impl Lateness {
@@ -160,11 +160,11 @@ impl Lateness {
         tenths.iter().map(|held| held.timer).max().unwrap_or_default()
     }
 
-    fn note(&self, from: Instant, to: Instant, note: impl Fn(&mut HeldUp)) {
+    fn note(&self, from: Instant, to: Instant, note: impl Fn(&mut HostStall)) {
         let mut tenths = self.tenths.lock().unwrap_or_else(PoisonError::into_inner);
         let (first, last) = (self.tenth(from), self.tenth(to));
         if tenths.len() <= last {
-            tenths.resize(last + 1, HeldUp::default());
+            tenths.resize(last + 1, HostStall::default());
         }
         tenths[first..=last].iter_mut().for_each(note);
     }

@@ -10,8 +10,8 @@ mod fleet;
 mod gauges;
 mod record;
 mod soak;
-mod spell;
-mod strike;
+mod span;
+mod disruption;
 mod vehicle;
 
 use std::path::PathBuf;

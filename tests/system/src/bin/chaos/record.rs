@@ -8,8 +8,8 @@ use std::path::Path;
 use fuseline_evidence::Tree;
 use fuseline_tokio::Error;
 
-use crate::gauges::Taken;
-use crate::spell::Spell;
+use crate::gauges::ResourceUsage;
+use crate::span::TimeSpan;
 
 /// Where it is kept, in the project.
 const PATH: &str = "tests/system/chaos/soak.json";
@@ -42,8 +42,8 @@ pub(crate) struct Soaked {
     pub(crate) messages: u64,
     pub(crate) seconds: u64,
     /// Half a second after they began, to their ends.
-    pub(crate) strikes: BTreeMap<String, Spell>,
-    pub(crate) calm: Spell,
+    pub(crate) strikes: BTreeMap<String, TimeSpan>,
+    pub(crate) calm: TimeSpan,
     /// Outputs by who made them.
     pub(crate) answers: BTreeMap<String, u64>,
     /// Why calls failed, and how often.
@@ -53,7 +53,7 @@ pub(crate) struct Soaked {
     pub(crate) trace_lines: u64,
     pub(crate) trace_bytes: u64,
     /// Medians in the calm after each round of strikes, and in the last.
-    pub(crate) taken: Vec<Taken>,
+    pub(crate) taken: Vec<ResourceUsage>,
     /// What did not hold.
     pub(crate) broken: Vec<String>,
 }
@@ -97,13 +97,13 @@ pub(crate) fn shown(root: &Path) -> Result<bool, Error> {
 
 impl fmt::Display for Soaked {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for Taken { resident_kib, live_kib, files, tasks } in &self.taken {
+        for ResourceUsage { resident_kib, live_kib, files, tasks } in &self.taken {
             writeln!(
                 f,
                 "in a calm: {resident_kib} KiB, {live_kib} of them allocated, {files} open files, {tasks} tasks"
             )?;
         }
-        let strikes: u64 = self.strikes.values().map(|spell| spell.times).sum();
+        let strikes: u64 = self.strikes.values().map(|span| span.times).sum();
         write!(
             f,
             "{} messages of {} operators, {strikes} strikes, {} s, seed {}; the longest output \

@@ -7,13 +7,13 @@ use std::time::Duration;
 use fuseline_tokio::Error;
 use tokio::time::{Instant, sleep, sleep_until};
 
-use crate::checks::{Course, checks};
-use crate::field::Field;
-use crate::fleet::{Fate, Fleet, Late};
-use crate::gauges::{Lateness, Overruns, Taken};
+use crate::checks::{ObservedRun, checks};
+use crate::field::Testbed;
+use crate::fleet::{OperatorOutcome, Fleet, LateItem};
+use crate::gauges::{Lateness, Overruns, ResourceUsage};
 use crate::record::{self, Soaked};
-use crate::spell::{Done, Spell};
-use crate::strike::{Harm, Strike, schedule};
+use crate::span::{Totals, TimeSpan};
+use crate::disruption::{Disruption, ScheduledDisruption, schedule};
 
 /// How many clouds there are; each operator has two of them.
 const CLOUDS: usize = 3;
@@ -53,19 +53,19 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     let (operators, rate) = (args.operators, args.rate);
     println!("seed {seed}: {operators} operators, {each} messages each, {rate} a second each");
     let folder = tempfile::tempdir()?;
-    let mut field = Field::new(folder.path(), CLOUDS)?;
+    let mut field = Testbed::new(folder.path(), CLOUDS)?;
     let lateness = Lateness::start();
-    let (start, before) = (Instant::now(), Taken::now()?);
-    let late = Late { outputs: Overruns::new(), calls: Overruns::new() };
+    let (start, before) = (Instant::now(), ResourceUsage::now()?);
+    let late = LateItem { outputs: Overruns::new(), calls: Overruns::new() };
     let fleet = Fleet::launch(&field, operators, each, rate, folder.path(), &late)?;
     let messages = fleet.messages();
 
-    let mut course = run(&mut field, &fleet, seed, start).await?;
+    let mut observed = run(&mut field, &fleet, seed, start).await?;
     let fates = fleet.land().await?;
-    course.left = (before, emptied(before).await?);
+    observed.left = (before, emptied(before).await?);
     let seconds = start.elapsed().as_secs();
-    let checks = checks(messages, &course, &fates, &late, &lateness);
-    print!("{}", course.table());
+    let checks = checks(messages, &observed, &fates, &late, &lateness);
+    print!("{}", observed.table());
     for check in &checks {
         println!("{check}");
     }
@@ -77,7 +77,7 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
         seconds,
         greatest_timer_lateness_us: u64::try_from(lateness.greatest().as_micros())?,
         broken: checks.iter().filter(|check| !check.holds()).map(ToString::to_string).collect(),
-        ..summed(course, &fates)
+        ..summed(observed, &fates)
     };
     println!("{soaked}");
     if let Some(root) = &args.keep {
@@ -87,66 +87,66 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
 }
 
 /// Rounds of every strike, each with a calm behind it, as many strikes as there is time for, and a calm.
-async fn run(field: &mut Field, fleet: &Fleet, seed: u64, start: Instant) -> Result<Course, Error> {
-    let mut course = Course::default();
+async fn run(field: &mut Testbed, fleet: &Fleet, seed: u64, start: Instant) -> Result<ObservedRun, Error> {
+    let mut observed = ObservedRun::default();
     sleep(SETTLES).await;
-    for (number, strike) in schedule(seed, CLOUDS).enumerate() {
-        let needed = strike.lasts + strike.calm + (SETTLES + LOOK) * 2 + LOOK;
-        if number >= Harm::ALL.len() && needed > fleet.remains() {
+    for (number, disruption) in schedule(seed, CLOUDS).enumerate() {
+        let needed = disruption.lasts + disruption.calm + (SETTLES + LOOK) * 2 + LOOK;
+        if number >= Disruption::ALL.len() && needed > fleet.remains() {
             break;
         }
-        if number > 0 && number % Harm::ALL.len() == 0 {
-            calm(fleet, &mut course).await?;
+        if number > 0 && number % Disruption::ALL.len() == 0 {
+            calm(fleet, &mut observed).await?;
         }
-        println!("{:6.1} s: {strike}", start.elapsed().as_secs_f64());
-        struck(field, fleet, strike, &mut course.strikes).await?;
-        sleep(strike.calm).await;
+        println!("{:6.1} s: {disruption}", start.elapsed().as_secs_f64());
+        struck(field, fleet, disruption, &mut observed.strikes).await?;
+        sleep(disruption.calm).await;
     }
-    calm(fleet, &mut course).await?;
-    Ok(course)
+    calm(fleet, &mut observed).await?;
+    Ok(observed)
 }
 
 /// Strikes, looks and mends.
 async fn struck(
-    field: &mut Field,
+    field: &mut Testbed,
     fleet: &Fleet,
-    strike: Strike,
-    strikes: &mut BTreeMap<&'static str, Spell>,
+    disruption: ScheduledDisruption,
+    strikes: &mut BTreeMap<&'static str, TimeSpan>,
 ) -> Result<(), Error> {
-    let ends = Instant::now() + strike.lasts;
-    field.strike(strike)?;
+    let ends = Instant::now() + disruption.lasts;
+    field.disruption(disruption)?;
     sleep(BITES).await;
-    let (from, before) = (Instant::now(), Done::of(&fleet.tallies()));
+    let (from, before) = (Instant::now(), Totals::of(&fleet.tallies()));
     sleep_until(ends).await;
-    let now = Done::of(&fleet.tallies());
-    field.mend(strike)?;
-    let of = (!strike.harm.is_of_all()).then_some(strike.cloud);
-    let spell = now.since(&before, of, from.elapsed());
-    strikes.entry(strike.harm.as_str()).or_default().add(&spell);
+    let now = Totals::of(&fleet.tallies());
+    field.mend(disruption)?;
+    let of = (!disruption.harm.is_of_all()).then_some(disruption.cloud);
+    let span = now.since(&before, of, from.elapsed());
+    strikes.entry(disruption.harm.as_str()).or_default().add(&span);
     Ok(())
 }
 
 /// Looks at what there is while nothing breaks: each operator hears each of its clouds.
-async fn calm(fleet: &Fleet, course: &mut Course) -> Result<(), Error> {
+async fn calm(fleet: &Fleet, observed: &mut ObservedRun) -> Result<(), Error> {
     sleep(SETTLES).await;
     let (from, before) = (Instant::now(), fleet.tallies());
     let mut taken = Vec::new();
     while from.elapsed() < LOOK {
-        taken.push(Taken::now()?);
+        taken.push(ResourceUsage::now()?);
         sleep(Duration::from_millis(100)).await;
     }
-    let now = Done::of(&fleet.tallies());
-    course.calm.add(&now.since(&Done::of(&before), None, from.elapsed()));
-    course.unheard.extend(fleet.unheard(&before));
-    course.taken.push(Taken::median(&taken));
+    let now = Totals::of(&fleet.tallies());
+    observed.calm.add(&now.since(&Totals::of(&before), None, from.elapsed()));
+    observed.unheard.extend(fleet.unheard(&before));
+    observed.taken.push(ResourceUsage::median(&taken));
     Ok(())
 }
 
 /// What the process takes once it takes no more than it did before, or in ten seconds.
-async fn emptied(before: Taken) -> Result<Taken, Error> {
+async fn emptied(before: ResourceUsage) -> Result<ResourceUsage, Error> {
     let until = Instant::now() + Duration::from_secs(10);
     loop {
-        let now = Taken::now()?;
+        let now = ResourceUsage::now()?;
         if (now.files <= before.files && now.tasks <= before.tasks) || Instant::now() > until {
             return Ok(now);
         }
@@ -155,25 +155,25 @@ async fn emptied(before: Taken) -> Result<Taken, Error> {
 }
 
 /// The sums over all operators; the rest is the caller's.
-fn summed(course: Course, fates: &[Result<Fate, String>]) -> Soaked {
+fn summed(observed: ObservedRun, fates: &[Result<OperatorOutcome, String>]) -> Soaked {
     let (mut answers, mut failures) = (BTreeMap::new(), BTreeMap::new());
     let mut soaked = Soaked {
-        strikes: course.strikes.into_iter().map(|(harm, spell)| (harm.to_owned(), spell)).collect(),
-        calm: course.calm,
-        taken: course.taken,
+        strikes: observed.strikes.into_iter().map(|(harm, span)| (harm.to_owned(), span)).collect(),
+        calm: observed.calm,
+        taken: observed.taken,
         ..Soaked::default()
     };
-    for fate in fates.iter().flatten() {
-        for (source, count) in &fate.seen.answers {
+    for operator_outcome in fates.iter().flatten() {
+        for (source, count) in &operator_outcome.seen.answers {
             *answers.entry(source.clone()).or_default() += count;
         }
-        for (why, count) in fate.tally.sources.iter().flat_map(|source| source.reasons.iter()) {
+        for (why, count) in operator_outcome.tally.sources.iter().flat_map(|source| source.reasons.iter()) {
             *failures.entry(why.to_owned()).or_default() += count;
         }
-        let longest = u64::try_from(fate.seen.longest.as_micros()).unwrap_or(u64::MAX);
+        let longest = u64::try_from(operator_outcome.seen.longest.as_micros()).unwrap_or(u64::MAX);
         soaked.longest_output_us = soaked.longest_output_us.max(longest);
-        soaked.trace_lines += fate.trace_lines;
-        soaked.trace_bytes += fate.trace_bytes;
+        soaked.trace_lines += operator_outcome.trace_lines;
+        soaked.trace_bytes += operator_outcome.trace_bytes;
     }
     Soaked { answers, failures, ..soaked }
 }

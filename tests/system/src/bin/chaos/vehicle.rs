@@ -50,12 +50,12 @@ impl Operator for Vehicle {
         let operator = self.number;
         for (priority, (number, connection)) in (1..).zip(self.clouds) {
             let message_handler = move |message: &u64, timestamp| {
-                let is_asked = priority == 1 || !message.is_multiple_of(LOWER_ALONE);
+                let is_requested = priority == 1 || !message.is_multiple_of(LOWER_ALONE);
                 let mut payload = BytesMut::new();
                 payload.put_u64(operator);
                 payload.put_u64(*message);
                 let request = Request { timestamp, payload: payload.freeze() };
-                is_asked.then_some((request, DEADLINE))
+                is_requested.then_some((request, DEADLINE))
             };
             let response_handler = move |reply: Reply| {
                 let mut payload = reply.payload;
@@ -70,7 +70,7 @@ impl Operator for Vehicle {
             let (infer, outlived) = (grpc::infer(connection), Arc::clone(&self.outlived));
             let handle = move |request, call: Call| {
                 let life =
-                    Life { ends: Instant::now() + call.deadline, outlived: Arc::clone(&outlived) };
+                    CallGuard { ends: Instant::now() + call.deadline, outlived: Arc::clone(&outlived) };
                 let call = infer(request, call);
                 async move {
                     let _life = life;
@@ -88,12 +88,12 @@ impl Operator for Vehicle {
 }
 
 /// A call's life, which ends by its deadline.
-struct Life {
+struct CallGuard {
     ends: Instant,
     outlived: Arc<Overruns>,
 }
 
-impl Drop for Life {
+impl Drop for CallGuard {
     fn drop(&mut self) {
         let by = self.ends.elapsed();
         if !by.is_zero() {

@@ -8,9 +8,9 @@ use fuseline_tokio::deadline::End;
 use metrics_util::debugging::DebugValue;
 
 use crate::simulate::checks::{Facts, ensure};
-use crate::simulate::play::Ended;
-use crate::simulate::replay::{Asked, Way};
-use crate::simulate::scenario::{Ask, Disk};
+use crate::simulate::play::OperatorEnd;
+use crate::simulate::replay::{AdmittedRequest, Way};
+use crate::simulate::scenario::{OfferAction, Disk};
 
 /// D10.
 pub(crate) fn whole_trace(facts: &Facts<'_>) -> Result<(), String> {
@@ -19,12 +19,12 @@ pub(crate) fn whole_trace(facts: &Facts<'_>) -> Result<(), String> {
         return Err(defect.clone());
     }
     if let Some(tally) = &played.tally {
-        let is_told = tally.unrecorded.is_some() == (played.ended == Ended::Early);
-        ensure(is_told, || {
+        let is_reported = tally.unrecorded.is_some() == (played.ended == OperatorEnd::Early);
+        ensure(is_reported, || {
             format!("it ended {:?}, unrecorded {:?}", played.ended, tally.unrecorded)
         })?;
     }
-    if let (Disk::FullAfter(parts, bytes), Ended::Early) = (scenario.disk, &played.ended) {
+    if let (Disk::FullAfter(parts, bytes), OperatorEnd::Early) = (scenario.disk, &played.ended) {
         let header = played.trace.iter().position(|byte| *byte == b'\n').unwrap_or(0) as u64 + 1;
         let least = parts * bytes.saturating_sub(header);
         let len = played.trace.len() as u64;
@@ -39,8 +39,8 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     let metrics = metrics(facts);
     if let Some(tally) = &played.tally {
         if facts.is_whole {
-            let told = told(facts, tally);
-            ensure(told == *tally, || format!("the tally is {tally:#?}\nthe trace has {told:#?}"))?;
+            let reported = reported(facts, tally);
+            ensure(reported == *tally, || format!("the tally is {tally:#?}\nthe trace has {reported:#?}"))?;
         }
         let metered = if facts.scenario.metered { metered(tally) } else { BTreeMap::new() };
         for (name, count) in &metered {
@@ -53,40 +53,40 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
             unknown.filter(|(name, count)| **count > 0 && !metered.contains_key(*name)).collect();
         ensure(unknown.is_empty(), || format!("the tally does not have {unknown:?}"))?;
     }
-    asides(facts, &metrics)
+    sides(facts, &metrics)
 }
 
 /// What the trace tells of the tally; what it does not tell is taken from there.
-fn told(facts: &Facts<'_>, tally: &Tally) -> Tally {
+fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
     let replay = &facts.replay;
-    let mut told = Tally { unrecorded: tally.unrecorded.clone(), ..Tally::default() };
+    let mut reported = Tally { unrecorded: tally.unrecorded.clone(), ..Tally::default() };
     for message in &replay.opened {
         match message.left.map(|left| left.how) {
-            Some(Way::Refused(why)) => *told.refused.entry(why).or_default() += 1,
-            Some(Way::Missed) => told.missed += 1,
+            Some(Way::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
+            Some(Way::Missed) => reported.missed += 1,
             Some(Way::Forwarded(..)) | None => {}
         }
     }
-    told.messages = replay.opened.len() as u64 - told.refused.values().sum::<u64>();
-    told.sources = tally.sources.iter().map(|source| source_told(facts, source)).collect();
-    told
+    reported.messages = replay.opened.len() as u64 - reported.refused.values().sum::<u64>();
+    reported.sources = tally.sources.iter().map(|source| source_reported(facts, source)).collect();
+    reported
 }
 
-fn source_told(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
+fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
     let replay = &facts.replay;
     let p = tally.source.priority;
-    let asked: Vec<&Asked> = replay.asked.iter().filter(|asked| asked.p == p).collect();
-    let count = |is: fn(&Asked) -> bool| asked.iter().filter(|asked| is(asked)).count() as u64;
-    let mut told = SourceTally {
-        admitted: asked.len() as u64,
+    let requested: Vec<&AdmittedRequest> = replay.requested.iter().filter(|requested| requested.p == p).collect();
+    let count = |is: fn(&AdmittedRequest) -> bool| requested.iter().filter(|requested| is(requested)).count() as u64;
+    let mut reported = SourceTally {
+        admitted: requested.len() as u64,
         refused: BTreeMap::new(),
         outputs: BTreeMap::new(),
         held: replay.held.iter().filter(|held| **held == p).count() as u64,
         dropped: BTreeMap::new(),
         failed: 0,
         failures_dropped: BTreeMap::new(),
-        timers: count(|asked| asked.fired.is_some()),
-        cancelled: count(|asked| asked.cancelled.is_some()),
+        timers: count(|requested| requested.fired.is_some()),
+        cancelled: count(|requested| requested.cancelled.is_some()),
         sent_bytes: facts.played.log.calls.iter().filter(|seen| seen.p == p && p > 0).count()
             as u64,
         lost: 0,
@@ -94,28 +94,28 @@ fn source_told(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
     };
     for (_, _, why) in replay.offers.iter().filter(|(_, of, _)| *of == p) {
         if let Some(why) = why {
-            *told.refused.entry(*why).or_default() += 1;
+            *reported.refused.entry(*why).or_default() += 1;
         }
     }
     for message in &replay.opened {
         if let Some(Way::Forwarded(of, trigger)) = message.left.map(|left| left.how)
             && of == p
         {
-            *told.outputs.entry(trigger).or_default() += 1;
+            *reported.outputs.entry(trigger).or_default() += 1;
         }
-        told.failed += message.failures.iter().filter(|of| **of == p).count() as u64;
+        reported.failed += message.failures.iter().filter(|of| **of == p).count() as u64;
     }
     for dropped in replay.dropped.iter().filter(|dropped| dropped.p == p) {
-        let counts = if dropped.is_result { &mut told.dropped } else { &mut told.failures_dropped };
+        let counts = if dropped.is_result { &mut reported.dropped } else { &mut reported.failures_dropped };
         *counts.entry(dropped.why).or_default() += 1;
     }
     // Every accepted failure has its words.
     if tally.reasons.iter().map(|(_, count)| count).sum::<u64>() + tally.reasons.others()
-        != told.failed
+        != reported.failed
     {
-        told.reasons = fuseline_engine::Reasons::default();
+        reported.reasons = fuseline_engine::Reasons::default();
     }
-    told
+    reported
 }
 
 /// The metrics that a tally says there are.
@@ -178,28 +178,28 @@ fn named<'a>(name: &str, labels: impl Iterator<Item = (&'a str, &'a str)>) -> St
 }
 
 /// Each aside is asked or refused, and what was asked ends at most once.
-fn asides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), String> {
-    if facts.scenario.aside.is_none() || !facts.is_whole || !facts.scenario.metered {
+fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), String> {
+    if facts.scenario.side.is_none() || !facts.is_whole || !facts.scenario.metered {
         return Ok(());
     }
     let count = |outcome| {
         let labels = [("aside", "aside-1"), ("outcome", outcome)];
         metrics.get(&named("asides", labels.into_iter())).copied().unwrap_or(0)
     };
-    let [asked, refused] = ["asked", "refused"].map(count);
+    let [requested, refused] = ["asked", "refused"].map(count);
     let ended: u64 = ["answered", "failed", "expired"].map(count).into_iter().sum();
     let log = &facts.played.log;
     let wanted = facts.replay.opened.iter().filter(|message| {
         let t = usize::try_from(message.t).unwrap_or(usize::MAX);
         let is_refused = matches!(message.left.map(|left| left.how), Some(Way::Refused(_)));
         let frame = log.written.get(t).map(|(serial, _)| &facts.scenario.frames[*serial]);
-        !is_refused && frame.is_some_and(|frame| matches!(frame.aside, Ask::Offers(..)))
+        !is_refused && frame.is_some_and(|frame| matches!(frame.side, OfferAction::Offers(..)))
     });
     let wanted = wanted.count() as u64;
-    ensure(asked + refused == wanted && ended <= asked, || {
-        format!("of {wanted} asides {asked} were asked, {refused} refused, {ended} ended")
+    ensure(requested + refused == wanted && ended <= requested, || {
+        format!("of {wanted} asides {requested} were asked, {refused} refused, {ended} ended")
     })?;
-    let answers = log.asides[3] as u64;
+    let answers = log.sides[3] as u64;
     ensure(count("answered") <= answers && answers <= ended, || {
         format!("{answers} answers came to the response handler, {} counted", count("answered"))
     })
@@ -212,14 +212,14 @@ pub(crate) fn every_end_is_told(facts: &Facts<'_>) -> Result<(), String> {
         return Ok(());
     }
     for cloud in scenario.clouds.iter().filter(|cloud| cloud.policy.is_some()) {
-        let of_it = replay.asked.iter().filter(|asked| asked.p == cloud.p);
-        let asked: Vec<&Asked> = of_it.collect();
-        let told = played.log.ends.iter().filter(|(p, _)| *p == cloud.p);
-        let told: Vec<End> = told.map(|(_, end)| *end).collect();
+        let of_it = replay.requested.iter().filter(|requested| requested.p == cloud.p);
+        let requested: Vec<&AdmittedRequest> = of_it.collect();
+        let reported = played.log.ends.iter().filter(|(p, _)| *p == cloud.p);
+        let reported: Vec<End> = reported.map(|(_, end)| *end).collect();
         if !cloud.linger.is_zero() {
-            let least = asked.len().saturating_sub(cloud.calls.max(1));
-            let holds = told.len() <= asked.len() && least <= told.len();
-            ensure(holds, || format!("{} ends of {} were told", told.len(), asked.len()))?;
+            let least = requested.len().saturating_sub(cloud.calls.max(1));
+            let holds = reported.len() <= requested.len() && least <= reported.len();
+            ensure(holds, || format!("{} ends of {} were told", reported.len(), requested.len()))?;
             continue;
         }
         let key = |end: &End| match end {
@@ -227,19 +227,19 @@ pub(crate) fn every_end_is_told(facts: &Facts<'_>) -> Result<(), String> {
             End::Failed(age) => (1, *age),
             End::Censored(age) => (2, *age),
         };
-        let mut told: Vec<_> = told.iter().map(key).collect();
-        let mut due: Vec<_> = asked.iter().map(|asked| end(asked)).map(|end| key(&end)).collect();
-        told.sort_unstable();
+        let mut reported: Vec<_> = reported.iter().map(key).collect();
+        let mut due: Vec<_> = requested.iter().map(|requested| end(requested)).map(|end| key(&end)).collect();
+        reported.sort_unstable();
         due.sort_unstable();
-        ensure(told == due, || format!("{} was told {told:?}, not {due:?}", cloud.p))?;
+        ensure(reported == due, || format!("{} was told {reported:?}, not {due:?}", cloud.p))?;
     }
     Ok(())
 }
 
 /// How a request ended, for its policy: with its own word, unless it was closed before.
-fn end(asked: &Asked) -> End {
-    let age = |at: u64| Duration::from_nanos(at - asked.at);
-    match (asked.ended, asked.closed()) {
+fn end(requested: &AdmittedRequest) -> End {
+    let age = |at: u64| Duration::from_nanos(at - requested.at);
+    match (requested.ended, requested.closed()) {
         (Some((at, true)), closed) if closed.is_none_or(|closed| at <= closed) => {
             End::Answered(age(at))
         }

@@ -1,9 +1,9 @@
 //! What is asked of sources, when it begins and when it ends.
 
 use crate::simulate::checks::{Facts, ensure};
-use crate::simulate::log::{Seen, Stop};
-use crate::simulate::replay::{Asked, Way};
-use crate::simulate::scenario::{Ask, Finish, How};
+use crate::simulate::log::{ExternalLog, Stop};
+use crate::simulate::replay::{AdmittedRequest, Way};
+use crate::simulate::scenario::{OfferAction, Finish, CallResult};
 
 /// tokio's timers tick once in a millisecond.
 const TICK: u64 = 1_000_000;
@@ -29,13 +29,13 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
             handlers.push((cloud.p, message.t));
             // One that panics now and then asks nothing then.
             let panics = cloud.policy.is_some_and(|deadline| deadline.is_zero());
-            if matches!(ask, Ask::Offers(..)) && !panics {
+            if matches!(ask, OfferAction::Offers(..)) && !panics {
                 offers.push((message.t, cloud.p));
             }
         }
     }
-    ensure(handlers == played.log.asked, || {
-        format!("clouds asked are {:?}, to be asked {handlers:?}", played.log.asked)
+    ensure(handlers == played.log.requested, || {
+        format!("clouds asked are {:?}, to be asked {handlers:?}", played.log.requested)
     })?;
     let steady = |p| {
         scenario
@@ -43,9 +43,9 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
             .iter()
             .any(|cloud| cloud.p == p && !cloud.policy.is_some_and(|deadline| deadline.is_zero()))
     };
-    let told = replay.offers.iter().filter(|(_, p, _)| steady(*p));
-    let told: Vec<_> = told.map(|(t, p, _)| (*t, *p)).collect();
-    ensure(told == offers, || format!("offers are {told:?}, not {offers:?}"))
+    let reported = replay.offers.iter().filter(|(_, p, _)| steady(*p));
+    let reported: Vec<_> = reported.map(|(t, p, _)| (*t, *p)).collect();
+    ensure(reported == offers, || format!("offers are {reported:?}, not {offers:?}"))
 }
 
 /// D4.
@@ -56,15 +56,15 @@ pub(crate) fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
     let locals = played.log.calls.iter().filter(|seen| seen.p == 0);
     let in_order = locals.map(|seen| seen.t).is_sorted_by(|one, next| one < next);
     ensure(in_order, || "local computes messages out of their order".to_owned())?;
-    for asked in &replay.asked {
-        let Some(started) = asked.started else { continue };
-        if facts.calls.contains_key(&(asked.p, asked.t)) {
+    for requested in &replay.requested {
+        let Some(started) = requested.started else { continue };
+        if facts.calls.contains_key(&(requested.p, requested.t)) {
             continue;
         }
         // It may be closed, or the operator ended, before it had its first turn.
-        let had_no_turn = asked.closed() == Some(started) || facts.is_after(started);
+        let had_no_turn = requested.closed() == Some(started) || facts.is_after(started);
         ensure(had_no_turn, || {
-            format!("{} has room for {} at {started}, and is not asked", asked.p, asked.t)
+            format!("{} has room for {} at {started}, and is not asked", requested.p, requested.t)
         })?;
     }
     Ok(())
@@ -72,25 +72,25 @@ pub(crate) fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
 
 /// D5.
 pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
-    for (asked, seen) in pairs(facts)? {
+    for (requested, seen) in pairs(facts)? {
         if facts.is_after(seen.begun) {
             continue;
         }
-        let Some(started) = asked.started else {
-            return Err(format!("{} was asked about {} without room", asked.p, asked.t));
+        let Some(started) = requested.started else {
+            return Err(format!("{} was asked about {} without room", requested.p, requested.t));
         };
         let stalled = facts.played.log.stalled(started, seen.begun);
         ensure(seen.begun == started + stalled, || {
             format!(
                 "{} has room for {} at {started} and begins at {}",
-                asked.p, asked.t, seen.begun
+                requested.p, requested.t, seen.begun
             )
         })?;
-        let cloud = facts.scenario.clouds.iter().find(|cloud| cloud.p == asked.p);
-        let (Some(left), Some(cloud), Some(due)) = (seen.left, cloud, asked.due) else { continue };
+        let cloud = facts.scenario.clouds.iter().find(|cloud| cloud.p == requested.p);
+        let (Some(left), Some(cloud), Some(due)) = (seen.left, cloud, requested.due) else { continue };
         let until = due.saturating_add(crate::simulate::log::nanos(cloud.linger));
         ensure(crate::simulate::log::nanos(left) == until - started, || {
-            format!("{} is told {left:?} for {}, due at {until} from {started}", asked.p, asked.t)
+            format!("{} is told {left:?} for {}, due at {until} from {started}", requested.p, requested.t)
         })?;
     }
     Ok(())
@@ -99,34 +99,34 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
 /// D6, F7.
 pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
     let log = &facts.played.log;
-    for (asked, seen) in pairs(facts)? {
+    for (requested, seen) in pairs(facts)? {
         let what = || {
             format!(
                 "{} begun at {} ended {:?}, due {:?}, fired {:?}, cancelled {:?}",
-                format_args!("{} of {}", asked.t, asked.p),
+                format_args!("{} of {}", requested.t, requested.p),
                 seen.begun,
                 seen.end,
-                asked.due,
-                asked.fired,
-                asked.cancelled
+                requested.due,
+                requested.fired,
+                requested.cancelled
             )
         };
         let Some((ended, stop)) = seen.end else {
             return Err(format!("it was never dropped: {}", what()));
         };
         let is_over = log.over.is_some_and(|over| over <= ended);
-        if asked.p == 0 {
-            ensure(stop != Stop::Dropped || is_over, || format!("local was aborted: {}", what()))?;
+        if requested.p == 0 {
+            ensure(stop != Stop::DroppedResult || is_over, || format!("local was aborted: {}", what()))?;
         } else {
-            cloud_ends(facts, asked, (ended, stop)).map_err(|why| format!("{why}: {}", what()))?;
+            cloud_ends(facts, requested, (ended, stop)).map_err(|why| format!("{why}: {}", what()))?;
         }
         // Its word is an input of the trace at the same instant, unless nobody listens any more.
-        if stop != Stop::Dropped && !facts.is_after(ended) && (asked.p == 0 || seen.begun < ended) {
-            let told = asked.ended;
-            let is_told = told == Some((ended, stop == Stop::Answered));
-            let is_done = asked.p == 0 && log.over.is_some();
-            ensure(is_told || is_done && told.is_none(), || {
-                format!("its word came {told:?}: {}", what())
+        if stop != Stop::DroppedResult && !facts.is_after(ended) && (requested.p == 0 || seen.begun < ended) {
+            let reported = requested.ended;
+            let is_reported = reported == Some((ended, stop == Stop::Answered));
+            let is_done = requested.p == 0 && log.over.is_some();
+            ensure(is_reported || is_done && reported.is_none(), || {
+                format!("its word came {reported:?}: {}", what())
             })?;
         }
     }
@@ -134,24 +134,24 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
 }
 
 /// When a cloud's call may end.
-fn cloud_ends(facts: &Facts<'_>, asked: &Asked, (ended, stop): (u64, Stop)) -> Result<(), String> {
+fn cloud_ends(facts: &Facts<'_>, requested: &AdmittedRequest, (ended, stop): (u64, Stop)) -> Result<(), String> {
     let Facts { scenario, played, .. } = facts;
     let log = &played.log;
-    let cloud = scenario.clouds.iter().find(|cloud| cloud.p == asked.p);
+    let cloud = scenario.clouds.iter().find(|cloud| cloud.p == requested.p);
     let linger = cloud.map_or(0, |cloud| crate::simulate::log::nanos(cloud.linger));
     let stopped = facts.is_after(ended) || log.over.is_some_and(|over| over <= ended);
-    let Some(closed) = asked.closed() else {
+    let Some(closed) = requested.closed() else {
         // Once all is answered nothing is under way but what lingers.
-        return ensure(stop != Stop::Dropped || stopped, || "it was dropped while wanted".into());
+        return ensure(stop != Stop::DroppedResult || stopped, || "it was dropped while wanted".into());
     };
     if linger == 0 {
         ensure(ended <= closed, || "it went on after its abort".into())?;
     } else {
-        let until = asked.due.unwrap_or(u64::MAX).saturating_add(linger);
+        let until = requested.due.unwrap_or(u64::MAX).saturating_add(linger);
         let most = until.saturating_add(TICK + log.stalled(until, ended));
         ensure(ended <= most, || "it lingered too long".into())?;
     }
-    ensure(stop != Stop::Dropped || ended >= closed, || "it was dropped while wanted".into())
+    ensure(stop != Stop::DroppedResult || ended >= closed, || "it was dropped while wanted".into())
 }
 
 /// D8.
@@ -167,8 +167,8 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
         let most = most_at_once(log.calls.iter().filter(|seen| seen.p == p));
         ensure(most <= bound, || format!("{most} calls of {p} were under way, {bound} may be"))?;
     }
-    if let Some((_, calls)) = scenario.aside {
-        let most = log.asides[2];
+    if let Some((_, calls)) = scenario.side {
+        let most = log.sides[2];
         ensure(most <= calls, || format!("{most} asides were under way, {calls} may be"))?;
     }
     let window = usize::from(scenario.window);
@@ -183,9 +183,9 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     }
     let [tasks, frames, values] = played.left;
     ensure(frames == 0 && values == 0, || format!("{frames} messages, {values} values are left"))?;
-    let hung = |seen: &&Seen| {
+    let hung = |seen: &&ExternalLog| {
         let act = scenario.act(seen.serial, 0).map(|act| act.how);
-        seen.p == 0 && matches!(act, Some(How::Hangs | How::HangsAndPanics))
+        seen.p == 0 && matches!(act, Some(CallResult::Hangs | CallResult::HangsAndPanics))
     };
     let hung = log.calls.iter().filter(hung).count();
     let is_over = !matches!(scenario.end, Finish::Crash(_));
@@ -198,14 +198,14 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
 pub(crate) fn served_in_time(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, .. } = facts;
     let log = &played.log;
-    for asked in &replay.asked {
-        let (Some(fired), Some(due)) = (asked.fired, asked.due) else { continue };
+    for requested in &replay.requested {
+        let (Some(fired), Some(due)) = (requested.fired, requested.due) else { continue };
         let most = due + TICK + log.stalled(due, fired);
         ensure(fired <= most, || {
-            format!("the timer of {} at {}, due at {due}, fired at {fired}", asked.t, asked.p)
+            format!("the timer of {} at {}, due at {due}, fired at {fired}", requested.t, requested.p)
         })?;
     }
-    let keeps_up = |reader: &crate::simulate::scenario::Audience| {
+    let keeps_up = |reader: &crate::simulate::scenario::ReaderPlan| {
         reader.pace.is_zero() && reader.lag.is_none()
     };
     if !scenario.readers.iter().all(keeps_up) {
@@ -224,7 +224,7 @@ pub(crate) fn served_in_time(facts: &Facts<'_>) -> Result<(), String> {
 }
 
 /// How many of them were under way at once.
-fn most_at_once<'a>(calls: impl Iterator<Item = &'a Seen>) -> usize {
+fn most_at_once<'a>(calls: impl Iterator<Item = &'a ExternalLog>) -> usize {
     let mut steps = Vec::new();
     for seen in calls {
         let ended = seen.end.map(|(ended, _)| ended);
@@ -244,16 +244,16 @@ fn most_at_once<'a>(calls: impl Iterator<Item = &'a Seen>) -> usize {
 }
 
 /// Each call that was seen, with what the trace says of it.
-fn pairs<'a>(facts: &'a Facts<'_>) -> Result<Vec<(&'a Asked, &'a Seen)>, String> {
+fn pairs<'a>(facts: &'a Facts<'_>) -> Result<Vec<(&'a AdmittedRequest, &'a ExternalLog)>, String> {
     let calls = &facts.calls;
     ensure(calls.len() == facts.played.log.calls.len(), || "a source was asked twice".into())?;
     let mut pairs = Vec::new();
-    for asked in &facts.replay.asked {
-        pairs.extend(calls.get(&(asked.p, asked.t)).map(|seen| (asked, *seen)));
+    for requested in &facts.replay.requested {
+        pairs.extend(calls.get(&(requested.p, requested.t)).map(|seen| (requested, *seen)));
     }
     ensure(!facts.is_whole || pairs.len() == calls.len(), || {
         let unknown = facts.played.log.calls.iter().find(|seen| {
-            !facts.replay.asked.iter().any(|asked| (asked.p, asked.t) == (seen.p, seen.t))
+            !facts.replay.requested.iter().any(|requested| (requested.p, requested.t) == (seen.p, seen.t))
         });
         format!("it was asked without a decision: {unknown:?}")
     })?;

@@ -1,12 +1,12 @@
 //! What leaves the operator.
 
 use crate::simulate::checks::{Facts, ensure};
-use crate::simulate::log::{Left, Read};
+use crate::simulate::log::{LoggedOutcome, Read};
 use crate::simulate::peers::{name, words};
-use crate::simulate::play::Played;
-use crate::simulate::replay::{Leave, Replay, Way};
-use crate::simulate::scenario::How;
-use crate::simulate::value::Told;
+use crate::simulate::play::RunResult;
+use crate::simulate::replay::{MessageEnd, Replay, Way};
+use crate::simulate::scenario::CallResult;
+use crate::simulate::value::ValueLabel;
 
 /// Of how many messages the age of a late result is known.
 const REMEMBERED: usize = 1024;
@@ -27,8 +27,8 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
             return Err(format!("reader {reader} read {items:?}"));
         };
         ensure(reader > 0 || first == 0, || format!("{first} items came before the first"))?;
-        let told = replay.left.get(first..).unwrap_or_default();
-        for (read, place) in items.iter().zip(told) {
+        let reported = replay.left.get(first..).unwrap_or_default();
+        for (read, place) in items.iter().zip(reported) {
             let opened = &replay.opened[*place];
             let same = opened.t == read.t
                 && opened.at == read.opened
@@ -43,11 +43,11 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
         if !is_whole {
             continue;
         }
-        ensure(items.len() <= told.len(), || format!("reader {reader} read more than there was"))?;
-        if stays && items.len() < told.len() {
+        ensure(items.len() <= reported.len(), || format!("reader {reader} read more than there was"))?;
+        if stays && items.len() < reported.len() {
             // It read to the end: no item that it did not read was handed to anybody.
             ensure(!facts.runs_out() && waits(facts, first + items.len()), || {
-                format!("reader {reader} read {} of {} items", items.len(), told.len())
+                format!("reader {reader} read {} of {} items", items.len(), reported.len())
             })?;
         }
     }
@@ -72,7 +72,7 @@ fn joined(facts: &Facts<'_>, items: &[Read]) -> Option<usize> {
 
 /// Whether the stop found a reader with no room for another item, when so many had been handed out.
 fn waits(facts: &Facts<'_>, handed: usize) -> bool {
-    let Facts { scenario, played: Played { log, .. }, .. } = facts;
+    let Facts { scenario, played: RunResult { log, .. }, .. } = facts;
     let Some(stopped) = log.stopped else { return false };
     let is_full = |(items, read): (&Vec<Read>, &Option<usize>)| {
         let (Some(first), Some(read)) = (joined(facts, items), read) else { return false };
@@ -81,11 +81,11 @@ fn waits(facts: &Facts<'_>, handed: usize) -> bool {
     log.over == Some(stopped) || log.items.iter().zip(&log.read).any(is_full)
 }
 
-fn is_same(read: &Read, left: Leave) -> bool {
+fn is_same(read: &Read, left: MessageEnd) -> bool {
     let how = match (&read.left, left.how) {
-        (Left::Forwarded { p, trigger, .. }, how) => how == Way::Forwarded(*p, *trigger),
-        (Left::Missed, how) => how == Way::Missed,
-        (Left::Refused(why), how) => how == Way::Refused(*why),
+        (LoggedOutcome::Forwarded { p, trigger, .. }, how) => how == Way::Forwarded(*p, *trigger),
+        (LoggedOutcome::Missed, how) => how == Way::Missed,
+        (LoggedOutcome::Refused(why), how) => how == Way::Refused(*why),
     };
     how && read.decided == left.at
 }
@@ -94,20 +94,20 @@ fn is_same(read: &Read, left: Leave) -> bool {
 pub(crate) fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, replay, is_whole, .. } = facts;
     let log = &played.log;
-    let is_own = |told: Told, p, t: u64, at| {
+    let is_own = |reported: ValueLabel, p, t: u64, at| {
         let serial = usize::try_from(t).ok().and_then(|t| log.written.get(t)).map(|it| it.0);
-        Some(told) == serial.map(|serial| Told { p, t, serial, at })
+        Some(reported) == serial.map(|serial| ValueLabel { p, t, serial, at })
     };
     for read in log.items.iter().flatten() {
-        let Left::Forwarded { told, p, name: named, arrived, .. } = &read.left else { continue };
-        ensure(is_own(*told, *p, read.t, *arrived), || {
-            format!("the item of {} from {p}, arrived at {arrived}, bears {told:?}", read.t)
+        let LoggedOutcome::Forwarded { reported, p, name: named, arrived, .. } = &read.left else { continue };
+        ensure(is_own(*reported, *p, read.t, *arrived), || {
+            format!("the item of {} from {p}, arrived at {arrived}, bears {reported:?}", read.t)
         })?;
         let its_name = if *p == 0 { "local".to_owned() } else { name(*p) };
         ensure(**named == its_name, || format!("{p} is called {named}"))?;
     }
     for hint in &log.hints {
-        ensure(is_own(hint.told, hint.p, hint.t, hint.at), || format!("a hint is {hint:?}"))?;
+        ensure(is_own(hint.reported, hint.p, hint.t, hint.at), || format!("a hint is {hint:?}"))?;
         let opened = replay.message(hint.t).map_or(0, |message| message.at);
         let age = u64::try_from(hint.age.as_nanos()).unwrap_or(u64::MAX);
         ensure(!is_whole || age == hint.at - opened, || format!("{hint:?}, opened at {opened}"))?;
@@ -115,18 +115,18 @@ pub(crate) fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
     if facts.scenario.hints.is_none() || !is_whole {
         return Ok(());
     }
-    let told = replay.dropped.iter().filter(|dropped| {
+    let reported = replay.dropped.iter().filter(|dropped| {
         use fuseline_traces::DropReason::{Late, Superseded};
         dropped.is_result && matches!(dropped.why, Late | Superseded)
     });
-    let told: Vec<_> =
-        told.map(|dropped| (dropped.at, dropped.t, dropped.p, dropped.why)).collect();
-    let heard: Vec<_> = log.hints.iter().map(|hint| (hint.at, hint.t, hint.p, hint.why)).collect();
+    let reported: Vec<_> =
+        reported.map(|dropped| (dropped.at, dropped.t, dropped.p, dropped.why)).collect();
+    let received: Vec<_> = log.hints.iter().map(|hint| (hint.at, hint.t, hint.p, hint.why)).collect();
     // Of older messages it is not known when they were opened.
-    let mut rest = told.iter();
-    let are_told = heard.iter().all(|hint| rest.any(|told| told == hint));
-    let are_all = told.len() == heard.len() || replay.opened.len() > REMEMBERED;
-    ensure(are_told && are_all, || format!("hints are {heard:?}, dropped were {told:?}"))
+    let mut rest = reported.iter();
+    let are_reported = received.iter().all(|hint| rest.any(|reported| reported == hint));
+    let are_all = reported.len() == received.len() || replay.opened.len() > REMEMBERED;
+    ensure(are_reported && are_all, || format!("hints are {received:?}, dropped were {reported:?}"))
 }
 
 /// D7.
@@ -137,11 +137,11 @@ pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
         let Some(message) = replay.message(read.t).filter(|message| message.left.is_some()) else {
             continue;
         };
-        let told: Vec<u16> = read.failures.iter().map(|(p, _)| *p).collect();
+        let reported: Vec<u16> = read.failures.iter().map(|(p, _)| *p).collect();
         let ended = message.left.map_or(u64::MAX, |left| left.at);
-        ensure(told == message.failures, || {
+        ensure(reported == message.failures, || {
             format!(
-                "{} left at {ended} with the failures of {told:?}, the trace has {:?}",
+                "{} left at {ended} with the failures of {reported:?}, the trace has {:?}",
                 read.t, message.failures
             )
         })?;
@@ -152,14 +152,14 @@ pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
                 })?;
                 continue;
             };
-            let told = words(Told { p: *p, t: read.t, serial: seen.serial, at: 0 });
+            let reported = words(ValueLabel { p: *p, t: read.t, serial: seen.serial, at: 0 });
             let act = scenario.act(seen.serial, *p);
             let panics = matches!(
                 act.map(|act| act.how),
-                Some(How::Panics | How::PanicsAtOnce | How::PanickingResponse)
+                Some(CallResult::Panics | CallResult::PanicsAtOnce | CallResult::PanickingResponse)
             );
-            let told = if panics { format!("it panicked: {told}") } else { told };
-            ensure(**why == *told, || format!("{p} fails {} with {why:?}, not {told:?}", read.t))?;
+            let reported = if panics { format!("it panicked: {reported}") } else { reported };
+            ensure(**why == *reported, || format!("{p} fails {} with {why:?}, not {reported:?}", read.t))?;
         }
     }
     Ok(())
