@@ -19,7 +19,7 @@ use crate::panics::{guarded, panicked, reason};
 use crate::setup::{ByteCounter, Call};
 use crate::error_chain::ErrorChain;
 
-/// The queue and bounds of an [aside](crate::Setup::use_aside), with defaults.
+/// The queue and bounds of an [aside](crate::Setup::use_side_request), with defaults.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SideRequest {
     /// For people and metrics; `side-` and its place, from 1, by default.
