@@ -26,7 +26,7 @@ pub(crate) enum Policy {
 
 /// What a policy gives: means over all messages.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Score {
+pub(crate) struct PolicyScore {
     /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None
     /// if it is not known: some model has no figure, or some call was ended before its deadline.
     pub(crate) ap: Option<f64>,
@@ -67,7 +67,7 @@ impl Policy {
         messages: &[Message],
         aps: &[Option<f64>],
         deadline: Duration,
-    ) -> Score {
+    ) -> PolicyScore {
         let mut responses = Vec::with_capacity(messages.len());
         let mut in_outages = Vec::new();
         let (mut sum, mut in_time) = (Some(0.0), 0);
@@ -89,7 +89,7 @@ impl Policy {
         #[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
         let ap = sum.filter(|_| !messages.is_empty()).map(|sum| sum / messages.len() as f64);
         let [outage, ..] = quantiles(&mut in_outages);
-        Score { ap, in_time, quantiles: quantiles(&mut responses), outage }
+        PolicyScore { ap, in_time, quantiles: quantiles(&mut responses), outage }
     }
 
     fn choose(&self, message: &Message) -> Choice {
@@ -160,7 +160,7 @@ mod tests {
         Policy::Constant(Constant { deadline, priorities })
     }
 
-    fn score(policy: &Policy, messages: &[Message]) -> Score {
+    fn score(policy: &Policy, messages: &[Message]) -> PolicyScore {
         policy.score(messages, &APS, DEADLINE)
     }
 
@@ -189,6 +189,29 @@ mod tests {
             let score = score(&policy, &two());
             assert!(close(score.ap, ap), "{policy:?}: {score:?}");
             assert_eq!(score.in_time, in_time, "{policy:?}");
+        }
+    }
+
+    /// It has in hand whatever comes first, so that nothing is in time without it.
+    #[test]
+    fn one_deadline_is_in_time_wherever_the_first_response_is() {
+        let failed = |millis| Arrival::Failed(ms(millis));
+        let all = [
+            at(100),
+            at(300),
+            at(499),
+            at(500),
+            at(9_000),
+            failed(0),
+            failed(300),
+            failed(600),
+            Arrival::Never,
+        ];
+        for (local, west, east) in (0..all.len().pow(3)).map(|i| (i / 81, i / 9 % 9, i % 9)) {
+            let one = [message([all[local], all[west], all[east]], None)];
+            let (constant, first) = (score(&constant(), &one), score(&Policy::FirstWins, &one));
+            assert!(constant.in_time >= first.in_time, "{one:?}");
+            assert!(constant.ap >= first.ap && constant.ap.is_some(), "{one:?}");
         }
     }
 

@@ -69,9 +69,9 @@ fn has(program: &str) -> bool {
 fn assert_conforms(command: &[&str]) {
     let driven = drive(&["--cases", "10000"], command);
     assert_eq!(driven.status.code(), Some(0), "{}{}", out(&driven), err(&driven));
-    let told = out(&driven);
+    let printed = out(&driven);
     for part in [": conforms\n", "10,000 of 10,000 runs pass", "10 of 10 rules", "34 of 34 pairs"] {
-        assert!(told.contains(part), "{part} is not in\n{told}");
+        assert!(printed.contains(part), "{part} is not in\n{printed}");
     }
 }
 
@@ -148,7 +148,7 @@ fn a_difference_is_told_saved_judged_and_shown_again() {
     let options = [&options[..], &["--sarif", sarif_to, "--xqar", xqar_to]].concat();
     let driven = drive(&options, &command);
     assert_eq!(driven.status.code(), Some(1));
-    let told = out(&driven);
+    let printed = out(&driven);
     for part in [
         "does not conform",
         "breaks F5",
@@ -158,7 +158,7 @@ fn a_difference_is_told_saved_judged_and_shown_again() {
         "in words  at 0: message 1 comes",
         "replay    fuseline drive --run",
     ] {
-        assert!(told.contains(part), "{part} is not in\n{told}");
+        assert!(printed.contains(part), "{part} is not in\n{printed}");
     }
     let saved = fs::read_dir(&save).unwrap().next().unwrap().unwrap().path();
     let checked = run(&["check", saved.to_str().unwrap()], "");
@@ -364,8 +364,8 @@ fn impl_says_line_and_column_of_what_it_cannot_read() {
     ] {
         let answered = run(&["impl"], text);
         assert_eq!(answered.status.code(), Some(2), "{place}");
-        let told = err(&answered);
-        assert!(told.starts_with(&format!("error: {place}")), "{told} for {place}");
-        assert_eq!(told.lines().count(), 1, "{told}");
+        let printed = err(&answered);
+        assert!(printed.starts_with(&format!("error: {place}")), "{printed} for {place}");
+        assert_eq!(printed.lines().count(), 1, "{printed}");
     }
 }

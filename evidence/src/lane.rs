@@ -24,7 +24,7 @@ const GLANCE: Duration = Duration::from_millis(20);
 pub(crate) const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
 
 /// One copy with its own folder of built things.
-pub(crate) struct Lane<'a> {
+pub(crate) struct WorkCopy<'a> {
     pub(crate) copy: Tree,
     pub(crate) target: PathBuf,
     /// The project's own command, built without a fault, where a kind needs it.
@@ -33,7 +33,7 @@ pub(crate) struct Lane<'a> {
     pub(crate) stop: &'a AtomicBool,
 }
 
-impl Lane<'_> {
+impl WorkCopy<'_> {
     /// Runs the witnesses of a kind, under a fault or under none.
     ///
     /// # Errors
@@ -87,7 +87,7 @@ impl Lane<'_> {
                 command.args(arguments);
                 variables
             }
-            Run::Driven { arguments, by } => {
+            Run::DrivePrinted { arguments, by } => {
                 command.args(arguments).arg("--config").arg(self.runner(by));
                 &[]
             }

@@ -5,19 +5,19 @@ use std::fmt::Write as _;
 
 use crate::error::Error;
 use crate::kind::{KINDS, Kind};
-use crate::matrix::{Matrix, Row, Standing};
+use crate::matrix::{Matrix, Row, MeasurementRow};
 use crate::tree::Tree;
 
 /// One file made of the matrix.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Artefact {
+pub struct GeneratedFile {
     /// Its name from the root.
     pub name: &'static str,
     /// What it says.
     pub text: String,
 }
 
-impl Artefact {
+impl GeneratedFile {
     /// Writes it, whole or not at all.
     ///
     /// # Errors
@@ -37,15 +37,15 @@ impl Artefact {
 ///
 /// # Errors
 /// Never in practice: the matrix consists of text.
-pub fn artefacts(matrix: &Matrix) -> Result<[Artefact; 3], Error> {
+pub fn artefacts(matrix: &Matrix) -> Result<[GeneratedFile; 3], Error> {
     let json = "evidence/evidence.json";
     let mut text = serde_json::to_string_pretty(matrix)
         .map_err(|error| Error::content(json.as_ref(), error.to_string()))?;
     text.push('\n');
     Ok([
-        Artefact { name: "EVIDENCE.md", text: markdown(matrix) },
-        Artefact { name: "evidence/evidence.csv", text: csv(matrix)? },
-        Artefact { name: json, text },
+        GeneratedFile { name: "EVIDENCE.md", text: markdown(matrix) },
+        GeneratedFile { name: "evidence/evidence.csv", text: csv(matrix)? },
+        GeneratedFile { name: json, text },
     ])
 }
 
@@ -87,6 +87,7 @@ fn markdown(matrix: &Matrix) -> String {
         ('A', "Ambiguities"),
         ('T', "Promises of deadlines"),
         ('D', "Promises of adapters"),
+        ('J', "Judging"),
     ] {
         let _ = writeln!(text, "\n## {title}");
         for row in matrix.rows.iter().filter(|row| row.id.starts_with(family)) {
@@ -164,7 +165,7 @@ fn faults(matrix: &Matrix, text: &mut String) {
     }
 }
 
-fn measurement(standing: &Standing, text: &mut String) {
+fn measurement(standing: &MeasurementRow, text: &mut String) {
     let counts: Vec<String> =
         standing.counts.iter().map(|(kind, count)| format!("{kind} {count}")).collect();
     let title = standing.title;

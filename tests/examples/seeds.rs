@@ -9,7 +9,7 @@ use std::path::Path;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use fuseline_testkit::{Mark, Reach, Run};
+use fuseline_testkit::{Mark, Coverage, Run};
 use fuseline_tests::fuzz::{self, Edit, Op};
 use fuseline_traces::corpus::{CASES, Example};
 use fuseline_traces::{LINE, Rule};
@@ -41,12 +41,12 @@ fn write(target: &str, name: &str, bytes: &[u8]) -> io::Result<()> {
 
 /// Edited traces: each breaks a rule by an op that did not break it before, or reaches more.
 fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
-    let (mut all, mut broken) = (Reach::default(), HashSet::new());
+    let (mut all, mut broken) = (Coverage::default(), HashSet::new());
     let mut seeds = Vec::new();
     for (name, run) in runs {
         for edit in edits() {
             let bytes = [edit.bytes(), fuzz::bytes_of(run)].concat();
-            let mut reach = Reach::default();
+            let mut reach = Coverage::default();
             fuzz::judge(&bytes, &mut reach).expect("core and judge agree");
             let reached: Vec<Mark> =
                 fuzz::marks_of_judge().into_iter().filter(|mark| reach.has(*mark)).collect();

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use fuseline_testkit::{Generator, Mark, Reach, Run};
+use fuseline_testkit::{Generator, Mark, Coverage, Run};
 use fuseline_tests::fuzz::{Edit, Op, bytes_of, judge, marks_of_judge, run_of, step, trace_parse};
 use proptest::prelude::*;
 
@@ -15,7 +15,7 @@ fn runs() -> impl Strategy<Value = Run> {
     any::<u64>().prop_map(move |number| generator.run(number))
 }
 
-type Check = fn(&[u8], &mut Reach) -> Result<(), String>;
+type Check = fn(&[u8], &mut Coverage) -> Result<(), String>;
 
 /// The files of a folder, by name.
 fn files(folder: &str) -> Vec<PathBuf> {
@@ -29,7 +29,7 @@ fn files(folder: &str) -> Vec<PathBuf> {
 
 /// Checks every file of these folders; together they must reach all of `marks`.
 fn replay(folders: &[&str], check: Check, marks: Vec<Mark>) {
-    let mut reach = Reach::default();
+    let mut reach = Coverage::default();
     for path in folders.iter().flat_map(|folder| files(folder)) {
         let bytes = fs::read(&path).expect("a readable file");
         if let Err(fault) = check(&bytes, &mut reach) {
@@ -82,11 +82,11 @@ proptest! {
     ) {
         let edit = Edit { op: Op::ALL[op], place, by: by.map(|by| by % 2) };
         let bytes = [edit.bytes(), bytes_of(&run)].concat();
-        judge(&bytes, &mut Reach::default()).map_err(TestCaseError::fail)?;
+        judge(&bytes, &mut Coverage::default()).map_err(TestCaseError::fail)?;
     }
 
     #[test]
     fn bytes_that_are_no_trace_are_refused_in_good_order(bytes in any::<Vec<u8>>()) {
-        trace_parse(&bytes, &mut Reach::default()).map_err(TestCaseError::fail)?;
+        trace_parse(&bytes, &mut Coverage::default()).map_err(TestCaseError::fail)?;
     }
 }

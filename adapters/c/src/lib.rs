@@ -5,8 +5,8 @@
 extern crate std;
 
 #[cfg(feature = "threads")]
-mod hall;
-mod head;
+mod shared_storage;
+mod header;
 mod inputs;
 mod names;
 mod plain;
@@ -19,10 +19,10 @@ pub mod cost;
 pub mod shared;
 
 #[cfg(feature = "threads")]
-pub use hall::CShared;
+pub use shared_storage::CShared;
 pub use plain::{
     CAnswer, CCapacity, CCloud, CCommit, CConfig, CMessage, COutcome, CReason, CState, CStatus,
-    CTicket, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
+    CMessageId, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
     FUSELINE_BYTES_A_TIMESTAMP, FUSELINE_SHARED_BYTES, FUSELINE_SHARED_BYTES_A_CLOUD,
     FUSELINE_SOURCES,
 };

@@ -8,25 +8,25 @@ mod effect;
 #[cfg(feature = "operator")]
 mod engine;
 #[cfg(feature = "operator")]
-mod hands;
+mod state;
 #[cfg(feature = "operator")]
 mod item;
 #[cfg(feature = "operator")]
-mod lane;
+mod queue;
 #[cfg(feature = "mcap")]
 mod mcap;
 #[cfg(feature = "operator")]
 mod meter;
 #[cfg(feature = "operator")]
-mod pace;
+mod workload;
 #[cfg(feature = "operator")]
 mod reasons;
 #[cfg(feature = "operator")]
-mod story;
+mod open_message;
 #[cfg(feature = "operator")]
 mod tally;
 #[cfg(feature = "operator")]
-mod tape;
+mod writer;
 
 #[cfg(feature = "operator")]
 pub use counts::Counting;
@@ -45,10 +45,10 @@ pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
 #[cfg(feature = "operator")]
-pub use pace::{Pace, Shortfall, Shortfalls};
+pub use workload::{Workload, CapacityError, CapacityErrors};
 #[cfg(feature = "operator")]
 pub use reasons::Reasons;
 #[cfg(feature = "operator")]
-pub use tally::{InForce, SourceTally, Tally};
+pub use tally::{CurrentDeadline, SourceTally, Tally};
 #[cfg(feature = "operator")]
-pub use tape::Sink;
+pub use writer::Sink;

@@ -3,7 +3,7 @@
 pub mod arguments;
 mod error;
 mod fusion;
-mod home;
+mod backend;
 pub mod key;
 mod lifecycle;
 mod managed;
@@ -13,7 +13,7 @@ mod node;
 pub mod parameters;
 mod raw;
 mod report;
-mod rhythm;
+mod silence_detector;
 mod rosout;
 mod service;
 pub mod settings;
@@ -21,7 +21,7 @@ mod source;
 mod speed;
 mod stamps;
 mod stop;
-mod voice;
+mod status_publisher;
 
 pub use arguments::Arguments;
 pub use error::{GrpcError, NodeError};

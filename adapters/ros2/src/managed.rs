@@ -11,11 +11,11 @@ use tracing::error;
 use crate::error::NodeError;
 use crate::lifecycle::{Done, Order, Orders, Task};
 use crate::middleware::Graph;
-use crate::node::{self, Outside};
+use crate::node::{self, ExternalInputs};
 use crate::rosout::Lines;
 use crate::settings::{Change, Settings};
 use crate::stop::Stop;
-use crate::voice::{Presence, Voice};
+use crate::status_publisher::{NodeInterface, StatusPublisher};
 
 /// Runs the node until it is stopped; returns the counts of the last time that it was configured.
 ///
@@ -27,9 +27,9 @@ pub(crate) async fn run(
     lines: Option<Lines>,
 ) -> Result<Tally, NodeError> {
     // What ROS sees of it outlives its topics: over DDS these have a participant of their own.
-    let home = Graph::join(settings, |it| it == settings.middleware).await?;
-    let Presence { voice, settings, mut changes, orders, mut tasks } =
-        Voice::join(settings, &home, lines)?;
+    let backend = Graph::join(settings, |it| it == settings.middleware).await?;
+    let NodeInterface { status_publisher, settings, mut changes, orders, mut tasks } =
+        StatusPublisher::join(settings, &backend, lines)?;
     let mut ended = Ok(Tally::default());
     if let Some(mut orders) = orders {
         let mut time = 1;
@@ -40,8 +40,8 @@ pub(crate) async fn run(
             }
             let settings = numbered(settings.now(), time);
             let outside =
-                Outside { changes: &mut changes, orders: Some(&mut orders), stop: &mut *stop };
-            ended = configured(&settings, &home, Arc::clone(&voice), outside, order).await;
+                ExternalInputs { changes: &mut changes, orders: Some(&mut orders), stop: &mut *stop };
+            ended = configured(&settings, &backend, Arc::clone(&status_publisher), outside, order).await;
             match orders.last.take() {
                 Some(order) if order.task == Task::ShutDown => {
                     finalized(order, stop).await;
@@ -57,9 +57,9 @@ pub(crate) async fn run(
             }
         }
     }
-    drop(voice);
+    drop(status_publisher);
     tasks.shutdown().await;
-    home.leave().await;
+    backend.leave().await;
     ended
 }
 
@@ -72,8 +72,8 @@ async fn unconfigured(
     // It may have been asked while the last order was carried out.
     while !stop.came() {
         tokio::select! {
-            () = stop.asked() => return None,
-            order = orders.told.recv() => return order,
+            () = stop.requested() => return None,
+            order = orders.reported.recv() => return order,
             // They are in the settings already.
             Some(_) = changes.recv() => {}
         }
@@ -84,9 +84,9 @@ async fn unconfigured(
 /// Opens what the settings name, and runs until it is to be closed again.
 async fn configured(
     settings: &Settings,
-    home: &Graph,
-    voice: Arc<Voice>,
-    outside: Outside<'_>,
+    backend: &Graph,
+    status_publisher: Arc<StatusPublisher>,
+    outside: ExternalInputs<'_>,
     order: Order,
 ) -> Result<Tally, NodeError> {
     let refused = |order: Order, error: NodeError| {
@@ -97,13 +97,13 @@ async fn configured(
     let opened = async {
         node::check(settings)?;
         let engine = node::recorded(settings)?;
-        Ok((engine, home.beside(settings).await?))
+        Ok((engine, backend.beside(settings).await?))
     };
     let (engine, mut graph) = match opened.await {
         Ok(opened) => opened,
         Err(error) => return Err(refused(order, error)),
     };
-    let ended = match node::open(settings, engine, &mut graph, voice, outside) {
+    let ended = match node::open(settings, engine, &mut graph, status_publisher, outside) {
         Ok(open) => {
             order.done(Done::Success);
             open.run().await.inspect_err(|error| error!(%error, "the node was not closed well"))
@@ -118,7 +118,7 @@ async fn configured(
 async fn finalized(order: Order, stop: &mut Stop) {
     order.done(Done::Success);
     if !stop.came() {
-        stop.asked().await;
+        stop.requested().await;
     }
 }
 

@@ -19,10 +19,10 @@ use crate::middleware::{End, Graph, Sample};
 use crate::report::Reporter;
 use crate::rosout::Lines;
 use crate::settings::{self, Change, Middleware, Role, Settings, SpeedTopic};
-use crate::source::{Handle, Source, Strays, Way, call};
+use crate::source::{Handle, Source, UnmatchedResults, Way, call};
 use crate::speed::Speed;
 use crate::stop::Stop;
-use crate::voice::{Presence, Voice};
+use crate::status_publisher::{NodeInterface, StatusPublisher};
 use crate::{Payload, managed};
 
 /// How many results may wait for the node at once; more stay in the readers, which drop the oldest.
@@ -49,9 +49,9 @@ pub async fn run(
     realtime(settings.realtime)?;
     let engine = recorded(settings)?;
     let mut graph = Graph::join(settings, |it| settings.needs(it)).await?;
-    let Presence { voice, mut changes, mut tasks, .. } = Voice::join(settings, &graph, lines)?;
-    let outside = Outside { changes: &mut changes, orders: None, stop };
-    let open = open(settings, engine, &mut graph, voice, outside)?;
+    let NodeInterface { status_publisher, mut changes, mut tasks, .. } = StatusPublisher::join(settings, &graph, lines)?;
+    let outside = ExternalInputs { changes: &mut changes, orders: None, stop };
+    let open = open(settings, engine, &mut graph, status_publisher, outside)?;
     let ended = open.run().await;
     tasks.shutdown().await;
     graph.leave().await;
@@ -59,7 +59,7 @@ pub async fn run(
 }
 
 /// What a node hears from outside its topics.
-pub(crate) struct Outside<'a> {
+pub(crate) struct ExternalInputs<'a> {
     pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
     pub(crate) orders: Option<&'a mut Orders>,
     pub(crate) stop: &'a mut Stop,
@@ -76,10 +76,10 @@ pub(crate) fn open<'a>(
     settings: &Settings,
     engine: Engine<Payload, Payload>,
     graph: &mut Graph,
-    voice: Arc<Voice>,
-    outside: Outside<'a>,
+    status_publisher: Arc<StatusPublisher>,
+    outside: ExternalInputs<'a>,
 ) -> Result<Open<'a>, NodeError> {
-    let Outside { changes, orders, stop } = outside;
+    let ExternalInputs { changes, orders, stop } = outside;
     let counting = engine.counts();
     let (arrived, results) = mpsc::channel(RESULTS);
     let sources = sources(settings, graph, &arrived)?;
@@ -100,9 +100,9 @@ pub(crate) fn open<'a>(
     if let Some(topic) = &settings.deadline_topic {
         ends.push(latest(graph, settings, topic, "std_msgs/msg/Float64", decided)?);
     }
-    let (told, speeds) = mpsc::channel(1);
+    let (reported, speeds) = mpsc::channel(1);
     if let Some(SpeedTopic { topic, type_name, .. }) = &settings.deadlines.speed {
-        ends.push(latest(graph, settings, topic, type_name, told)?);
+        ends.push(latest(graph, settings, topic, type_name, reported)?);
     }
     let node = settings.node.full();
     let mut report = interval(settings.diagnostics_period);
@@ -116,9 +116,9 @@ pub(crate) fn open<'a>(
         deadline: settings.deadline,
         memory: Memory::new(Reporter::new(&node, counting.tally())),
         node,
-        voice: Box::new(voice),
+        status_publisher: Box::new(status_publisher),
         counting: counting.clone(),
-        heard: Heard { inputs, results, deadlines, speeds, changes, report },
+        received: Heard { inputs, results, deadlines, speeds, changes, report },
         orders,
         speed: settings.deadlines.speed.as_ref().map(Speed::new),
         stop,
@@ -294,7 +294,7 @@ fn sources(
         enabled: true,
         deadline: Some(local.deadline),
         hints: None,
-        strays: Strays::default(),
+        unmatched: UnmatchedResults::default(),
     }];
     for (place, cloud) in (1..).zip(&settings.clouds) {
         let way = match &cloud.way {
@@ -317,7 +317,7 @@ fn sources(
             enabled: cloud.enabled,
             deadline: cloud.deadline,
             hints,
-            strays: Strays::default(),
+            unmatched: UnmatchedResults::default(),
         });
     }
     Ok(sources)
@@ -349,12 +349,12 @@ fn latest(
     settings: &Settings,
     topic: &str,
     type_name: &str,
-    heard: mpsc::Sender<Sample>,
+    received: mpsc::Sender<Sample>,
 ) -> Result<Arc<End>, NodeError> {
     let qos = settings.qos(topic, Role::Subscription);
     let end = graph.inlet(settings.middleware, topic, type_name, qos, move |sample| {
-        let heard = heard.clone();
-        async move { drop(heard.send(sample).await) }
+        let received = received.clone();
+        async move { drop(received.send(sample).await) }
     })?;
     end.patience(Some(Duration::MAX));
     Ok(end)

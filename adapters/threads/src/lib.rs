@@ -13,19 +13,19 @@ compile_error!(
 mod call;
 #[cfg(feature = "values")]
 mod cells;
-mod desk;
+mod handle;
 mod owner;
 mod shared;
-mod ticket;
+mod message_id;
 #[cfg(feature = "values")]
 mod values;
-mod word;
+mod packed;
 
 #[cfg(feature = "values")]
-pub use call::{Answered, Call, Message};
-pub use desk::Desk;
+pub use call::{CallOutcome, Call, Message};
+pub use handle::SharedHandle;
 pub use owner::Owner;
 pub use shared::Shared;
-pub use ticket::Ticket;
+pub use message_id::MessageId;
 #[cfg(feature = "values")]
-pub use values::Intake;
+pub use values::ValueOwner;

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use fuseline_tokio::deadline::{Expected, Guard, Impact, Invalid, Parameters, Policy, Situation};
-use fuseline_tokio::{Call, Common, Config, Error, Local, Operator, Setup, spawn, stream};
+use fuseline_tokio::{Call, SharedState, Config, Error, Local, Operator, Setup, spawn, stream};
 
 #[derive(Clone, Debug)]
 struct Frame {
@@ -45,14 +45,14 @@ fn use_detector(setup: &mut Setup<Frame, String>) -> Result<(), Invalid> {
 // ANCHOR: side
 /// A planner whose answers help local with later messages, and are no outputs.
 fn use_planner(setup: &mut Setup<Frame, String>) -> Local<Frame, String> {
-    let plan = Common::new(Plan::default());
+    let plan = SharedState::new(Plan::default());
     let newest = plan.clone();
     let message_handler = |frame: &Frame, _t| Some((frame.clone(), Duration::from_secs(1)));
     let response_handler = move |answer| {
         newest.with(|plan| *plan = answer);
         Ok(())
     };
-    setup.use_aside(ask_planner, message_handler, response_handler).calls = 2;
+    setup.use_side_request(ask_planner, message_handler, response_handler).calls = 2;
     setup.use_hints(|hint| println!("{} came {:?} after its message", hint.value, hint.age));
     Local::blocking(move |_frame, _t| Ok(plan.with(|plan| format!("on board, lane {}", plan.lane))))
 }

@@ -1,7 +1,7 @@
 #![doc = include_str!("../README.md")]
 
-mod aside;
-mod common;
+mod side;
+mod shared;
 pub mod drive;
 #[cfg(feature = "grpc")]
 pub mod grpc;
@@ -15,15 +15,15 @@ pub mod realtime;
 mod run;
 mod setup;
 mod stream;
-mod words;
+mod error_chain;
 
-pub use aside::{Aside, AsideTally};
-pub use common::Common;
+pub use side::{SideRequest, SideTally};
+pub use shared::SharedState;
 pub use drive::Timers;
 pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
-    Commit, ConfigError, DropReason, Ending, Failure, Forwarded, Hint, InForce, Item, OfferRefusal,
-    OpenRefusal, Reasons, Recording, Shortfall, Shortfalls, Source, SourceTally, Tally, Trigger,
+    Commit, ConfigError, DropReason, Ending, Failure, Forwarded, Hint, CurrentDeadline, Item, OfferRefusal,
+    OpenRefusal, Reasons, Recording, CapacityError, CapacityErrors, Source, SourceTally, Tally, Trigger,
 };
 pub use local::Local;
 pub use operator::{Config, Items, JoinError, Operator, Running, SpawnError, Trace, spawn};

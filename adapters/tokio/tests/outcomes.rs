@@ -5,7 +5,7 @@ mod support;
 use std::time::Duration;
 
 use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, Trigger};
-use support::Act::{Answers, Fails, Never, Panics};
+use support::SourceAction::{Answers, Fails, Never, Panics};
 use support::{Part, Script, play, play_default};
 
 #[tokio::test(start_paused = true)]
@@ -157,19 +157,19 @@ async fn every_message_of_a_long_run_with_everything_going_wrong_is_answered_onc
         let played =
             play(script, Config { window: 6, commit, ..Config::default() }, &messages).await;
         assert_eq!(played.items.lines().count(), 500);
-        let Tallied { forwarded, missed, refused } = tallied(&played.tally);
+        let CountedOutcomes { forwarded, missed, refused } = tallied(&played.tally);
         assert_eq!(forwarded + missed + refused, 500);
         assert!(forwarded > 300 && missed > 0 && refused > 0, "{:?}", played.tally);
     }
 }
 
-struct Tallied {
+struct CountedOutcomes {
     forwarded: u64,
     missed: u64,
     refused: u64,
 }
 
-fn tallied(tally: &fuseline_tokio::Tally) -> Tallied {
+fn tallied(tally: &fuseline_tokio::Tally) -> CountedOutcomes {
     let refused = tally.refused.values().sum();
-    Tallied { forwarded: tally.forwarded(), missed: tally.missed, refused }
+    CountedOutcomes { forwarded: tally.forwarded(), missed: tally.missed, refused }
 }

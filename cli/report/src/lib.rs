@@ -5,10 +5,10 @@ mod judging;
 mod page;
 mod quantile;
 mod reasons;
-mod reckoning;
-mod sheet;
+mod statistics;
+mod trace_page;
 
-pub use judging::{AnyViolation, Found, Judging, Manner, Summary};
+pub use judging::{AnyViolation, Findings, TraceJudge, JudgeMode, Summary};
 pub use quantile::{Arrival, PERCENT, Quantile, quantiles};
-pub use reckoning::{COLUMNS, Ending, Forwarded, Message, Reckoning, Row, Totals};
-pub use sheet::{MOST_EVENTS, Page, PageError, Sheet};
+pub use statistics::{COLUMNS, Ending, Forwarded, Message, TraceStatistics, Row, Totals};
+pub use trace_page::{MOST_EVENTS, Page, PageError, TracePage};

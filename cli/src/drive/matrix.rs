@@ -128,7 +128,7 @@ fn verdict(report: &Report) -> &'static str {
 fn markdown(report: &Report) -> String {
     let name = &report.name;
     let mut text = format!("# `{name}` {}\n\n{}.\n", verdict(report), suite(report));
-    for found in report.told() {
+    for found in report.reported() {
         let _ = write!(text, "\n```text\n{}\n```\n", found.text());
     }
     if let Some(how) = &report.at_end {
@@ -173,7 +173,7 @@ fn html(report: &Report) -> String {
          <p class=\"dim\">{}.</p>\n",
         escaped(&suite(report))
     );
-    for found in report.told() {
+    for found in report.reported() {
         let _ = writeln!(text, "<pre>{}</pre>", escaped(&found.text()));
     }
     if let Some(how) = &report.at_end {

@@ -19,14 +19,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
-use fuseline_testkit::{Generator, Reach};
+use fuseline_testkit::{Generator, Coverage};
 use fuseline_traces::Commit;
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use thiserror::Error;
 
 use self::case::{Case, Suite};
-use self::report::{Found, Mark, Report};
-use self::shrink::{Finding, What, shrink};
+use self::report::{ReportedFinding, Mark, Report};
+use self::shrink::{Finding, FindingKind, shrink};
 use self::trial::{Bench, Stop};
 use crate::complain::complain;
 use crate::exit::Exit;
@@ -153,7 +153,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     let report = driver.finish();
     for found in &report.found {
         if let Some(path) = &found.saved {
-            fs::write(path, found.finding.told.trace()).map_err(|source| create(path, source))?;
+            fs::write(path, found.finding.reported.trace()).map_err(|source| create(path, source))?;
         }
     }
     if let Some(output) = &outputs.junit {
@@ -169,7 +169,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     if args.json {
         writeln!(out, "{}", report.json()).map_err(Fault::Output)?;
     } else {
-        report.tell(&mut out).map_err(Fault::Output)?;
+        report.print_report(&mut out).map_err(Fault::Output)?;
     }
     Ok(report.exit())
 }
@@ -216,7 +216,7 @@ fn create(path: &Path, source: io::Error) -> Fault {
 type Key = (bool, usize);
 
 /// Whether driving more cases makes sense.
-enum Driven {
+enum DriveProgress {
     All,
     Enough,
 }
@@ -228,7 +228,7 @@ struct Driver<'a> {
     bar: ProgressBar,
     since: Instant,
     /// When progress was last printed, if there is no bar.
-    told: Instant,
+    reported: Instant,
     report: Report,
 }
 
@@ -256,10 +256,10 @@ impl<'a> Driver<'a> {
             was_interrupted: false,
             inputs: 0,
             took: Duration::ZERO,
-            reach: Reach::default(),
+            reach: Coverage::default(),
         };
         let now = Instant::now();
-        Self { args, bench, bar, since: now, told: now, report }
+        Self { args, bench, bar, since: now, reported: now, report }
     }
 
     /// All fixed cases, and the generated ones up to the first difference.
@@ -269,7 +269,7 @@ impl<'a> Driver<'a> {
         if let Some((_, case, finding)) = first {
             self.find(case, finding);
         }
-        if let Driven::Enough = driven? {
+        if let DriveProgress::Enough = driven? {
             return Ok(());
         }
         for number in 0..self.report.suite.generated {
@@ -288,23 +288,23 @@ impl<'a> Driver<'a> {
     /// The fixed cases; `first` becomes the difference that tells most.
     ///
     /// A command that does not answer at all is not waited for case after case.
-    fn fixed(&mut self, first: &mut Option<(Key, Case, Finding)>) -> Result<Driven, Stop> {
+    fn fixed(&mut self, first: &mut Option<(Key, Case, Finding)>) -> Result<DriveProgress, Stop> {
         for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
             let Some(finding) = self.run(&case)? else {
                 self.report.fixed[place].1 = Mark::Passes;
                 continue;
             };
             self.report.fixed[place].1 = Mark::of(&finding);
-            let is_slow = matches!(&finding.what, What::Misbehaves(how) if how.is_slow());
-            let key = (!is_telling(&case, &finding), finding.told.events.len());
+            let is_slow = matches!(&finding.what, FindingKind::Misbehaves(how) if how.is_slow());
+            let key = (!is_telling(&case, &finding), finding.reported.events.len());
             if first.as_ref().is_none_or(|(least, _, _)| key < *least) {
                 *first = Some((key, case, finding));
             }
             if is_slow {
-                return Ok(Driven::Enough);
+                return Ok(DriveProgress::Enough);
             }
         }
-        Ok(Driven::All)
+        Ok(DriveProgress::All)
     }
 
     fn run(&mut self, case: &Case) -> Result<Option<Finding>, Stop> {
@@ -313,8 +313,8 @@ impl<'a> Driver<'a> {
             self.report.reach.watch(&case.run);
         }
         self.bar.inc(1);
-        if self.bar.is_hidden() && self.told.elapsed() >= TELL {
-            self.told = Instant::now();
+        if self.bar.is_hidden() && self.reported.elapsed() >= TELL {
+            self.reported = Instant::now();
             let [so_far, all] = [self.report.runs(), self.report.suite.len()].map(HumanCount);
             complain(format_args!("{so_far} of {all} runs"));
         }
@@ -329,7 +329,7 @@ impl<'a> Driver<'a> {
         let saved = self.args.save.as_ref().map(|dir| smallest(dir, &case.id));
         let replay = self.replay(&case.name, saved.as_deref());
         let of = case.run.inputs.len();
-        self.report.found.push(Found { case: case.id, of, finding, saved, replay });
+        self.report.found.push(ReportedFinding { case: case.id, of, finding, saved, replay });
     }
 
     /// The command line that shows it again.
@@ -359,10 +359,10 @@ impl<'a> Driver<'a> {
 /// Whether a case is one of the rule that it shows broken.
 fn is_telling(case: &Case, finding: &Finding) -> bool {
     match finding.what {
-        What::Breaks(rule) => {
+        FindingKind::Breaks(rule) => {
             case.id.split('-').next().is_some_and(|id| id.eq_ignore_ascii_case(rule.id()))
         }
-        What::Misbehaves(_) => false,
+        FindingKind::Misbehaves(_) => false,
     }
 }
 

@@ -12,8 +12,8 @@ use fuseline_traces::{Events, Judge, Verdict};
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
-use crate::policies::{Constant, Policy, Score};
-use crate::run::driven::Driven;
+use crate::policies::{Constant, Policy, PolicyScore};
+use crate::run::driven::RunMetadata;
 use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::queue::Queues;
 use crate::run::served::Served;
@@ -102,7 +102,7 @@ pub(crate) struct PolicyReport {
 
 /// What the trace shows and what the judge says of it.
 pub(crate) struct Reading {
-    pub(crate) reckoning: Reckoning,
+    pub(crate) statistics: Reckoning,
     pub(crate) queues: Queues,
     pub(crate) verdict: Verdict,
 }
@@ -119,18 +119,18 @@ impl Reading {
         let mut judge = Judge::new(name, reader.header());
         let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
         let mut queues = Queues::new(priorities.iter().copied(), plan.calls);
-        let mut reckoning = Reckoning::new(priorities, false);
+        let mut statistics = Reckoning::new(priorities, false);
         while let Some(event) = reader.next_event()? {
             judge.line(reader.line(), &event);
-            reckoning.event(&event);
+            statistics.event(&event);
             queues.event(&event);
         }
-        Ok(Self { reckoning, queues, verdict: judge.finish() })
+        Ok(Self { statistics, queues, verdict: judge.finish() })
     }
 
     /// Puts everything together.
-    pub(crate) fn report(self, plan: &Plan, driven: &Driven) -> Report {
-        let totals = self.reckoning.totals();
+    pub(crate) fn report(self, plan: &Plan, driven: &RunMetadata) -> Report {
+        let totals = self.statistics.totals();
         let messages = self.messages(plan);
         let source = |row: &Row, i: usize| {
             let cloud = i.checked_sub(1).and_then(|i| plan.clouds.get(i));
@@ -168,7 +168,7 @@ impl Reading {
             missed: totals.missed,
             refused: totals.refused,
             open: totals.open,
-            timer_lag_ms: self.reckoning.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
+            timer_lag_ms: self.statistics.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
             outage_messages: messages.iter().filter(|it| it.is_in_outage(plan.deadline())).count(),
             policies: policies(&messages, plan, &totals, driven),
             totals,
@@ -187,7 +187,7 @@ impl Reading {
             let reply = emulation.reply_after(Duration::from_nanos(sent), t);
             Some(reply.map_or(Arrival::Never, |reply| Arrival::At(waited + reply)))
         };
-        self.reckoning.messages(planned)
+        self.statistics.messages(planned)
     }
 }
 
@@ -196,7 +196,7 @@ fn policies(
     messages: &[Message],
     plan: &Plan,
     totals: &Totals,
-    driven: &Driven,
+    driven: &RunMetadata,
 ) -> Vec<PolicyReport> {
     let aps: Vec<Option<f64>> =
         [plan.local.ap].into_iter().chain(plan.clouds.iter().map(|it| it.served.ap)).collect();
@@ -211,7 +211,7 @@ fn policies(
         })
         .collect();
     let report = |(policy, name): (Policy, String)| {
-        let Score { ap, in_time, quantiles, outage } = policy.score(messages, &aps, deadline);
+        let PolicyScore { ap, in_time, quantiles, outage } = policy.score(messages, &aps, deadline);
         PolicyReport {
             policy: name,
             mean_ap: ap,

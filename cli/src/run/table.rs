@@ -22,9 +22,9 @@ const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// The plan of a run, in words.
-pub(crate) struct Introduction<'a>(pub(crate) &'a Plan);
+pub(crate) struct PlanSummary<'a>(pub(crate) &'a Plan);
 
-impl fmt::Display for Introduction<'_> {
+impl fmt::Display for PlanSummary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plan = self.0;
         let at_most = match plan.policy {
@@ -212,13 +212,13 @@ impl Report {
 pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&Row) -> String) -> Table {
     // Most traces end with all decided.
     let is_open = totals.rows.iter().any(|row| row.counts[OPEN] > 0);
-    let told: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
-    let words = told.iter().map(|i| COLUMNS[*i].0);
+    let reported: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
+    let words = reported.iter().map(|i| COLUMNS[*i].0);
     let mut table = Table::new();
     table.load_style(STYLE);
     table.set_header(["source", "share"].into_iter().chain(words));
     for row in &totals.rows {
-        let counts = told.iter().map(|i| row.counts[*i].to_string());
+        let counts = reported.iter().map(|i| row.counts[*i].to_string());
         let share = percent(row.forwarded(), totals.messages);
         table.add_row([name(row), share].into_iter().chain(counts));
     }
@@ -235,12 +235,12 @@ fn outages(plan: &Plan) -> String {
         Some((cloud.name.clone(), long.collect::<Vec<_>>()))
     };
     let known: Vec<(String, Vec<Outage>)> = plan.clouds.iter().filter_map(of).collect();
-    let mut told: Vec<String> = known
+    let mut reported: Vec<String> = known
         .iter()
         .filter(|(_, outages)| !outages.is_empty())
         .map(|(name, outages)| format!("{name} {}", spans(outages)))
         .collect();
-    if told.is_empty() {
+    if reported.is_empty() {
         return String::new();
     }
     if known.len() == plan.clouds.len() && known.len() > 1 {
@@ -248,10 +248,10 @@ fn outages(plan: &Plan) -> String {
         let all = all.reduce(|one, other| Outage::common(&one, &other)).unwrap_or_default();
         if !all.is_empty() {
             let all_of_them = if known.len() == 2 { "both" } else { "all" };
-            told.push(format!("{all_of_them} {}", spans(&all)));
+            reported.push(format!("{all_of_them} {}", spans(&all)));
         }
     }
-    format!("These drives leave no reply in time: {}.\n", told.join(", "))
+    format!("These drives leave no reply in time: {}.\n", reported.join(", "))
 }
 
 fn spans(outages: &[Outage]) -> String {

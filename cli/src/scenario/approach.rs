@@ -5,7 +5,7 @@ use std::time::Duration;
 use fuseline_deadline::{Guard, Hazard, Invalid, Parameters};
 use serde::Serialize;
 
-use crate::scenario::braking::{Aftermath, Brakes};
+use crate::scenario::braking::{DriveOutcome, Brakes};
 use crate::scenario::operator::{CLOUD, Message, Operator, Request, UNLIMITED};
 use crate::scenario::planner::{Planner, Sight};
 
@@ -148,7 +148,7 @@ impl Drive<'_> {
         &self,
         operator: &mut Operator,
         response: impl Fn(u64) -> Option<u64>,
-    ) -> (Aftermath, Option<u64>) {
+    ) -> (DriveOutcome, Option<u64>) {
         let (start, period) = (self.start(), self.vehicle.period());
         let mut planner = Planner::new(self.vehicle.frames as usize);
         let mut local = Local { vehicle: self.vehicle, frees: 0 };
@@ -184,15 +184,15 @@ impl Drive<'_> {
         response: impl Fn(u64) -> Option<u64>,
     ) -> Message {
         let cloud = |deadline| Some(Request { deadline, response: response(at) });
-        let asked = |local: Option<u64>, request| Message { at, local, request };
+        let requested = |local: Option<u64>, request| Message { at, local, request };
         match self.approach {
-            Approach::Local => asked(local.take(at), None),
-            Approach::Cloud => asked(None, cloud(UNLIMITED)),
+            Approach::Local => requested(local.take(at), None),
+            Approach::Cloud => requested(None, cloud(UNLIMITED)),
             Approach::First => {
                 let local = local.take(at);
-                asked(local, cloud(local.unwrap_or(UNLIMITED)))
+                requested(local, cloud(local.unwrap_or(UNLIMITED)))
             }
-            Approach::Ours => asked(local.take(at), cloud(whole(self.deadline))),
+            Approach::Ours => requested(local.take(at), cloud(whole(self.deadline))),
         }
     }
 

@@ -35,10 +35,10 @@ fn every_state_survives<const CLOUDS: usize>(commit: Commit, clouds: u8) {
     let states = reachable(commit, clouds);
     assert!(states.len() > 2);
     for slot in states {
-        let word = Word::<CLOUDS>::from_bits(0).opened(slot);
-        assert_eq!(word.slot(commit), slot);
-        assert_eq!(word.stepped(slot), word);
-        assert!(word.is_open() && !word.stepped(Slot::RETIRED).is_open());
+        let packed = PackedSlot::<CLOUDS>::from_bits(0).opened(slot);
+        assert_eq!(packed.slot(commit), slot);
+        assert_eq!(packed.stepped(slot), packed);
+        assert!(packed.is_open() && !packed.stepped(Slot::RETIRED).is_open());
     }
 }
 
@@ -57,18 +57,18 @@ fn the_greatest_sources_survive() {
     let all = (1..Source::COUNT).fold(Slot::open(true), |slot, cloud| slot.offer(source(cloud)).0);
     for held in [14, 0] {
         let (slot, _) = all.step(Commit::Patient, Cause::Result(source(held)));
-        let word = Word::<15>::from_bits(u64::MAX).opened(slot);
-        assert_eq!((word.slot(Commit::Patient), word.generation()), (slot, 0));
+        let packed = PackedSlot::<15>::from_bits(u64::MAX).opened(slot);
+        assert_eq!((packed.slot(Commit::Patient), packed.generation()), (slot, 0));
     }
 }
 
 #[test]
 fn the_generation_wraps_from_retired_to_open() {
-    let last = Word::<15>::from_bits(u64::from(u32::MAX) << 32);
+    let last = PackedSlot::<15>::from_bits(u64::from(u32::MAX) << 32);
     assert!(last.is_open());
     let retired = last.stepped(Slot::RETIRED);
-    assert_eq!(retired, Word::from_bits(0));
+    assert_eq!(retired, PackedSlot::from_bits(0));
     assert_eq!(retired.opened(Slot::open(false)).generation(), 1);
-    let last = Word::<0>::from_bits(u64::MAX << 2);
-    assert_eq!(last.stepped(Slot::RETIRED), Word::from_bits(0));
+    let last = PackedSlot::<0>::from_bits(u64::MAX << 2);
+    assert_eq!(last.stepped(Slot::RETIRED), PackedSlot::from_bits(0));
 }

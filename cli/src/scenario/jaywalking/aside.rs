@@ -17,7 +17,7 @@ pub(crate) enum Hypothesis {
 
 /// What a call will bring, and after how long, in ns.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Answer {
+pub(crate) struct PlanReply {
     pub(crate) takes: u64,
     pub(crate) plan: Plan,
 }
@@ -25,11 +25,11 @@ pub(crate) struct Answer {
 /// Calls aside: gated by how many are under way, each bounded by a deadline. An answer in time goes into the cache and no
 /// further; one at its due instant is late.
 #[derive(Debug)]
-pub(crate) struct Asides {
+pub(crate) struct ContingencyCalls {
     /// No call is made while so many are under way.
     limit: usize,
     under_way: Vec<Call>,
-    cache: Cache,
+    cache: PlanCache,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -41,21 +41,21 @@ struct Call {
 
 /// Plans by what they are for, and until when they hold.
 #[derive(Default, Debug)]
-struct Cache {
+struct PlanCache {
     plans: Vec<(Plan, u64)>,
 }
 
-impl Asides {
+impl ContingencyCalls {
     pub(crate) fn new(limit: usize) -> Self {
-        Self { limit, under_way: Vec::new(), cache: Cache::default() }
+        Self { limit, under_way: Vec::new(), cache: PlanCache::default() }
     }
 
     /// Makes a call, unless the gate is shut; whether it was made.
-    pub(crate) fn call(&mut self, now: u64, deadline: u64, answer: Option<Answer>) -> bool {
+    pub(crate) fn call(&mut self, now: u64, deadline: u64, answer: Option<PlanReply>) -> bool {
         self.pass(now);
         let is_open = self.under_way.len() < self.limit;
         if is_open {
-            let answer = answer.map(|Answer { takes, plan }| (now.saturating_add(takes), plan));
+            let answer = answer.map(|PlanReply { takes, plan }| (now.saturating_add(takes), plan));
             self.under_way.push(Call { due: now.saturating_add(deadline), answer });
         }
         is_open
@@ -89,34 +89,34 @@ mod tests {
 
     const PLAN: Plan = Plan { hypothesis: Hypothesis::PersonEnters, validity: 100 };
 
-    fn asked(takes: u64) -> Asides {
-        let mut asides = Asides::new(1);
-        assert!(asides.call(0, 50, Some(Answer { takes, plan: PLAN })));
-        asides
+    fn requested(takes: u64) -> ContingencyCalls {
+        let mut contingencies = ContingencyCalls::new(1);
+        assert!(contingencies.call(0, 50, Some(PlanReply { takes, plan: PLAN })));
+        contingencies
     }
 
     #[test]
     fn an_answer_at_its_due_instant_is_late() {
-        assert!(asked(49).holds(60, Hypothesis::PersonEnters));
-        assert!(!asked(50).holds(60, Hypothesis::PersonEnters));
+        assert!(requested(49).holds(60, Hypothesis::PersonEnters));
+        assert!(!requested(50).holds(60, Hypothesis::PersonEnters));
     }
 
     #[test]
     fn a_plan_is_used_on_a_match_while_it_holds() {
-        let mut asides = asked(40);
-        assert!(!asides.holds(39, Hypothesis::PersonEnters));
-        assert!(asides.holds(40, Hypothesis::PersonEnters));
-        assert!(!asides.holds(40, Hypothesis::CarPullsOut));
-        assert!(asides.holds(139, Hypothesis::PersonEnters));
-        assert!(!asides.holds(140, Hypothesis::PersonEnters));
+        let mut contingencies = requested(40);
+        assert!(!contingencies.holds(39, Hypothesis::PersonEnters));
+        assert!(contingencies.holds(40, Hypothesis::PersonEnters));
+        assert!(!contingencies.holds(40, Hypothesis::CarPullsOut));
+        assert!(contingencies.holds(139, Hypothesis::PersonEnters));
+        assert!(!contingencies.holds(140, Hypothesis::PersonEnters));
     }
 
     #[test]
     fn the_gate_is_shut_while_a_call_is_under_way() {
-        let mut asides = asked(40);
-        assert!(!asides.call(39, 50, None));
-        assert!(asides.call(40, 50, None));
-        assert!(!asides.call(89, 50, None));
-        assert!(asides.call(90, 50, None));
+        let mut contingencies = requested(40);
+        assert!(!contingencies.call(39, 50, None));
+        assert!(contingencies.call(40, 50, None));
+        assert!(!contingencies.call(89, 50, None));
+        assert!(contingencies.call(90, 50, None));
     }
 }

@@ -24,7 +24,7 @@ pub(crate) enum Manoeuvre {
 
 /// Where the person is, and what the car can do.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct Scene {
+pub(crate) struct Geometry {
     /// From the car's front to the person's line at 0 s.
     pub(crate) distance: f64,
     pub(crate) person_speed: f64,
@@ -33,7 +33,7 @@ pub(crate) struct Scene {
     pub(crate) deceleration: f64,
 }
 
-impl Scene {
+impl Geometry {
     /// The car, if it does so from `from` on.
     pub(crate) fn car(&self, now: f64, speed: f64, manoeuvre: Manoeuvre, from: f64) -> Rectangle {
         let acting = (now - from).max(0.0);
@@ -67,11 +67,11 @@ impl Scene {
             Manoeuvre::Swerve => past,
             Manoeuvre::Brake => (response + speed / self.deceleration).max(self.crossed()),
         };
-        let aside = match manoeuvre {
+        let contingency = match manoeuvre {
             Manoeuvre::Swerve => self.lateral * (end - response).max(0.0),
             Manoeuvre::Brake => 0.0,
         };
-        let fastest = speed.hypot(self.person_speed + aside);
+        let fastest = speed.hypot(self.person_speed + contingency);
         first_contact((0.0, end), fastest, |now| {
             let car = self.car(now, speed, manoeuvre, response);
             (car.distance_to(self.person(now)) - RADIUS).max(0.0)

@@ -31,7 +31,7 @@ pub(crate) enum Variant {
 }
 
 /// An intersection, in m, m/s and degrees.
-pub(crate) struct Place {
+pub(crate) struct Intersection {
     pub(crate) name: &'static str,
     pub(crate) ego_speed: f64,
     pub(crate) runner_speed: f64,
@@ -45,7 +45,7 @@ pub(crate) struct Place {
     pub(crate) occluder: &'static [Point],
 }
 
-const CORNER_BUILDING: Place = Place {
+const CORNER_BUILDING: Intersection = Intersection {
     name: "corner building",
     ego_speed: 12.0,
     runner_speed: 14.0,
@@ -56,7 +56,7 @@ const CORNER_BUILDING: Place = Place {
     occluder: &[[-60.0, -60.0], [-5.5, -60.0], [-5.5, -5.5], [-60.0, -5.5]],
 };
 
-const QUEUE_IN_TURNING_LANE: Place = Place {
+const QUEUE_IN_TURNING_LANE: Intersection = Intersection {
     name: "queue in turning lane",
     ego_speed: 13.0,
     runner_speed: 14.0,
@@ -67,7 +67,7 @@ const QUEUE_IN_TURNING_LANE: Place = Place {
     occluder: &[[-40.0, 0.5], [-4.0, 0.5], [-4.0, 3.0], [-40.0, 3.0]],
 };
 
-const SKEWED: Place = Place {
+const SKEWED: Intersection = Intersection {
     name: "skewed",
     ego_speed: 13.0,
     runner_speed: 14.0,
@@ -79,7 +79,7 @@ const SKEWED: Place = Place {
 };
 
 impl Variant {
-    pub(crate) const fn place(self) -> &'static Place {
+    pub(crate) const fn place(self) -> &'static Intersection {
         match self {
             Self::CornerBuilding => &CORNER_BUILDING,
             Self::QueueInTurningLane => &QUEUE_IN_TURNING_LANE,
@@ -88,7 +88,7 @@ impl Variant {
     }
 }
 
-impl Place {
+impl Intersection {
     /// The runner's way, of length 1.
     pub(crate) fn heading(&self) -> Point {
         let (across, along) = self.heading.to_radians().sin_cos();
@@ -98,8 +98,8 @@ impl Place {
 
 /// Two cars that approach one intersection.
 #[derive(Clone, Copy)]
-pub(crate) struct Scene {
-    pub(crate) place: &'static Place,
+pub(crate) struct Geometry {
+    pub(crate) place: &'static Intersection,
     pub(crate) ego_speed: f64,
     pub(crate) runner_speed: f64,
     /// How much later than ego the runner is at its reference, in s.
@@ -107,7 +107,7 @@ pub(crate) struct Scene {
     pub(crate) has_occluder: bool,
 }
 
-impl Scene {
+impl Geometry {
     /// Until when there is something to look at, in s.
     pub(crate) fn end(&self) -> f64 {
         MEETING + self.delta.abs() + AFTER
@@ -142,10 +142,10 @@ impl Scene {
         let runner = self.runner(now);
         let [left, right, ..] = runner.corners();
         [left, right, runner.front].into_iter().all(|point| {
-            let (ahead, aside) = (point[0] - camera[0], point[1] - camera[1]);
-            let is_in_view = aside.atan2(ahead).abs() <= VIEW.to_radians();
+            let (ahead, contingency) = (point[0] - camera[0], point[1] - camera[1]);
+            let is_in_view = contingency.atan2(ahead).abs() <= VIEW.to_radians();
             let is_hidden = self.has_occluder && is_hidden(self.place.occluder, camera, point);
-            aside.hypot(ahead) <= range && is_in_view && !is_hidden
+            contingency.hypot(ahead) <= range && is_in_view && !is_hidden
         })
     }
 
