@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use fuseline_tokio::deadline::{Expected, Guard, Impact, Invalid, Parameters, Policy, Situation};
-use fuseline_tokio::{Call, SharedState, Config, Error, Local, Operator, Setup, spawn, stream};
+use fuseline_tokio::{Call, Config, Error, Local, Operator, Setup, SharedState, spawn, stream};
 
 #[derive(Clone, Debug)]
 struct Frame {
