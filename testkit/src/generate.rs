@@ -2,9 +2,9 @@
 
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
+use crate::context::RunContext;
 use crate::draw::Draw;
 use crate::run::Run;
-use crate::context::RunContext;
 
 mod flood;
 
@@ -42,8 +42,13 @@ impl Generator {
             _ => draw.between(2, 40),
         };
         let header = self.header(&mut draw, is_flood);
-        let mut writer =
-            Writer { context: RunContext::new(&header), draw, inputs: vec![], tried: vec![], next_t: 0 };
+        let mut writer = Writer {
+            context: RunContext::new(&header),
+            draw,
+            inputs: vec![],
+            tried: vec![],
+            next_t: 0,
+        };
         writer.start();
         if is_flood {
             // More than the greatest window holds.
@@ -199,7 +204,9 @@ impl Writer {
     fn hold(&mut self) {
         let requested = self.context.requested();
         let waits = |(t, p): &&(u64, u64)| *p > 0 && requested.iter().any(|(u, q)| u == t && q > p);
-        let Some((t, p)) = requested.iter().rev().take(2 * RECENT).find(waits).copied() else { return };
+        let Some((t, p)) = requested.iter().rev().take(2 * RECENT).find(waits).copied() else {
+            return;
+        };
         let at = self.context.now();
         self.push(Input::Result { at, t, p });
         match self.draw.between(0, 9) {

@@ -13,7 +13,7 @@ use std::time::Duration;
 use fuseline_traces::{Decision, DropReason, Event, Input};
 
 use crate::quantile::{Arrival, Quantile, quantiles};
-use crate::statistics::story::{Call, End, RequestOutcome, RequestEnd, MessageHistory};
+use crate::statistics::story::{Call, End, MessageHistory, RequestEnd, RequestOutcome};
 
 /// What is counted about a source's requests, each with its meaning. Local has a request for each
 /// message that was taken on. The first is the sum of the next six.
@@ -225,7 +225,9 @@ impl TraceStatistics {
                 call.is_requested = true;
                 call.due = Some(due);
             }),
-            Decision::Hold { at, t, p } => self.with(t, p, |call| call.request_end(RequestEnd::InTime, at)),
+            Decision::Hold { at, t, p } => {
+                self.with(t, p, |call| call.request_end(RequestEnd::InTime, at))
+            }
             Decision::Drop { at, t, p, why } => self.with(t, p, |call| {
                 let was_result = call.failing.take().is_none();
                 call.answered = None;

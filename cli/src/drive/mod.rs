@@ -19,13 +19,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
-use fuseline_testkit::{Generator, Coverage};
+use fuseline_testkit::{Coverage, Generator};
 use fuseline_traces::Commit;
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use thiserror::Error;
 
 use self::case::{Case, Suite};
-use self::report::{ReportedFinding, Mark, Report};
+use self::report::{Mark, Report, ReportedFinding};
 use self::shrink::{Finding, FindingKind, shrink};
 use self::trial::{Bench, Stop};
 use crate::complain::complain;
@@ -153,7 +153,8 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     let report = driver.finish();
     for found in &report.found {
         if let Some(path) = &found.saved {
-            fs::write(path, found.finding.reported.trace()).map_err(|source| create(path, source))?;
+            fs::write(path, found.finding.reported.trace())
+                .map_err(|source| create(path, source))?;
         }
     }
     if let Some(output) = &outputs.junit {

@@ -6,7 +6,9 @@ use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
 
-use fuseline_report::{Arrival, COLUMNS, Found, Message, Quantile, Reckoning, Row, Totals};
+use fuseline_report::{
+    Arrival, COLUMNS, Findings, Message, Quantile, Row, Totals, TraceStatistics,
+};
 use fuseline_tokio::{SourceTally, grpc};
 use fuseline_traces::{Events, Judge, Verdict};
 use serde::{Serialize, Serializer};
@@ -54,7 +56,7 @@ pub(crate) struct Report {
     pub(crate) outage_messages: usize,
     /// Fusion first.
     pub(crate) policies: Vec<PolicyReport>,
-    pub(crate) trace: Found,
+    pub(crate) trace: Findings,
 }
 
 /// One source's part in a run.
@@ -102,7 +104,7 @@ pub(crate) struct PolicyReport {
 
 /// What the trace shows and what the judge says of it.
 pub(crate) struct Reading {
-    pub(crate) statistics: Reckoning,
+    pub(crate) statistics: TraceStatistics,
     pub(crate) queues: Queues,
     pub(crate) verdict: Verdict,
 }
@@ -119,7 +121,7 @@ impl Reading {
         let mut judge = Judge::new(name, reader.header());
         let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
         let mut queues = Queues::new(priorities.iter().copied(), plan.calls);
-        let mut statistics = Reckoning::new(priorities, false);
+        let mut statistics = TraceStatistics::new(priorities, false);
         while let Some(event) = reader.next_event()? {
             judge.line(reader.line(), &event);
             statistics.event(&event);
@@ -172,7 +174,7 @@ impl Reading {
             outage_messages: messages.iter().filter(|it| it.is_in_outage(plan.deadline())).count(),
             policies: policies(&messages, plan, &totals, driven),
             totals,
-            trace: Found::Strict(self.verdict),
+            trace: Findings::Strict(self.verdict),
         }
     }
 
