@@ -78,7 +78,7 @@ impl Home {
         }
     }
 
-    /// A service of the node's own, below its name, served in `tasks`.
+    /// A service of the node's own, below its name, served in `tasks` or in what was joined.
     pub(crate) fn serve<Q, R>(
         &mut self,
         service: &str,
@@ -96,16 +96,12 @@ impl Home {
         }
     }
 
-    /// Once all is published and served. What keeps the node there runs in `tasks`, or is kept by what is returned.
-    pub(crate) fn settle(
-        self,
-        settings: &Settings,
-        tasks: &mut JoinSet<()>,
-    ) -> Result<Settled, NodeError> {
+    /// Once all is published and served. What keeps the node there is kept by what is returned, or runs in what was joined.
+    pub(crate) fn settle(self, settings: &Settings) -> Result<Settled, NodeError> {
         match self {
-            Self::Dds(participant) => participant.settle(settings, tasks),
+            Self::Dds(participant) => participant.settle(settings),
             #[cfg(feature = "zenoh")]
-            Self::Zenoh(realm) => realm.settle(settings, tasks),
+            Self::Zenoh(realm) => realm.settle(settings),
         }
     }
 }

@@ -89,10 +89,11 @@ fn log(level: Option<Level>) -> Lines {
         Some(Level::Warn) => "warn",
         Some(Level::Error | Level::Fatal) => "error",
     };
-    // The libraries' logs are for those who ask for them: one of them logs an error where there is
-    // no multicast, as on loopback alone, another for each message while clocks differ, and these are none to us.
+    // The libraries' logs are for those who ask for them. Some log what is no error to us: that there is no multicast, as on
+    // loopback alone; that the wall clock stepped back, which the node reports itself; each message while clocks differ.
     let ours = format!(
         "error,fuseline_ros2={level},fuseline_operator={level},rustdds::network=off,\
+         rustdds::structure::dds_cache=off,\
          zenoh::net::routing::dispatcher::pubsub=off"
     );
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(ours));

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-pub(crate) use self::dds::Domain;
+pub(crate) use self::dds::{Domain, DomainHandle, InUse, NewEntity, RecentIds};
 pub(crate) use self::end::End;
 #[cfg(feature = "zenoh")]
 use self::zenoh::Realm;
@@ -111,7 +111,7 @@ impl Graph {
         F: Future<Output = ()> + Send + 'static,
     {
         match middleware {
-            Middleware::Dds => Ok(self.dds()?.inlet(topic, ty, qos, take)?),
+            Middleware::Dds => self.dds()?.inlet(topic, ty, qos, take),
             #[cfg(feature = "zenoh")]
             Middleware::Zenoh => self.zenoh()?.inlet(topic, ty, qos, take),
             #[cfg(not(feature = "zenoh"))]
@@ -130,8 +130,8 @@ impl Graph {
         }
     }
 
-    fn dds(&mut self) -> Result<&mut Domain, NodeError> {
-        self.dds.as_mut().ok_or(NodeError::NotJoined("DDS"))
+    fn dds(&self) -> Result<&Domain, NodeError> {
+        self.dds.as_ref().ok_or(NodeError::NotJoined("DDS"))
     }
 
     #[cfg(feature = "zenoh")]

@@ -67,7 +67,7 @@ impl Voice {
             let log = home.teller("/rosout", log, kept)?;
             tasks.spawn(publish(lines, log, settings.node.name.clone()));
         }
-        let Settled { clock, set } = home.settle(settings, &mut tasks)?;
+        let Settled { clock, set } = home.settle(settings)?;
         let parameters = Parameters { settings: current.clone(), setter, set };
         tasks.spawn(services.run(parameters));
         let voice = Arc::new(Self { clock, diagnostics, status });

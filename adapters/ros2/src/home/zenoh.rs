@@ -90,11 +90,7 @@ impl Realm {
         Ok(requests)
     }
 
-    pub(super) fn settle(
-        mut self,
-        settings: &Settings,
-        _: &mut JoinSet<()>,
-    ) -> Result<Settled, NodeError> {
+    pub(super) fn settle(mut self, settings: &Settings) -> Result<Settled, NodeError> {
         let simulated = Arc::new(AtomicI64::new(0));
         let follows = Arc::new(AtomicBool::new(settings.use_sim_time));
         let told = Arc::clone(&simulated);
