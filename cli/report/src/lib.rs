@@ -9,6 +9,6 @@ mod reckoning;
 mod sheet;
 
 pub use judging::{AnyViolation, Found, Judging, Manner, Summary};
-pub use quantile::{Arrival, PERCENT, Quantile, quantiles};
+pub use quantile::{Arrival, NEVER, PERCENT, Quantile, Response, quantiles, quantiles_among};
 pub use reckoning::{COLUMNS, Ending, Forwarded, Message, Reckoning, Row, Totals};
 pub use sheet::{MOST_EVENTS, Page, PageError, Sheet};
