@@ -80,12 +80,14 @@ impl From<Arrival> for Response {
 }
 
 /// Those of [`PERCENT`], by nearest ranks; none without responses.
+#[must_use]
 pub fn quantiles(responses: &[Response]) -> [Option<Quantile>; 3] {
     quantiles_among(responses, &[])
 }
 
 /// The same, where it is not known which of the `possible` responses belong to the others. Bounds
 /// hold whichever do; there are none if none surely does and none is possible.
+#[must_use]
 pub fn quantiles_among(sure: &[Response], possible: &[Response]) -> [Option<Quantile>; 3] {
     let sorted = |responses: &[Response], time: fn(&Response) -> Duration| {
         let mut times: Vec<Duration> = responses.iter().map(time).collect();

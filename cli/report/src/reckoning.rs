@@ -287,6 +287,7 @@ impl Reckoning {
     }
 
     /// What it all comes to.
+    #[must_use]
     pub fn totals(&self) -> Totals {
         let row = |(source, p): (usize, &u64)| {
             let refused = self.refused.get(source).copied().unwrap_or_default();

@@ -253,12 +253,11 @@ impl<'a> Driver<'a> {
         let is_timed = args.run.is_empty() && args.cases.is_none();
         let budget = is_timed.then(|| args.budget.unwrap_or(BUDGET));
         let bar = if io::stderr().is_terminal() {
-            let (bar, words) = match budget {
-                Some(_) => (ProgressBar::no_length(), "{spinner} {human_pos} runs, {elapsed}"),
-                None => {
-                    let words = "{wide_bar} {human_pos} of {human_len} runs, {eta}";
-                    (ProgressBar::new(suite.len()), words)
-                }
+            let (bar, words) = if budget.is_some() {
+                (ProgressBar::no_length(), "{spinner} {human_pos} runs, {elapsed}")
+            } else {
+                let words = "{wide_bar} {human_pos} of {human_len} runs, {eta}";
+                (ProgressBar::new(suite.len()), words)
             };
             let style = ProgressStyle::with_template(words);
             bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))

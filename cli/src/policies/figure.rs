@@ -49,12 +49,10 @@ impl<T: Copy + PartialOrd + Serialize> Serialize for Figure<T> {
             at_least: T,
             at_most: T,
         }
-        match self.exact() {
-            Some(value) => value.serialize(serializer),
-            None => {
-                let Self { at_least, at_most } = *self;
-                Bounds { at_least, at_most }.serialize(serializer)
-            }
+        if let Some(value) = self.exact() {
+            return value.serialize(serializer);
         }
+        let Self { at_least, at_most } = *self;
+        Bounds { at_least, at_most }.serialize(serializer)
     }
 }

@@ -144,7 +144,7 @@ impl fmt::Display for Report {
             writeln!(
                 f,
                 "≥, ≤, – between figures, and ? in time are bounds: calls were ended before their \
-                 results came, or never\nmade, so that it is not known what they would have given."
+                 results came,\nor never made, so that it is not known what they would have given."
             )?;
         }
         if let Some(lag) = self.timer_lag_ms {

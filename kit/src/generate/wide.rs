@@ -59,16 +59,16 @@ impl Generator {
 
 /// So many different priorities: neighbours, any, or of all lengths.
 fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
-    let last = u64::from(u16::MAX);
+    let top = u64::from(u16::MAX);
     if draw.one_in(2) {
-        let greatest = last + 1 - count.max(1);
+        let greatest = top + 1 - count.max(1);
         let first = EDGES.get(draw.place(EDGES.len() + 1)).copied().unwrap_or(greatest);
         return (first..first + count).filter_map(|p| u16::try_from(p).ok()).collect();
     }
     let is_any = draw.one_in(2);
     let mut priorities = Vec::new();
     while (priorities.len() as u64) < count {
-        let (least, most) = if is_any { (1, last) } else { LENGTHS[draw.place(LENGTHS.len())] };
+        let (least, most) = if is_any { (1, top) } else { LENGTHS[draw.place(LENGTHS.len())] };
         let p = u16::try_from(draw.between(least, most)).unwrap_or(u16::MAX);
         if !priorities.contains(&p) {
             priorities.push(p);
