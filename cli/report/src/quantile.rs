@@ -148,10 +148,12 @@ mod tests {
         Arrival::After(ms(millis)).into()
     }
 
+    #[expect(clippy::unnecessary_wraps, reason = "as quantiles are given")]
     fn exactly(millis: u64) -> Option<Quantile> {
         Some(Quantile::Exactly(ms(millis)))
     }
 
+    #[expect(clippy::unnecessary_wraps, reason = "as quantiles are given")]
     fn at_least(millis: u64) -> Option<Quantile> {
         Some(Quantile::AtLeast(ms(millis)))
     }
