@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufReader, IsTerminal, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::Found;
+use fuseline_report::Findings;
 use fuseline_traces::packed::{Packing, unpack};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
@@ -101,7 +101,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     let bars = MultiProgress::new();
     let mut exit = Exit::Conforms;
     for some in files.chunks(AT_ONCE * rayon::current_num_threads()) {
-        let judged: Vec<Result<Found, Fault>> = some
+        let judged: Vec<Result<Findings, Fault>> = some
             .par_iter()
             .with_max_len(1)
             .map(|file| judge_file(&args.how, file, &bars))
@@ -130,7 +130,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
 }
 
 /// Judges a file that is read to its end.
-fn judge_file(how: &JudgeOptions, path: &Path, bars: &MultiProgress) -> Result<Found, Fault> {
+fn judge_file(how: &JudgeOptions, path: &Path, bars: &MultiProgress) -> Result<Findings, Fault> {
     let (name, file) = open(path)?;
     let len = path.metadata().map_or(0, |metadata| metadata.len());
     let bar = if len >= LONG && io::stderr().is_terminal() {

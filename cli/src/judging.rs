@@ -3,7 +3,7 @@
 use std::io::{self, BufRead};
 use std::time::Duration;
 
-use fuseline_report::{Found, TraceJudge, JudgeMode, Summary};
+use fuseline_report::{Findings, JudgeMode, Summary, TraceJudge};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{Event, Events, Header, ReadError};
 use thiserror::Error;
@@ -52,7 +52,11 @@ pub(crate) struct JudgeOptions {
 }
 
 /// Judges a trace to its end.
-pub(crate) fn judge(how: &JudgeOptions, name: &str, trace: impl BufRead) -> Result<Found, Fault> {
+pub(crate) fn judge(
+    how: &JudgeOptions,
+    name: &str,
+    trace: impl BufRead,
+) -> Result<Findings, Fault> {
     let (mode, end) = (how.mode(), how.end());
     let mut reader = reader(mode, name, trace)?;
     let mut judging = how.judging(name, reader.header());
@@ -60,7 +64,7 @@ pub(crate) fn judge(how: &JudgeOptions, name: &str, trace: impl BufRead) -> Resu
         judging.line(reader.line(), &event)?;
     }
     let mut found = finish(judging, end);
-    if let Found::Observed(verdict) = &mut found {
+    if let Findings::Observed(verdict) = &mut found {
         verdict.violations.sort_by_key(|violation| violation.line);
     }
     Ok(found)
@@ -97,7 +101,11 @@ pub(crate) fn next_event<R: BufRead>(
 struct TruncatedTrace(ReadError);
 
 /// Reads a trace's header for the judge of that manner.
-pub(crate) fn reader<R: BufRead>(mode: JudgeMode, name: &str, trace: R) -> Result<Events<R>, Fault> {
+pub(crate) fn reader<R: BufRead>(
+    mode: JudgeMode,
+    name: &str,
+    trace: R,
+) -> Result<Events<R>, Fault> {
     let read = if mode.is_none() { Events::new } else { Events::observed };
     Ok(read(name, trace)?)
 }
@@ -148,7 +156,7 @@ fn time(text: &str) -> Result<Duration, &'static str> {
 }
 
 /// The verdict at that end. A note says what is not judged.
-pub(crate) fn finish(judging: TraceJudge, end: End) -> Found {
+pub(crate) fn finish(judging: TraceJudge, end: End) -> Findings {
     match end {
         End::Whole => judging.finish(),
         End::Ended => judging.finish_ended(),
@@ -157,7 +165,7 @@ pub(crate) fn finish(judging: TraceJudge, end: End) -> Found {
 }
 
 /// A verdict with a note about decisions that were missing at its end.
-pub(crate) fn noted((found, is_cut): (Found, bool)) -> Found {
+pub(crate) fn noted((found, is_cut): (Findings, bool)) -> Findings {
     if is_cut {
         let Summary { file, lines, .. } = found.summary();
         let what = "the trace ends before all that was decided then; that is not judged";

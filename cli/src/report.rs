@@ -3,7 +3,7 @@
 use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::{Found, Page, PageError};
+use fuseline_report::{Findings, Page, PageError};
 use fuseline_traces::packed::unpack;
 
 use crate::exit::Exit;
@@ -79,7 +79,7 @@ fn write(output: &Output, page: &Page) -> Result<(), Fault> {
 }
 
 /// Reads and judges one trace, and puts it on the page.
-fn read_file(page: &mut Page, how: &JudgeOptions, path: &Path) -> Result<Found, Fault> {
+fn read_file(page: &mut Page, how: &JudgeOptions, path: &Path) -> Result<Findings, Fault> {
     let (mode, end) = (how.mode(), how.end());
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))

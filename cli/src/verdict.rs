@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use anstyle::{AnsiColor, Style};
-use fuseline_report::{AnyViolation, Found, Summary};
+use fuseline_report::{AnyViolation, Findings, Summary};
 use textwrap::Options;
 
 use crate::exit::Exit;
@@ -15,12 +15,17 @@ const WIDTH: usize = 96;
 pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
 pub(crate) const BAD: Style = AnsiColor::Red.on_default().bold();
 
-pub(crate) const fn exit(found: &Found) -> Exit {
+pub(crate) const fn exit(found: &Findings) -> Exit {
     if found.summary().conforms { Exit::Conforms } else { Exit::Differs }
 }
 
 /// Prints a verdict, without the first violations, which were printed before.
-pub(crate) fn print_report(found: &Found, out: &mut impl Write, reported: usize, json: bool) -> io::Result<()> {
+pub(crate) fn print_report(
+    found: &Findings,
+    out: &mut impl Write,
+    reported: usize,
+    json: bool,
+) -> io::Result<()> {
     if json {
         serde_json::to_writer(&mut *out, found)?;
         return writeln!(out);

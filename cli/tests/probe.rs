@@ -274,7 +274,11 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
         let printed = err(&refused);
         assert_eq!(refused.status.code(), Some(2), "{printed}");
         assert!(printed.starts_with("error: ") && printed.contains(what), "{what}: {printed}");
-        assert_eq!((printed.lines().count(), fs::read_dir(&plots).unwrap().count()), (1, 0), "{printed}");
+        assert_eq!(
+            (printed.lines().count(), fs::read_dir(&plots).unwrap().count()),
+            (1, 0),
+            "{printed}"
+        );
     }
 }
 
@@ -288,7 +292,10 @@ fn a_plot_that_cannot_be_written_is_one_error_and_the_recording_stays() {
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(2));
     let printed = err(&probed);
-    assert!(printed.lines().last().unwrap().starts_with("error: plots/round-trips.svg: "), "{printed}");
+    assert!(
+        printed.lines().last().unwrap().starts_with("error: plots/round-trips.svg: "),
+        "{printed}"
+    );
     assert!(out(&probed).contains("15 slots at 30 a second"), "{}", out(&probed));
     assert_eq!(fs::read_dir(dir.path().join("plots")).unwrap().count(), 1);
     // A busy machine misses slots.

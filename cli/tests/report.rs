@@ -55,7 +55,8 @@ fn a_page_holds_its_trace_in_columns() {
     let events: Vec<Value> =
         text.lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(printed["lines"], events.len() + 1);
-    let (timestamps, at, t) = (sums(&printed["timestamps"]), sums(&printed["at"]), sums(&printed["t"]));
+    let (timestamps, at, t) =
+        (sums(&printed["timestamps"]), sums(&printed["at"]), sums(&printed["t"]));
     let origin = printed["origin"].as_i64().unwrap();
     for (i, event) in events.iter().enumerate() {
         assert_eq!(event["at"], at[i] + origin, "{event}");
@@ -112,8 +113,12 @@ fn a_failure_that_comes_after_its_timer_is_told_as_late() {
     fs::write(&trace, out(&run(&["replay"], inputs))).unwrap();
     let (page, _) = page(&dir, &[&trace], &[]);
     let printed = &data(&page);
-    let words: Vec<&str> =
-        printed["columns"].as_array().unwrap().iter().map(|word| word[0].as_str().unwrap()).collect();
+    let words: Vec<&str> = printed["columns"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|word| word[0].as_str().unwrap())
+        .collect();
     // The timer, local's emit and the cancel stand between the failure and its drop.
     let counts = |place: usize| -> Vec<(&str, u64)> {
         let row = &printed["traces"][0]["account"]["rows"][place];

@@ -162,7 +162,8 @@ fn all_policies_have_the_same_limits() {
         let in_time = |policy: &Value| policy["in_time"].as_u64().unwrap();
         let alone = &policies[policies.len() - 1 - clouds.len()..];
         for (cloud, alone) in clouds.iter().zip(alone) {
-            let count = |request_outcome: &str| cloud["requests"][request_outcome].as_u64().unwrap();
+            let count =
+                |request_outcome: &str| cloud["requests"][request_outcome].as_u64().unwrap();
             let admitted = sum(cloud["requests"].as_object().unwrap().values()) - count("refused");
             // No cloud answered what it was never asked.
             assert!(in_time(alone) <= admitted, "{report}");

@@ -81,7 +81,11 @@ fn a_changed_parameter_shows_at_once() {
         let plain: Value = serde_json::from_str(&plain).unwrap();
         // By the expected deadline the same cells avoid, and more gently.
         let key = if change[1] == "expected" { "impact" } else { "outcome" };
-        assert_ne!(printed(&changed["cells"], &[key]), printed(&plain["cells"], &[key]), "{change:?}");
+        assert_ne!(
+            printed(&changed["cells"], &[key]),
+            printed(&plain["cells"], &[key]),
+            "{change:?}"
+        );
         for cell in changed["cells"].as_array().unwrap() {
             let outcome = match (cell["gap"].is_null(), cell["impact"].is_null()) {
                 (false, true) => "avoids",
@@ -247,7 +251,11 @@ fn a_folder_that_takes_no_files_is_told_before_the_work() {
             for name in ["traffic-jam", "red-light", "jaywalking"] {
                 let printed = run(&["scenario", name, option, refusing], "");
                 assert_eq!((printed.status.code(), out(&printed)), (Some(2), ""), "{name}");
-                assert!(err(&printed).starts_with(&format!("error: {refusing}: ")), "{}", err(&printed));
+                assert!(
+                    err(&printed).starts_with(&format!("error: {refusing}: ")),
+                    "{}",
+                    err(&printed)
+                );
                 let remedy = "; name a folder that can be written to\n";
                 assert!(err(&printed).ends_with(remedy), "{}", err(&printed));
                 assert_eq!(err(&printed).lines().count(), 1, "{}", err(&printed));

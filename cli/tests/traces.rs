@@ -257,7 +257,10 @@ fn check_observed_judges_within_the_tolerance_and_tells_how_late_it_was() {
         assert!(out(&late).contains(part), "{part} is not in\n{}", out(&late));
     }
     let printed: Value = serde_json::from_str(out(&check("0ms", "5ms", &["--json"]))).unwrap();
-    assert_eq!((&printed["judged"], &printed["violations"][0]["late"]), (&1.into(), &3_900_000.into()));
+    assert_eq!(
+        (&printed["judged"], &printed["violations"][0]["late"]),
+        (&1.into(), &3_900_000.into())
+    );
     // Strictly a request has its due instant.
     assert_eq!(run(&["check"], OBSERVED).status.code(), Some(2));
 }

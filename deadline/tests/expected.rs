@@ -221,7 +221,11 @@ fn a_decision_costs_no_more_after_a_million_calls() {
         if [1000, 10_000, 1_000_000].contains(&number) {
             requested.set(0);
             policy.decide(&Situation::at(10.0), ms(500));
-            assert!((128..=2 * 128 + 1).contains(&requested.get()), "{} after {number}", requested.get());
+            assert!(
+                (128..=2 * 128 + 1).contains(&requested.get()),
+                "{} after {number}",
+                requested.get()
+            );
         }
     }
 }

@@ -11,9 +11,9 @@ use std::time::Duration;
 use crate::error::Error;
 use crate::fault::SeededFault;
 use crate::kind::{Kind, Run};
-use crate::work_copy::WorkCopy;
 use crate::record::{FaultResult, Record};
 use crate::tree::Tree;
+use crate::work_copy::WorkCopy;
 
 /// What to run, and how.
 pub struct Campaign<'a> {
@@ -47,7 +47,8 @@ impl Campaign<'_> {
     /// # Errors
     /// A witness is red without a fault, a run says nothing, or `stop` was set.
     pub fn run(&self, tell: impl Fn(&str, usize, usize) + Sync) -> Result<Summary, Error> {
-        let lanes: Vec<WorkCopy> = (0..self.jobs.max(1)).map(|number| self.work_copy(number)).collect();
+        let lanes: Vec<WorkCopy> =
+            (0..self.jobs.max(1)).map(|number| self.work_copy(number)).collect();
         for work_copy in &lanes {
             self.tree.copy_to(&work_copy.copy)?;
         }
@@ -101,7 +102,12 @@ impl Campaign<'_> {
     }
 
     /// The record to go on with: the one that is there if it is current, else that of a run without a fault.
-    fn begin(&self, kind: &'static Kind, work_copy: &WorkCopy, rustc: &str) -> Result<Record, Error> {
+    fn begin(
+        &self,
+        kind: &'static Kind,
+        work_copy: &WorkCopy,
+        rustc: &str,
+    ) -> Result<Record, Error> {
         let sources = kind.digest(&work_copy.copy)?;
         let there = Record::load(self.tree, kind)?;
         if let Some(record) = there.filter(|record| record.sources == sources && !self.again) {

@@ -12,7 +12,12 @@ use crate::tree::Tree;
 type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
 
 /// Runs the tests and reads what they took of `files`.
-pub(crate) fn take(tree: &Tree, out: &Path, files: &[&str], tests: &Tests) -> Result<BranchCounts, Error> {
+pub(crate) fn take(
+    tree: &Tree,
+    out: &Path,
+    files: &[&str],
+    tests: &Tests,
+) -> Result<BranchCounts, Error> {
     let compiler = version(
         Command::new("cargo").args(["+nightly", "--version"]).env("RUSTUP_AUTO_INSTALL", "0"),
         "branches are told apart by the nightly compiler alone",

@@ -8,9 +8,9 @@ use serde::Deserialize;
 
 use crate::error::Error;
 use crate::gap::Gap;
-use crate::work_copy::BOUNDED;
 use crate::tool::{Tests, version};
 use crate::tree::Tree;
+use crate::work_copy::BOUNDED;
 
 type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
 

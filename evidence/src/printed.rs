@@ -67,7 +67,8 @@ pub(crate) fn read_drive(printed: &str) -> Outcomes {
         failed: Option<String>,
         passed: u64,
     }
-    let mut driven = printed.lines().filter_map(|line| serde_json::from_str::<DrivePrinted>(line).ok());
+    let mut driven =
+        printed.lines().filter_map(|line| serde_json::from_str::<DrivePrinted>(line).ok());
     let Some(DrivePrinted { fixed, generated }) = driven.next() else { return Outcomes::new() };
     // What a silent command leaves unsaid did not run.
     let ran =

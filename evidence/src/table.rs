@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use crate::error::Error;
 use crate::kind::{KINDS, Kind};
-use crate::matrix::{Matrix, Row, MeasurementRow};
+use crate::matrix::{Matrix, MeasurementRow, Row};
 use crate::tree::Tree;
 
 /// One file made of the matrix.

@@ -184,7 +184,10 @@ mod tests {
             tree.digest(&[name])
         };
         let code = reported("a.rs", "//! Words.\n\nfn f() {\n    g() // why\n}\n")?;
-        assert_eq!(reported("a.rs", "/// Others.\nfn f() {\n    // More.\n    g() // why\n}\n")?, code);
+        assert_eq!(
+            reported("a.rs", "/// Others.\nfn f() {\n    // More.\n    g() // why\n}\n")?,
+            code
+        );
         assert_ne!(reported("a.rs", "fn f() {\n    h() // why\n}\n")?, code);
         assert_ne!(reported("a.txt", "// Words.\n")?, reported("a.txt", "// Others.\n")?);
         fs::remove_dir_all(&root).map_err(Error::file(&root))

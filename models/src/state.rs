@@ -6,10 +6,10 @@ use std::sync::OnceLock;
 
 use fuseline_core::{Instant, Priority, Timestamp};
 use fuseline_testkit::{History, Ledger};
-use fuseline_traces::{Decision, Demands, Input, Reference, Rule};
+use fuseline_traces::{Decision, ExpectedDecisions, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
-use crate::machine::{Completion, Machine, InputResponse, answer, machine};
+use crate::machine::{Completion, InputResponse, Machine, answer, machine};
 use crate::sighting::Sightings;
 use crate::world::World;
 
@@ -103,7 +103,7 @@ impl State {
     /// Gives the input to the reference machine; ends with it where the two disagree.
     fn compare(&mut self, config: &World, input: &Input, answer: &InputResponse) {
         let Some(reference) = &mut self.reference else { return };
-        let mut demands = Demands::new();
+        let mut demands = ExpectedDecisions::new();
         reference.apply(input, &mut demands);
         let now = reference.now() == self.machine.now();
         let alike = reference.next_due() == self.machine.next_due()
@@ -146,7 +146,7 @@ impl State {
 }
 
 /// The rule by which the first decision that differs is made, if one does.
-fn difference(input: &Input, answer: &InputResponse, demands: &Demands) -> Option<Claim> {
+fn difference(input: &Input, answer: &InputResponse, demands: &ExpectedDecisions) -> Option<Claim> {
     let found: Vec<&Decision> = answer.decisions().collect();
     let of_firings = found.len() - answer.own.len();
     let demanded = |place: usize| demands.get(place).map(|(decision, _)| decision);

@@ -5,8 +5,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use fuseline_traces::{
-    Cloud, Commit, Decision, Demands, DropReason, Header, Input, OfferRefusal, OpenRefusal,
-    Reference,
+    Cloud, Commit, Decision, DropReason, ExpectedDecisions, Header, Input, OfferRefusal,
+    OpenRefusal, Reference,
 };
 
 use crate::history::History;
@@ -44,9 +44,9 @@ pub struct Gate {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct RuleDecision {
     /// What was due first.
-    pub fired: Demands,
+    pub fired: ExpectedDecisions,
     /// About the input itself.
-    pub own: Demands,
+    pub own: ExpectedDecisions,
     /// The reasons that hold for it, in the order in which they are asked for.
     pub reasons: HoldingReasons,
 }
@@ -95,7 +95,7 @@ impl RunContext {
 
     /// Lets an input happen.
     pub fn apply(&mut self, input: &Input) -> RuleDecision {
-        let (mut fired, mut own) = (Demands::new(), Demands::new());
+        let (mut fired, mut own) = (ExpectedDecisions::new(), ExpectedDecisions::new());
         // P10: a tick just before changes nothing, and tells the timers' decisions from the input's.
         self.reference.apply(&Input::Tick { at: input.at() }, &mut fired);
         for (decision, _) in &fired {
@@ -239,7 +239,7 @@ impl RunContext {
     }
 
     /// Notes what was accepted, of which no decision speaks.
-    fn accept(&mut self, input: &Input, own: &Demands) {
+    fn accept(&mut self, input: &Input, own: &ExpectedDecisions) {
         match *input {
             Input::Open { t, deadline, .. } if own.is_empty() => {
                 let due = deadline.map(|deadline| self.now().saturating_add(deadline));

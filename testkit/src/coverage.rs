@@ -7,9 +7,9 @@ use fuseline_traces::{
     Rule,
 };
 
+use crate::context::{HoldingReasons, RuleDecision, RunContext};
 use crate::edge::Edge;
 use crate::run::Run;
-use crate::context::{HoldingReasons, RuleDecision, RunContext};
 
 /// Something that a check can reach.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]

@@ -2,8 +2,8 @@
 
 use fuseline_traces::{Decision, Input};
 
-use crate::run::Run;
 use crate::context::{RuleDecision, RunContext};
+use crate::run::Run;
 
 /// From this length on a run counts as long, in inputs.
 const LONG: usize = 400;

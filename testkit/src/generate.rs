@@ -2,11 +2,12 @@
 
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
+use crate::context::RunContext;
 use crate::draw::Draw;
 use crate::run::Run;
-use crate::context::RunContext;
 
 mod flood;
+mod wide;
 
 use flood::DepartureOrder;
 
@@ -42,8 +43,7 @@ impl Generator {
             _ => draw.between(2, 40),
         };
         let header = self.header(&mut draw, is_flood);
-        let mut writer =
-            Writer { context: RunContext::new(&header), draw, inputs: vec![], tried: vec![], next_t: 0 };
+        let mut writer = Writer::new(&header, draw);
         writer.start();
         if is_flood {
             // More than the greatest window holds.
@@ -122,9 +122,22 @@ struct Writer {
     /// Timestamps that an open was tried for.
     tried: Vec<u64>,
     next_t: u64,
+    /// Whether clock and counter keep away from their ends, where nothing more happens.
+    is_long: bool,
 }
 
 impl Writer {
+    fn new(header: &Header, draw: Draw) -> Self {
+        Self {
+            context: RunContext::new(header),
+            draw,
+            inputs: vec![],
+            tried: vec![],
+            next_t: 0,
+            is_long: false,
+        }
+    }
+
     /// Begins at the start of clock and counter, or near the end of one of them.
     fn start(&mut self) {
         let near = |draw: &mut Draw, back| u64::MAX - draw.between(0, back);
@@ -199,7 +212,9 @@ impl Writer {
     fn hold(&mut self) {
         let requested = self.context.requested();
         let waits = |(t, p): &&(u64, u64)| *p > 0 && requested.iter().any(|(u, q)| u == t && q > p);
-        let Some((t, p)) = requested.iter().rev().take(2 * RECENT).find(waits).copied() else { return };
+        let Some((t, p)) = requested.iter().rev().take(2 * RECENT).find(waits).copied() else {
+            return;
+        };
         let at = self.context.now();
         self.push(Input::Result { at, t, p });
         match self.draw.between(0, 9) {
@@ -271,7 +286,7 @@ impl Writer {
             }
             90..96 => now.saturating_sub(self.draw.between(1, 50)),
             96..99 => now.saturating_add(self.draw.between(30, 500)),
-            _ if self.draw.one_in(8) => u64::MAX,
+            _ if self.draw.one_in(8) && !self.is_long => u64::MAX,
             _ => now,
         }
     }
@@ -291,6 +306,7 @@ impl Writer {
             0..20 => self.next_t,
             20..24 => self.next_t.saturating_add(self.draw.between(1, 9)),
             24..29 => self.tried_before(),
+            _ if self.is_long => self.next_t.saturating_add(1 << 33),
             _ => self.draw.weighed(&[(1, u64::MAX), (3, self.next_t.saturating_add(1 << 33))]),
         }
     }
@@ -357,6 +373,8 @@ impl Writer {
                 let due = self.context.next_due();
                 due.map_or(10, |due| due.saturating_sub(self.context.now()))
             }
+            // The clock soon follows what is due.
+            _ if self.is_long => 500,
             37..39 => u64::MAX,
             _ => self.draw.next(),
         }

@@ -311,7 +311,12 @@ impl Ledger {
     }
 
     /// What holds between inputs.
-    fn balance(&self, terms: OperatorConfig<'_>, next_due: Option<u64>, violations: &mut Vec<Violation>) {
+    fn balance(
+        &self,
+        terms: OperatorConfig<'_>,
+        next_due: Option<u64>,
+        violations: &mut Vec<Violation>,
+    ) {
         let now = self.now;
         if self.open.len() > terms.window {
             violate(violations, Promise::P9, || "more are open than the window allows".to_owned());

@@ -1,6 +1,6 @@
 //! Timers and misses that the ledger must not take, each for a reason of its own.
 
-use fuseline_testkit::{Ledger, Promise, OperatorConfig, split};
+use fuseline_testkit::{Ledger, OperatorConfig, Promise, split};
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input, Reference};
 
 /// An operator with the clouds 2 and 5 that says what it is told to.

@@ -7,7 +7,7 @@ mod bytes;
 mod edit;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_testkit::{Mark, Coverage, Run};
+use fuseline_testkit::{Coverage, Mark, Run};
 use fuseline_traces as traces;
 use fuseline_traces::{Defect, Event, Events, LINE, Line, ReadError, parse, unpack};
 use serde::de::IgnoredAny;

@@ -6,7 +6,7 @@ use std::io::BufReader;
 use std::path::Path;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_testkit::{Generator, Ledger, Coverage, Run, Terms, split};
+use fuseline_testkit::{Coverage, Generator, Ledger, OperatorConfig, Run, split};
 use fuseline_tests::fuzz::compare;
 use fuseline_traces::{Commit, Decision, Event, Events, Header, Input};
 
@@ -62,7 +62,7 @@ fn p1_to_p9_and_p11_to_p12_hold_in_every_run() {
         let (mut arbiter, mut ledger) = (arbiter(&run.header), Ledger::default());
         for (i, input) in run.inputs.iter().enumerate() {
             let found = decisions(&mut arbiter, input);
-            let ((fired, own), terms) = (split(input, &found), Terms::from(&run.header));
+            let ((fired, own), terms) = (split(input, &found), OperatorConfig::from(&run.header));
             let violations = ledger.enter(terms, input, fired, own, arbiter.next_due());
             if let Some(violation) = violations.first() {
                 return Err(format!("input {i}, {input}: {violation}"));

@@ -3,8 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use fuseline_testkit::{Generator, Mark, Coverage, Run};
-use fuseline_tests::fuzz::{Edit, Op, bytes_of, judge, marks_of_judge, run_of, step, trace_parse};
+use fuseline_testkit::{Coverage, Generator, Mark, Run};
+use fuseline_tests::fuzz::{
+    Edit, EditKind, bytes_of, judge, marks_of_judge, run_of, step, trace_parse,
+};
 use proptest::prelude::*;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -78,9 +80,9 @@ proptest! {
 
     #[test]
     fn an_edit_of_a_random_run_is_found_at_its_line(
-        run in runs(), op in 0..Op::ALL.len(), place in any::<u16>(), by in any::<[i8; 6]>()
+        run in runs(), op in 0..EditKind::ALL.len(), place in any::<u16>(), by in any::<[i8; 6]>()
     ) {
-        let edit = Edit { op: Op::ALL[op], place, by: by.map(|by| by % 2) };
+        let edit = Edit { op: EditKind::ALL[op], place, by: by.map(|by| by % 2) };
         let bytes = [edit.bytes(), bytes_of(&run)].concat();
         judge(&bytes, &mut Coverage::default()).map_err(TestCaseError::fail)?;
     }

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::event::{Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::OfferRefusal;
-use crate::reference::{Demands, Reference};
+use crate::reference::{ExpectedDecisions, Reference};
 use crate::rule::Rule;
 
 /// How many violations a verdict tells; it counts the rest.
@@ -29,7 +29,7 @@ const STORY: usize = 12;
 pub struct Judge {
     reference: Reference,
     /// What the rules demand of the input read last.
-    demands: Demands,
+    demands: ExpectedDecisions,
     /// How many of them were met.
     met: usize,
     /// The input read last and its line.
@@ -105,7 +105,7 @@ impl Judge {
         let file = file.into();
         Self {
             reference: Reference::new(header),
-            demands: Demands::new(),
+            demands: ExpectedDecisions::new(),
             met: 0,
             input: None,
             differs: false,
@@ -219,7 +219,9 @@ impl Judge {
             self.verdict.more += 1;
             return;
         }
-        let reported = |reported: Option<Decision>| reported.map_or(lack.into(), |reported| reported.to_string());
+        let reported = |reported: Option<Decision>| {
+            reported.map_or(lack.into(), |reported| reported.to_string())
+        };
         let (t, rule) = self.blame(found, demand);
         self.verdict.violations.push(Violation {
             line: self.verdict.lines,

@@ -14,8 +14,8 @@ mod violation;
 use crate::event::Line;
 use crate::parse::{Form, ParseError, parse_as};
 
-pub use judge::{TimeOrderError, Judge, JudgeError, judge};
-pub use story::{AllowedOutput, Slack, MessageHistory};
+pub use judge::{Judge, JudgeError, TimeOrderError, judge};
+pub use story::{AllowedOutput, MessageHistory, Slack};
 pub use verdict::{BrokenRule, Verdict, Violation};
 
 /// Reads one line of an observed trace, given without its `\n`: as [`parse`](crate::parse) does, but a request may have its

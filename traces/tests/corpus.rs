@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use fuseline_traces::corpus::CASES;
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{
-    Commit, Decision, Demands, DropReason, Event, Events, Header, Input, Judge, Line, OfferRefusal,
-    OpenRefusal, Reference, Rule, Verdict, judge, parse,
+    Commit, Decision, DropReason, Event, Events, ExpectedDecisions, Header, Input, Judge, Line,
+    OfferRefusal, OpenRefusal, Reference, Rule, Verdict, judge, parse,
 };
 use serde::Deserialize;
 
@@ -220,8 +220,9 @@ fn what_the_commit_rules_decide_differently_is_there_under_both() {
         assert_eq!(header(case.trace).commit, Commit::Eager);
         assert_eq!(header(twin.trace).commit, Commit::Patient);
         let (eager, patient) = (play(case.trace), play(twin.trace));
-        let inputs =
-            |run: &[(Input, Demands)]| run.iter().map(|(input, _)| *input).collect::<Vec<_>>();
+        let inputs = |run: &[(Input, ExpectedDecisions)]| {
+            run.iter().map(|(input, _)| *input).collect::<Vec<_>>()
+        };
         assert_eq!(inputs(&eager), inputs(&patient), "{stem}");
         if eager != patient {
             differ.extend(stem.split('-').next());
@@ -258,12 +259,12 @@ fn reason(input: &Input, decision: &Decision) -> Option<Reason> {
 }
 
 /// The inputs of a trace with what the rules demand.
-fn play(trace: &str) -> Vec<(Input, Demands)> {
+fn play(trace: &str) -> Vec<(Input, ExpectedDecisions)> {
     let mut reference = Reference::new(&header(trace));
     let inputs = trace.lines().filter_map(|line| input(line.as_bytes()));
     inputs
         .map(|input| {
-            let mut demands = Demands::new();
+            let mut demands = ExpectedDecisions::new();
             reference.apply(&input, &mut demands);
             (input, demands)
         })

@@ -113,7 +113,8 @@ fn after_a_violation_it_goes_on_with_the_next_input() {
         "result 5 3 0",
         "emit 6 3 0", // another one
     ]);
-    let reported: Vec<_> = verdict.violations.iter().map(|reported| (reported.line, reported.rule)).collect();
+    let reported: Vec<_> =
+        verdict.violations.iter().map(|reported| (reported.line, reported.rule)).collect();
     assert_eq!(reported, [(4, Rule::F3), (11, Rule::F0)]);
     assert_eq!(verdict.judged, 3);
 }
@@ -200,7 +201,8 @@ fn of_an_ended_run_timers_that_are_left_are_missing() {
     let unknown = Decision::Drop { at: 1, t: 1, p: 9, why: DropReason::Unknown };
     judge.line(6, &Event::Decision(unknown));
     let verdict = judge.finish_ended();
-    let reported: Vec<_> = verdict.violations.iter().map(|it| (it.line, it.t, &*it.expected)).collect();
+    let reported: Vec<_> =
+        verdict.violations.iter().map(|it| (it.line, it.t, &*it.expected)).collect();
     let expected = [
         (6, Some(3), r#"{"ev":"timer","at":5,"t":3,"p":0}"#),
         (6, Some(2), r#"{"ev":"timer","at":7,"t":2,"p":0}"#),

@@ -65,7 +65,7 @@ fn the_traces_of_the_corpus_conform_in_this_mode_too() {
                 assert_eq!(verdict.violations, [], "{}", case.name);
                 judged += verdict.judged;
             }
-            Err(JudgeError::Disorder(disorder)) => {
+            Err(JudgeError::TimeOrderError(disorder)) => {
                 // F0: the clock went back.
                 assert!(disorder.at < disorder.greatest, "{}", case.name);
             }

@@ -104,7 +104,10 @@ fn what_no_trace_can_be_made_of_is_told() {
     let strange = mcap("/camera", "json", &lines(), None);
     assert_eq!(reported(&strange), "no message of topic /fuseline/trace");
     let encoded = mcap("/fuseline/trace", "cdr", &lines(), None);
-    assert_eq!(reported(&encoded), "topic /fuseline/trace is encoded as \"cdr\"; a trace's is json");
+    assert_eq!(
+        reported(&encoded),
+        "topic /fuseline/trace is encoded as \"cdr\"; a trace's is json"
+    );
     let bad = mcap("/fuseline/trace", "json", &[lines()[0], "{}"], None);
     assert!(reported(&bad).starts_with("message 2: column "), "{}", reported(&bad));
     for first in [0x1f, 0x28, 0x89] {

@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use fuseline_traces::observed::{BrokenRule, Disorder, Judge, Slack, Story, Verdict, Violation};
+use fuseline_traces::observed::{
+    BrokenRule, Judge, MessageHistory, Slack, TimeOrderError, Verdict, Violation,
+};
 use fuseline_traces::{
     Cloud, Commit, Decision, DropReason, Event, Header, Input, OpenRefusal, Reference,
 };
@@ -21,7 +23,7 @@ fn read(
     slack: Slack,
     period: Option<u64>,
     events: &[Event],
-) -> Result<Judge, Disorder> {
+) -> Result<Judge, TimeOrderError> {
     let mut judge = Judge::new("a.jsonl", &header(commit), slack);
     if let Some(period) = period {
         judge = judge.with_period(period);
@@ -32,7 +34,7 @@ fn read(
     Ok(judge)
 }
 
-fn judged(commit: Commit, slack: Slack, events: &[Event]) -> Result<Verdict, Disorder> {
+fn judged(commit: Commit, slack: Slack, events: &[Event]) -> Result<Verdict, TimeOrderError> {
     Ok(read(commit, slack, None, events)?.finish())
 }
 
@@ -123,7 +125,7 @@ fn gaps(most: u64, slack: Slack, events: &[Event]) -> usize {
 
 fn fate(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> Option<Fate> {
     let reach = 2 * slack.tolerance + slack.lateness;
-    let mut story = Story::default();
+    let mut story = MessageHistory::default();
     let (mut opens, mut refusals, mut is_stranger) = (vec![], BTreeSet::new(), false);
     let (mut unknown, mut superseded) = (BTreeSet::new(), BTreeSet::new());
     for (i, (event, records_opens)) in events.iter().enumerate() {

@@ -9,7 +9,7 @@
 use core::ffi::{c_char, c_void};
 
 use crate::header::place;
-use crate::inputs::{MessageInput, Inputs, Offer, AnswerPointer};
+use crate::inputs::{AnswerPointer, Inputs, MessageInput, Offer};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
 use crate::storage::{self, CMachine};
@@ -113,7 +113,9 @@ pub unsafe extern "C" fn fuseline_open_within(
 ) -> CStatus {
     // SAFETY: as the header asks.
     unsafe {
-        with(machine, answer, |room, answer| room.ask(now, t, MessageInput::OpenWithin(deadline), answer))
+        with(machine, answer, |room, answer| {
+            room.ask(now, t, MessageInput::OpenWithin(deadline), answer)
+        })
     }
 }
 
@@ -149,7 +151,9 @@ pub unsafe extern "C" fn fuseline_result(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Result(p), answer)) }
+    unsafe {
+        with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Result(p), answer))
+    }
 }
 
 /// F4: no result will come from source `p`; 0 is local.

@@ -41,7 +41,8 @@ pub(crate) struct Offer {
 /// The inputs of SPEC.md and the questions, to a machine of whatever capacity.
 pub(crate) trait Inputs {
     /// One firing (F5), or the input's own answer.
-    fn ask(&self, now: u64, t: u64, asked: MessageInput, answer: AnswerPointer<CAnswer>) -> CStatus;
+    fn ask(&self, now: u64, t: u64, asked: MessageInput, answer: AnswerPointer<CAnswer>)
+    -> CStatus;
     /// Whether a call is under way.
     fn is_busy(&self) -> bool;
     /// The next due instant.
@@ -55,7 +56,13 @@ pub(crate) trait Inputs {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW> {
-    fn ask(&self, now: u64, t: u64, asked: MessageInput, answer: AnswerPointer<CAnswer>) -> CStatus {
+    fn ask(
+        &self,
+        now: u64,
+        t: u64,
+        asked: MessageInput,
+        answer: AnswerPointer<CAnswer>,
+    ) -> CStatus {
         self.enter(|fusion| {
             let at = fusion.now().as_nanos().max(now);
             let answer = answer.write(CAnswer { at, t, ..CAnswer::EMPTY });

@@ -5,9 +5,9 @@
 
 use core::ffi::c_void;
 
-use crate::shared_storage::{self, InputKind, CShared, AnswerList};
 use crate::header::{StorageHeader, place};
-use crate::plain::{CAnswer, CConfig, COutcome, CStatus, CMessageId};
+use crate::plain::{CAnswer, CConfig, CMessageId, COutcome, CStatus};
+use crate::shared_storage::{self, AnswerList, CShared, InputKind};
 
 /// How many bytes of storage, aligned to 64, a machine for many threads takes in this library; 0 if it does not hold the
 /// capacity.
@@ -93,13 +93,15 @@ pub unsafe extern "C" fn fuseline_shared_offer(
     // SAFETY: as the header asks.
     let answer_list = unsafe {
         shared_storage::owner(machine, &[place(fired), place(answer)], |owner, header| {
-            shared_storage::named(machine, message_id)
-                .map(|message_id| owner.offer(now, message_id, (p, header.deadline(deadline), backlog)))
+            shared_storage::named(machine, message_id).map(|message_id| {
+                owner.offer(now, message_id, (p, header.deadline(deadline), backlog))
+            })
         })
     };
     let answer_list = answer_list.and_then(|answer_list| answer_list);
     // SAFETY: as the header asks.
-    answer_list.map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
+    answer_list
+        .map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
 }
 
 /// F3, any thread's: the result of source `p` came. `fired` says first which of the message's timers were due by `now`,
@@ -216,12 +218,14 @@ unsafe fn bring(
     // SAFETY: as the header asks.
     let answer_list = unsafe {
         shared_storage::handle(machine, &answers, |handle| {
-            shared_storage::named(machine, message_id).map(|message_id| handle.bring(now, message_id, input_kind))
+            shared_storage::named(machine, message_id)
+                .map(|message_id| handle.bring(now, message_id, input_kind))
         })
     };
     let answer_list = answer_list.and_then(|answer_list| answer_list);
     // SAFETY: as the header asks.
-    answer_list.map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
+    answer_list
+        .map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
 }
 
 /// # Safety

@@ -7,12 +7,12 @@ use core::ptr::addr_of_mut;
 use core::sync::atomic::Ordering;
 
 use fuseline_core::{Deadline, DropReason, Firing, Instant, Outcome, Priority, Timestamp};
-use fuseline_threads::{SharedHandle, Owner, Shared, MessageId};
+use fuseline_threads::{MessageId, Owner, Shared, SharedHandle};
 
-use crate::header::{StorageHeader, Kind, NO_CLOUDS, AnswerTarget, asked, rule, status_of, wrong};
-use crate::inputs::{open_refusal, priority, write_answer, write_admission, write_firing};
+use crate::header::{AnswerTarget, Kind, NO_CLOUDS, StorageHeader, asked, rule, status_of, wrong};
+use crate::inputs::{open_refusal, priority, write_admission, write_answer, write_firing};
 use crate::plain::{
-    CAnswer, CConfig, CReason, CStatus, CMessageId, FUSELINE_SHARED_BYTES,
+    CAnswer, CConfig, CMessageId, CReason, CStatus, FUSELINE_SHARED_BYTES,
     FUSELINE_SHARED_BYTES_A_CLOUD,
 };
 use crate::storage::with_room;
@@ -40,7 +40,8 @@ struct SharedStorage<const CLOUDS: usize, const WINDOW: usize> {
 /// The owner's half, of whatever capacity.
 pub(crate) trait OwnerCalls {
     fn open(&mut self, now: u64, t: u64, deadline: Option<Deadline>) -> Result<MessageId, CReason>;
-    fn offer(&mut self, now: u64, message_id: MessageId, offer: (u64, Deadline, u64)) -> AnswerList;
+    fn offer(&mut self, now: u64, message_id: MessageId, offer: (u64, Deadline, u64))
+    -> AnswerList;
 }
 
 /// The half of all threads, of whatever capacity.
@@ -72,7 +73,12 @@ impl<const CLOUDS: usize, const WINDOW: usize> OwnerCalls for Owner<'static, CLO
         opened.map_err(open_refusal)
     }
 
-    fn offer(&mut self, now: u64, message_id: MessageId, offer: (u64, Deadline, u64)) -> AnswerList {
+    fn offer(
+        &mut self,
+        now: u64,
+        message_id: MessageId,
+        offer: (u64, Deadline, u64),
+    ) -> AnswerList {
         let (p, deadline, backlog) = offer;
         // F2 unknown: local is no cloud (A19), as is what does not fit 16 bits (A18).
         let cloud = priority(p).unwrap_or(Priority::LOCAL);
@@ -90,9 +96,15 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedCalls for SharedHandle<CLOU
         // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
         let unknown = || (self.expire(at, message_id), Outcome::Dropped(DropReason::Unknown));
         let (fired, outcome) = match input_kind {
-            InputKind::Result(p) => priority(p).map_or_else(unknown, |p| self.result(at, message_id, p)),
-            InputKind::Failure(p) => priority(p).map_or_else(unknown, |p| self.fail(at, message_id, p)),
-            InputKind::Time => return AnswerList::new(now, message_id, self.expire(at, message_id).as_ref()),
+            InputKind::Result(p) => {
+                priority(p).map_or_else(unknown, |p| self.result(at, message_id, p))
+            }
+            InputKind::Failure(p) => {
+                priority(p).map_or_else(unknown, |p| self.fail(at, message_id, p))
+            }
+            InputKind::Time => {
+                return AnswerList::new(now, message_id, self.expire(at, message_id).as_ref());
+            }
         };
         let mut answer_list = AnswerList::new(now, message_id, fired.as_ref());
         write_answer(&mut answer_list.answer, &outcome);
@@ -106,7 +118,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedCalls for SharedHandle<CLOU
 
 impl AnswerList {
     /// With what fired, and the input's own answer still empty.
-    fn new<const CLOUDS: usize>(now: u64, message_id: MessageId, fired: Option<&Firing<CLOUDS>>) -> Self {
+    fn new<const CLOUDS: usize>(
+        now: u64,
+        message_id: MessageId,
+        fired: Option<&Firing<CLOUDS>>,
+    ) -> Self {
         let empty = CAnswer { at: now, t: message_id.timestamp().as_u64(), ..CAnswer::EMPTY };
         let mut answer_list = Self { fired: empty, answer: empty };
         if let Some(firing) = fired {

@@ -6,7 +6,7 @@ use core::sync::atomic::{Ordering, compiler_fence};
 
 use fuseline_core::{Cloud, Fusion};
 
-use crate::header::{StorageHeader, Kind, NO_CLOUDS, AnswerTarget, asked, rule, status_of, wrong};
+use crate::header::{AnswerTarget, Kind, NO_CLOUDS, StorageHeader, asked, rule, status_of, wrong};
 use crate::inputs::Inputs;
 use crate::plain::{
     CConfig, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
@@ -78,7 +78,8 @@ macro_rules! with_room {
             }
             #[cfg(feature = "capacity-own")]
             n if n == $crate::storage::OWN_CAPACITY => {
-                type $Storage = $Of<{ $crate::storage::OWN_CLOUDS }, { $crate::storage::OWN_WINDOW }>;
+                type $Storage =
+                    $Of<{ $crate::storage::OWN_CLOUDS }, { $crate::storage::OWN_WINDOW }>;
                 $do
             }
             _ => $otherwise,

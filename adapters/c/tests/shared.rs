@@ -115,7 +115,10 @@ fn wrong_use_of_it_is_told() {
     let (_, _, message_id) = machine.open(0, 1);
     let odd = Machine(machine.0.wrapping_byte_add(8));
     assert_eq!(odd.result(0, message_id, 0).0, CStatus::Alignment);
-    assert_eq!(Machine(machine.0.wrapping_byte_add(64)).result(0, message_id, 0).0, CStatus::Foreign);
+    assert_eq!(
+        Machine(machine.0.wrapping_byte_add(64)).result(0, message_id, 0).0,
+        CStatus::Foreign
+    );
     assert_eq!(Machine(null_mut()).result(0, message_id, 0).0, CStatus::Null);
     let inside = machine.0.cast::<CAnswer>();
     let (status, _) = Machine::call(|fired, _| {
@@ -186,7 +189,9 @@ fn of_threads_that_race_exactly_one_is_told_to_forward() {
                     let now = if p == t % 3 { t + 100 } else { t };
                     let (status, answers) = machine.result(now, message_id, p);
                     assert_eq!(status, CStatus::Done);
-                    let answer_list = answers.iter().filter(|answer_list| answer_list.outcome == COutcome::Forwarded);
+                    let answer_list = answers
+                        .iter()
+                        .filter(|answer_list| answer_list.outcome == COutcome::Forwarded);
                     forwarded.fetch_add(answer_list.count() as u32, Ordering::Relaxed);
                 });
             }

@@ -105,7 +105,9 @@ fn five_messages_leave_and_the_judge_finds_nothing() {
             pass(5).await;
         }
     };
-    let reported = |at: fuseline_core::Instant, reported: Report<1>| record(&mut trace, at.as_nanos(), &reported);
+    let reported = |at: fuseline_core::Instant, reported: Report<1>| {
+        record(&mut trace, at.as_nanos(), &reported)
+    };
     block_on(select(operate(&mut fusion, inbox.receiver(), reported), script));
 
     let verdict = judge("operate", trace.as_slice()).expect("a trace");

@@ -15,10 +15,10 @@ use crate::arbiter::{Answer, Arbiter};
 use crate::counts::Counting;
 use crate::counts::Event;
 use crate::effect::{Effect, Local, Offer};
-use crate::state::{OperatorState, LOCAL};
 use crate::item::Source;
 use crate::queue::{SourceQueue, Waiting};
 use crate::reasons::words;
+use crate::state::{LOCAL, OperatorState};
 use crate::writer::{Sink, TraceWriter};
 
 /// The most clouds that a header may have.
@@ -145,7 +145,13 @@ impl<V, R> Engine<V, R> {
         state.counts.source(LOCAL, Event::Admitted);
         state.open_messages.open(t, now);
         let lost_after = deadline.filter(|_| state.local.lossy);
-        state.queues[LOCAL].push(Waiting { t, requested_at: now, due: None, lost_after, request: job });
+        state.queues[LOCAL].push(Waiting {
+            t,
+            requested_at: now,
+            due: None,
+            lost_after,
+            request: job,
+        });
         state.send(now);
         for Offer { priority, deadline, request } in offers {
             self.offer(at, t, priority, deadline, request);
@@ -169,7 +175,8 @@ impl<V, R> Engine<V, R> {
         let place = self.state.place(p);
         let backlog = place.map_or(0, |place| self.state.queues[place].backlog() as u64);
         let is_cloud = |place: &usize| *place != LOCAL && !deadline.is_zero();
-        let requested_at = place.filter(is_cloud).filter(|place| self.is_policy_asked(t, *place, backlog));
+        let requested_at =
+            place.filter(is_cloud).filter(|place| self.is_policy_asked(t, *place, backlog));
         let deadline = match requested_at {
             None => Some(deadline),
             Some(place) => self.state.deadline(at, t, place, self.situation, deadline),
@@ -247,7 +254,8 @@ impl<V, R> Engine<V, R> {
     /// The first error while recording; the trace is whole up to there.
     pub fn finish(&mut self) -> io::Result<()> {
         // All of them, even if the first fails.
-        let written: Vec<_> = self.state.writers.drain(..).map(|mut writer| writer.finish()).collect();
+        let written: Vec<_> =
+            self.state.writers.drain(..).map(|mut writer| writer.finish()).collect();
         written.into_iter().collect()
     }
 

@@ -8,23 +8,23 @@ mod effect;
 #[cfg(feature = "operator")]
 mod engine;
 #[cfg(feature = "operator")]
-mod state;
-#[cfg(feature = "operator")]
 mod item;
-#[cfg(feature = "operator")]
-mod queue;
 #[cfg(feature = "mcap")]
 mod mcap;
 #[cfg(feature = "operator")]
 mod meter;
 #[cfg(feature = "operator")]
-mod workload;
+mod open_message;
+#[cfg(feature = "operator")]
+mod queue;
 #[cfg(feature = "operator")]
 mod reasons;
 #[cfg(feature = "operator")]
-mod open_message;
+mod state;
 #[cfg(feature = "operator")]
 mod tally;
+#[cfg(feature = "operator")]
+mod workload;
 #[cfg(feature = "operator")]
 mod writer;
 
@@ -45,10 +45,10 @@ pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
 #[cfg(feature = "operator")]
-pub use workload::{Workload, CapacityError, CapacityErrors};
-#[cfg(feature = "operator")]
 pub use reasons::Reasons;
 #[cfg(feature = "operator")]
 pub use tally::{CurrentDeadline, SourceTally, Tally};
+#[cfg(feature = "operator")]
+pub use workload::{CapacityError, CapacityErrors, Workload};
 #[cfg(feature = "operator")]
 pub use writer::Sink;

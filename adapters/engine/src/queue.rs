@@ -79,7 +79,12 @@ impl<R> SourceQueue<R> {
         }
         let next = self.waiting.pop_front()?;
         let lost = next.lost_after.map(|after| now.saturating_add(after));
-        self.in_flight.push(InFlightCall { t: next.t, requested_at: next.requested_at, due: next.due, lost });
+        self.in_flight.push(InFlightCall {
+            t: next.t,
+            requested_at: next.requested_at,
+            due: next.due,
+            lost,
+        });
         Some(next)
     }
 
@@ -95,7 +100,11 @@ impl<R> SourceQueue<R> {
     /// anything does.
     pub(crate) fn close(&mut self, t: u64) -> Option<AbandonedRequest> {
         let Some(call) = self.land(t) else {
-            return self.withdraw(t).map(|requested_at| AbandonedRequest { t, requested_at, was_sent: false });
+            return self.withdraw(t).map(|requested_at| AbandonedRequest {
+                t,
+                requested_at,
+                was_sent: false,
+            });
         };
         if self.linger == 0 {
             return Some(call.given_up());
@@ -147,7 +156,9 @@ impl<R> SourceQueue<R> {
         let in_flight = self.in_flight.iter().chain(&self.lingering).map(|call| call.requested_at);
         let requested_at = in_flight.chain(self.waiting.iter().map(|waiting| waiting.requested_at));
         ages.clear();
-        ages.extend(requested_at.map(|requested_at| Duration::from_nanos(now.saturating_sub(requested_at))));
+        ages.extend(
+            requested_at.map(|requested_at| Duration::from_nanos(now.saturating_sub(requested_at))),
+        );
         ages.sort_unstable_by(|one, other| other.cmp(one));
     }
 

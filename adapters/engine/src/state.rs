@@ -16,8 +16,8 @@ use crate::arbiter::{Answer, decisions_of, drop_reason, offer_refusal, open_refu
 use crate::counts::{Counts, Event};
 use crate::effect::{Effect, Hint, Local};
 use crate::item::{Ending, Failure, Forwarded, Item, Source, Trigger};
-use crate::queue::{AbandonedRequest, SourceQueue, Waiting};
 use crate::open_message::OpenMessages;
+use crate::queue::{AbandonedRequest, SourceQueue, Waiting};
 use crate::tally::CurrentDeadline;
 use crate::writer::TraceWriter;
 
@@ -136,7 +136,7 @@ impl<V, R> OperatorState<V, R> {
                 self.counts.source(place, Event::Dropped(why));
                 self.hint(at, t, place, value, why);
             }
-            Outcome::HeldValue => {
+            Outcome::Held => {
                 debug!(operator, timestamp = t, source, "result held");
                 self.counts.source(place, Event::HeldValue);
                 self.open_messages.hold(t, p, at, value);
@@ -183,7 +183,7 @@ impl<V, R> OperatorState<V, R> {
         outcome: &Outcome<CLOUDS>,
     ) {
         match outcome {
-            Outcome::Dropped(_) | Outcome::HeldValue | Outcome::Waiting => {}
+            Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting => {}
             Outcome::Missed => self.retire(at, t, trigger),
             Outcome::Forwarded { cancelled, .. } => {
                 self.retire(at, t, trigger);
@@ -217,7 +217,13 @@ impl<V, R> OperatorState<V, R> {
         let source = self.queues[place].source.clone();
         let arrived = Duration::from_nanos(held.arrived);
         let forwarded = Forwarded { value: held.value, source, arrived, trigger };
-        self.output(t, open_message.opened, at, Ending::Forwarded(forwarded), open_message.failures);
+        self.output(
+            t,
+            open_message.opened,
+            at,
+            Ending::Forwarded(forwarded),
+            open_message.failures,
+        );
     }
 
     /// D1 one item: the only way out for a message that was taken in.

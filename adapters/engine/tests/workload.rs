@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_engine::{Workload, CapacityError};
+use fuseline_engine::{CapacityError, Workload};
 
 fn workload(longest_s: f64, local_s: f64) -> Workload {
     Workload {

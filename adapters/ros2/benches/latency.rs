@@ -226,7 +226,8 @@ impl ChildProcess {
         for line in lines.lines() {
             let numbers: Vec<i64> = line.split(' ').map(str::parse).collect::<Result<_, _>>()?;
             let [place, sent, published, received] = numbers[..] else { return Err(line.into()) };
-            received_by_stamp[usize::try_from(place)?].insert(sent, Instants { published, received });
+            received_by_stamp[usize::try_from(place)?]
+                .insert(sent, Instants { published, received });
         }
         Ok(received_by_stamp)
     }

@@ -11,15 +11,15 @@ use tokio::time::Instant;
 use tracing::{debug, error};
 
 use crate::key::{Key, Stamp};
-use crate::lifecycle::Orders;
-use crate::middleware::{End, Publish};
+use crate::lifecycle::LifecycleRequests;
+use crate::middleware::{Endpoint, Publish};
 use crate::raw::Payload;
 use crate::report::{self, NodeCounts, Reporter};
-use crate::source::{Source, Way};
+use crate::source::{Route, Source};
 use crate::speed::Speed;
 use crate::stamps::Stamps;
-use crate::stop::Stop;
 use crate::status_publisher::PublishStatus;
+use crate::stop::Stop;
 
 mod channels;
 #[cfg(test)]
@@ -37,7 +37,7 @@ pub(crate) struct Fusion<'a> {
     pub(crate) sources: Vec<Source>,
     pub(crate) output: Box<dyn Publish>,
     /// The ends of input and output, to report peers that do not fit.
-    pub(crate) ends: Vec<Arc<End>>,
+    pub(crate) ends: Vec<Arc<Endpoint>>,
     pub(crate) input_key: Key,
     pub(crate) output_key: Key,
     /// The deadline of clouds without one of their own.
@@ -47,7 +47,7 @@ pub(crate) struct Fusion<'a> {
     pub(crate) counting: Counting,
     pub(crate) received: InputChannels<'a>,
     /// What a managed node is told; a plain one is always active.
-    pub(crate) orders: Option<&'a mut Orders>,
+    pub(crate) orders: Option<&'a mut LifecycleRequests>,
     pub(crate) stop: &'a mut Stop,
     pub(crate) memory: LoopState,
     /// The vehicle's speed, if a topic gives it.
@@ -146,10 +146,10 @@ impl Transport for Fusion<'_> {
             return Sent::Failed("there is no such source".into());
         };
         match &source.way {
-            Way::Topics { requests, .. } if requests.matched() == 0 => {
+            Route::Topics { requests, .. } if requests.matched() == 0 => {
                 Sent::Failed("nobody subscribes to its topic".into())
             }
-            Way::Topics { requests, .. } => {
+            Route::Topics { requests, .. } => {
                 let bytes = request.body.len() as u64;
                 if !requests.publish(request) {
                     return Sent::Failed("its subscriber is too far behind".into());
@@ -157,7 +157,7 @@ impl Transport for Fusion<'_> {
                 self.counting.sent(priority, bytes);
                 Sent::Away
             }
-            Way::Grpc(handle) => {
+            Route::Grpc(handle) => {
                 let call = Call::new(timestamp, left, priority, self.counting.clone());
                 let handle = Arc::clone(handle);
                 Sent::Call(Box::pin(async move { handle(request, call).await }))

@@ -234,20 +234,44 @@ mod tests {
             assert_eq!(way.from, state);
             Some((task, way.to.ended(how)?.to))
         };
-        assert_eq!(goes(Unconfigured, 1, "", TransitionResult::Success), Some((Task::Configure, Inactive)));
-        assert_eq!(goes(Unconfigured, 1, "", TransitionResult::Failure), Some((Task::Configure, Unconfigured)));
-        assert_eq!(goes(Inactive, 3, "", TransitionResult::Success), Some((Task::Activate, Active)));
-        assert_eq!(goes(Active, 4, "", TransitionResult::Success), Some((Task::Deactivate, Inactive)));
-        assert_eq!(goes(Inactive, 2, "", TransitionResult::Success), Some((Task::CleanUp, Unconfigured)));
-        assert_eq!(goes(Inactive, 2, "", TransitionResult::Error), Some((Task::CleanUp, ErrorProcessing)));
+        assert_eq!(
+            goes(Unconfigured, 1, "", TransitionResult::Success),
+            Some((Task::Configure, Inactive))
+        );
+        assert_eq!(
+            goes(Unconfigured, 1, "", TransitionResult::Failure),
+            Some((Task::Configure, Unconfigured))
+        );
+        assert_eq!(
+            goes(Inactive, 3, "", TransitionResult::Success),
+            Some((Task::Activate, Active))
+        );
+        assert_eq!(
+            goes(Active, 4, "", TransitionResult::Success),
+            Some((Task::Deactivate, Inactive))
+        );
+        assert_eq!(
+            goes(Inactive, 2, "", TransitionResult::Success),
+            Some((Task::CleanUp, Unconfigured))
+        );
+        assert_eq!(
+            goes(Inactive, 2, "", TransitionResult::Error),
+            Some((Task::CleanUp, ErrorProcessing))
+        );
         for (state, id) in [(Unconfigured, 5), (Inactive, 6), (Active, 7)] {
-            assert_eq!(goes(state, id, "", TransitionResult::Success), Some((Task::ShutDown, Finalized)));
+            assert_eq!(
+                goes(state, id, "", TransitionResult::Success),
+                Some((Task::ShutDown, Finalized))
+            );
             assert_eq!(
                 goes(state, 0, "shutdown", TransitionResult::Success),
                 Some((Task::ShutDown, Finalized))
             );
         }
-        assert_eq!(ErrorProcessing.ended(TransitionResult::Success).map(|way| way.to), Some(Unconfigured));
+        assert_eq!(
+            ErrorProcessing.ended(TransitionResult::Success).map(|way| way.to),
+            Some(Unconfigured)
+        );
     }
 
     #[test]

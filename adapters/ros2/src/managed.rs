@@ -9,13 +9,13 @@ use tokio::sync::mpsc;
 use tracing::error;
 
 use crate::error::NodeError;
-use crate::lifecycle::{Done, Order, Orders, Task};
+use crate::lifecycle::{LifecycleRequest, LifecycleRequests, Task, TransitionResult};
 use crate::middleware::Graph;
 use crate::node::{self, ExternalInputs};
 use crate::rosout::Lines;
 use crate::settings::{Change, Settings};
-use crate::stop::Stop;
 use crate::status_publisher::{NodeInterface, StatusPublisher};
+use crate::stop::Stop;
 
 /// Runs the node until it is stopped; returns the counts of the last time that it was configured.
 ///
@@ -39,9 +39,13 @@ pub(crate) async fn run(
                 break;
             }
             let settings = numbered(settings.now(), time);
-            let outside =
-                ExternalInputs { changes: &mut changes, orders: Some(&mut orders), stop: &mut *stop };
-            ended = configured(&settings, &backend, Arc::clone(&status_publisher), outside, order).await;
+            let outside = ExternalInputs {
+                changes: &mut changes,
+                orders: Some(&mut orders),
+                stop: &mut *stop,
+            };
+            ended = configured(&settings, &backend, Arc::clone(&status_publisher), outside, order)
+                .await;
             match orders.last.take() {
                 Some(order) if order.task == Task::ShutDown => {
                     finalized(order, stop).await;
@@ -49,7 +53,11 @@ pub(crate) async fn run(
                 }
                 Some(order) => {
                     time += 1;
-                    order.done(if ended.is_ok() { Done::Success } else { Done::Error });
+                    order.done(if ended.is_ok() {
+                        TransitionResult::Success
+                    } else {
+                        TransitionResult::Error
+                    });
                 }
                 None if stop.came() => break,
                 // It could not be configured, and said why.
@@ -65,10 +73,10 @@ pub(crate) async fn run(
 
 /// Waits for an order; none if the node is told to end.
 async fn unconfigured(
-    orders: &mut Orders,
+    orders: &mut LifecycleRequests,
     changes: &mut mpsc::UnboundedReceiver<Change>,
     stop: &mut Stop,
-) -> Option<Order> {
+) -> Option<LifecycleRequest> {
     // It may have been asked while the last order was carried out.
     while !stop.came() {
         tokio::select! {
@@ -87,11 +95,11 @@ async fn configured(
     backend: &Graph,
     status_publisher: Arc<StatusPublisher>,
     outside: ExternalInputs<'_>,
-    order: Order,
+    order: LifecycleRequest,
 ) -> Result<Tally, NodeError> {
-    let refused = |order: Order, error: NodeError| {
+    let refused = |order: LifecycleRequest, error: NodeError| {
         error!(%error, "the node cannot be configured");
-        order.done(Done::Failure);
+        order.done(TransitionResult::Failure);
         error
     };
     let opened = async {
@@ -105,7 +113,7 @@ async fn configured(
     };
     let ended = match node::open(settings, engine, &mut graph, status_publisher, outside) {
         Ok(open) => {
-            order.done(Done::Success);
+            order.done(TransitionResult::Success);
             open.run().await.inspect_err(|error| error!(%error, "the node was not closed well"))
         }
         Err(error) => Err(refused(order, error)),
@@ -115,8 +123,8 @@ async fn configured(
 }
 
 /// It answers its services until it is told to end.
-async fn finalized(order: Order, stop: &mut Stop) {
-    order.done(Done::Success);
+async fn finalized(order: LifecycleRequest, stop: &mut Stop) {
+    order.done(TransitionResult::Success);
     if !stop.came() {
         stop.requested().await;
     }

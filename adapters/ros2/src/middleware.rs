@@ -65,7 +65,11 @@ impl Graph {
         Ok(Self {
             dds,
             #[cfg(feature = "zenoh")]
-            zenoh: if needs(Middleware::Zenoh) { Some(ZenohSession::join(settings).await?) } else { None },
+            zenoh: if needs(Middleware::Zenoh) {
+                Some(ZenohSession::join(settings).await?)
+            } else {
+                None
+            },
         })
     }
 

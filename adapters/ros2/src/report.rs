@@ -6,7 +6,7 @@ use fuseline_engine::{Ending, Item, SourceTally, Tally, Trigger};
 use serde::Serialize;
 
 use crate::key::Stamp;
-use crate::middleware::End;
+use crate::middleware::Endpoint;
 use crate::raw::Payload;
 use crate::source::{Source, UnmatchedResults};
 
@@ -102,12 +102,13 @@ impl Reporter {
         tally: Tally,
         intake: NodeCounts,
         sources: &[Source],
-        ends: &[&End],
+        ends: &[&Endpoint],
         blind: Option<String>,
     ) -> Vec<DiagnosticStatus> {
         let mut statuses = vec![self.fusion(&tally, intake, ends, blind)];
         for (i, source) in sources.iter().enumerate() {
-            if let (Some(now), Some(before)) = (tally.sources.get(i), self.reported.sources.get(i)) {
+            if let (Some(now), Some(before)) = (tally.sources.get(i), self.reported.sources.get(i))
+            {
                 let stray = self.unmatched.get(i).copied().unwrap_or_default();
                 statuses.push(self.source(source, now, before, stray));
             }
@@ -122,7 +123,7 @@ impl Reporter {
         &self,
         tally: &Tally,
         intake: NodeCounts,
-        ends: &[&End],
+        ends: &[&Endpoint],
         blind: Option<String>,
     ) -> DiagnosticStatus {
         let missed = tally.missed - self.reported.missed;
@@ -282,7 +283,7 @@ fn received(tally: &SourceTally) -> u64 {
 }
 
 /// What is wrong with a peer of a topic.
-fn unfit(end: &End) -> Option<String> {
+fn unfit(end: &Endpoint) -> Option<String> {
     let topic = &end.topic;
     let quality =
         end.incompatible().map(|unfit| format!("incompatible {} on {topic}", unfit.policy));
@@ -290,13 +291,13 @@ fn unfit(end: &End) -> Option<String> {
 }
 
 /// A topic's silence in words, if messages have stopped coming.
-fn silent(end: &End) -> Option<String> {
+fn silent(end: &Endpoint) -> Option<String> {
     let (topic, silence) = (&end.topic, end.silence()?);
     let (matched, silence) = (end.matched(), silence.as_secs_f64());
     Some(format!("nothing came on {topic} for {silence:.1} s; matched publishers: {matched}"))
 }
 
-fn end_values(end: &End) -> Vec<KeyValue> {
+fn end_values(end: &Endpoint) -> Vec<KeyValue> {
     let mut values = vec![value(&format!("matched {}", end.topic), &end.matched())];
     if let Some(unfit) = end.incompatible() {
         let reported_lines = format!("{} peers, {}", unfit.count, unfit.policy);

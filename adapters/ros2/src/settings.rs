@@ -22,7 +22,7 @@ use fuseline_tokio::Timers;
 use crate::arguments::{Arguments, Level};
 use crate::key::{Key, Kind, has_header};
 use crate::names::{NodeName, check_type};
-use crate::parameters::{ParameterOverride, ValueOrigin, Value, given};
+use crate::parameters::{ParameterOverride, Value, ValueOrigin, given};
 pub use crate::settings::change::{Change, ChangeError};
 pub(crate) use crate::settings::current::Current;
 pub use crate::settings::error::SettingsError;

@@ -104,7 +104,8 @@ mod tests {
     #[test]
     fn what_slows_down_by_and_by_is_not_silent() {
         let start = Instant::now();
-        let (mut silence_detector, mut at, mut gap) = (SilenceDetector::new(None), start, ms(1_000));
+        let (mut silence_detector, mut at, mut gap) =
+            (SilenceDetector::new(None), start, ms(1_000));
         for _ in 0..100 {
             silence_detector.beat(at);
             assert_eq!(silence_detector.silence(at + gap), None);

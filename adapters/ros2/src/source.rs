@@ -8,7 +8,7 @@ use fuseline_tokio::{Call, Error};
 use futures_util::future::BoxFuture;
 
 use crate::error::GrpcError;
-use crate::middleware::{End, Publish};
+use crate::middleware::{Endpoint, Publish};
 use crate::raw::Payload;
 use crate::settings::Grpc;
 
@@ -30,7 +30,7 @@ pub(crate) struct Source {
 /// How messages go there and results come back.
 pub(crate) enum Route {
     /// Over two topics.
-    Topics { requests: Box<dyn Publish>, results: Arc<End> },
+    Topics { requests: Box<dyn Publish>, results: Arc<Endpoint> },
     /// One call for each message.
     Grpc(Handle),
 }
@@ -76,7 +76,7 @@ impl Source {
     }
 
     /// The topics' ends, to report peers that do not fit.
-    pub(crate) fn ends(&self) -> impl Iterator<Item = &End> {
+    pub(crate) fn ends(&self) -> impl Iterator<Item = &Endpoint> {
         let ends = match &self.way {
             Route::Topics { requests, results } => [Some(&**requests.end()), Some(&**results)],
             Route::Grpc(_) => [None, None],

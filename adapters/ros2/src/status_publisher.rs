@@ -6,9 +6,9 @@ use ros2_client::Log;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
+use crate::backend::{DiscoveredNode, MessagePublisher, NodeBackend, TOLD, TypeName};
 use crate::error::NodeError;
-use crate::backend::{NodeBackend, DiscoveredNode, TOLD, MessagePublisher, TypeName};
-use crate::lifecycle::{Orders, serve};
+use crate::lifecycle::{LifecycleRequests, serve};
 use crate::middleware::Graph;
 use crate::parameters::services::{Parameters, Services};
 use crate::report::{self, DiagnosticArray, DiagnosticStatus, Time};
@@ -38,7 +38,7 @@ pub(crate) struct NodeInterface {
     /// What was set since it was last looked at.
     pub(crate) changes: mpsc::UnboundedReceiver<Change>,
     /// What a managed node is told; a plain one is told nothing.
-    pub(crate) orders: Option<Orders>,
+    pub(crate) orders: Option<LifecycleRequests>,
     /// They serve parameters and lifecycle, and publish the log.
     pub(crate) tasks: JoinSet<()>,
 }
@@ -55,7 +55,8 @@ impl StatusPublisher {
         let mut tasks = JoinSet::new();
         let mut backend = NodeBackend::show(settings, graph)?;
         let of = |name| TypeName { package: "diagnostic_msgs", name };
-        let diagnostics = backend.message_publisher(&settings.diagnostics, of("DiagnosticArray"), TOLD)?;
+        let diagnostics =
+            backend.message_publisher(&settings.diagnostics, of("DiagnosticArray"), TOLD)?;
         let status = backend.message_publisher(&settings.status, of("DiagnosticStatus"), TOLD)?;
         let services = Services::offer(&mut backend, &mut tasks)?;
         let orders = settings.lifecycle.then(|| serve(&mut backend, &settings.node, &mut tasks));

@@ -126,7 +126,8 @@ async fn parameters_are_read_and_those_that_may_are_set() {
             .map(|(name, value)| raw::Parameter::from(Parameter { name: name.to_owned(), value }));
         let ask = SetParametersRequest { parameter: parameter.to_vec() };
         let set = timeout(LONG, setter.async_call_service(ask)).await?.unwrap();
-        let reported: Vec<_> = set.results.iter().map(|set| (set.successful, &*set.reason)).collect();
+        let reported: Vec<_> =
+            set.results.iter().map(|set| (set.successful, &*set.reason)).collect();
         let range = "deadline cannot be -1.0; give seconds, more than 0 and at most 1e9";
         let fixed = "window is fixed while the node runs; restart it with another value";
         assert_eq!(reported, [(true, ""), (false, range), (false, fixed), (true, "")]);
@@ -255,7 +256,9 @@ async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
         for sec in 1.. {
             assert!(start.elapsed() < LONG, "no call was aborted");
             send(&camera, sec).await?;
-            if let Ok(Some(Ok((image, _)))) = timeout(Duration::from_secs(1), requested.next()).await {
+            if let Ok(Some(Ok((image, _)))) =
+                timeout(Duration::from_secs(1), requested.next()).await
+            {
                 let header = Header { frame_id: "east".into(), ..image.header };
                 east.publish(PointStamped { header, point: [0.0; 3] })
                     .map_err(|e| e.to_string())?;
@@ -290,7 +293,9 @@ async fn messages_of_another_type_are_not_taken_in() {
             assert!(start.elapsed() < LONG, "local was not asked");
             send(&image, sec - 1000).await?;
             send(&camera, sec).await?;
-            if let Ok(Some(Ok((image, _)))) = timeout(Duration::from_secs(1), requested.next()).await {
+            if let Ok(Some(Ok((image, _)))) =
+                timeout(Duration::from_secs(1), requested.next()).await
+            {
                 assert!(image.header.stamp.sec >= 1000, "a message of another type was taken in");
                 // What follows it was sent after the node had met both.
                 if sec > 1003 {

@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant as Clock};
 
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Priority, Timestamp};
-use fuseline_threads::{Call, ValueOwner, Message, Shared};
+use fuseline_threads::{Call, Message, Shared, ValueOwner};
 
 const CLOUDS: usize = 2;
 const WINDOW: usize = 16;

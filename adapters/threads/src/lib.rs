@@ -14,18 +14,18 @@ mod call;
 #[cfg(feature = "values")]
 mod cells;
 mod handle;
-mod owner;
-mod shared;
 mod message_id;
+mod owner;
+mod packed;
+mod shared;
 #[cfg(feature = "values")]
 mod values;
-mod packed;
 
 #[cfg(feature = "values")]
-pub use call::{CallOutcome, Call, Message};
+pub use call::{Call, CallOutcome, Message};
 pub use handle::SharedHandle;
+pub use message_id::MessageId;
 pub use owner::Owner;
 pub use shared::Shared;
-pub use message_id::MessageId;
 #[cfg(feature = "values")]
 pub use values::ValueOwner;

@@ -37,7 +37,10 @@ impl<const CLOUDS: usize> OwnerState<CLOUDS> {
 }
 
 impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
-    pub(crate) const fn new(handle: &'a SharedHandle<CLOUDS, WINDOW>, kept: &'a mut OwnerState<CLOUDS>) -> Self {
+    pub(crate) const fn new(
+        handle: &'a SharedHandle<CLOUDS, WINDOW>,
+        kept: &'a mut OwnerState<CLOUDS>,
+    ) -> Self {
         Self { handle, kept }
     }
 

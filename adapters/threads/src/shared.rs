@@ -3,7 +3,7 @@
 use fuseline_core::{Cloud, Clouds, Commit, ConfigError};
 
 use crate::handle::SharedHandle;
-use crate::owner::{OwnerState, Owner};
+use crate::owner::{Owner, OwnerState};
 
 /// One operator's machine for many threads, for up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open
 /// timestamps. The [crate](crate)'s documentation says what it guarantees.
@@ -44,7 +44,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
     pub fn new(window: usize, commit: Commit, clouds: &[Cloud]) -> Result<Self, ConfigError> {
         let window = ConfigError::check_window::<WINDOW>(window)?;
         let clouds = Clouds::new(clouds)?;
-        Ok(Self { handle: SharedHandle::new(window, commit, clouds), kept: OwnerState::new(clouds) })
+        Ok(Self {
+            handle: SharedHandle::new(window, commit, clouds),
+            kept: OwnerState::new(clouds),
+        })
     }
 
     /// The one owner's half, and the desk for all threads. Splitting again leaves what is open as it is.

@@ -75,7 +75,8 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
         Option<(Firing<CLOUDS>, Option<T>)>,
         Result<(Call<'a, T, CLOUDS, WINDOW>, Instant), OfferRefusal>,
     ) {
-        let (fired, admission) = self.owner.offer(now, message.message_id, cloud, deadline, backlog);
+        let (fired, admission) =
+            self.owner.offer(now, message.message_id, cloud, deadline, backlog);
         let fired = fired.map(|firing| (firing, message.forwarded(&firing.outcome)));
         let call = match admission {
             Admission::Admitted { due } => match self.handle.source(cloud) {

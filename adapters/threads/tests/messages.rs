@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
-use fuseline_threads::{ValueOwner, Shared};
+use fuseline_threads::{Shared, ValueOwner};
 
 const WEST: Priority = Priority::new(1);
 const START: Instant = Instant::START;

@@ -19,9 +19,9 @@
 //! - **Panics** of a call or a computation are failures (F4).
 //! - **A request that could not be sent** fails after the message was offered to every cloud (A30).
 
-mod wake_flag;
 mod calls;
 mod timers;
+mod wake_flag;
 
 use std::future::poll_fn;
 use std::io;
@@ -36,11 +36,11 @@ use futures_util::task::AtomicWaker;
 use tokio::time::Instant;
 
 use crate::Error;
-use crate::drive::wake_flag::WakeFlag;
 use crate::drive::calls::Calls;
 use crate::drive::timers::Timer;
-use crate::panics::panicked;
+use crate::drive::wake_flag::WakeFlag;
 use crate::error_chain::ErrorChain;
+use crate::panics::panicked;
 
 pub use crate::drive::timers::Timers;
 
@@ -271,7 +271,9 @@ impl<T: Transport> Driver<T> {
             let turn = self.turn;
             self.turn = (turn + 1) % TURNS;
             let ready = bells[turn].poll(|context| match turn {
-                CALLS => calls.poll_word(context).map(|word| PollTurn::Transport(Incoming::Completion(word))),
+                CALLS => calls
+                    .poll_word(context)
+                    .map(|word| PollTurn::Transport(Incoming::Completion(word))),
                 TIMER if armed.is_some() => timer.poll(context).map(|()| PollTurn::Timer),
                 TIMER => Poll::Pending,
                 _ => transport.poll_incoming(context).map(PollTurn::Transport),

@@ -35,7 +35,10 @@ mod tests {
     #[test]
     fn a_cause_is_named_once() {
         let cause = || io::Error::other("connection refused");
-        assert_eq!(ErrorChain(&TopCause("no call", cause())).to_string(), "no call: connection refused");
+        assert_eq!(
+            ErrorChain(&TopCause("no call", cause())).to_string(),
+            "no call: connection refused"
+        );
         let reported = TopCause("no call, connection refused", cause());
         assert_eq!(ErrorChain(&reported).to_string(), "no call, connection refused");
     }

@@ -12,7 +12,7 @@ use futures_util::future::BoxFuture;
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 
 use crate::Error;
-use crate::drive::{Sent, Completion};
+use crate::drive::{Completion, Sent};
 use crate::panics::panicked;
 
 /// How messages are computed locally (priority 0). An error or a panic is a failure (F4).

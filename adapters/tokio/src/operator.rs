@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use fuseline_engine::{
-    self as shared, Commit, ConfigError, Counting, Engine, Header, Item, Workload, Recorder, Recording,
-    CapacityErrors, Tally,
+    self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header, Item, Recorder,
+    Recording, Tally, Workload,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
@@ -14,11 +14,11 @@ use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tracing::{Instrument, info_span};
 
-use crate::side::{SideCounts, SideTally, SideRunner, SideRegistration};
 use crate::drive::{Driver, Timers, finish};
 use crate::local::{Local, Workers};
 use crate::run::{Outbox, Streams};
 use crate::setup::{Registered, Setup};
+use crate::side::{SideCounts, SideRegistration, SideRunner, SideTally};
 use crate::stream::{Reader, stream};
 
 /// A typed operator: for each input message it forwards one result, the best that is in time.
@@ -268,7 +268,10 @@ impl Default for Config {
 }
 
 /// The asides, ready to ask.
-fn sides<I>(operator: &str, registered: Vec<SideRegistration<I>>) -> Result<Vec<SideRunner<I>>, SpawnError> {
+fn sides<I>(
+    operator: &str,
+    registered: Vec<SideRegistration<I>>,
+) -> Result<Vec<SideRunner<I>>, SpawnError> {
     let asker = |beside: SideRegistration<I>| {
         let name = beside.side.name.clone();
         SideRunner::new(operator, beside).ok_or(SpawnError::SideRequest { name })

@@ -13,11 +13,11 @@ use futures_util::future::BoxFuture;
 use tokio::sync::oneshot;
 use tracing::error;
 
-use crate::side::SideRunner;
 use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::local::Workers;
 use crate::panics::reason;
-use crate::setup::{SituationSource, Call, Registered, Request, HintHandler};
+use crate::setup::{Call, HintHandler, Registered, Request, SituationSource};
+use crate::side::SideRunner;
 use crate::stream::{Reader, WriteError, Writer};
 
 /// What an operator reads, asks and writes.

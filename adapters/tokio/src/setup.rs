@@ -11,8 +11,8 @@ use futures_util::future::BoxFuture;
 use tracing::error;
 
 use crate::Error;
-use crate::side::{SideResponse, SideRequest, SideCounts, SideRegistration, SideCall};
 use crate::panics::reason;
+use crate::side::{SideCall, SideCounts, SideRegistration, SideRequest, SideResponse};
 
 /// Registers an operator's clouds, up to 15, and what goes with them.
 pub struct Setup<I, O> {

@@ -15,9 +15,9 @@ use tokio::time::{Instant, timeout};
 use tracing::{Instrument, debug, debug_span, error, warn};
 
 use crate::Error;
+use crate::error_chain::ErrorChain;
 use crate::panics::{guarded, panicked, reason};
 use crate::setup::{ByteCounter, Call};
-use crate::error_chain::ErrorChain;
 
 /// The queue and bounds of an [aside](crate::Setup::use_side_request), with defaults.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -94,7 +94,10 @@ struct WaitingGuard(Arc<SideCounts>);
 
 impl<I> SideRunner<I> {
     /// An aside ready to ask; none unless `resume < limit`.
-    pub(crate) fn new(operator: &str, SideRegistration { side, wonder }: SideRegistration<I>) -> Option<Self> {
+    pub(crate) fn new(
+        operator: &str,
+        SideRegistration { side, wonder }: SideRegistration<I>,
+    ) -> Option<Self> {
         let gate = Gate::new(side.limit, side.resume)?;
         let places = side.calls.clamp(1, Semaphore::MAX_PERMITS);
         Some(Self {

@@ -19,7 +19,8 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     // More than a channel can hold is no different.
     let capacity = capacity.min(Semaphore::MAX_PERMITS);
     let (sender, receiver) = mpsc::channel(capacity);
-    let joining = Arc::new(NewReaders { is_any: AtomicBool::new(false), readers: Mutex::default() });
+    let joining =
+        Arc::new(NewReaders { is_any: AtomicBool::new(false), readers: Mutex::default() });
     let reader = Reader { receiver, joining: Arc::downgrade(&joining), capacity };
     (Writer { readers: vec![sender], joining, count: 0 }, reader)
 }

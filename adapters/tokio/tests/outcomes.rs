@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, Trigger};
 use support::SourceAction::{Answers, Fails, Never, Panics};
-use support::{Part, Script, play, play_default};
+use support::{CloudScript, Script, play, play_default};
 
 #[tokio::test(start_paused = true)]
 async fn local_alone_is_forwarded_when_it_arrives() {
@@ -111,7 +111,7 @@ async fn one_message_more_than_the_window_is_refused_full_and_downstream_learns(
 #[tokio::test(start_paused = true)]
 async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
     let mut script = Script::new();
-    let slow = Part { priority: 1, deadline_ms: 100, act: |_| Never, limit: 2, calls: 1 };
+    let slow = CloudScript { priority: 1, deadline_ms: 100, act: |_| Never, limit: 2, calls: 1 };
     script.clouds.push(slow);
     // One call is under way, two wait, the fourth is refused. At 100 ms the first timer fires and
     // the second call starts: the queue is one long, the gate still shut. At 130 ms it is empty.

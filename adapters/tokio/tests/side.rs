@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fuseline_tokio::{
-    SideTally, Call, SharedState, Config, DropReason, Error, Local, Running, Setup, SpawnError, spawn,
-    stream,
+    Call, Config, DropReason, Error, Local, Running, Setup, SharedState, SideTally, SpawnError,
+    spawn, stream,
 };
 use support::{ClosureOperator, line, play};
 use tokio::time::{Instant, sleep, sleep_until};
@@ -79,7 +79,8 @@ async fn watched(
     setup: impl FnOnce(&mut Setup<u64, String>) -> Local<u64, String>,
 ) -> (Vec<String>, Vec<SideTally>) {
     let (mut camera, frames) = stream(64);
-    let (running, mut output): (Running, _) = spawn(ClosureOperator(setup), config, frames).unwrap();
+    let (running, mut output): (Running, _) =
+        spawn(ClosureOperator(setup), config, frames).unwrap();
     let (start, messages) = (Instant::now(), messages.to_vec());
     tokio::spawn(async move {
         for (t, ms) in (0..).zip(messages) {

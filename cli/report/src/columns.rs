@@ -13,7 +13,7 @@ use serde::ser::Serializer;
 use crate::judging::{AnyViolation, Findings, JudgeMode};
 use crate::quantile::Quantile;
 use crate::reasons;
-use crate::statistics::{Ending, TraceStatistics, Row, Totals};
+use crate::statistics::{Ending, Row, Totals, TraceStatistics};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;
@@ -130,7 +130,10 @@ impl Columns {
         let mut columns = Self {
             events: Vec::new(),
             sources: BTreeMap::new(),
-            statistics: TraceStatistics::new(header.clouds.iter().map(|cloud| cloud.p), is_observed),
+            statistics: TraceStatistics::new(
+                header.clouds.iter().map(|cloud| cloud.p),
+                is_observed,
+            ),
             deadlines: BTreeMap::new(),
         };
         columns.source(0);
@@ -159,7 +162,12 @@ impl Columns {
     }
 
     /// The columns with the verdict.
-    pub(crate) fn page_trace(&self, header: &Header, mode: JudgeMode, verdict: &Findings) -> PageTrace {
+    pub(crate) fn page_trace(
+        &self,
+        header: &Header,
+        mode: JudgeMode,
+        verdict: &Findings,
+    ) -> PageTrace {
         let mut timestamps: Vec<u64> = self.events.iter().filter_map(Event::t).collect();
         timestamps.sort_unstable();
         timestamps.dedup();
@@ -248,7 +256,11 @@ impl Columns {
         let fates = timestamps.iter().flat_map(|t| {
             sources.iter().map(|(_, p)| self.statistics.request_outcome(*t, *p).unwrap_or_default())
         });
-        fates.filter_map(|request_outcome| char::from_digit(u32::try_from(request_outcome).ok()?, 10)).collect()
+        fates
+            .filter_map(|request_outcome| {
+                char::from_digit(u32::try_from(request_outcome).ok()?, 10)
+            })
+            .collect()
     }
 
     fn named(&self, header: &Header) -> Vec<Source> {
@@ -256,7 +268,10 @@ impl Columns {
         for (&p, &place) in &self.sources {
             let cloud = header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
             let name = cloud.and_then(|cloud| cloud.name.clone());
-            named.push((place, Source { p: ExactNumber(p), name, known: p == 0 || cloud.is_some() }));
+            named.push((
+                place,
+                Source { p: ExactNumber(p), name, known: p == 0 || cloud.is_some() },
+            ));
         }
         named.sort_unstable_by_key(|(place, _)| *place);
         named.into_iter().map(|(_, source)| source).collect()

@@ -1,6 +1,6 @@
 //! Either judge, line by line, and what it found.
 
-use fuseline_traces::observed::{self, Disorder, Slack};
+use fuseline_traces::observed::{self, Slack, TimeOrderError};
 use fuseline_traces::{Event, Header, Judge, Verdict, Violation};
 use serde::Serialize;
 
@@ -86,7 +86,7 @@ impl TraceJudge {
     ///
     /// # Errors
     /// If an observed trace is further out of order than its tolerance.
-    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), Disorder> {
+    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), TimeOrderError> {
         match self {
             Self::Strict(judge) => judge.line(line, event),
             Self::Observed(judge) => judge.line(line, event)?,

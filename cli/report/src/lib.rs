@@ -8,7 +8,7 @@ mod reasons;
 mod statistics;
 mod trace_page;
 
-pub use judging::{AnyViolation, Findings, TraceJudge, JudgeMode, Summary};
-pub use quantile::{Arrival, PERCENT, Quantile, quantiles};
-pub use statistics::{COLUMNS, Ending, Forwarded, Message, TraceStatistics, Row, Totals};
+pub use judging::{AnyViolation, Findings, JudgeMode, Summary, TraceJudge};
+pub use quantile::{Arrival, NEVER, PERCENT, Quantile, Response, quantiles, quantiles_among};
+pub use statistics::{COLUMNS, Ending, Forwarded, Message, Row, Totals, TraceStatistics};
 pub use trace_page::{MOST_EVENTS, Page, PageError, TracePage};

@@ -12,8 +12,8 @@ use std::time::Duration;
 
 use fuseline_traces::{Decision, DropReason, Event, Input};
 
-use crate::quantile::{Arrival, Quantile, quantiles};
-use crate::statistics::story::{Call, End, RequestOutcome, RequestEnd, MessageHistory};
+use crate::quantile::{Arrival, Quantile, Response, quantiles};
+use crate::statistics::story::{Call, End, MessageHistory, RequestEnd, RequestOutcome};
 
 /// What is counted about a source's requests, each with its meaning. Local has a request for each
 /// message that was taken on. The first is the sum of the next six.
@@ -118,15 +118,17 @@ pub enum Ending {
 }
 
 impl Message {
-    /// Whether some cloud had no result for it before the deadline, though it was asked and did not
-    /// fail.
+    /// Whether some cloud had neither a result for it nor a failure before the deadline, though it
+    /// was asked; none if that is not known.
     #[must_use]
-    pub fn is_in_outage(&self, deadline: Duration) -> bool {
-        self.arrivals.iter().skip(1).any(|arrival| match *arrival {
-            Arrival::At(at) | Arrival::After(at) => at >= deadline,
-            Arrival::Failed(_) => false,
+    pub fn is_in_outage(&self, deadline: Duration) -> Option<bool> {
+        let clouds = || self.arrivals.iter().skip(1);
+        let is_lost = clouds().any(|arrival| match *arrival {
+            Arrival::At(at) | Arrival::After(at) | Arrival::Failed(at) => at >= deadline,
             Arrival::Never => true,
-        })
+        });
+        let is_known = is_lost || !clouds().any(|arrival| matches!(arrival, Arrival::After(_)));
+        is_known.then_some(is_lost)
     }
 }
 
@@ -141,6 +143,12 @@ impl Row {
     #[must_use]
     pub const fn refused(&self) -> u64 {
         self.counts[7]
+    }
+
+    /// Requests whose results came in time.
+    #[must_use]
+    pub const fn answered(&self) -> u64 {
+        self.forwarded() + self.counts[RequestOutcome::Discarded as usize]
     }
 
     /// Results that went downstream.
@@ -225,7 +233,9 @@ impl TraceStatistics {
                 call.is_requested = true;
                 call.due = Some(due);
             }),
-            Decision::Hold { at, t, p } => self.with(t, p, |call| call.request_end(RequestEnd::InTime, at)),
+            Decision::Hold { at, t, p } => {
+                self.with(t, p, |call| call.request_end(RequestEnd::InTime, at))
+            }
             Decision::Drop { at, t, p, why } => self.with(t, p, |call| {
                 let was_result = call.failing.take().is_none();
                 call.answered = None;
@@ -279,27 +289,30 @@ impl TraceStatistics {
     }
 
     /// What it all comes to.
+    #[must_use]
     pub fn totals(&self) -> Totals {
         let row = |(source, p): (usize, &u64)| {
             let refused = self.refused.get(source).copied().unwrap_or_default();
             (Row { p: *p, counts: [0, 0, 0, 0, 0, 0, 0, refused], response: [None; 3] }, Vec::new())
         };
-        let mut rows: Vec<(Row, Vec<Arrival>)> =
+        let mut rows: Vec<(Row, Vec<Response>)> =
             self.priorities.iter().enumerate().map(row).collect();
         let (mut forwarded, mut missed, mut open) = (0, 0, 0);
-        let mut responses = vec![Arrival::Never; usize::try_from(self.turned_away).unwrap_or(0)];
+        let never = Response::exactly(None);
+        let mut responses = vec![never; usize::try_from(self.turned_away).unwrap_or(0)];
         for story in self.stories.values().filter(|story| story.is_message()) {
             match story.end {
                 Some(end @ End { source: Some(source), .. }) => {
                     forwarded += 1;
-                    if let Some(response) = story.response(end).map(Arrival::At) {
+                    if let Some(response) = story.response(end) {
+                        let response = Response::exactly(Some(response));
                         responses.push(response);
                         rows[source].1.push(response);
                     }
                 }
                 Some(End { source: None, .. }) => {
                     missed += 1;
-                    responses.push(Arrival::Never);
+                    responses.push(never);
                 }
                 None => open += 1,
             }
@@ -310,16 +323,15 @@ impl TraceStatistics {
                 }
             }
         }
-        let rows = rows
-            .into_iter()
-            .map(|(row, mut responses)| Row { response: quantiles(&mut responses), ..row });
+        let rows =
+            rows.into_iter().map(|(row, responses)| Row { response: quantiles(&responses), ..row });
         Totals {
             messages: forwarded + missed + open + self.turned_away,
             forwarded,
             missed,
             refused: self.turned_away,
             open,
-            response: quantiles(&mut responses),
+            response: quantiles(&responses),
             rows: rows.collect(),
         }
     }

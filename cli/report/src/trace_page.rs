@@ -2,12 +2,12 @@
 
 use std::io::{self, Write};
 
-use fuseline_traces::observed::Disorder;
+use fuseline_traces::observed::TimeOrderError;
 use fuseline_traces::{Event, Header};
 use thiserror::Error;
 
 use crate::columns::{Columns, PageTrace};
-use crate::judging::{Findings, TraceJudge, JudgeMode};
+use crate::judging::{Findings, JudgeMode, TraceJudge};
 use crate::page::{self, Data};
 
 /// How many events a page holds; a browser takes no text much longer than theirs.
@@ -42,7 +42,7 @@ pub enum PageError {
     },
     /// It cannot be judged as observed.
     #[error(transparent)]
-    Disorder(#[from] Disorder),
+    TimeOrderError(#[from] TimeOrderError),
 }
 
 impl Default for Page {

@@ -59,10 +59,10 @@ impl Matrix {
 fn rows(report: &Report) -> Vec<Row> {
     let row = |case: &str, mark: Mark| Row { case: case.to_owned(), mark, word: mark.word() };
     let mut rows: Vec<_> = report.fixed.iter().map(|(id, mark)| row(id, *mark)).collect();
-    let (seed, all, passed) = (report.suite.generator.seed, report.suite.generated, report.passed);
+    let (suite, all, passed) = (&report.suite, report.suite.generated, report.passed);
     let span = |from: u64, to: u64| match to - from {
-        1 => format!("g-{seed}-{from}"),
-        _ => format!("g-{seed}-{from} to g-{seed}-{}", to - 1),
+        1 => suite.id(from),
+        _ => format!("{} to {}", suite.id(from), suite.id(to - 1)),
     };
     let of = |from: u64, to: u64, mark: Mark| {
         let count =
@@ -99,7 +99,7 @@ fn suite(report: &Report) -> String {
         env!("CARGO_PKG_VERSION"),
         generator.seed,
         generator.commit.map_or("both", fuseline_traces::Commit::as_str),
-        generator.clouds
+        generator.most_clouds()
     )
 }
 

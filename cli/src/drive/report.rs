@@ -13,6 +13,7 @@ use serde_json::{Map, Value, json};
 use textwrap::{Options, WordSplitter};
 
 use super::case::Suite;
+use super::extent::Extent;
 use super::peer::ProtocolViolation;
 use super::shrink::{Finding, FindingKind};
 use super::words;
@@ -49,6 +50,9 @@ pub(super) struct Report {
     pub(super) inputs: u64,
     pub(super) took: Duration,
     pub(super) reach: Coverage,
+    pub(super) extent: Extent,
+    /// How long generated runs could begin, if their number was not given.
+    pub(super) budget: Option<Duration>,
 }
 
 /// What became of a case.
@@ -206,6 +210,7 @@ impl Report {
                 .map(|share| format!("{} of {} {}", share.reached, share.all, share.kind))
                 .collect();
             print_fact(out, "  reached   ", &reached.join(", "))?;
+            print_fact(out, "  up to     ", &self.extent.to_string())?;
         }
         print_fact(out, "  driven    ", &self.pace())?;
         for found in self.reported() {
@@ -249,6 +254,17 @@ impl Report {
 
     fn generated_line(&self) -> String {
         let (passed, all) = (HumanCount(self.passed), HumanCount(self.suite.generated));
+        if let Some(budget) = self.budget {
+            let seed = self.suite.generator.seed;
+            return match &self.failed {
+                Some((id, _)) => format!("{passed} runs pass, then {id} does not"),
+                None if self.was_interrupted => format!("{passed} runs pass until then"),
+                None => {
+                    let budget = humantime::format_duration(budget);
+                    format!("{passed} runs pass, as many as begin in {budget} (seed {seed})")
+                }
+            };
+        }
         match &self.failed {
             Some((id, _)) => format!("{passed} of {all} runs pass, then {id} does not"),
             None if self.passed < self.suite.generated => {
@@ -304,7 +320,7 @@ impl Report {
                 "hash": format!("sha256:{}", self.suite.hash()),
                 "seed": generator.seed,
                 "commit": generator.commit.map_or("both", fuseline_traces::Commit::as_str),
-                "clouds": generator.clouds,
+                "clouds": generator.most_clouds(),
             },
             "fixed": self.fixed.iter().map(|(id, mark)| json!({"case": id, "result": mark.word()}))
                 .collect::<Vec<_>>(),
@@ -315,6 +331,7 @@ impl Report {
             },
             "found": found.collect::<Vec<_>>(),
             "at_end": self.at_end.as_ref().map(ToString::to_string),
+            "extent": self.extent,
             "inputs": self.inputs,
             "seconds": self.took.as_secs_f64(),
             "reached": self.reach.counts().map(|(mark, count)| (mark, count.into())).collect::<Map<_, _>>(),

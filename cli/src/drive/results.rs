@@ -2,9 +2,9 @@
 
 use fuseline_report::AnyViolation;
 
-use crate::drive::report::{ReportedFinding, Report};
+use crate::drive::report::{Report, ReportedFinding};
 use crate::exit::Exit;
-use crate::results::{Subject, Problem};
+use crate::results::{Problem, Subject};
 
 /// What a command breaks that answers otherwise than it must.
 const PROTOCOL: (&str, &str) = (

@@ -38,7 +38,9 @@ impl Finding {
                 let rule = verdict.violations.first()?.rule;
                 Some(Self { reported, what: FindingKind::Breaks(rule) })
             }
-            Comparison::Misbehaves(reported, how) => Some(Self { reported, what: FindingKind::Misbehaves(how) }),
+            Comparison::Misbehaves(reported, how) => {
+                Some(Self { reported, what: FindingKind::Misbehaves(how) })
+            }
         }
     }
 
@@ -49,9 +51,8 @@ impl Finding {
             (FindingKind::Misbehaves(one), FindingKind::Misbehaves(two)) => {
                 discriminant(one) == discriminant(two)
             }
-            (FindingKind::Breaks(_), FindingKind::Misbehaves(_)) | (FindingKind::Misbehaves(_), FindingKind::Breaks(_)) => {
-                false
-            }
+            (FindingKind::Breaks(_), FindingKind::Misbehaves(_))
+            | (FindingKind::Misbehaves(_), FindingKind::Breaks(_)) => false,
         }
     }
 }
@@ -110,7 +111,8 @@ impl Search<'_> {
             run.inputs.retain(|input| input.t() != t);
             self.attempt(&run)?;
         }
-        let sources: BTreeSet<_> = self.best.reported.inputs().map(|input| source(&input)).collect();
+        let sources: BTreeSet<_> =
+            self.best.reported.inputs().map(|input| source(&input)).collect();
         for p in sources.into_iter().flatten() {
             let mut run = self.best.reported.run();
             run.inputs.retain(|input| source(input) != Some(p));

@@ -6,9 +6,11 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use fuseline_testkit::Run;
-use fuseline_traces::{Decision, Demands, Event, Header, Input, Reference, Verdict, judge};
+use fuseline_traces::{
+    Decision, Event, ExpectedDecisions, Header, Input, Reference, Verdict, judge,
+};
 
-use super::peer::{ProtocolViolation, Peer, PeerError};
+use super::peer::{Peer, PeerError, ProtocolViolation};
 use crate::interrupt::Interrupt;
 
 /// How many lines more than the rules demand are read.
@@ -96,7 +98,8 @@ impl Bench {
                 none.insert(started.map_err(|error| Interrupted::Stop(Stop::Start(error)))?)
             }
         };
-        let (mut line, mut answer, mut demands) = (Vec::new(), Vec::new(), Demands::new());
+        let (mut line, mut answer, mut demands) =
+            (Vec::new(), Vec::new(), ExpectedDecisions::new());
         let mut reference = Reference::new(&run.header);
         run.header.write(&mut line);
         line.push(b'\n');
@@ -175,6 +178,6 @@ impl From<PeerError> for Interrupted {
     }
 }
 
-fn are_demanded(answer: &[Decision], demands: &Demands) -> bool {
+fn are_demanded(answer: &[Decision], demands: &ExpectedDecisions) -> bool {
     answer.iter().eq(demands.iter().map(|(decision, _)| decision))
 }

@@ -7,7 +7,7 @@ mod page;
 mod png;
 mod theme;
 
-pub(crate) use chart::{Axes, DRAWN, TextLine, Line, Canvas, logarithmic, canvas, width};
+pub(crate) use chart::{Axes, Canvas, DRAWN, Line, TextLine, canvas, logarithmic, width};
 pub(crate) use cut::{inside, pieces};
 pub(crate) use folder::{Folder, PageContent, show};
 pub(crate) use page::Page;

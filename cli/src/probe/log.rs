@@ -39,7 +39,12 @@ impl<W: Write> Log<W> {
 
     /// A slot was due and is here; gives the number of its row if a request is to be sent.
     pub(crate) fn slot(&mut self, due: Duration, now: Duration, utc_ms: i64) -> Option<u64> {
-        let row = Row { sent: now, queued: self.pace.queued(), utc_ms, request_outcome: RequestOutcome::Unanswered };
+        let row = Row {
+            sent: now,
+            queued: self.pace.queued(),
+            utc_ms,
+            request_outcome: RequestOutcome::Unanswered,
+        };
         let counts = &mut self.figures.counts;
         counts.slots += 1;
         match self.pace.slot() {

@@ -64,7 +64,10 @@ mod tests {
     fn thirty_one_may_be_unanswered_and_then_all_must_be_answered() {
         let mut pace = SendPacing::default();
         assert!((0..31).all(|_| pace.slot() == SlotAction::Send));
-        assert_eq!((pace.slot(), pace.slot(), pace.queued()), (SlotAction::Pause, SlotAction::Skip, 31));
+        assert_eq!(
+            (pace.slot(), pace.slot(), pace.queued()),
+            (SlotAction::Pause, SlotAction::Skip, 31)
+        );
         for _ in 0..30 {
             assert!(!pace.ended());
             assert_eq!(pace.slot(), SlotAction::Skip);

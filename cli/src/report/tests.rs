@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use fuseline_engine::{Engine, Local, Recorder, Recording, SourceTally, Tally};
-use fuseline_report::{Page, Reckoning, Row};
+use fuseline_report::{Page, Row, TraceStatistics};
 use fuseline_testkit::{Generator, Run};
 use fuseline_traces::{Events, Input};
 use serde_json::Value;
@@ -46,10 +46,10 @@ fn operate(run: &Run) -> (Tally, Vec<u8>) {
     (engine.counts().tally(), std::fs::read(path).unwrap())
 }
 
-fn reckon(trace: &[u8]) -> Reckoning {
+fn reckon(trace: &[u8]) -> TraceStatistics {
     let mut reader = Events::new("trace", trace).unwrap();
     let clouds = reader.header().clouds.iter().map(|cloud| cloud.p);
-    let mut statistics = Reckoning::new(clouds, false);
+    let mut statistics = TraceStatistics::new(clouds, false);
     while let Some(event) = reader.next_event().unwrap() {
         statistics.event(&event);
     }

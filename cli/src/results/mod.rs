@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::{AnyViolation, Found};
+use fuseline_report::{AnyViolation, Findings};
 use fuseline_traces::Rule;
 
 use crate::fault::Fault;
@@ -97,7 +97,7 @@ impl Outputs {
 
 impl Subject {
     /// A trace that was judged.
-    pub(crate) fn found(found: &Found) -> Self {
+    pub(crate) fn found(found: &Findings) -> Self {
         let summary = found.summary();
         let problem = |violation: &AnyViolation<'_>| Problem {
             rule: violation.rule,
@@ -108,8 +108,8 @@ impl Subject {
         Self {
             name: summary.file.to_owned(),
             judge: match found {
-                Found::Strict(_) => "strict",
-                Found::Observed(_) => "observed",
+                Findings::Strict(_) => "strict",
+                Findings::Observed(_) => "observed",
             },
             conforms: summary.conforms,
             verdict: Ok(plain(|out| print_summary(&summary, out))),

@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 use serde_json::{Value, json};
 
-use crate::results::{Subject, Problem, rules};
+use crate::results::{Problem, Subject, rules};
 
 /// What a path's characters become in a URI, but for those that may stand there.
 const PATH: &AsciiSet =

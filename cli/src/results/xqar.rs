@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, Event};
 
-use crate::results::{Subject, RuleText, Problem, rules};
+use crate::results::{Problem, RuleText, Subject, rules};
 
 /// Of the format.
 const VERSION: &str = "1.0.0";

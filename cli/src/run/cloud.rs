@@ -303,7 +303,8 @@ mod tests {
 
     #[test]
     fn a_remote_cloud_has_a_url() {
-        let cloud: CloudOptions = "name=a,priority=1,url=https://h:1,ca=ca.pem,token=t".parse().unwrap();
+        let cloud: CloudOptions =
+            "name=a,priority=1,url=https://h:1,ca=ca.pem,token=t".parse().unwrap();
         let remote = Remote {
             url: "https://h:1".into(),
             ca: Some("ca.pem".into()),

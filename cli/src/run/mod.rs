@@ -61,7 +61,8 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
             .map_err(io::Error::from)
             .and_then(|()| writeln!(out))
     } else {
-        writeln!(out, "{report}").and_then(|()| verdict::print_report(&report.trace, &mut out, 0, false))
+        writeln!(out, "{report}")
+            .and_then(|()| verdict::print_report(&report.trace, &mut out, 0, false))
     }
     .map_err(Fault::Output)?;
     if let Some(page) = plan.page.as_ref().filter(|_| driven.unrecorded.is_none()) {

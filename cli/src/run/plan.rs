@@ -13,7 +13,7 @@ use crate::fault::Fault;
 use crate::input::is_standard;
 use crate::models::Model;
 use crate::output;
-use crate::run::cloud::{self, CloudsError, NamedValue, Place, Remote, CloudOptions};
+use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, Remote};
 use crate::run::served::Served;
 use crate::seconds::seconds;
 
@@ -255,10 +255,10 @@ impl Cloud {
     fn new(wanted: CloudOptions, seed: u64) -> Result<Self, CloudsError> {
         let CloudOptions { name, priority, place } = wanted;
         let (known, server) = match place {
-            Place::Remote { model, remote } => {
+            CloudAddress::Remote { model, remote } => {
                 (Served::reported(model.as_ref()), Server::Remote(remote))
             }
-            Place::Emulated { model, drive, start } => {
+            CloudAddress::Emulated { model, drive, start } => {
                 let emulation = Emulation::new(model, &drive, start, seed)
                     .map_err(|source| CloudsError::Emulation { cloud: name.clone(), source })?;
                 (Served::from(&emulation), Server::Emulated(emulation))

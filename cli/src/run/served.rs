@@ -63,8 +63,9 @@ impl Served {
         let printed = Self::from(description);
         let reported = std::mem::replace(self, printed).model?;
         let is = self.model.as_deref().unwrap_or("a model without a name");
-        (is != reported)
-            .then(|| format!("its server serves {is}, not {reported}; the tables show what it serves"))
+        (is != reported).then(|| {
+            format!("its server serves {is}, not {reported}; the tables show what it serves")
+        })
     }
 }
 

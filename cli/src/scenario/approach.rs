@@ -5,9 +5,9 @@ use std::time::Duration;
 use fuseline_deadline::{Guard, Hazard, Invalid, Parameters};
 use serde::Serialize;
 
-use crate::scenario::braking::{DriveOutcome, Brakes};
+use crate::scenario::braking::{Brakes, DriveOutcome};
 use crate::scenario::operator::{CLOUD, Message, Operator, Request, UNLIMITED};
-use crate::scenario::planner::{Planner, Sight};
+use crate::scenario::planner::{FrameStatus, Planner};
 
 /// The vehicle, its camera and what it computes with, in metres and seconds.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
@@ -203,10 +203,14 @@ impl Drive<'_> {
         operator.take_outputs().into_iter().find_map(|output| {
             let gap = start - self.speed * figure(output.t) * period;
             let sight = match output.source {
-                None => Sight::Missed,
+                None => FrameStatus::Missed,
                 Some(source) => {
                     let range = if source == CLOUD { range_cloud } else { range_local };
-                    if self.vehicle.reports(range, gap) { Sight::Obstacle } else { Sight::Clear }
+                    if self.vehicle.reports(range, gap) {
+                        FrameStatus::Obstacle
+                    } else {
+                        FrameStatus::Clear
+                    }
                 }
             };
             let frame = usize::try_from(output.t).unwrap_or(usize::MAX);

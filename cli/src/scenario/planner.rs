@@ -45,7 +45,8 @@ impl Planner {
 
 /// How many report before one does not.
 fn reports<'a>(sights: impl Iterator<Item = &'a FrameStatus>) -> usize {
-    let row = sights.take_while(|sight| matches!(sight, FrameStatus::Missed | FrameStatus::Obstacle));
+    let row =
+        sights.take_while(|sight| matches!(sight, FrameStatus::Missed | FrameStatus::Obstacle));
     row.filter(|sight| **sight == FrameStatus::Obstacle).count()
 }
 
@@ -78,7 +79,8 @@ mod tests {
     fn timestamps_without_output_are_passed_over_once_that_is_known() {
         let outputs = [(0, SOME), (2, SOME), (3, SOME), (1, FrameStatus::Missed)];
         assert_eq!(decides(&outputs), [false, false, false, true]);
-        let early = [(0, FrameStatus::Missed), (1, SOME), (2, FrameStatus::Missed), (3, SOME), (4, SOME)];
+        let early =
+            [(0, FrameStatus::Missed), (1, SOME), (2, FrameStatus::Missed), (3, SOME), (4, SOME)];
         assert_eq!(decides(&early), [false, false, false, false, true]);
     }
 }

@@ -90,7 +90,12 @@ mod tests {
         Location { vehicle: vehicle.to_owned(), time_s, x_m: time_s, ..Location::default() }
     }
 
-    fn reported(sharing: &LocationService, vehicle: &str, time_s: f64, now: Instant) -> Vec<(String, f64)> {
+    fn reported(
+        sharing: &LocationService,
+        vehicle: &str,
+        time_s: f64,
+        now: Instant,
+    ) -> Vec<(String, f64)> {
         let reported = sharing.share(at(vehicle, time_s), now).unwrap();
         reported.others.into_iter().map(|other| (other.vehicle, other.time_s)).collect()
     }

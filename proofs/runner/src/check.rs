@@ -197,7 +197,8 @@ fn results(ran: &ToolOutput) -> Result<Vec<Value>, Verdict> {
     }
     let lines = || ran.complained.lines().chain(ran.printed.lines().rev());
     let why = |code: Option<i32>| {
-        let tool_output = lines().find(|line| line.contains("rror")).unwrap_or("nothing said").trim();
+        let tool_output =
+            lines().find(|line| line.contains("rror")).unwrap_or("nothing said").trim();
         Verdict::Unknown(format!("cbmc ended with {code:?}: {tool_output}"))
     };
     // 0: all hold, 10: some do not. Anything else is no verdict.
@@ -206,10 +207,13 @@ fn results(ran: &ToolOutput) -> Result<Vec<Value>, Verdict> {
     }
     let tool_output: Vec<Value> = serde_json::from_str(&ran.printed).map_err(|_| why(ran.code))?;
     let of_status = |message: &Value| message["messageText"].as_str().map(str::to_owned);
-    if let Some(error) = tool_output.iter().filter(|m| m["messageType"] == "ERROR").find_map(of_status) {
+    if let Some(error) =
+        tool_output.iter().filter(|m| m["messageType"] == "ERROR").find_map(of_status)
+    {
         return Err(Verdict::Unknown(error));
     }
-    tool_output.iter()
+    tool_output
+        .iter()
         .find_map(|message| message["result"].as_array().cloned())
         .filter(|results| !results.is_empty())
         .ok_or_else(|| why(ran.code))

@@ -105,7 +105,12 @@ impl VerdictLedger {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub(crate) fn add(&mut self, root: &Path, line: &Line, about: &VerdictKey) -> Result<(), Error> {
+    pub(crate) fn add(
+        &mut self,
+        root: &Path,
+        line: &Line,
+        about: &VerdictKey,
+    ) -> Result<(), Error> {
         if !line.good {
             return Ok(());
         }
@@ -139,7 +144,8 @@ impl VerdictLedger {
             self.proved.get(name).is_some_and(|p| p.verdict != NOT_YET && p.about == *about)
         };
         let (mut kept, open): (Vec<_>, Vec<_>) = questions.iter().partition(answered);
-        let mut requested: BTreeSet<String> = open.into_iter().map(|(name, _)| name.clone()).collect();
+        let mut requested: BTreeSet<String> =
+            open.into_iter().map(|(name, _)| name.clone()).collect();
         let (new, all) = (requested.len(), kept.len());
         fastrand::shuffle(&mut kept);
         let mut left = budget.as_secs_f64();
@@ -171,7 +177,8 @@ impl VerdictLedger {
 
     /// How many harnesses are proved, and which are not or were as other sources than these, in words.
     pub(crate) fn printed_text(&self, digest: &str) -> String {
-        let harnesses = || self.proved.iter().filter(|(question, _)| requested(question) == *question);
+        let harnesses =
+            || self.proved.iter().filter(|(question, _)| requested(question) == *question);
         let names = |wanted: &dyn Fn(&Proof) -> bool| {
             let of = harnesses().filter(|(_, proof)| wanted(proof));
             of.map(|(name, _)| name.as_str()).collect::<Vec<_>>()

@@ -176,7 +176,7 @@ fn replay(name: &str, values: &[String]) -> Result<bool, Error> {
     let parse = |value: &String| value.parse::<u64>().map_err(|_| none("value", value));
     let values = values.iter().map(parse).collect::<Result<Vec<_>, _>>()?;
     let ended = kani::native::replay(*harness, &values);
-    for line in fuseline_proofs::take_printed() {
+    for line in fuseline_proofs::take_told() {
         println!("{line}");
     }
     match ended {

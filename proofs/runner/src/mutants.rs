@@ -125,7 +125,9 @@ impl Mutants {
         if kept.sources != sources || kept.by != by {
             kept.of.clear();
         }
-        kept.of.retain(|name, mutant_outcome| (*mutant_outcome == MutantOutcome::UnaskedMutants) == left.holds(name));
+        kept.of.retain(|name, mutant_outcome| {
+            (*mutant_outcome == MutantOutcome::UnaskedMutants) == left.holds(name)
+        });
         Ok(Self { by, files: digest(root)?, sources, of: kept.of })
     }
 
@@ -136,7 +138,9 @@ impl Mutants {
         fates
             .filter_map(|mutant_outcome| match mutant_outcome {
                 MutantOutcome::CaughtBy(harness) => Some(harness.clone()),
-                MutantOutcome::NotBuilt | MutantOutcome::Missed | MutantOutcome::UnaskedMutants => None,
+                MutantOutcome::NotBuilt | MutantOutcome::Missed | MutantOutcome::UnaskedMutants => {
+                    None
+                }
             })
             .collect()
     }
@@ -153,8 +157,9 @@ impl Mutants {
 
     /// How many there are of each fate, in words.
     pub(crate) fn printed_text(&self) -> String {
-        let count =
-            |wanted: fn(&MutantOutcome) -> bool| self.of.values().filter(|mutant_outcome| wanted(mutant_outcome)).count();
+        let count = |wanted: fn(&MutantOutcome) -> bool| {
+            self.of.values().filter(|mutant_outcome| wanted(mutant_outcome)).count()
+        };
         format!(
             "mutants of façade and window: {} caught, {} missed, {} left with a reason, {} do not build",
             count(|mutant_outcome| matches!(mutant_outcome, MutantOutcome::CaughtBy(_))),
@@ -213,7 +218,9 @@ pub(crate) fn checked(root: &Path) -> Result<(Vec<String>, String), Error> {
         }
     }
     for Reason { what, .. } in &left.left {
-        if !kept.of.iter().any(|(name, mutant_outcome)| *mutant_outcome == MutantOutcome::UnaskedMutants && name.contains(what)) {
+        if !kept.of.iter().any(|(name, mutant_outcome)| {
+            *mutant_outcome == MutantOutcome::UnaskedMutants && name.contains(what)
+        }) {
             wrong.push(format!("{LEFT}: no mutant is left that says {what:?}"));
         }
     }

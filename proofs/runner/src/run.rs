@@ -15,7 +15,7 @@ use crate::check::{self, CheckResult, Verdict};
 use crate::error::Error;
 use crate::kept::{self, VerdictKey, VerdictLedger};
 use crate::ledger::{Line, under};
-use crate::mutants::{self, MutantOutcome, UnaskedMutants, Mutant, Mutants};
+use crate::mutants::{self, Mutant, MutantOutcome, Mutants, UnaskedMutants};
 use crate::record::{FaultCatch, Record};
 use crate::source::{Harness, Sources};
 use crate::tools::{Limits, Tools};
@@ -243,7 +243,8 @@ impl Run<'_> {
                 }
                 let first = lock().catchers(&listed, mutant);
                 let place = (format!("mutant-{at}"), first);
-                let mutant_outcome = self.mutant_outcome(&tools, &copy, &kept, (&place.0, &place.1), mutant)?;
+                let mutant_outcome =
+                    self.mutant_outcome(&tools, &copy, &kept, (&place.0, &place.1), mutant)?;
                 keep(mutant, mutant_outcome)
             },
         )?;
@@ -311,7 +312,12 @@ impl Run<'_> {
     }
 
     /// Keeps a good line in the ledger, if that was asked for.
-    fn keep(&self, kept: &Mutex<VerdictLedger>, line: &Line, about: &VerdictKey) -> Result<(), Error> {
+    fn keep(
+        &self,
+        kept: &Mutex<VerdictLedger>,
+        line: &Line,
+        about: &VerdictKey,
+    ) -> Result<(), Error> {
         if !self.keep {
             return Ok(());
         }

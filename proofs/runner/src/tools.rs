@@ -170,7 +170,8 @@ impl Tools {
         if ran.code == Some(0) {
             return Ok(ran);
         }
-        let tool_output = if ran.timed_out { "it took too long".to_owned() } else { ran.complained };
+        let tool_output =
+            if ran.timed_out { "it took too long".to_owned() } else { ran.complained };
         Err(Error::Tool { tool, what: what.to_owned(), tool_output })
     }
 }

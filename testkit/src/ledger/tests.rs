@@ -52,7 +52,8 @@ impl FaultyOperator {
 
     fn enter(&mut self, input: &Input, fired: &[Decision], own: &[Decision]) -> Vec<Promise> {
         let next_due = self.reference.next_due();
-        let violations = self.ledger.enter(OperatorConfig::from(&self.header), input, fired, own, next_due);
+        let violations =
+            self.ledger.enter(OperatorConfig::from(&self.header), input, fired, own, next_due);
         violations.into_iter().map(|violation| violation.promise).collect()
     }
 }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use fuseline_core::{Deadline, Instant, Priority, Timestamp};
-use fuseline_threads::{SharedHandle, Owner, MessageId};
+use fuseline_threads::{MessageId, Owner, SharedHandle};
 
 use crate::input::{Answer, Input, Timed};
 use crate::sequential::Sequential;
@@ -136,8 +136,12 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> ThreadHandle<'a, CLOUDS, WIND
                 let owner = self.owner.as_mut()?;
                 Answer::offered(owner.offer(now, message_id?, priority(p), deadline, backlog))
             }
-            Input::Result { p, .. } => Answer::closed(self.handle.result(now, message_id?, priority(p))),
-            Input::Fail { p, .. } => Answer::closed(self.handle.fail(now, message_id?, priority(p))),
+            Input::Result { p, .. } => {
+                Answer::closed(self.handle.result(now, message_id?, priority(p)))
+            }
+            Input::Fail { p, .. } => {
+                Answer::closed(self.handle.fail(now, message_id?, priority(p)))
+            }
             Input::Tick { .. } => Answer::ticked(self.handle.expire(now, message_id?)),
             Input::NextDue { .. } => Answer::due(self.handle.next_due(message_id?)),
         })

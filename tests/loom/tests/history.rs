@@ -5,7 +5,9 @@ use std::sync::Barrier;
 use std::thread;
 
 use fuseline_core::{Cloud, Commit, ConfigError, Gate, Priority};
-use fuseline_loom::{Answer, Call, History, Input, ThreadHandle, Sequential, Timed, open, result, tick};
+use fuseline_loom::{
+    Answer, Call, History, Input, Sequential, ThreadHandle, Timed, open, result, tick,
+};
 use fuseline_threads::Shared;
 use proptest::collection::vec;
 use proptest::prelude::*;

@@ -10,8 +10,8 @@ use fuseline_core::{
     Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
 };
 use fuseline_loom::{
-    Answer, History, ThreadHandle, Sequential, Timed, CallOrder, fail, limited, next_due, offer, open, queued,
-    result, tick,
+    Answer, CallOrder, History, Sequential, ThreadHandle, Timed, fail, limited, next_due, offer,
+    open, queued, result, tick,
 };
 use fuseline_threads::Shared;
 use loom::model::Builder;

@@ -8,7 +8,7 @@ use std::thread;
 use fuseline_core::{
     Cloud, Commit, Deadline, Firing, Instant, OpenRefusal, Outcome, Priority, Timestamp,
 };
-use fuseline_threads::{CallOutcome, Call, ValueOwner, Message, Shared};
+use fuseline_threads::{Call, CallOutcome, Message, Shared, ValueOwner};
 
 const MESSAGES: u64 = 20_000;
 const CLOUDS: usize = 2;

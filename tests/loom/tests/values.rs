@@ -4,7 +4,7 @@
 
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
 use fuseline_loom::CallOrder;
-use fuseline_threads::{CallOutcome, ValueOwner, Shared};
+use fuseline_threads::{CallOutcome, Shared, ValueOwner};
 use loom::model::Builder;
 use loom::thread;
 

@@ -83,7 +83,8 @@ impl Edit {
                     edited.swap(place, place + 1);
                 }
             }
-            (EditKind::Keep, _) | (EditKind::Remove | EditKind::Repeat | EditKind::Rewrite, None) => {}
+            (EditKind::Keep, _)
+            | (EditKind::Remove | EditKind::Repeat | EditKind::Rewrite, None) => {}
         }
         edited
     }

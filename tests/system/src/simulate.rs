@@ -14,5 +14,8 @@ mod value;
 
 pub use checks::{CHECKS, Check, Finding};
 pub use kept::{KeptSeed, kept};
-pub use scenario::{SourceAction, OfferAction, ReaderPlan, Disk, Finish, CallResult, Message, OnBoard, Remote, Scenario};
+pub use scenario::{
+    CallResult, Disk, Finish, Message, OfferAction, OnBoard, ReaderPlan, Remote, Scenario,
+    SourceAction,
+};
 pub use simulator::{Simulated, Simulator};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use fuseline_system_tests::simulate::{CHECKS, Kept, Scenario, Simulator, kept};
+use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, Simulator, kept};
 
 /// So many seeds from 0 on show everything that a seeded fault was ever caught by, in a few seconds.
 const SEEDS: u64 = 300;
@@ -12,7 +12,7 @@ const SEEDS: u64 = 300;
 static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|| {
     let simulator = Simulator::new().expect("a folder for traces");
     let mut broken = BTreeMap::new();
-    let seeds = kept().into_iter().map(|Kept { seed, .. }| seed).chain(0..SEEDS);
+    let seeds = kept().into_iter().map(|KeptSeed { seed, .. }| seed).chain(0..SEEDS);
     for seed in seeds {
         let run = simulator.simulate(&Scenario::draw(seed)).expect("a folder for traces");
         for finding in run.findings {

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use fuseline_system_tests::simulate::{Act, Ask, Disk, Finish, How, Scenario, Simulator};
+use fuseline_system_tests::simulate::{
+    CallResult, Disk, Finish, OfferAction, Scenario, Simulator, SourceAction,
+};
 
 #[test]
 fn a_seed_played_twice_is_the_same_to_the_byte() {
@@ -26,27 +28,27 @@ fn every_kind_of_trouble_is_drawn() {
     let frames = || all.iter().flat_map(|it| &it.frames);
     let acts = || {
         frames().flat_map(|frame| &frame.asks).filter_map(|ask| match ask {
-            Ask::Offers(_, act) => Some(act),
-            Ask::Nothing | Ask::Panics => None,
+            OfferAction::Offers(_, act) => Some(act),
+            OfferAction::Nothing | OfferAction::Panics => None,
         })
     };
     let drawn = |what: &str, count: usize| assert!(count > 0, "no scenario has {what}");
     for how in [
-        How::Answers,
-        How::Fails,
-        How::Panics,
-        How::PanicsAtOnce,
-        How::BadResponse,
-        How::PanickingResponse,
-        How::Hangs,
-        How::HangsAndPanics,
+        CallResult::Answers,
+        CallResult::Fails,
+        CallResult::Panics,
+        CallResult::PanicsAtOnce,
+        CallResult::BadResponse,
+        CallResult::PanickingResponse,
+        CallResult::Hangs,
+        CallResult::HangsAndPanics,
     ] {
         drawn(&format!("a call that {how:?}"), acts().filter(|act| act.how == how).count());
         drawn(&format!("a local that {how:?}"), frames().filter(|it| it.local.how == how).count());
     }
     drawn("yields", acts().filter(|act| act.yields > 0).count());
     let handlers = frames().flat_map(|frame| &frame.asks);
-    drawn("a handler that panics", handlers.filter(|ask| **ask == Ask::Panics).count());
+    drawn("a handler that panics", handlers.filter(|ask| **ask == OfferAction::Panics).count());
     drawn("a stall", all.iter().filter(|it| !it.stalls.is_empty()).count());
     drawn(
         "a policy",
@@ -88,12 +90,13 @@ fn what_never_ends_is_found_and_becomes_one_message() {
     scenario.local.deadline = None;
     for frame in &mut scenario.frames {
         frame.asks.clear();
-        frame.local = Act::answers(Duration::from_millis(1));
+        frame.local = SourceAction::answers(Duration::from_millis(1));
     }
-    scenario.frames[40].local = Act { after: Duration::ZERO, yields: 0, how: How::Hangs };
+    scenario.frames[40].local =
+        SourceAction { after: Duration::ZERO, yields: 0, how: CallResult::Hangs };
     let findings = simulator.simulate(&scenario).unwrap().findings;
     assert!(findings.iter().any(|finding| finding.check == "d8_everything_ends"), "{findings:?}");
     let smallest = simulator.smallest(&scenario, "d8_everything_ends").unwrap();
     assert_eq!(smallest.frames.len(), 1, "{smallest}");
-    assert_eq!(smallest.frames[0].local.how, How::Hangs, "{smallest}");
+    assert_eq!(smallest.frames[0].local.how, CallResult::Hangs, "{smallest}");
 }

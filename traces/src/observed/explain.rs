@@ -219,7 +219,9 @@ impl ObservedFacts {
                 .into_iter()
                 .flatten()
                 .filter(|timeline| !timeline.is_held || covers(&pending, timeline.until, at));
-            let Some(timeline) = possible.max_by_key(|timeline| timeline.until) else { return false };
+            let Some(timeline) = possible.max_by_key(|timeline| timeline.until) else {
+                return false;
+            };
             pending.push(Span { from: source.requested, to: timeline.until });
         }
         // P7: something always is pending.
@@ -286,7 +288,9 @@ impl Source {
     /// When its timer may be served, its result perhaps in hand.
     fn serves(&self) -> Span {
         match self.timer {
-            Some(timer) => Span { from: self.requested.max(timer.served.from), to: timer.served.to },
+            Some(timer) => {
+                Span { from: self.requested.max(timer.served.from), to: timer.served.to }
+            }
             None => Span { from: NEVER, to: 0 },
         }
     }

@@ -350,8 +350,9 @@ impl Judge {
             let Opened { line, t, .. } = opened;
             // One that is done with has told what was refused.
             let open = self.open.get(&t).filter(|open| open.has_open(line));
-            let may_change =
-                |open: &OpenMessageHistory| greatest.is_some_and(|it| open.opens_by(self.slack) >= it);
+            let may_change = |open: &OpenMessageHistory| {
+                greatest.is_some_and(|it| open.opens_by(self.slack) >= it)
+            };
             if open.is_some_and(may_change) {
                 break;
             }
@@ -387,7 +388,8 @@ impl Judge {
 
     /// The last lines of a timestamp.
     fn story(&self, t: u64) -> Vec<String> {
-        let reported: Vec<_> = self.recent.iter().filter(|(_, event)| event.t() == Some(t)).collect();
+        let reported: Vec<_> =
+            self.recent.iter().filter(|(_, event)| event.t() == Some(t)).collect();
         let left_out = reported.len().saturating_sub(STORY);
         let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
         let lines = reported.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));

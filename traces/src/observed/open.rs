@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::gap::Opened;
-use super::story::{Slack, MessageHistory};
+use super::story::{MessageHistory, Slack};
 use crate::event::{Decision, Event, Input};
 use crate::reason::DropReason;
 
@@ -189,7 +189,13 @@ impl OpenMessageHistory {
         }
         let open = opens.first().map(|open| (open.at, open.deadline));
         WholeMessageHistory {
-            story: MessageHistory { open, requests: self.requests.clone(), results, failures, outputs },
+            story: MessageHistory {
+                open,
+                requests: self.requests.clone(),
+                results,
+                failures,
+                outputs,
+            },
             lines: self.outputs.iter().map(|(.., line)| *line).collect(),
             second_open: opens.get(1).map(|open| open.line),
             stranger: self.stranger,

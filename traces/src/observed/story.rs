@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::explain::{ObservedFacts, LAST, NEVER, Output, Source, Span, Time, Timer};
+use super::explain::{LAST, NEVER, ObservedFacts, Output, Source, Span, Time, Timer};
 use crate::event::Commit;
 
 /// How far a recorded instant may be off, and how late an implementation may act, in nanoseconds.

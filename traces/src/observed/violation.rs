@@ -1,7 +1,7 @@
 //! What is wrong with a timestamp that has no explanation.
 
 use super::open::WholeMessageHistory;
-use super::story::{AllowedOutput, Slack, MessageHistory};
+use super::story::{AllowedOutput, MessageHistory, Slack};
 use super::verdict::BrokenRule;
 use crate::event::{Commit, Decision};
 use crate::rule::Rule;
@@ -51,7 +51,12 @@ pub(super) fn of_story(
     }
     if let Some((line, p)) = whole.stranger {
         let found = format!("a request to p {p}");
-        return Some(UnlocatedViolation::new(Rule::F2, line, found, "a refusal: no such cloud".to_owned()));
+        return Some(UnlocatedViolation::new(
+            Rule::F2,
+            line,
+            found,
+            "a refusal: no such cloud".to_owned(),
+        ));
     }
     let line = whole.lines.last().copied();
     let story = &whole.story;
@@ -72,7 +77,11 @@ pub(super) fn of_story(
     Some(UnlocatedViolation { line, rule, found, expected: reported(t, &allowed), late })
 }
 
-fn of_open_or_request(t: u64, whole: &WholeMessageHistory, why: &str) -> Option<UnlocatedViolation> {
+fn of_open_or_request(
+    t: u64,
+    whole: &WholeMessageHistory,
+    why: &str,
+) -> Option<UnlocatedViolation> {
     let expected = format!("a refusal: {why}");
     let (rule, found) = if whole.is_opened() {
         (Rule::F1, format!("a second open of timestamp {t}"))
@@ -81,11 +90,23 @@ fn of_open_or_request(t: u64, whole: &WholeMessageHistory, why: &str) -> Option<
         let p = requested.or(whole.stranger.map(|(_, p)| p))?;
         (Rule::F2, format!("a request to p {p}"))
     };
-    Some(UnlocatedViolation { line: None, rule: BrokenRule::Rule(rule), found, expected, late: None })
+    Some(UnlocatedViolation {
+        line: None,
+        rule: BrokenRule::Rule(rule),
+        found,
+        expected,
+        late: None,
+    })
 }
 
 /// The lines contradict each other, whatever came out.
-fn of_contradiction(t: u64, story: &MessageHistory, commit: Commit, slack: Slack, end: u64) -> UnlocatedViolation {
+fn of_contradiction(
+    t: u64,
+    story: &MessageHistory,
+    commit: Commit,
+    slack: Slack,
+    end: u64,
+) -> UnlocatedViolation {
     let explains = |story: &MessageHistory| !story.allowed(commit, slack, end).is_empty();
     for i in 0..story.requests.len() {
         let mut without = story.clone();

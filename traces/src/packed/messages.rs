@@ -232,8 +232,9 @@ fn dated(data: &[u8], log_time: u64) -> Cow<'_, [u8]> {
         ev: Option<IgnoredAny>,
     }
     let reported = serde_json::from_slice::<TimedMessage>(data);
-    let is_undated =
-        reported.is_ok_and(|reported| reported.at.is_none() && reported.fuseline.is_none() && reported.ev.is_some());
+    let is_undated = reported.is_ok_and(|reported| {
+        reported.at.is_none() && reported.fuseline.is_none() && reported.ev.is_some()
+    });
     let Some(rest) = data.trim_ascii_start().strip_prefix(b"{").filter(|_| is_undated) else {
         return Cow::Borrowed(data);
     };

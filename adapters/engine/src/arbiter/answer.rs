@@ -91,7 +91,7 @@ fn conclude<const CLOUDS: usize>(
 ) {
     match outcome {
         Outcome::Dropped(why) => decide(Decision::Drop { at, t, p, why: drop_reason(*why) }),
-        Outcome::HeldValue => decide(Decision::Hold { at, t, p }),
+        Outcome::Held => decide(Decision::Hold { at, t, p }),
         Outcome::Waiting => {}
         Outcome::Missed => decide(Decision::Miss { at, t }),
         Outcome::Forwarded { by, cancelled } => {

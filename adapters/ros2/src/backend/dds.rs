@@ -20,7 +20,7 @@ use crate::error::NodeError;
 use crate::middleware::{Domain, DomainHandle, InUse, NewEntity, RecentIds};
 use crate::parameters::{Value, ros};
 use crate::report::Time;
-use crate::service::{Asked, Reply, Requests, WAITING};
+use crate::service::{PendingRequest, Reply, Requests, WAITING};
 use crate::settings::{Qos, Settings};
 
 /// How many requests a service has room for, as ROS's services have: those that come while a participant is not in use yet.
@@ -192,7 +192,7 @@ impl Participant {
 /// A service of the node's, whichever participant its requests come to.
 struct Service<Q: Message, R: Message> {
     name: String,
-    requested: mpsc::Sender<Asked<Q, R>>,
+    requested: mpsc::Sender<PendingRequest<Q, R>>,
     taken: Mutex<RecentIds<RmwRequestId>>,
     server: InUse<Arc<Server<Q, R>>>,
 }
@@ -239,7 +239,7 @@ where
                     debug!(service = service.name, "answer not sent");
                 }
             });
-            if self.requested.send(Asked { request, reply }).await.is_err() {
+            if self.requested.send(PendingRequest { request, reply }).await.is_err() {
                 return;
             }
         }

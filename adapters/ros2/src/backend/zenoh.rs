@@ -12,7 +12,7 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tracing::debug;
 use zenoh::Wait;
 
-use super::{DiscoveredNode, TOLD, MessagePublisher, TypeName};
+use super::{DiscoveredNode, MessagePublisher, TOLD, TypeName};
 use crate::error::NodeError;
 use crate::middleware::Publish;
 use crate::middleware::zenoh::wire::Attachment;
@@ -20,7 +20,7 @@ use crate::middleware::zenoh::{ZenohSession, time_of_day};
 use crate::parameters::{Value, ros};
 use crate::raw::Payload;
 use crate::report::Time;
-use crate::service::{Asked, Reply, Requests, WAITING};
+use crate::service::{PendingRequest, Reply, Requests, WAITING};
 use crate::settings::{Qos, Role, Settings};
 
 /// How many requests of a service may wait in the session; the oldest are left out.
@@ -82,7 +82,7 @@ impl ZenohSession {
                         }
                     });
                 });
-                if requested.send(Asked { request, reply }).await.is_err() {
+                if requested.send(PendingRequest { request, reply }).await.is_err() {
                     break;
                 }
             }

@@ -2,17 +2,17 @@
 
 use std::task::{Context, Poll};
 
-use fuseline_tokio::drive::{Incoming, Completion};
+use fuseline_tokio::drive::{Completion, Incoming};
 use tokio::sync::mpsc;
 use tokio::time::{Instant, Interval};
 use tracing::{debug, info, warn};
 
 use super::{Fusion, LOCAL, LoopState};
 use crate::key::KeyError;
-use crate::middleware::{End, Sample};
+use crate::middleware::{Endpoint, Sample};
 use crate::raw::Payload;
 use crate::settings::{Change, seconds};
-use crate::stamps::Order;
+use crate::stamps::KeyOrder;
 
 /// The channels on which the node hears.
 pub(crate) struct InputChannels<'a> {
@@ -60,13 +60,13 @@ impl Fusion<'_> {
             }
         };
         match stamps.order(key) {
-            Order::Taken => {
+            KeyOrder::Taken => {
                 warn!(%key, "an open message has this stamp: not taken in");
                 intake.duplicate_stamp += 1;
                 return None;
             }
-            Order::Backwards => intake.stamp_backwards += 1,
-            Order::Forwards => {}
+            KeyOrder::Backwards => intake.stamp_backwards += 1,
+            KeyOrder::Forwards => {}
         }
         let timestamp = *next;
         *next += 1;
@@ -95,7 +95,11 @@ impl Fusion<'_> {
             source.unmatched.unknown_stamp += 1;
             return None;
         };
-        Some(Incoming::Completion(Completion { priority: source.priority, timestamp, result: Ok(payload) }))
+        Some(Incoming::Completion(Completion {
+            priority: source.priority,
+            timestamp,
+            result: Ok(payload),
+        }))
     }
 
     /// The environment decides the deadline: `std_msgs/msg/Float64`, seconds.
@@ -139,7 +143,7 @@ impl Fusion<'_> {
 
     pub(crate) fn report(&mut self) {
         let LoopState { intake, reporter, .. } = &mut self.memory;
-        let ends: Vec<&End> = self.ends.iter().map(|end| &**end).collect();
+        let ends: Vec<&Endpoint> = self.ends.iter().map(|end| &**end).collect();
         let blind = self.speed.as_ref().and_then(|speed| speed.missing(Instant::now()));
         let statuses = reporter.period(self.counting.tally(), *intake, &self.sources, &ends, blind);
         self.status_publisher.diagnostics(statuses);

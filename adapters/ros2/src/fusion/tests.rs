@@ -14,7 +14,7 @@ use node::{Node, payload};
 use tokio::time::{Instant, sleep, sleep_until};
 
 use super::*;
-use crate::lifecycle::{Done, Task};
+use crate::lifecycle::{Task, TransitionResult};
 use crate::settings::Change;
 
 const MS: Duration = Duration::from_millis(1);
@@ -48,7 +48,12 @@ fn value(source: &str, t: u64, requested: Duration) -> String {
     format!("{source}'s of {t}, asked at {} ms", requested.as_millis())
 }
 
-async fn compute(act: SourceAction, source: String, t: u64, start: Instant) -> Result<String, Error> {
+async fn compute(
+    act: SourceAction,
+    source: String,
+    t: u64,
+    start: Instant,
+) -> Result<String, Error> {
     let value = value(&source, t, start.elapsed());
     match act {
         Answers(ms) => sleep(Duration::from_millis(ms)).await,
@@ -331,15 +336,15 @@ async fn d16_a_managed_node_takes_in_what_comes_while_it_is_active_and_answers_i
     let node = Node::start_with(|_| Answers(300), &[], &["-p", "lifecycle:=true"]);
     node.feed(0, [10]).await;
     node.until(20).await;
-    assert_eq!(node.publish_report(Task::Activate).await.await, Ok(Done::Success));
+    assert_eq!(node.publish_report(Task::Activate).await.await, Ok(TransitionResult::Success));
     node.feed(1, [30]).await;
     node.until(40).await;
-    assert_eq!(node.publish_report(Task::Deactivate).await.await, Ok(Done::Success));
+    assert_eq!(node.publish_report(Task::Deactivate).await.await, Ok(TransitionResult::Success));
     node.feed(2, [50]).await;
     node.until(60).await;
     let closed = node.publish_report(Task::CleanUp).await;
     node.feed(3, [70]).await;
-    assert_eq!(closed.await, Ok(Done::Success));
+    assert_eq!(closed.await, Ok(TransitionResult::Success));
     assert_eq!(node.start.elapsed(), 330 * MS);
     assert_eq!(node.lines(), ["330 ms: 0 local's of 1, asked at 30 ms by F3"]);
 }

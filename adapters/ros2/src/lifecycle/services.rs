@@ -7,14 +7,16 @@ use tokio::task::JoinSet;
 use tracing::{info, warn};
 
 use super::messages::{
-    AvailableStates, AvailableTransitions, ChangeStateRequest, ChangeStateResponse, CurrentState, EmptyRequest,
-    TransitionEvent,
+    AvailableStates, AvailableTransitions, ChangeStateRequest, ChangeStateResponse, CurrentState,
+    EmptyRequest, TransitionEvent,
 };
-use super::{TransitionResult, LifecycleRequest, LifecycleRequests, STATES, State, TRANSITIONS, Transition};
+use super::{
+    LifecycleRequest, LifecycleRequests, STATES, State, TRANSITIONS, Transition, TransitionResult,
+};
+use crate::backend::{MessagePublisher, NodeBackend, TOLD, TypeName};
 use crate::error::NodeError;
-use crate::backend::{NodeBackend, TOLD, MessagePublisher, TypeName};
 use crate::names::NodeName;
-use crate::service::{Asked, Reply, Requests};
+use crate::service::{PendingRequest, Reply, Requests};
 
 /// Serves the node's lifecycle in `tasks`: it begins unconfigured. What the node is told comes by the orders.
 ///
@@ -95,10 +97,10 @@ impl Services {
     fn begin(
         &self,
         state: &mut State,
-        requested: Asked<ChangeStateRequest, ChangeStateResponse>,
+        requested: PendingRequest<ChangeStateRequest, ChangeStateResponse>,
         message_publisher: &mpsc::Sender<LifecycleRequest>,
     ) -> Option<PendingTransition> {
-        let Asked { request: ChangeStateRequest { transition }, reply } = requested;
+        let PendingRequest { request: ChangeStateRequest { transition }, reply } = requested;
         let begun = state.requested(transition.id, &transition.label).and_then(|(way, task)| {
             let (order, done) = LifecycleRequest::new(task);
             message_publisher.try_send(order).ok().map(|()| (way, done))

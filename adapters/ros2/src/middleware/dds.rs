@@ -25,7 +25,7 @@ use self::domain::JoinedParticipant;
 pub(crate) use self::domain::{Domain, DomainHandle, InUse, NewEntity};
 pub(crate) use self::recent::RecentIds;
 use super::end::{Endpoint, dds_type};
-use super::{Publish, Sample, DecodeError};
+use super::{DecodeError, Publish, Sample};
 use crate::error::NodeError;
 use crate::raw::{Cdr, Payload};
 use crate::settings::Qos;
@@ -70,7 +70,12 @@ struct Stamper(AtomicU64);
 
 impl Domain {
     /// Publishes on a topic.
-    pub(crate) fn outlet(&self, topic: &str, ty: &str, qos: Qos) -> Result<SerializedPublisher, NodeError> {
+    pub(crate) fn outlet(
+        &self,
+        topic: &str,
+        ty: &str,
+        qos: Qos,
+    ) -> Result<SerializedPublisher, NodeError> {
         let limits = ResourceLimits {
             max_samples: UNACKNOWLEDGED,
             max_instances: 1,

@@ -49,7 +49,12 @@ impl Endpoint {
     /// The same topic's end in another participant, which has met nobody yet.
     pub(super) fn in_new_participant(&self) -> Self {
         let (topic, type_name) = (self.topic.clone(), self.type_name.clone());
-        Self { topic, type_name, peers: Mutex::default(), silence_detector: Arc::clone(&self.silence_detector) }
+        Self {
+            topic,
+            type_name,
+            peers: Mutex::default(),
+            silence_detector: Arc::clone(&self.silence_detector),
+        }
     }
 
     /// Whether it has met all peers that the other end has.

@@ -31,7 +31,7 @@ use zenoh_ext::{
 use self::types::Types;
 use self::wire::{Attachment, Entity, Kind, Owner, gid, group_key, hash_of, type_of};
 use super::end::{Endpoint, Gid, dds_type};
-use super::{Publish, Sample, DecodeError};
+use super::{DecodeError, Publish, Sample};
 use crate::error::NodeError;
 use crate::raw::Payload;
 use crate::settings::{Qos, Role, Settings};
@@ -134,7 +134,12 @@ impl ZenohSession {
     }
 
     /// Publishes on a topic.
-    pub(crate) fn outlet(&mut self, topic: &str, ty: &str, qos: Qos) -> Result<SerializedPublisher, NodeError> {
+    pub(crate) fn outlet(
+        &mut self,
+        topic: &str,
+        ty: &str,
+        qos: Qos,
+    ) -> Result<SerializedPublisher, NodeError> {
         let end = self.end(topic, ty, Kind::Subscription)?;
         let (queue, payloads) = mpsc::channel::<Payload>();
         let waiting = Arc::new(Waiting::default());
@@ -157,7 +162,10 @@ impl ZenohSession {
                 for payload in payloads {
                     let bytes = payload.body.len();
                     // Without a hash there is no subscriber either: it would have said it.
-                    if let Some(Err(error)) = status_publisher.get().map(|status_publisher| status_publisher.publish(&payload)) {
+                    if let Some(Err(error)) = status_publisher
+                        .get()
+                        .map(|status_publisher| status_publisher.publish(&payload))
+                    {
                         warn!(topic, %error, "not published");
                     }
                     done.messages.fetch_sub(1, Ordering::Relaxed);

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::names::{NodeName, check_token};
 use crate::parameters::value::{self, FlawResult, Value};
 use crate::parameters::yaml::{self, Content, Entry, Mark, Node, YamlError};
-use crate::parameters::{ParameterFlaw, ParameterOverride, ParameterError, ValueOrigin};
+use crate::parameters::{ParameterError, ParameterFlaw, ParameterOverride, ValueOrigin};
 
 /// The key above a node's parameters.
 const PARAMETERS: &str = "ros__parameters";
@@ -51,13 +51,16 @@ type Flat = BTreeMap<String, (Mark, Value)>;
 
 /// Finds the keys above parameters; the keys on the way there make up the node's name.
 fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) -> FlawResult<()> {
-    let Content::Mapping(entries) = &node.content else { return Err((node.mark, ParameterFlaw::Node)) };
+    let Content::Mapping(entries) = &node.content else {
+        return Err((node.mark, ParameterFlaw::Node));
+    };
     for Entry { mark, key, value } in entries {
         if key != PARAMETERS {
             let mut pattern = above.to_owned();
             for part in key.strip_prefix('/').unwrap_or(key).split('/') {
                 if part != "*" && part != "**" {
-                    let flaw = |source| (*mark, ParameterFlaw::Pattern { name: key.clone(), source });
+                    let flaw =
+                        |source| (*mark, ParameterFlaw::Pattern { name: key.clone(), source });
                     check_token(part).map_err(flaw)?;
                 }
                 pattern.push(part);

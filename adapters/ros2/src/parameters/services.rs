@@ -17,8 +17,8 @@ use tokio::task::JoinSet;
 use tracing::info;
 
 use super::ros;
+use crate::backend::{NodeBackend, ParameterCallback, TypeName};
 use crate::error::NodeError;
-use crate::backend::{ParameterCallback, NodeBackend, TypeName};
 use crate::service::Requests;
 use crate::settings::{Change, Current, Parameter, Range};
 
@@ -57,7 +57,10 @@ pub(crate) struct Parameters {
 
 impl Services {
     /// Offers them.
-    pub(crate) fn offer(backend: &mut NodeBackend, tasks: &mut JoinSet<()>) -> Result<Self, NodeError> {
+    pub(crate) fn offer(
+        backend: &mut NodeBackend,
+        tasks: &mut JoinSet<()>,
+    ) -> Result<Self, NodeError> {
         let ty = |name| TypeName { package: "rcl_interfaces", name };
         Ok(Self {
             get: backend.serve("get_parameters", ty("GetParameters"), tasks)?,
@@ -139,14 +142,17 @@ impl Parameters {
 
     /// As rclcpp lists them: `depth` counts parts between dots, and 0 is any number.
     fn list(&self, requested: &ListParametersRequest) -> ListParametersResult {
-        let is_within =
-            |rest: &str| requested.depth == 0 || (rest.matches('.').count() as u64) < requested.depth;
+        let is_within = |rest: &str| {
+            requested.depth == 0 || (rest.matches('.').count() as u64) < requested.depth
+        };
         let is_listed = |name: &str| {
             requested.prefixes.is_empty() && is_within(name)
-                || requested.prefixes.iter().any(|prefix| match name.strip_prefix(prefix.as_str()) {
-                    Some("") => true,
-                    Some(rest) => rest.strip_prefix('.').is_some_and(is_within),
-                    None => false,
+                || requested.prefixes.iter().any(|prefix| {
+                    match name.strip_prefix(prefix.as_str()) {
+                        Some("") => true,
+                        Some(rest) => rest.strip_prefix('.').is_some_and(is_within),
+                        None => false,
+                    }
                 })
         };
         let settings = self.settings.locked();

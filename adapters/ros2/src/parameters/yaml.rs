@@ -75,7 +75,7 @@ pub(super) fn read(text: &str) -> Result<Option<Node>, (Mark, YamlError)> {
         let (event, mark) = reader.next()?;
         match event {
             Event::StreamEnd => return Ok(root),
-            Event::EmptyRequest | Event::StreamStart | Event::DocumentEnd => {}
+            Event::Nothing | Event::StreamStart | Event::DocumentEnd => {}
             Event::DocumentStart(_) if root.is_some() => return Err((mark, YamlError::Documents)),
             Event::DocumentStart(_) => {
                 let (event, mark) = reader.next()?;
@@ -131,7 +131,7 @@ impl<'a> Reader<'a> {
             | Event::Scalar(..)
             | Event::SequenceStart(..)
             | Event::MappingStart(..) => return Err((mark, YamlError::Alias)),
-            Event::EmptyRequest
+            Event::Nothing
             | Event::StreamStart
             | Event::StreamEnd
             | Event::DocumentStart(_)

@@ -9,7 +9,7 @@ use fuseline_engine::{
 use tokio::time::Instant;
 
 use super::*;
-use crate::source::Way;
+use crate::source::Route;
 
 /// What happened to the node, and its level and message then.
 type NodeCase = (fn(&mut Tally, &mut NodeCounts), u8, &'static str);
@@ -27,7 +27,7 @@ fn none() -> Tally {
 
 /// A source that needs no topics.
 fn source(priority: u16, name: &str) -> Source {
-    let way = Way::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
+    let way = Route::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
     let (deadline, unmatched) = (None, UnmatchedResults::default());
     Source { priority, name: name.into(), way, enabled: true, deadline, hints: None, unmatched }
 }
@@ -37,8 +37,8 @@ fn sources() -> [Source; 2] {
 }
 
 /// Both ends of the node, each with a peer.
-fn ends() -> [End; 2] {
-    let ends = ["/input", "/output"].map(|topic| End::new(topic, "a_msgs/msg/A"));
+fn ends() -> [Endpoint; 2] {
+    let ends = ["/input", "/output"].map(|topic| Endpoint::new(topic, "a_msgs/msg/A"));
     for end in &ends {
         end.change([7; 16], 1, None);
     }
@@ -48,9 +48,10 @@ fn ends() -> [End; 2] {
 /// The report of a part of the node after a period in which this happened.
 fn reported_lines(
     part: usize,
-    happened: impl FnOnce(&mut Tally, &mut NodeCounts, &mut [Source; 2], &[End; 2]),
+    happened: impl FnOnce(&mut Tally, &mut NodeCounts, &mut [Source; 2], &[Endpoint; 2]),
 ) -> (u8, String) {
-    let (mut tally, mut intake, mut sources, ends) = (none(), NodeCounts::default(), sources(), ends());
+    let (mut tally, mut intake, mut sources, ends) =
+        (none(), NodeCounts::default(), sources(), ends());
     let mut reporter = Reporter::new("/fuseline", none());
     happened(&mut tally, &mut intake, &mut sources, &ends);
     let ends = ends.each_ref();
@@ -111,7 +112,7 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
 
 #[test]
 fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
-    let ends = |happened: fn(&[End; 2])| reported_lines(0, |_, _, _, ends| happened(ends));
+    let ends = |happened: fn(&[Endpoint; 2])| reported_lines(0, |_, _, _, ends| happened(ends));
     let gone = ends(|ends| ends[1].change([7; 16], -1, None));
     assert_eq!(gone, (OK, "nobody on /output".to_owned()));
     let other = ends(|ends| {
@@ -146,7 +147,13 @@ fn the_node_warns_of_inputs_that_come_no_longer() {
     input.patience(Some(hour));
     let reported_lines = || {
         let mut reported_lines = Reporter::new("/fuseline", none());
-        let reported_lines = reported_lines.period(none(), NodeCounts::default(), &sources(), &[&input, &output], None);
+        let reported_lines = reported_lines.period(
+            none(),
+            NodeCounts::default(),
+            &sources(),
+            &[&input, &output],
+            None,
+        );
         (reported_lines[0].level, reported_lines[0].message.clone())
     };
     let well = (OK, "each message answered".to_owned());
@@ -230,7 +237,10 @@ fn the_status_of_a_message_names_its_source_and_warns_without_one() {
     let status = of(Ending::Forwarded(forwarded));
     let reported = |key| status.values.iter().find(|pair| pair.key == key).unwrap().value.as_str();
     assert_eq!((status.level, reported("source"), reported("rule")), (OK, "west", "F3"));
-    assert_eq!(["timestamp", "arrived_s", "decided_s"].map(reported), ["3", "0.020000", "0.030000"]);
+    assert_eq!(
+        ["timestamp", "arrived_s", "decided_s"].map(reported),
+        ["3", "0.020000", "0.030000"]
+    );
     assert_eq!((of(Ending::Missed).level, &*of(Ending::Missed).message), (WARN, "missed"));
     let refused = of(Ending::Refused(OpenRefusal::Full));
     assert_eq!((refused.level, &*refused.message), (WARN, "refused: full"));

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use crate::names::check_token;
-use crate::parameters::{ValueOrigin, Value};
+use crate::parameters::{Value, ValueOrigin};
 use crate::settings::reader::{LocatedValue, Reader};
 use crate::settings::{
-    Cloud, Grpc, Middleware, Role, SettingsError, CloudConnection, middleware, seconds, topics,
+    Cloud, CloudConnection, Grpc, Middleware, Role, SettingsError, middleware, seconds, topics,
 };
 
 /// The most clouds, as in the core.

@@ -4,7 +4,7 @@ use fuseline_engine::CapacityErrors;
 use thiserror::Error;
 
 use crate::names::NameError;
-use crate::parameters::{ParameterError, ValueOrigin, Value};
+use crate::parameters::{ParameterError, Value, ValueOrigin};
 
 /// What is wrong with settings, where, and what to do about it, in one line.
 #[derive(Debug, Error)]

@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::parameters::{ParameterOverride, Value};
 use crate::settings::reader::Reader;
-use crate::settings::{SettingsError, CloudConnection, from_environment};
+use crate::settings::{CloudConnection, SettingsError, from_environment};
 
 /// What carries a topic's messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -85,7 +85,9 @@ impl super::Settings {
             return self.local.middleware;
         }
         let of_cloud = self.clouds.iter().find_map(|cloud| match &cloud.way {
-            CloudConnection::Topics { middleware, input, output } if input == topic || output == topic => {
+            CloudConnection::Topics { middleware, input, output }
+                if input == topic || output == topic =>
+            {
                 Some(*middleware)
             }
             CloudConnection::Topics { .. } | CloudConnection::Grpc(_) => None,

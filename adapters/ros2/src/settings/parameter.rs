@@ -1,6 +1,6 @@
 //! What is known of a parameter.
 
-use crate::parameters::{ValueOrigin, Value};
+use crate::parameters::{Value, ValueOrigin};
 
 /// What a cloud's parameters are called, below its name.
 const PARTS: [&str; 17] = [

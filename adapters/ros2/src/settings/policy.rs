@@ -4,7 +4,7 @@ use std::fmt;
 use std::time::Duration;
 
 use fuseline_deadline::{Accuracy, Expected, Guard, Hazard, Impact, Invalid, Parameters, Span};
-use fuseline_engine::{Workload, Policy, CapacityErrors};
+use fuseline_engine::{CapacityErrors, Policy, Workload};
 
 use crate::parameters::Value;
 use crate::settings::reader::{LocatedValue, Reader};
@@ -107,7 +107,8 @@ impl Settings {
         let clouds = || self.clouds.iter();
         let longest = clouds().map(|cloud| cloud.deadline.unwrap_or(self.deadline)).max();
         let local_response = Duration::from_secs_f64(parameters.local_response.greatest);
-        let workload = Workload { rate, longest_deadline: longest.unwrap_or_default(), local_response };
+        let workload =
+            Workload { rate, longest_deadline: longest.unwrap_or_default(), local_response };
         let calls = clouds().map(|cloud| (cloud.name.as_str(), cloud.in_flight.into()));
         workload.check(self.window.into(), self.local.in_flight.into(), calls)
     }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::parameters::{ParameterOverride, ValueOrigin, Value};
+use crate::parameters::{ParameterOverride, Value, ValueOrigin};
 use crate::settings::SettingsError;
 use crate::settings::nearest::nearest;
 

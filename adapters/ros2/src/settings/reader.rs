@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::names::{NodeName, Remap, check_token};
-use crate::parameters::{ParameterOverride, ValueOrigin, Value};
+use crate::parameters::{ParameterOverride, Value, ValueOrigin};
 use crate::settings::nearest::nearest;
 use crate::settings::parameter::{Parameter, Range, is_of_a_cloud};
 use crate::settings::qos::{Qos, Role, Topic};
@@ -31,7 +31,11 @@ pub(super) struct LocatedValue<T> {
 }
 
 impl<'a> Reader<'a> {
-    pub(super) fn new(given: BTreeMap<String, ParameterOverride>, node: NodeName, remaps: &'a [Remap]) -> Self {
+    pub(super) fn new(
+        given: BTreeMap<String, ParameterOverride>,
+        node: NodeName,
+        remaps: &'a [Remap],
+    ) -> Self {
         Self { given, node, remaps, declared: Vec::new(), topics: Vec::new() }
     }
 

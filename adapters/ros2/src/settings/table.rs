@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use comfy_table::{LineStyle, Table, TableStyle};
 
-use crate::settings::{Cloud, Settings, CloudConnection};
+use crate::settings::{Cloud, CloudConnection, Settings};
 
 /// A line below the header and no other lines.
 const STYLE: TableStyle =

@@ -93,7 +93,9 @@ impl<V: Send + 'static> Calls<V> {
     pub(super) fn begin(&mut self, priority: u16, timestamp: u64, call: Call<V>) {
         let span = debug_span!("call", priority, timestamp);
         match self {
-            Self::InlineCalls(here) => here.begin(Running { key: (priority, timestamp), call, span }),
+            Self::InlineCalls(here) => {
+                here.begin(Running { key: (priority, timestamp), call, span })
+            }
             Self::Tasks { sender, under_way, .. } => {
                 let error_chain = sender.clone();
                 let task = async move {

@@ -21,7 +21,8 @@ pub(super) struct FlagWaker {
 impl WakeFlag {
     /// A bell that rings, so that all parties are polled at first.
     pub(super) fn new(driver: &Arc<AtomicWaker>) -> Self {
-        let flag_waker = Arc::new(FlagWaker { is_rung: AtomicBool::new(true), driver: Arc::clone(driver) });
+        let flag_waker =
+            Arc::new(FlagWaker { is_rung: AtomicBool::new(true), driver: Arc::clone(driver) });
         Self { waker: Waker::from(Arc::clone(&flag_waker)), flag_waker }
     }
 

@@ -119,7 +119,10 @@ impl Remote {
         } else if self.token.is_some() {
             warn!(url = self.url, "the token can be read on the way, for the URL is not https");
         }
-        Ok(InterceptedService::new(CountedBody(endpoint.connect_lazy()), BearerToken(self.token.clone())))
+        Ok(InterceptedService::new(
+            CountedBody(endpoint.connect_lazy()),
+            BearerToken(self.token.clone()),
+        ))
     }
 
     fn tls(&self) -> Result<ClientTlsConfig, RemoteError> {

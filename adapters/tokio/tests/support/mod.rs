@@ -55,7 +55,12 @@ impl Script {
     }
 
     /// With one more cloud.
-    pub(crate) fn cloud(mut self, priority: u16, deadline_ms: u64, act: fn(u64) -> SourceAction) -> Self {
+    pub(crate) fn cloud(
+        mut self,
+        priority: u16,
+        deadline_ms: u64,
+        act: fn(u64) -> SourceAction,
+    ) -> Self {
         self.clouds.push(CloudScript { priority, deadline_ms, act, limit: 31, calls: 8 });
         self
     }

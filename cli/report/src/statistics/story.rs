@@ -85,13 +85,19 @@ impl MessageHistory {
     }
 
     /// What became of the source's request, if it was asked.
-    pub(super) fn request_outcome(&self, source: usize, is_observed: bool) -> Option<RequestOutcome> {
+    pub(super) fn request_outcome(
+        &self,
+        source: usize,
+        is_observed: bool,
+    ) -> Option<RequestOutcome> {
         if !self.is_requested(source) {
             return None;
         }
         let call = self.calls.get(source).copied().unwrap_or_default();
         Some(match (call.outcome(self.end.filter(|_| is_observed)), self.end) {
-            (Some(RequestEnd::InTime), Some(end)) if end.source == Some(source) => RequestOutcome::Forwarded,
+            (Some(RequestEnd::InTime), Some(end)) if end.source == Some(source) => {
+                RequestOutcome::Forwarded
+            }
             (Some(RequestEnd::InTime), Some(_)) => RequestOutcome::Discarded,
             (Some(RequestEnd::Late), _) => RequestOutcome::Late,
             (Some(RequestEnd::Failed), _) => RequestOutcome::Failed,

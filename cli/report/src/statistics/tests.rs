@@ -59,7 +59,8 @@ const fn after(ms: u64) -> Arrival {
 
 #[test]
 fn the_best_clouds_result_supersedes_the_other_request_and_local() {
-    let page_trace = statistics(&[open(10, 0), offer(10, 0, 7), offer(10, 0, 3), result(180, 0, 7)]);
+    let page_trace =
+        statistics(&[open(10, 0), offer(10, 0, 7), offer(10, 0, 3), result(180, 0, 7)]);
     assert_eq!(fates(&page_trace, 7), [("forwarded", 1)]);
     assert_eq!(fates(&page_trace, 3), [("superseded", 1)]);
     assert_eq!(fates(&page_trace, 0), [("superseded", 1)]);
@@ -84,7 +85,10 @@ fn a_held_result_goes_or_is_discarded_and_the_one_timed_out_is_late() {
     assert_eq!(fates(&page_trace, 3), [("forwarded", 1)]);
     assert_eq!(fates(&page_trace, 0), [("discarded", 1)]);
     // What came after the end was seen all the same.
-    assert_eq!(page_trace.messages(|_, _, _| None)[0].arrivals, [at(300), at(900), at(100), UNASKED]);
+    assert_eq!(
+        page_trace.messages(|_, _, _| None)[0].arrivals,
+        [at(300), at(900), at(100), UNASKED]
+    );
 }
 
 #[test]
@@ -105,7 +109,8 @@ fn an_accepted_failure_counts() {
 
 #[test]
 fn refused_offers_and_refused_messages_count_apart() {
-    let page_trace = statistics(&[open(0, 0), open(1, 1), open(2, 2), offer(2, 2, 7), offer(3, 1, 7)]);
+    let page_trace =
+        statistics(&[open(0, 0), open(1, 1), open(2, 2), offer(2, 2, 7), offer(3, 1, 7)]);
     let Totals { messages, refused, open, .. } = page_trace.totals();
     assert_eq!((messages, refused, open), (3, 1, 2));
     assert_eq!(fates(&page_trace, 7), [("open", 1), ("refused", 1)]);
@@ -156,7 +161,8 @@ fn a_message_nobody_answers_is_missed() {
 
 #[test]
 fn a_plan_stands_in_for_a_call_that_was_ended() {
-    let page_trace = statistics(&[open(10, 0), offer(10, 0, 3), offer(10, 0, 7), result(180, 0, 7)]);
+    let page_trace =
+        statistics(&[open(10, 0), offer(10, 0, 3), offer(10, 0, 7), result(180, 0, 7)]);
     let planned = |source, opened, t| {
         assert_eq!((opened, t), (10 * MS, 0));
         (source == 2).then(|| at(220))

@@ -3,7 +3,7 @@
 use plotters::element::{Circle, Rectangle};
 use plotters::style::{Color, RGBColor};
 
-use crate::plot::{Axes, DRAWN, Label, Plot, Sheet, Theme, canvas};
+use crate::plot::{Axes, Canvas, DRAWN, Plot, TextLine, Theme, canvas};
 use crate::probe::plots::places::Places;
 
 /// What the scale goes from and to, in milliseconds.
@@ -30,8 +30,8 @@ pub(crate) fn plot(places: Places) -> Plot {
     })
 }
 
-fn keys(theme: &Theme, canvas: &Sheet<'_>) {
-    let label = Label::new(13.0, theme.ink);
+fn keys(theme: &Theme, canvas: &Canvas<'_>) {
+    let label = TextLine::new(13.0, theme.ink);
     label.right().put(canvas, "up to 10 ms", (122, 84));
     for step in 0..100 {
         let share = f64::from(step) / 100.0;

@@ -6,7 +6,7 @@ use std::ops::Range;
 use plotters::element::{Circle, PathElement, Rectangle};
 use plotters::style::Color;
 
-use crate::plot::{Axes, DRAWN, Label, Plot, Sheet, Theme, logarithmic, canvas};
+use crate::plot::{Axes, Canvas, DRAWN, Plot, TextLine, Theme, canvas, logarithmic};
 use crate::probe::plots::extent::Extent;
 use crate::probe::recording::PlotRow;
 
@@ -76,7 +76,7 @@ impl Series {
         })
     }
 
-    fn draw(&self, theme: &Theme, area: &Sheet<'_>) {
+    fn draw(&self, theme: &Theme, area: &Canvas<'_>) {
         let (x, y) = (self.seconds.clone(), self.milliseconds.clone());
         let axes = Axes {
             x: x.clone(),
@@ -110,8 +110,8 @@ impl Series {
             .expect(DRAWN);
     }
 
-    fn keys(theme: &Theme, canvas: &Sheet<'_>) {
-        let label = Label::new(13.0, theme.ink);
+    fn keys(theme: &Theme, canvas: &Canvas<'_>) {
+        let label = TextLine::new(13.0, theme.ink);
         canvas.draw(&Circle::new((92, 84), 4, theme.series[1].filled())).expect(DRAWN);
         label.put(canvas, "round trip", (110, 84));
         let style = theme.bad.mix(0.22).filled();

@@ -1,9 +1,9 @@
 //! `fuseline scenario jaywalking`: a person steps onto the road, and a plan for that may be at hand.
 
 mod contingency;
+mod geometry;
 mod planning;
 mod plots;
-mod geometry;
 mod text;
 
 use serde::Serialize;
@@ -11,8 +11,8 @@ use serde_json::{Value, json};
 
 use crate::fault::Fault;
 use crate::plot::{Folder, PageContent, show};
+pub(crate) use crate::scenario::jaywalking::geometry::{Geometry, Manoeuvre};
 use crate::scenario::jaywalking::planning::{PlanCallOutcome, Planning};
-pub(crate) use crate::scenario::jaywalking::geometry::{Manoeuvre, Geometry};
 use crate::scenario::options::{OutputOptions, above_0, not_below_0, speed};
 
 /// What the page says first.
@@ -120,7 +120,10 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         let plots = plots::plots(&found, geometry);
-        show(&folder, &PageContent { title: "Person jaywalking", words: &words, plots, reported: &text })?;
+        show(
+            &folder,
+            &PageContent { title: "Person jaywalking", words: &words, plots, reported: &text },
+        )?;
     }
     args.leave.print_report(&found, &text)
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::scenario::approach::{nanos, seconds};
-use crate::scenario::jaywalking::contingency::{PlanReply, ContingencyCalls, Hypothesis, Plan};
+use crate::scenario::jaywalking::contingency::{ContingencyCalls, Hypothesis, Plan, PlanReply};
 use crate::scenario::operator::{Message, Operator};
 
 /// The planner gets a message so often, in ns.
@@ -138,9 +138,12 @@ mod tests {
     fn a_plan_that_does_not_serve_leaves_outputs_at_the_instants_of_a_run_without_a_cloud() {
         let (response, is_cached, without) = run(PlanCallOutcome::Unasked);
         assert_eq!((response, is_cached), (0.5, false));
-        for cloud in
-            [PlanCallOutcome::Late, PlanCallOutcome::Expired, PlanCallOutcome::OtherHypothesis, PlanCallOutcome::Silent]
-        {
+        for cloud in [
+            PlanCallOutcome::Late,
+            PlanCallOutcome::Expired,
+            PlanCallOutcome::OtherHypothesis,
+            PlanCallOutcome::Silent,
+        ] {
             let (response, is_cached, trace) = run(cloud);
             assert_eq!((response, is_cached), (0.5, false), "{cloud:?}");
             assert!(trace == without, "{cloud:?} changed what the machine saw");

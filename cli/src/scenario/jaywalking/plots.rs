@@ -3,9 +3,9 @@
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use crate::plot::{Axes, DRAWN, Label, Line, Plot, canvas};
-use crate::scenario::jaywalking::geometry::{Manoeuvre, Geometry};
-use crate::scenario::jaywalking::{ScenarioResult, Greatest};
+use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, canvas};
+use crate::scenario::jaywalking::geometry::{Geometry, Manoeuvre};
+use crate::scenario::jaywalking::{Greatest, ScenarioResult};
 
 /// Responses that are shown, in fiftieths of a second.
 const SHOWN: std::ops::RangeInclusive<u32> = 0..=50;
@@ -60,7 +60,7 @@ pub(crate) fn plots(found: &ScenarioResult, geometry: Geometry) -> Vec<Plot> {
             {
                 let dots = marks.iter().map(|at| Circle::new(*at, 5, colour.filled()));
                 chart.draw_series(dots).expect(DRAWN);
-                let style = Label::new(12.0, theme.ink).centred().style();
+                let style = TextLine::new(12.0, theme.ink).centred().style();
                 let words = marks.iter().map(|(at, speed)| {
                     EmptyElement::at((*at, *speed))
                         + Text::new(format!("{speed:.2}"), (0, above), style.clone())

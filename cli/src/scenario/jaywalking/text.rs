@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use crate::scenario::jaywalking::ScenarioResult;
-use crate::scenario::jaywalking::planning::PlanCallOutcome;
 use crate::scenario::jaywalking::geometry::Manoeuvre;
+use crate::scenario::jaywalking::planning::PlanCallOutcome;
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
 
@@ -33,9 +33,10 @@ fn runs(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
         };
         let paper = match swerve.cloud {
             PlanCallOutcome::Unasked | PlanCallOutcome::InTime => word(*printed),
-            PlanCallOutcome::Late | PlanCallOutcome::Expired | PlanCallOutcome::OtherHypothesis | PlanCallOutcome::Silent => {
-                "–".to_owned()
-            }
+            PlanCallOutcome::Late
+            | PlanCallOutcome::Expired
+            | PlanCallOutcome::OtherHypothesis
+            | PlanCallOutcome::Silent => "–".to_owned(),
         };
         writeln!(
             text,

@@ -153,7 +153,10 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         let plots = plots::plots(&found);
-        show(&folder, &PageContent { title: "Recorded networks", words: &words, plots, reported: &text })?;
+        show(
+            &folder,
+            &PageContent { title: "Recorded networks", words: &words, plots, reported: &text },
+        )?;
     }
     args.leave.print_report(&found, &text)
 }
@@ -212,7 +215,12 @@ impl Start<'_> {
         setting.pairs().map(|(speed, mode)| self.end(setting, speed, mode)).collect()
     }
 
-    fn end(&self, setting: &Setting<'_>, speed: f64, mode: ResponsePolicy) -> Result<DriveOutcome, Fault> {
+    fn end(
+        &self,
+        setting: &Setting<'_>,
+        speed: f64,
+        mode: ResponsePolicy,
+    ) -> Result<DriveOutcome, Fault> {
         let situation = Situation { reveal: setting.vehicle.reveal, ..Situation::at(speed) };
         let deadline = deadline(mode, setting.guard.as_ref(), &situation, &self.observed);
         let run = approach::Drive {

@@ -3,7 +3,7 @@
 use crate::plot::{Axes, Line, Plot, Theme, canvas};
 use crate::scenario::networks::policy::ResponsePolicy;
 use crate::scenario::networks::text::{mean, percent};
-use crate::scenario::networks::{ScenarioResult, Row};
+use crate::scenario::networks::{Row, ScenarioResult};
 
 /// Both plots.
 pub(crate) fn plots(found: &ScenarioResult) -> Vec<Plot> {

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use crate::scenario::networks::policy::ResponsePolicy;
-use crate::scenario::networks::{ScenarioResult, Row};
+use crate::scenario::networks::{Row, ScenarioResult};
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 
 /// How wide a name and a cell are.
@@ -49,7 +49,12 @@ fn name(policy: ResponsePolicy) -> String {
     }
 }
 
-fn table(text: &mut String, found: &ScenarioResult, what: &str, of: fn(&Row) -> f64) -> std::fmt::Result {
+fn table(
+    text: &mut String,
+    found: &ScenarioResult,
+    what: &str,
+    of: fn(&Row) -> f64,
+) -> std::fmt::Result {
     write!(text, "{what:<NAME$}")?;
     for policy in &found.policies {
         write!(text, "{:>CELL$}", name(*policy))?;
@@ -110,7 +115,8 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
 pub(crate) fn worse(rows: &[Row], policy: ResponsePolicy) -> usize {
     let local = |row: &Row| {
         let is = |other: &&Row| {
-            (other.policy, other.speed, &other.drive) == (ResponsePolicy::Local, row.speed, &row.drive)
+            (other.policy, other.speed, &other.drive)
+                == (ResponsePolicy::Local, row.speed, &row.drive)
         };
         rows.iter().find(is).map_or(u32::MAX, |local| local.collisions)
     };

@@ -7,8 +7,8 @@ use crate::plot::Folder;
 use crate::scenario::approach::{nanos, seconds};
 use crate::scenario::braking::Brakes;
 use crate::scenario::operator::{CLOUD, Message, Operator, Output, Request, UNLIMITED};
-use crate::scenario::planner::{Planner, Sight};
-use crate::scenario::red_light::geometry::{MEETING, Geometry};
+use crate::scenario::planner::{FrameStatus, Planner};
+use crate::scenario::red_light::geometry::{Geometry, MEETING};
 use crate::scenario::red_light::sharing::{EVERY, Exchange, VehicleState, must_brake};
 
 /// Frames of the camera in a second.
@@ -191,12 +191,12 @@ impl Crossing<'_> {
     fn sees(&self, planner: &mut Planner, output: &Output) -> bool {
         let captured = seconds(captured(u32::try_from(output.t).unwrap_or(u32::MAX)));
         let sight = match output.source {
-            None => Sight::Missed,
+            None => FrameStatus::Missed,
             Some(source) => {
                 let Ego { range_local, range_cloud, .. } = *self.ego;
                 let range = if source == CLOUD { range_cloud } else { range_local };
                 let is_seen = self.geometry.sees(captured, range);
-                if is_seen { Sight::Obstacle } else { Sight::Clear }
+                if is_seen { FrameStatus::Obstacle } else { FrameStatus::Clear }
             }
         };
         planner.take(usize::try_from(output.t).unwrap_or(usize::MAX), sight)

@@ -1,8 +1,8 @@
 //! `fuseline scenario red-light`: a car that runs a red light, hidden until it is late.
 
 mod crossing;
-mod plots;
 mod geometry;
+mod plots;
 mod sharing;
 mod text;
 
@@ -159,7 +159,10 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         let plots = plots::plots(args, &found);
-        show(&folder, &PageContent { title: "Running a red light", words: &words, plots, reported: &text })?;
+        show(
+            &folder,
+            &PageContent { title: "Running a red light", words: &words, plots, reported: &text },
+        )?;
     }
     args.leave.print_report(&found, &text)
 }
@@ -194,7 +197,8 @@ impl Args {
                     let trips = if *approach == Approach::Local { None } else { Some(trips) };
                     let trips =
                         trips.map_or(vec![None], |trips| trips.iter().copied().map(Some).collect());
-                    requested.extend(trips.into_iter().map(|trip| (*variant, *delta, *approach, trip)));
+                    requested
+                        .extend(trips.into_iter().map(|trip| (*variant, *delta, *approach, trip)));
                 }
             }
         }

@@ -2,10 +2,10 @@
 
 use plotters::prelude::*;
 
-use crate::plot::{DRAWN, Label, Plot, Sheet, Theme, inside, canvas, width};
+use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, inside, width};
 use crate::scenario::red_light::crossing::Approach;
-use crate::scenario::red_light::geometry::{MEETING, Geometry};
-use crate::scenario::red_light::{Args, ScenarioResult, Run};
+use crate::scenario::red_light::geometry::{Geometry, MEETING};
+use crate::scenario::red_light::{Args, Run, ScenarioResult};
 use crate::scenario::shape::{Point, Rectangle as Car};
 
 /// How many units a metre has.
@@ -103,7 +103,7 @@ fn place([x, y]: Point) -> (i32, i32) {
 }
 
 /// Draws what is shown of a shape.
-fn shape(canvas: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
+fn shape(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
     let corners: Vec<(i32, i32)> = inside(corners, SHOWN).into_iter().map(place).collect();
     if !corners.is_empty() {
         canvas.draw(&Polygon::new(corners, style)).expect(DRAWN);
@@ -111,7 +111,7 @@ fn shape(canvas: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
 }
 
 /// Draws an outline if all of it is shown.
-fn outline(canvas: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
+fn outline(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
     if inside(corners, SHOWN) != corners {
         return;
     }
@@ -120,7 +120,7 @@ fn outline(canvas: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) 
 }
 
 /// Both roads, 7 m wide, and what hides the other car.
-fn roads(theme: &Theme, canvas: &Sheet<'_>, geometry: &Geometry) {
+fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry) {
     let road = theme.line.filled();
     shape(canvas, &[[-80.0, -3.5], [80.0, -3.5], [80.0, 3.5], [-80.0, 3.5]], road);
     let [along, across] = geometry.place.heading();
@@ -148,7 +148,7 @@ fn roads(theme: &Theme, canvas: &Sheet<'_>, geometry: &Geometry) {
 }
 
 /// Where both cars are, half second by half second; ego by shared locations.
-fn ways(theme: &Theme, canvas: &Sheet<'_>, geometry: &Geometry, ego: impl Fn(f64) -> Option<Car>) {
+fn ways(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry, ego: impl Fn(f64) -> Option<Car>) {
     for step in 1..=12_i32 {
         let now = MEETING - f64::from(step) / 2.0;
         let faint = 0.6 - f64::from(step) * 0.04;
@@ -159,7 +159,7 @@ fn ways(theme: &Theme, canvas: &Sheet<'_>, geometry: &Geometry, ego: impl Fn(f64
     }
 }
 
-fn keys(theme: &Theme, canvas: &Sheet<'_>) {
+fn keys(theme: &Theme, canvas: &Canvas<'_>) {
     let keys = [
         ("ego by shared locations", theme.series[1], true),
         ("ego by the detector on board", theme.bad, false),
@@ -169,13 +169,13 @@ fn keys(theme: &Theme, canvas: &Sheet<'_>) {
     for (word, colour, is_filled) in keys {
         let style = if is_filled { colour.filled() } else { colour.stroke_width(2) };
         canvas.draw(&Rectangle::new([(x, 76), (x + 22, 86)], style)).expect(DRAWN);
-        Label::new(13.0, theme.ink).put(canvas, word, (x + 30, 82));
+        TextLine::new(13.0, theme.ink).put(canvas, word, (x + 30, 82));
         x += 52 + width(word);
     }
 }
 
 /// How long ten metres are.
-fn ruler(theme: &Theme, canvas: &Sheet<'_>) {
+fn ruler(theme: &Theme, canvas: &Canvas<'_>) {
     let [from, to] = [place([10.0, 17.5]), place([20.0, 17.5])];
     canvas.draw(&PathElement::new(vec![from, to], theme.soft.stroke_width(2))).expect(DRAWN);
     for (x, y) in [from, to] {
@@ -183,5 +183,5 @@ fn ruler(theme: &Theme, canvas: &Sheet<'_>) {
         canvas.draw(&end).expect(DRAWN);
     }
     let middle = (i32::midpoint(from.0, to.0), from.1 - 13);
-    Label::new(13.0, theme.soft).centred().put(canvas, "10 m", middle);
+    TextLine::new(13.0, theme.soft).centred().put(canvas, "10 m", middle);
 }

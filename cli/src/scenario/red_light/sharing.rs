@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::scenario::approach::seconds;
-use crate::scenario::red_light::geometry::{MEETING, Geometry};
+use crate::scenario::red_light::geometry::{Geometry, MEETING};
 use crate::scenario::shape::Point;
 
 /// Vehicles tell where they are so often, in ns.

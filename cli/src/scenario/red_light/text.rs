@@ -5,7 +5,7 @@ use std::fmt::Write;
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
 use crate::scenario::red_light::crossing::Approach;
-use crate::scenario::red_light::{ScenarioResult, Run};
+use crate::scenario::red_light::{Run, ScenarioResult};
 
 /// How wide a cell is.
 const CELL: usize = 8;

@@ -1,8 +1,8 @@
 //! A second simulation of both other scenes, by small steps of time and with shapes cut into points.
 
 use crate::scenario::braking::Brakes;
-use crate::scenario::jaywalking::{Manoeuvre, Scene as Street};
-use crate::scenario::red_light::{Scene, Variant};
+use crate::scenario::jaywalking::{Geometry as Street, Manoeuvre};
+use crate::scenario::red_light::{Geometry, Variant};
 use crate::scenario::tests::random::Random;
 
 const STEP: f64 = 1e-3;
@@ -35,7 +35,7 @@ fn cars_touch_where_points_of_one_come_into_the_other() {
         let variants = [Variant::CornerBuilding, Variant::QueueInTurningLane, Variant::Skewed];
         let which = random.one_of(&[0, 1, 2_usize]);
         let place = variants[which].place();
-        let geometry = Scene {
+        let geometry = Geometry {
             place,
             ego_speed: random.between(9.0, 16.0),
             runner_speed: random.between(9.0, 16.0),

@@ -53,7 +53,14 @@ fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
                 Approach::Local => 0.0,
                 Approach::Cloud => f64::INFINITY,
             };
-            frames.push(Frame { captured: due, gap, local, cloud, deadline, left: FrameOutput::Waits });
+            frames.push(Frame {
+                captured: due,
+                gap,
+                local,
+                cloud,
+                deadline,
+                left: FrameOutput::Waits,
+            });
         }
         for frame in frames.iter_mut().filter(|frame| frame.left == FrameOutput::Waits) {
             frame.left = left(vehicle, frame, now - frame.captured);
@@ -138,7 +145,9 @@ fn a_second_simulation_by_small_steps_of_time_agrees_on_250_random_runs() {
         });
         let second = stepped(&drive, &clouds);
         let apart = match (first, second) {
-            (DriveOutcome::Stops { gap }, DriveOutcome::Stops { gap: other }) => (gap - other).abs(),
+            (DriveOutcome::Stops { gap }, DriveOutcome::Stops { gap: other }) => {
+                (gap - other).abs()
+            }
             (DriveOutcome::Hits { impact }, DriveOutcome::Hits { impact: other }) => {
                 hits += 1;
                 // As if it went on: so far beyond the obstacle it would have stood.

@@ -173,7 +173,11 @@ impl Jam {
     }
 
     /// A cell.
-    pub(crate) fn cell(&self, question: &CellParameters, traces: Option<&Folder>) -> Result<Cell, Fault> {
+    pub(crate) fn cell(
+        &self,
+        question: &CellParameters,
+        traces: Option<&Folder>,
+    ) -> Result<Cell, Fault> {
         let CellParameters { speed, approach, response } = *question;
         let ends = self.ends(question, traces)?;
         let deadline = match approach {

@@ -16,8 +16,8 @@ use crate::fault::Fault;
 use crate::plot::{PageContent, show};
 use crate::scenario::approach::Approach;
 use crate::scenario::options::{OutputOptions, VehicleArgs, not_below_0, speed};
-use crate::scenario::traffic_jam::cells::{Cell, Deadline, Jam, CellParameters};
-use crate::scenario::traffic_jam::narrow::{Constants, Interval, OnBoard, CloudOnlySpeeds};
+use crate::scenario::traffic_jam::cells::{Cell, CellParameters, Deadline, Jam};
+use crate::scenario::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoard};
 
 /// What the page says first.
 const WORDS: &str = "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \

@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::fault::Fault;
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::cells::{Colour, Deadline, Jam, CellParameters};
+use crate::scenario::traffic_jam::cells::{CellParameters, Colour, Deadline, Jam};
 
 /// The runtime of the cloud's model on board, in s.
 pub(crate) const ON_BOARD: f64 = 0.4077;

@@ -5,11 +5,11 @@ use std::time::Duration;
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use crate::plot::{Axes, DRAWN, Label, Line, Plot, Theme, canvas};
+use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, Theme, canvas};
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
 use crate::scenario::traffic_jam::ScenarioResult;
-use crate::scenario::traffic_jam::cells::{Cell, Colour, Deadline, Jam, CellParameters};
+use crate::scenario::traffic_jam::cells::{Cell, CellParameters, Colour, Deadline, Jam};
 use crate::scenario::traffic_jam::text::word;
 
 /// Deadlines up to here are shown, in s.
@@ -40,7 +40,7 @@ fn table(found: &ScenarioResult) -> Plot {
         let below = "Green: the least gap that is left. Red: the greatest speed at impact.";
         let words = ("Traffic jam", below);
         canvas(theme, (width.max(520), height), words, |canvas| {
-            let soft = Label::new(13.0, theme.soft);
+            let soft = TextLine::new(13.0, theme.soft);
             soft.centred().put(
                 canvas,
                 "response of the cloud, s",
@@ -59,10 +59,14 @@ fn table(found: &ScenarioResult) -> Plot {
                 if before != Some(first.speed) {
                     y += if before.is_some() { 8 } else { 0 };
                     let speed = format!("{} m/s", first.speed);
-                    Label::new(14.0, theme.ink).bold().put(canvas, &speed, (24, y + high / 2 - 1));
+                    TextLine::new(14.0, theme.ink).bold().put(
+                        canvas,
+                        &speed,
+                        (24, y + high / 2 - 1),
+                    );
                     before = Some(first.speed);
                 }
-                Label::new(14.0, theme.ink).put(
+                TextLine::new(14.0, theme.ink).put(
                     canvas,
                     word(first.approach),
                     (102, y + high / 2 - 1),
@@ -77,7 +81,7 @@ fn table(found: &ScenarioResult) -> Plot {
     })
 }
 
-fn draw(theme: &Theme, canvas: &crate::plot::Sheet<'_>, cell: &Cell, place: [(i32, i32); 2]) {
+fn draw(theme: &Theme, canvas: &crate::plot::Canvas<'_>, cell: &Cell, place: [(i32, i32); 2]) {
     let [(left, top), (right, bottom)] = place;
     let (colour, text) = match (cell.outcome, cell.gap, cell.impact) {
         (Colour::Avoids, Some([gap, _]), _) => (theme.good, format!("{gap:.1} m")),
@@ -87,9 +91,9 @@ fn draw(theme: &Theme, canvas: &crate::plot::Sheet<'_>, cell: &Cell, place: [(i3
     };
     canvas.draw(&Rectangle::new(place, colour.filled())).expect(DRAWN);
     let middle = (i32::midpoint(left, right), i32::midpoint(top, bottom));
-    Label::new(13.0, theme.on_colour).centred().put(canvas, &text, middle);
+    TextLine::new(13.0, theme.on_colour).centred().put(canvas, &text, middle);
     if !cell.is_as_in_paper() {
-        let cross = Label::new(13.0, theme.on_colour).bold().centred();
+        let cross = TextLine::new(13.0, theme.on_colour).bold().centred();
         cross.put(canvas, "×", (right - 8, top + 8));
     }
 }
@@ -156,7 +160,7 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
             }
             let key = Rectangle::new([(636, 78), (648, 90)], theme.good.mix(0.5).filled());
             canvas.draw(&key).expect(DRAWN);
-            Label::new(13.0, theme.ink).put(canvas, "gives the paper's row", (655, 84));
+            TextLine::new(13.0, theme.ink).put(canvas, "gives the paper's row", (655, 84));
         })
     }))
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::cells::{Colour, Deadline, Jam, CellParameters};
+use crate::scenario::traffic_jam::cells::{CellParameters, Colour, Deadline, Jam};
 use crate::scenario::traffic_jam::narrow::{holds, misses};
 
 const PIPELINED: Vehicle = Vehicle {

@@ -9,7 +9,11 @@ fn the_committed_ledger_has_the_harnesses_that_there_are() {
     assert_eq!(kept.differs(&sources), Vec::<String>::new());
     assert_eq!(VerdictLedger::default().differs(&sources).len(), sources.harnesses.len());
     let all = sources.harnesses.len();
-    assert!(kept.printed_text("").contains(&format!(" of {all} harnesses proved")), "{}", kept.printed_text(""));
+    assert!(
+        kept.printed_text("").contains(&format!(" of {all} harnesses proved")),
+        "{}",
+        kept.printed_text("")
+    );
 }
 
 fn about(sources: &str, change: &str) -> VerdictKey {
@@ -51,10 +55,12 @@ fn what_the_ledger_does_not_answer_about_the_very_same_is_asked() {
     let anew = ["earlier", "new", "not yet", "other fault / same"];
     for _ in 0..100 {
         let (requested, printed_text) = kept.sample(&questions(&about("now", "")), Duration::ZERO);
-        let drawn: Vec<&String> = requested.iter().filter(|name| !anew.contains(&&***name)).collect();
+        let drawn: Vec<&String> =
+            requested.iter().filter(|name| !anew.contains(&&***name)).collect();
         assert_eq!((requested.len(), drawn.len()), (anew.len() + 1, 1), "{requested:?}");
         assert!(
-            printed_text.starts_with("2 of 6 are in the ledger") && printed_text.contains("4 others"),
+            printed_text.starts_with("2 of 6 are in the ledger")
+                && printed_text.contains("4 others"),
             "{printed_text}"
         );
     }

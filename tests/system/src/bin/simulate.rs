@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use clap::Parser;
-use fuseline_system_tests::simulate::{Finding, Kept, Scenario, Simulated, Simulator, kept};
+use fuseline_system_tests::simulate::{Finding, KeptSeed, Scenario, Simulated, Simulator, kept};
 use indicatif::{ProgressBar, ProgressStyle};
 use mimalloc::MiMalloc;
 use serde::Serialize;
@@ -141,7 +141,7 @@ fn search(cli: &Cli) -> io::Result<Sum> {
     let from = cli.from.unwrap_or_else(by_chance);
     let (start, bar) = (Instant::now(), bar(cli));
     let mut sum = Sum { seeds: Some((from, from)), ..Sum::default() };
-    let kept = kept().into_iter().map(|Kept { seed, .. }| (seed, false));
+    let kept = kept().into_iter().map(|KeptSeed { seed, .. }| (seed, false));
     let fresh = (0..).map(|next: u64| (from.wrapping_add(next), true));
     for (seed, is_fresh) in kept.chain(fresh) {
         let is_over = match cli.runs {

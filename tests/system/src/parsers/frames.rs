@@ -18,7 +18,7 @@ use prost::Message;
 
 use crate::parsers::{Check, Ends, fit};
 use crate::serve::location::Locations;
-use crate::serve::locations::Sharing;
+use crate::serve::locations::LocationService;
 
 pub(super) const ENDS: &[&str] =
     &["answered", "described", "refused", "shared", "no location", "no more vehicles"];
@@ -136,7 +136,7 @@ fn split(body: &[u8]) -> Option<(&[u8], &[u8])> {
 
 /// The service that shares locations: each request is a byte for its length, and its payload.
 fn locations(mut bytes: &[u8], ends: &mut Ends) -> Check {
-    let sharing = Sharing::new(VEHICLES, Duration::from_secs(3600));
+    let sharing = LocationService::new(VEHICLES, Duration::from_secs(3600));
     while let Some((len, rest)) = bytes.split_first() {
         let (payload, rest) = rest.split_at(usize::from(*len).min(rest.len()));
         bytes = rest;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::io::BufReader;
 use std::sync::LazyLock;
 
-use fuseline_report::{Manner, Page};
+use fuseline_report::{JudgeMode, Page};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{Events, Header};
 use serde_json::Value;
@@ -38,7 +38,7 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
     page(Some(SLACK), &name, trace, ends)
 }
 
-fn page(mode: Manner, name: &str, trace: &[u8], ends: &mut Ends) -> Check {
+fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> Check {
     let read = if mode.is_none() { Events::new } else { Events::observed };
     let Ok(mut reader) = read("page".to_owned(), BufReader::new(trace)) else {
         ends.insert("no trace");
@@ -67,7 +67,10 @@ fn page(mode: Manner, name: &str, trace: &[u8], ends: &mut Ends) -> Check {
     if reported["conforms"] != found.summary().conforms
         || reported["ev"].as_str().map(str::len) != Some(count)
     {
-        return Err(format!("{count} events, {:?} is told as {reported}", found.summary().conforms));
+        return Err(format!(
+            "{count} events, {:?} is told as {reported}",
+            found.summary().conforms
+        ));
     }
     names(&reported, name, &header)?;
     whole(&reported, count)
@@ -93,7 +96,9 @@ fn names(reported: &Value, name: &str, header: &Header) -> Check {
         sources.iter().filter_map(|source| source["name"].as_str()).collect();
     let is_there = |name: Option<&str>| name.is_none_or(|name| names.contains(name));
     let are_there = header.clouds.iter().all(|cloud| is_there(cloud.name.as_deref()));
-    if reported["file"] != name || reported["operator"].as_str() != header.operator.as_deref() || !are_there
+    if reported["file"] != name
+        || reported["operator"].as_str() != header.operator.as_deref()
+        || !are_there
     {
         return Err(format!("{name:?} with {header:?} is told as {reported}"));
     }

@@ -4,7 +4,9 @@ use std::path::Path;
 
 use fuseline_ros2::arguments::{Action, Arguments};
 use fuseline_ros2::names::NodeName;
-use fuseline_ros2::parameters::{Assignment, Given, ParameterError, Place, Value, given};
+use fuseline_ros2::parameters::{
+    Assignment, ParameterError, ParameterOverride, Value, ValueOrigin, given,
+};
 use fuseline_ros2::settings::SettingsError;
 use fuseline_ros2::{Settings, settings};
 
@@ -52,7 +54,7 @@ fn file(path: &Path, len: usize, ends: &mut Ends) -> Check {
     }
 }
 
-fn parameter(given: &Given, len: usize) -> Check {
+fn parameter(given: &ParameterOverride, len: usize) -> Check {
     placed(&given.place, len)?;
     shown(&given.value)
 }
@@ -87,16 +89,16 @@ fn is_same(a: &Value, b: &Value) -> bool {
 }
 
 fn refused(error: &ParameterError, len: usize) -> Check {
-    if let ParameterError::Flaw { place, .. } = error {
+    if let ParameterError::ParameterFlaw { place, .. } = error {
         placed(place, len)?;
     }
     fit(&error.to_string())
 }
 
 /// A place is in the file, or just behind it.
-fn placed(place: &Place, len: usize) -> Check {
+fn placed(place: &ValueOrigin, len: usize) -> Check {
     match place {
-        Place::File(_, line, column)
+        ValueOrigin::File(_, line, column)
             if (1..=len + 1).contains(line) && (1..=len + 1).contains(column) =>
         {
             Ok(())

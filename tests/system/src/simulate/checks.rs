@@ -7,7 +7,7 @@ mod items;
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::simulate::log::ExternalLog;
+use crate::simulate::log::LoggedCall;
 use crate::simulate::play::{OperatorEnd, RunResult};
 use crate::simulate::replay::Replay;
 use crate::simulate::scenario::{Disk, Finish, Scenario};
@@ -99,7 +99,7 @@ pub(crate) struct Facts<'a> {
     pub(crate) played: &'a RunResult,
     pub(crate) replay: Replay,
     /// Calls and local computations by source and timestamp.
-    pub(crate) calls: BTreeMap<(u16, u64), &'a ExternalLog>,
+    pub(crate) calls: BTreeMap<(u16, u64), &'a LoggedCall>,
     /// Whether the trace tells of everything.
     pub(crate) is_whole: bool,
 }

@@ -7,7 +7,8 @@ use fastrand::Rng;
 use fuseline_tokio::Commit;
 
 use crate::simulate::scenario::{
-    SourceAction, OfferAction, ReaderPlan, Disk, Finish, CallResult, Message, OnBoard, Remote, Scenario,
+    CallResult, Disk, Finish, Message, OfferAction, OnBoard, ReaderPlan, Remote, Scenario,
+    SourceAction,
 };
 
 /// So many lines of a trace wait for the disk in any case, which is as slow as the machine that this runs on.
@@ -150,7 +151,10 @@ fn ask(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
         0..3 => OfferAction::Nothing,
         3 => OfferAction::Panics,
         4 => OfferAction::Offers(Duration::ZERO, SourceAction::answers(Duration::ZERO)),
-        5 => OfferAction::Offers(Duration::MAX, act(rng, SourcePhase::Fair(Duration::ZERO), Duration::ZERO)),
+        5 => OfferAction::Offers(
+            Duration::MAX,
+            act(rng, SourcePhase::Fair(Duration::ZERO), Duration::ZERO),
+        ),
         _ => {
             let deadline = Duration::from_millis(one(rng, &[1, 10, 20, 20, 20, 21, 50]));
             let deadline = edge(rng, deadline);

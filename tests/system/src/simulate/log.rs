@@ -9,7 +9,7 @@ use fuseline_tokio::{DropReason, Ending, Hint, Item, OpenRefusal};
 use tokio::time::Instant;
 
 use crate::simulate::scenario::Scenario;
-use crate::simulate::value::{InstanceCounts, ValueLabel, Value};
+use crate::simulate::value::{InstanceCounts, Value, ValueLabel};
 
 /// All that the simulated parts share.
 pub(crate) struct SimulationState {

@@ -12,9 +12,9 @@ use fuseline_tokio::{Call, Error, Items, Local, Operator, Setup, Writer};
 use tokio::task::yield_now;
 use tokio::time::{advance, sleep, sleep_until};
 
-use crate::simulate::log::{ExternalLog, Stop, SimulationState};
-use crate::simulate::scenario::{SourceAction, OfferAction, CallResult};
-use crate::simulate::value::{Frame, ValueLabel, Value};
+use crate::simulate::log::{LoggedCall, SimulationState, Stop};
+use crate::simulate::scenario::{CallResult, OfferAction, SourceAction};
+use crate::simulate::value::{Frame, Value, ValueLabel};
 
 /// The operator whose sources do as the scenario says.
 pub(crate) struct Script(pub(crate) Arc<SimulationState>);
@@ -52,7 +52,8 @@ impl Operator for Script {
             let handle = move |(serial, act): (usize, SourceAction), call: Call| {
                 let left = Some(call.deadline);
                 call.sent(1);
-                let way = CallInProgress::begin(&here, (remote.p, call.timestamp, serial), left, act.how);
+                let way =
+                    CallInProgress::begin(&here, (remote.p, call.timestamp, serial), left, act.how);
                 travel(way, act)
             };
             let message_handler = move |frame: &Frame, t: u64| {
@@ -65,7 +66,8 @@ impl Operator for Script {
             cloud.linger = remote.linger;
             cloud.policy = remote.policy.map(|deadline| {
                 let simulation = Arc::clone(&simulation);
-                Box::new(FixedPolicy { simulation, p: remote.p, deadline, requested: 0 }) as Box<dyn Policy + Send>
+                Box::new(FixedPolicy { simulation, p: remote.p, deadline, requested: 0 })
+                    as Box<dyn Policy + Send>
             });
         }
         if let Some((limit, calls)) = simulation.scenario.side {
@@ -102,8 +104,14 @@ impl Operator for Script {
 }
 
 /// The calls beside the rules.
-fn beside(simulation: &Arc<SimulationState>, setup: &mut Setup<Frame, Value>, limit: u64, calls: usize) {
-    let (handling, asking, answered) = (Arc::clone(simulation), Arc::clone(simulation), Arc::clone(simulation));
+fn beside(
+    simulation: &Arc<SimulationState>,
+    setup: &mut Setup<Frame, Value>,
+    limit: u64,
+    calls: usize,
+) {
+    let (handling, asking, answered) =
+        (Arc::clone(simulation), Arc::clone(simulation), Arc::clone(simulation));
     let handle = move |(_, act): (usize, SourceAction), _: Call| {
         let here = ExtraCall::begin(&handling);
         async move {
@@ -112,7 +120,9 @@ fn beside(simulation: &Arc<SimulationState>, setup: &mut Setup<Frame, Value>, li
                 CallResult::Fails => Err("the aside fails".into()),
                 CallResult::Panics | CallResult::PanicsAtOnce => panic("the aside panics"),
                 CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
-                CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => Ok(act.how),
+                CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
+                    Ok(act.how)
+                }
             };
             drop(here);
             done
@@ -187,10 +197,15 @@ impl CallInProgress {
     ) -> Self {
         let begun = simulation.now();
         let mut log = simulation.log();
-        log.calls.push(ExternalLog { p, t, serial, begun, left, end: None });
+        log.calls.push(LoggedCall { p, t, serial, begun, left, end: None });
         let place = log.calls.len() - 1;
         drop(log);
-        Self { simulation: Arc::clone(simulation), place, reported: ValueLabel { p, t, serial, at: begun }, how }
+        Self {
+            simulation: Arc::clone(simulation),
+            place,
+            reported: ValueLabel { p, t, serial, at: begun },
+            how,
+        }
     }
 
     /// The response handler. The result counts as made when it is done.
@@ -281,7 +296,11 @@ pub(crate) async fn camera(simulation: Arc<SimulationState>, mut writer: Writer<
 }
 
 /// Reads items as the scenario's reader does; the first one lets the others join.
-pub(crate) fn audience(simulation: Arc<SimulationState>, place: usize, items: Items<Value>) -> BoxFuture {
+pub(crate) fn audience(
+    simulation: Arc<SimulationState>,
+    place: usize,
+    items: Items<Value>,
+) -> BoxFuture {
     Box::pin(listen(simulation, place, items))
 }
 

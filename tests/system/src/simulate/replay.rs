@@ -171,7 +171,8 @@ impl Reader<'_> {
         if let Input::Offer { t, p, backlog, .. } = *input {
             let waiting = self.queue(p).map_or(0, |queue| self.queues[queue].waiting.len());
             if waiting as u64 != backlog {
-                let reported = format!("{t} was offered to {p} with backlog {backlog}, {waiting} wait");
+                let reported =
+                    format!("{t} was offered to {p} with backlog {backlog}, {waiting} wait");
                 self.replay.wrong_backlogs.push(reported);
             }
         }
@@ -248,8 +249,12 @@ impl Reader<'_> {
             && let Some(requested) = self.take(queue, t)
         {
             self.replay.requested[requested].ended = Some((self.now, is_result));
-        } else if let Some(requested) =
-            self.replay.requested.iter_mut().rev().find(|requested| u64::from(requested.p) == p && requested.t == t)
+        } else if let Some(requested) = self
+            .replay
+            .requested
+            .iter_mut()
+            .rev()
+            .find(|requested| u64::from(requested.p) == p && requested.t == t)
         {
             // It came although it had been closed: it lingered, or came with its timer.
             requested.ended.get_or_insert((self.now, is_result));
@@ -281,7 +286,9 @@ impl Reader<'_> {
             Decision::RefuseOffer { t, p, why, .. } => {
                 self.replay.offers.push((t, short(p), Some(why)));
             }
-            Decision::Emit { at, t, p } => self.leave(at, t, CallPath::Forwarded(short(p), trigger)),
+            Decision::Emit { at, t, p } => {
+                self.leave(at, t, CallPath::Forwarded(short(p), trigger))
+            }
             Decision::Miss { at, t } => self.leave(at, t, CallPath::Missed),
             Decision::RefuseOpen { at, t, why } => self.leave(at, t, CallPath::Refused(why)),
             Decision::Hold { p, .. } => self.replay.held.push(short(p)),
@@ -331,7 +338,8 @@ impl Reader<'_> {
     }
 
     fn mark(&mut self, t: u64, p: u64, mark: impl FnOnce(&mut AdmittedRequest)) {
-        let is_it = |requested: &&mut AdmittedRequest| requested.t == t && u64::from(requested.p) == p;
+        let is_it =
+            |requested: &&mut AdmittedRequest| requested.t == t && u64::from(requested.p) == p;
         if let Some(requested) = self.replay.requested.iter_mut().rev().find(is_it) {
             mark(requested);
         }

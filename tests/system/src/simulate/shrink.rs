@@ -3,7 +3,9 @@
 use std::io;
 use std::time::Duration;
 
-use crate::simulate::scenario::{SourceAction, OfferAction, ReaderPlan, Disk, Finish, CallResult, Scenario};
+use crate::simulate::scenario::{
+    CallResult, Disk, Finish, OfferAction, ReaderPlan, Scenario, SourceAction,
+};
 
 /// The most runs that are tried.
 const TRIES: usize = 3000;
@@ -111,7 +113,8 @@ fn plainer(scenario: &Scenario) -> Vec<Scenario> {
     }
     // Removing local's deadline may leave a message open for ever, which shows nothing but that.
     all.retain(|it| {
-        let hangs = |act: SourceAction| matches!(act.how, CallResult::Hangs | CallResult::HangsAndPanics);
+        let hangs =
+            |act: SourceAction| matches!(act.how, CallResult::Hangs | CallResult::HangsAndPanics);
         it.local.deadline.is_some() || !it.frames.iter().any(|frame| hangs(frame.local))
     });
     all

@@ -76,7 +76,9 @@ impl Chunks {
     fn pass(&mut self) -> Result<(), RecordOverrun> {
         (self.at, self.skip) = match self.at {
             ReadPosition::Magic => (ReadPosition::Record, 0),
-            ReadPosition::Record if self.head[0] == op::CHUNK => (ReadPosition::Chunk(self.number(1)), 0),
+            ReadPosition::Record if self.head[0] == op::CHUNK => {
+                (ReadPosition::Chunk(self.number(1)), 0)
+            }
             ReadPosition::Record => (ReadPosition::Record, self.number(1)),
             ReadPosition::Chunk(len) => {
                 let rest = len.saturating_sub(CHUNK as u64);

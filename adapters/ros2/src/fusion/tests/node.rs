@@ -11,7 +11,7 @@ use tokio::time::{MissedTickBehavior, interval};
 use super::*;
 use crate::arguments::Arguments;
 use crate::key::Kind;
-use crate::lifecycle::{Done, Order, Task};
+use crate::lifecycle::{LifecycleRequest, Task, TransitionResult};
 use crate::middleware::Sample;
 use crate::node;
 use crate::report::DiagnosticStatus;
@@ -22,7 +22,7 @@ use crate::source::{Handle, UnmatchedResults};
 struct Topic {
     subscriber: mpsc::UnboundedSender<Payload>,
     matched: Arc<AtomicUsize>,
-    end: Arc<End>,
+    end: Arc<Endpoint>,
 }
 
 impl Publish for Topic {
@@ -34,14 +34,14 @@ impl Publish for Topic {
         self.matched.load(Ordering::Relaxed)
     }
 
-    fn end(&self) -> &Arc<End> {
+    fn end(&self) -> &Arc<Endpoint> {
         &self.end
     }
 }
 
 fn topic(name: &str) -> (Topic, mpsc::UnboundedReceiver<Payload>) {
     let (subscriber, published) = mpsc::unbounded_channel();
-    let end = Arc::new(End::new(name, "tests/msg/Text"));
+    let end = Arc::new(Endpoint::new(name, "tests/msg/Text"));
     (Topic { subscriber, matched: Arc::new(AtomicUsize::new(1)), end }, published)
 }
 
@@ -107,7 +107,7 @@ pub(super) struct Node {
     pub(super) deadlines: mpsc::Sender<Sample>,
     pub(super) speeds: mpsc::Sender<Sample>,
     pub(super) changes: mpsc::UnboundedSender<Change>,
-    orders: mpsc::Sender<Order>,
+    orders: mpsc::Sender<LifecycleRequest>,
     /// Local's subscriber count.
     pub(super) local: Arc<AtomicUsize>,
     /// Whether what local is sent gets lost.
@@ -142,7 +142,7 @@ pub(super) struct Publications {
     pub(super) deadlines: mpsc::Sender<Sample>,
     pub(super) speeds: mpsc::Sender<Sample>,
     pub(super) changes: mpsc::UnboundedSender<Change>,
-    pub(super) orders: mpsc::Sender<Order>,
+    pub(super) orders: mpsc::Sender<LifecycleRequest>,
 }
 
 /// By what it hears them.
@@ -152,7 +152,7 @@ pub(super) struct Subscription {
     deadlines: mpsc::Receiver<Sample>,
     speeds: mpsc::Receiver<Sample>,
     changes: mpsc::UnboundedReceiver<Change>,
-    orders: mpsc::Receiver<Order>,
+    orders: mpsc::Receiver<LifecycleRequest>,
 }
 
 pub(super) fn mouths() -> (Publications, Subscription) {
@@ -187,7 +187,8 @@ pub(super) fn run(
     let is_managed = settings.lifecycle;
     tokio::spawn(async move {
         let mut stop = Stop::never();
-        let mut reported = Orders { reported: subscription.orders, is_active: false, last: None };
+        let mut reported =
+            LifecycleRequests { reported: subscription.orders, is_active: false, last: None };
         let mut report = interval(1000 * MS);
         report.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let counting = engine.counts();
@@ -220,7 +221,7 @@ pub(super) fn run(
         drop(fusion);
         finish(engine).await.unwrap();
         if let Some(order) = reported.last.take() {
-            order.done(Done::Success);
+            order.done(TransitionResult::Success);
         }
     })
 }
@@ -268,7 +269,7 @@ fn called(
         sources.push(Source {
             priority,
             name: name(priority),
-            way: Way::Grpc(handle),
+            way: Route::Grpc(handle),
             enabled: true,
             deadline: Some(Duration::from_millis(deadline)).filter(|it| !it.is_zero()),
             hints: late,
@@ -296,12 +297,12 @@ impl Node {
         tokio::spawn(model(local, requested, mouths.results.clone(), Arc::clone(&is_deaf), start));
         let dropped = Arc::new(Mutex::new(Vec::new()));
         let hints = Hints::default();
-        let answers = End::new("/local/output", "tests/msg/Text");
+        let answers = Endpoint::new("/local/output", "tests/msg/Text");
         answers.change([7; 16], 1, None);
         let mut sources = vec![Source {
             priority: 0,
             name: "local".into(),
-            way: Way::Topics { requests: Box::new(requests), results: Arc::new(answers) },
+            way: Route::Topics { requests: Box::new(requests), results: Arc::new(answers) },
             enabled: true,
             deadline: Some(settings.local.deadline),
             hints: None,
@@ -310,8 +311,13 @@ impl Node {
         sources.extend(called(&settings, clouds, (&dropped, &hints), start));
         let (output, published) = topic("/output");
         let reported_lines = Arc::<Mutex<NodeOutput>>::default();
-        let publication = Publication { reported_lines: Arc::clone(&reported_lines), output: Mutex::new(published), start };
-        let running = run(&settings, engine, sources, Box::new(output), Box::new(publication), subscription);
+        let publication = Publication {
+            reported_lines: Arc::clone(&reported_lines),
+            output: Mutex::new(published),
+            start,
+        };
+        let running =
+            run(&settings, engine, sources, Box::new(output), Box::new(publication), subscription);
         let local = matched;
         let Publications { inputs, results, deadlines, speeds, changes, orders } = mouths;
         Self {
@@ -341,8 +347,8 @@ impl Node {
     }
 
     /// Tells a managed node what to do; how it goes is heard by the answer.
-    pub(super) async fn publish_report(&self, task: Task) -> oneshot::Receiver<Done> {
-        let (order, done) = Order::new(task);
+    pub(super) async fn publish_report(&self, task: Task) -> oneshot::Receiver<TransitionResult> {
+        let (order, done) = LifecycleRequest::new(task);
         assert!(self.orders.send(order).await.is_ok(), "the node ended");
         done
     }

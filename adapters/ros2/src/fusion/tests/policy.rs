@@ -83,7 +83,8 @@ async fn late_results_are_hints_on_a_topic_of_their_own_byte_for_byte_and_no_out
         assert!(line.contains(&format!(": {t} {source}'s of {t}, asked at")), "{line}");
     }
     let expected = [(140, 0, 0), (590, 1, 500), (1510, 3, 1500)];
-    let expected = expected
-        .map(|(at, t, requested)| (at, payload(t, &value("cloud1", t, Duration::from_millis(requested)))));
+    let expected = expected.map(|(at, t, requested)| {
+        (at, payload(t, &value("cloud1", t, Duration::from_millis(requested))))
+    });
     assert_eq!(*node.hints.lock().unwrap(), expected);
 }

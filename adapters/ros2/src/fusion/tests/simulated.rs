@@ -221,7 +221,11 @@ fn fresh_seeds() {
         let scenario = Scenario::draw(next);
         inputs += scenario.inputs.len();
         if let Some(finding) = simulated(&scenario).0.first() {
-            assert!(is_requested, "SIMULATED_SEED={next} breaks {}: {}", finding.check, finding.what);
+            assert!(
+                is_requested,
+                "SIMULATED_SEED={next} breaks {}: {}",
+                finding.check, finding.what
+            );
             panic!("{}", reported(next, finding));
         }
         next += 1;

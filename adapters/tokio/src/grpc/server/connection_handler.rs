@@ -23,8 +23,8 @@ use tonic::body::Body;
 use tonic::codegen::Service;
 
 use crate::grpc::infer::{Infer, InferServer};
-use crate::grpc::server::held::{RequestBody, ReplyBody, RequestMemory};
-use crate::grpc::server::limits::{ServerLimits, ConnectionPermit, RejectReason};
+use crate::grpc::server::held::{ReplyBody, RequestBody, RequestMemory};
+use crate::grpc::server::limits::{ConnectionPermit, RejectReason, ServerLimits};
 use crate::grpc::token::AuthCheck;
 
 /// How long a connection may be silent before it is sent a ping, and the answer may take.

@@ -67,7 +67,10 @@ impl ServerLimits {
     }
 
     /// A place for one more connection from this address.
-    pub(crate) fn permit(self: &Arc<Self>, address: IpAddr) -> Result<ConnectionPermit, RejectReason> {
+    pub(crate) fn permit(
+        self: &Arc<Self>,
+        address: IpAddr,
+    ) -> Result<ConnectionPermit, RejectReason> {
         let from = network(address);
         let mut seats = lock(&self.seats);
         if self.taken.load(Ordering::Relaxed) >= self.bounds.connections {

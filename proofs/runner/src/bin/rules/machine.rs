@@ -38,8 +38,8 @@ pub(crate) fn make(words: &[&str]) -> Result<Machine, Refusal> {
 pub(crate) fn answer(machine: &mut Machine, words: &[&str]) -> Result<String, Refusal> {
     let [now, input @ ..] = words else { return Err("an input has an instant".into()) };
     let mut printed_text = Vec::new();
-    let mut ready =
-        machine.ready(Instant::from_nanos(number(now)?), |firing| printed_text.push(fired(&firing)));
+    let mut ready = machine
+        .ready(Instant::from_nanos(number(now)?), |firing| printed_text.push(fired(&firing)));
     let timestamp = |word: &str| number(word).map(Timestamp::new);
     let priority = |word: &str| number(word).map(Priority::new);
     let deadline = |word: &str| number(word).map(Deadline::from_nanos);
@@ -106,7 +106,8 @@ fn left(machine: &Machine) -> String {
     let is_shut = |cloud: &&Priority| machine.gate(**cloud).is_some_and(|gate| gate.is_shut());
     let shut = clouds.iter().filter(is_shut).map(|cloud| format!(" {}", cloud.as_u16()));
     let shut: String = shut.collect();
-    let mut printed_text = vec![format!("clock {} newest {newest} shut{shut}", machine.now().as_nanos())];
+    let mut printed_text =
+        vec![format!("clock {} newest {newest} shut{shut}", machine.now().as_nanos())];
     for (timestamp, slot) in machine.open() {
         let due = |source: &Priority| {
             let due = machine.due(timestamp, *source)?;

@@ -6,10 +6,10 @@ use std::fmt;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use fuseline_tokio::Tally;
 
-use crate::fleet::{OperatorOutcome, LateItem, outputs};
+use crate::disruption::Disruption;
+use crate::fleet::{LateItem, OperatorOutcome, outputs};
 use crate::gauges::{Lateness, ResourceUsage};
 use crate::span::TimeSpan;
-use crate::disruption::Disruption;
 
 /// A line below the header and no other.
 const STYLE: TableStyle =
@@ -47,12 +47,21 @@ pub(crate) fn checks(
     lateness: &Lateness,
 ) -> Vec<Check> {
     let ended: Vec<&OperatorOutcome> = fates.iter().flatten().collect();
-    let each = |found: &dyn Fn(&OperatorOutcome) -> Vec<String>| ended.iter().flat_map(|f| found(f)).collect();
-    let answered: u64 = ended.iter().flat_map(|operator_outcome| operator_outcome.seen.answers.values()).sum();
+    let each = |found: &dyn Fn(&OperatorOutcome) -> Vec<String>| {
+        ended.iter().flat_map(|f| found(f)).collect()
+    };
+    let answered: u64 =
+        ended.iter().flat_map(|operator_outcome| operator_outcome.seen.answers.values()).sum();
     let mut once: Vec<String> = each(&|operator_outcome| operator_outcome.seen.wrong.1.clone());
     once.extend((answered != messages).then(|| format!("{answered} of {messages} are answered")));
     let found = [
-        ("everything ends", fates.iter().filter_map(|operator_outcome| operator_outcome.as_ref().err().cloned()).collect()),
+        (
+            "everything ends",
+            fates
+                .iter()
+                .filter_map(|operator_outcome| operator_outcome.as_ref().err().cloned())
+                .collect(),
+        ),
         ("answered once", once),
         ("none late", late.outputs.beyond(lateness)),
         ("aborted", late.calls.beyond(lateness)),
@@ -69,13 +78,19 @@ pub(crate) fn checks(
 
 /// What the judge found in the trace, and whether all messages are in it.
 fn by_the_rules(operator_outcome: &OperatorOutcome) -> Vec<String> {
-    let (number, judged, messages) = (operator_outcome.number, operator_outcome.judged, operator_outcome.tally.messages);
-    let mut found: Vec<String> =
-        operator_outcome.finding.iter().map(|finding| format!("operator {number}: {finding}")).collect();
+    let (number, judged, messages) =
+        (operator_outcome.number, operator_outcome.judged, operator_outcome.tally.messages);
+    let mut found: Vec<String> = operator_outcome
+        .finding
+        .iter()
+        .map(|finding| format!("operator {number}: {finding}"))
+        .collect();
     if judged != messages {
         found.push(format!("operator {number}: the trace has {judged} messages of {messages}"));
     }
-    found.extend(operator_outcome.tally.unrecorded.iter().map(|why| format!("operator {number}: {why}")));
+    found.extend(
+        operator_outcome.tally.unrecorded.iter().map(|why| format!("operator {number}: {why}")),
+    );
     found
 }
 
@@ -87,8 +102,9 @@ fn one_account(operator_outcome: &OperatorOutcome) -> Vec<String> {
         let name = &*source.source.name;
         let (reported, read) = (outputs(tally, name), seen.answers.get(name).copied().unwrap_or(0));
         if reported != read {
-            found
-                .push(format!("operator {number}: {reported} outputs of {name} are told, {read} read"));
+            found.push(format!(
+                "operator {number}: {reported} outputs of {name} are told, {read} read"
+            ));
         }
     }
     found

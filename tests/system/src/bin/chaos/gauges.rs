@@ -87,7 +87,8 @@ impl Overruns {
     pub(crate) fn beyond(&self, lateness: &Lateness) -> Vec<String> {
         let greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
         let reported = greatest.values().map(|over| (over, lateness.allows(*over)));
-        reported.filter(|(over, allowed)| over.by > TURN + *allowed)
+        reported
+            .filter(|(over, allowed)| over.by > TURN + *allowed)
             .map(|(over, allowed)| {
                 let at = (over.at - self.start).as_secs_f64();
                 format!("at {at:.1} s by {:?}, the machine by {allowed:?}", over.by)

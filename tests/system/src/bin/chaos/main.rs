@@ -5,13 +5,13 @@
 mod certificates;
 mod checks;
 mod cloud;
+mod disruption;
 mod field;
 mod fleet;
 mod gauges;
 mod record;
 mod soak;
 mod span;
-mod disruption;
 mod vehicle;
 
 use std::path::PathBuf;

@@ -8,12 +8,12 @@ use fuseline_tokio::Error;
 use tokio::time::{Instant, sleep, sleep_until};
 
 use crate::checks::{ObservedRun, checks};
+use crate::disruption::{Disruption, ScheduledDisruption, schedule};
 use crate::field::Testbed;
-use crate::fleet::{OperatorOutcome, Fleet, LateItem};
+use crate::fleet::{Fleet, LateItem, OperatorOutcome};
 use crate::gauges::{Lateness, Overruns, ResourceUsage};
 use crate::record::{self, Soaked};
-use crate::span::{Totals, TimeSpan};
-use crate::disruption::{Disruption, ScheduledDisruption, schedule};
+use crate::span::{TimeSpan, Totals};
 
 /// How many clouds there are; each operator has two of them.
 const CLOUDS: usize = 3;
@@ -87,7 +87,12 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
 }
 
 /// Rounds of every strike, each with a calm behind it, as many strikes as there is time for, and a calm.
-async fn run(field: &mut Testbed, fleet: &Fleet, seed: u64, start: Instant) -> Result<ObservedRun, Error> {
+async fn run(
+    field: &mut Testbed,
+    fleet: &Fleet,
+    seed: u64,
+    start: Instant,
+) -> Result<ObservedRun, Error> {
     let mut observed = ObservedRun::default();
     sleep(SETTLES).await;
     for (number, disruption) in schedule(seed, CLOUDS).enumerate() {
@@ -167,7 +172,9 @@ fn summed(observed: ObservedRun, fates: &[Result<OperatorOutcome, String>]) -> S
         for (source, count) in &operator_outcome.seen.answers {
             *answers.entry(source.clone()).or_default() += count;
         }
-        for (why, count) in operator_outcome.tally.sources.iter().flat_map(|source| source.reasons.iter()) {
+        for (why, count) in
+            operator_outcome.tally.sources.iter().flat_map(|source| source.reasons.iter())
+        {
             *failures.entry(why.to_owned()).or_default() += count;
         }
         let longest = u64::try_from(operator_outcome.seen.longest.as_micros()).unwrap_or(u64::MAX);

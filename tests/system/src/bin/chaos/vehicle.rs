@@ -69,8 +69,10 @@ impl Operator for Vehicle {
             };
             let (infer, outlived) = (grpc::infer(connection), Arc::clone(&self.outlived));
             let handle = move |request, call: Call| {
-                let life =
-                    CallGuard { ends: Instant::now() + call.deadline, outlived: Arc::clone(&outlived) };
+                let life = CallGuard {
+                    ends: Instant::now() + call.deadline,
+                    outlived: Arc::clone(&outlived),
+                };
                 let call = infer(request, call);
                 async move {
                     let _life = life;

@@ -9,8 +9,8 @@ use metrics_util::debugging::DebugValue;
 
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::play::OperatorEnd;
-use crate::simulate::replay::{AdmittedRequest, Way};
-use crate::simulate::scenario::{OfferAction, Disk};
+use crate::simulate::replay::{AdmittedRequest, CallPath};
+use crate::simulate::scenario::{Disk, OfferAction};
 
 /// D10.
 pub(crate) fn whole_trace(facts: &Facts<'_>) -> Result<(), String> {
@@ -40,7 +40,9 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     if let Some(tally) = &played.tally {
         if facts.is_whole {
             let reported = reported(facts, tally);
-            ensure(reported == *tally, || format!("the tally is {tally:#?}\nthe trace has {reported:#?}"))?;
+            ensure(reported == *tally, || {
+                format!("the tally is {tally:#?}\nthe trace has {reported:#?}")
+            })?;
         }
         let metered = if facts.scenario.metered { metered(tally) } else { BTreeMap::new() };
         for (name, count) in &metered {
@@ -62,9 +64,9 @@ fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
     let mut reported = Tally { unrecorded: tally.unrecorded.clone(), ..Tally::default() };
     for message in &replay.opened {
         match message.left.map(|left| left.how) {
-            Some(Way::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
-            Some(Way::Missed) => reported.missed += 1,
-            Some(Way::Forwarded(..)) | None => {}
+            Some(CallPath::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
+            Some(CallPath::Missed) => reported.missed += 1,
+            Some(CallPath::Forwarded(..)) | None => {}
         }
     }
     reported.messages = replay.opened.len() as u64 - reported.refused.values().sum::<u64>();
@@ -75,8 +77,11 @@ fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
 fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
     let replay = &facts.replay;
     let p = tally.source.priority;
-    let requested: Vec<&AdmittedRequest> = replay.requested.iter().filter(|requested| requested.p == p).collect();
-    let count = |is: fn(&AdmittedRequest) -> bool| requested.iter().filter(|requested| is(requested)).count() as u64;
+    let requested: Vec<&AdmittedRequest> =
+        replay.requested.iter().filter(|requested| requested.p == p).collect();
+    let count = |is: fn(&AdmittedRequest) -> bool| {
+        requested.iter().filter(|requested| is(requested)).count() as u64
+    };
     let mut reported = SourceTally {
         admitted: requested.len() as u64,
         refused: BTreeMap::new(),
@@ -98,7 +103,7 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
         }
     }
     for message in &replay.opened {
-        if let Some(Way::Forwarded(of, trigger)) = message.left.map(|left| left.how)
+        if let Some(CallPath::Forwarded(of, trigger)) = message.left.map(|left| left.how)
             && of == p
         {
             *reported.outputs.entry(trigger).or_default() += 1;
@@ -106,7 +111,8 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
         reported.failed += message.failures.iter().filter(|of| **of == p).count() as u64;
     }
     for dropped in replay.dropped.iter().filter(|dropped| dropped.p == p) {
-        let counts = if dropped.is_result { &mut reported.dropped } else { &mut reported.failures_dropped };
+        let counts =
+            if dropped.is_result { &mut reported.dropped } else { &mut reported.failures_dropped };
         *counts.entry(dropped.why).or_default() += 1;
     }
     // Every accepted failure has its words.
@@ -191,7 +197,7 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
     let log = &facts.played.log;
     let wanted = facts.replay.opened.iter().filter(|message| {
         let t = usize::try_from(message.t).unwrap_or(usize::MAX);
-        let is_refused = matches!(message.left.map(|left| left.how), Some(Way::Refused(_)));
+        let is_refused = matches!(message.left.map(|left| left.how), Some(CallPath::Refused(_)));
         let frame = log.written.get(t).map(|(serial, _)| &facts.scenario.frames[*serial]);
         !is_refused && frame.is_some_and(|frame| matches!(frame.side, OfferAction::Offers(..)))
     });
@@ -228,7 +234,8 @@ pub(crate) fn every_end_is_told(facts: &Facts<'_>) -> Result<(), String> {
             End::Censored(age) => (2, *age),
         };
         let mut reported: Vec<_> = reported.iter().map(key).collect();
-        let mut due: Vec<_> = requested.iter().map(|requested| end(requested)).map(|end| key(&end)).collect();
+        let mut due: Vec<_> =
+            requested.iter().map(|requested| end(requested)).map(|end| key(&end)).collect();
         reported.sort_unstable();
         due.sort_unstable();
         ensure(reported == due, || format!("{} was told {reported:?}, not {due:?}", cloud.p))?;

@@ -1,9 +1,9 @@
 //! What is asked of sources, when it begins and when it ends.
 
 use crate::simulate::checks::{Facts, ensure};
-use crate::simulate::log::{ExternalLog, Stop};
-use crate::simulate::replay::{AdmittedRequest, Way};
-use crate::simulate::scenario::{OfferAction, Finish, CallResult};
+use crate::simulate::log::{LoggedCall, Stop};
+use crate::simulate::replay::{AdmittedRequest, CallPath};
+use crate::simulate::scenario::{CallResult, Finish, OfferAction};
 
 /// tokio's timers tick once in a millisecond.
 const TICK: u64 = 1_000_000;
@@ -20,7 +20,7 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     let taken = replay
         .opened
         .iter()
-        .filter(|message| !matches!(message.left.map(|left| left.how), Some(Way::Refused(_))));
+        .filter(|message| !matches!(message.left.map(|left| left.how), Some(CallPath::Refused(_))));
     let mut handlers = Vec::new();
     let mut offers = Vec::new();
     for message in taken {
@@ -87,10 +87,15 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
             )
         })?;
         let cloud = facts.scenario.clouds.iter().find(|cloud| cloud.p == requested.p);
-        let (Some(left), Some(cloud), Some(due)) = (seen.left, cloud, requested.due) else { continue };
+        let (Some(left), Some(cloud), Some(due)) = (seen.left, cloud, requested.due) else {
+            continue;
+        };
         let until = due.saturating_add(crate::simulate::log::nanos(cloud.linger));
         ensure(crate::simulate::log::nanos(left) == until - started, || {
-            format!("{} is told {left:?} for {}, due at {until} from {started}", requested.p, requested.t)
+            format!(
+                "{} is told {left:?} for {}, due at {until} from {started}",
+                requested.p, requested.t
+            )
         })?;
     }
     Ok(())
@@ -116,12 +121,18 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
         };
         let is_over = log.over.is_some_and(|over| over <= ended);
         if requested.p == 0 {
-            ensure(stop != Stop::DroppedResult || is_over, || format!("local was aborted: {}", what()))?;
+            ensure(stop != Stop::DroppedResult || is_over, || {
+                format!("local was aborted: {}", what())
+            })?;
         } else {
-            cloud_ends(facts, requested, (ended, stop)).map_err(|why| format!("{why}: {}", what()))?;
+            cloud_ends(facts, requested, (ended, stop))
+                .map_err(|why| format!("{why}: {}", what()))?;
         }
         // Its word is an input of the trace at the same instant, unless nobody listens any more.
-        if stop != Stop::DroppedResult && !facts.is_after(ended) && (requested.p == 0 || seen.begun < ended) {
+        if stop != Stop::DroppedResult
+            && !facts.is_after(ended)
+            && (requested.p == 0 || seen.begun < ended)
+        {
             let reported = requested.ended;
             let is_reported = reported == Some((ended, stop == Stop::Answered));
             let is_done = requested.p == 0 && log.over.is_some();
@@ -134,7 +145,11 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
 }
 
 /// When a cloud's call may end.
-fn cloud_ends(facts: &Facts<'_>, requested: &AdmittedRequest, (ended, stop): (u64, Stop)) -> Result<(), String> {
+fn cloud_ends(
+    facts: &Facts<'_>,
+    requested: &AdmittedRequest,
+    (ended, stop): (u64, Stop),
+) -> Result<(), String> {
     let Facts { scenario, played, .. } = facts;
     let log = &played.log;
     let cloud = scenario.clouds.iter().find(|cloud| cloud.p == requested.p);
@@ -142,7 +157,9 @@ fn cloud_ends(facts: &Facts<'_>, requested: &AdmittedRequest, (ended, stop): (u6
     let stopped = facts.is_after(ended) || log.over.is_some_and(|over| over <= ended);
     let Some(closed) = requested.closed() else {
         // Once all is answered nothing is under way but what lingers.
-        return ensure(stop != Stop::DroppedResult || stopped, || "it was dropped while wanted".into());
+        return ensure(stop != Stop::DroppedResult || stopped, || {
+            "it was dropped while wanted".into()
+        });
     };
     if linger == 0 {
         ensure(ended <= closed, || "it went on after its abort".into())?;
@@ -183,7 +200,7 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     }
     let [tasks, frames, values] = played.left;
     ensure(frames == 0 && values == 0, || format!("{frames} messages, {values} values are left"))?;
-    let hung = |seen: &&ExternalLog| {
+    let hung = |seen: &&LoggedCall| {
         let act = scenario.act(seen.serial, 0).map(|act| act.how);
         seen.p == 0 && matches!(act, Some(CallResult::Hangs | CallResult::HangsAndPanics))
     };
@@ -202,7 +219,10 @@ pub(crate) fn served_in_time(facts: &Facts<'_>) -> Result<(), String> {
         let (Some(fired), Some(due)) = (requested.fired, requested.due) else { continue };
         let most = due + TICK + log.stalled(due, fired);
         ensure(fired <= most, || {
-            format!("the timer of {} at {}, due at {due}, fired at {fired}", requested.t, requested.p)
+            format!(
+                "the timer of {} at {}, due at {due}, fired at {fired}",
+                requested.t, requested.p
+            )
         })?;
     }
     let keeps_up = |reader: &crate::simulate::scenario::ReaderPlan| {
@@ -224,7 +244,7 @@ pub(crate) fn served_in_time(facts: &Facts<'_>) -> Result<(), String> {
 }
 
 /// How many of them were under way at once.
-fn most_at_once<'a>(calls: impl Iterator<Item = &'a ExternalLog>) -> usize {
+fn most_at_once<'a>(calls: impl Iterator<Item = &'a LoggedCall>) -> usize {
     let mut steps = Vec::new();
     for seen in calls {
         let ended = seen.end.map(|(ended, _)| ended);
@@ -244,7 +264,7 @@ fn most_at_once<'a>(calls: impl Iterator<Item = &'a ExternalLog>) -> usize {
 }
 
 /// Each call that was seen, with what the trace says of it.
-fn pairs<'a>(facts: &'a Facts<'_>) -> Result<Vec<(&'a AdmittedRequest, &'a ExternalLog)>, String> {
+fn pairs<'a>(facts: &'a Facts<'_>) -> Result<Vec<(&'a AdmittedRequest, &'a LoggedCall)>, String> {
     let calls = &facts.calls;
     ensure(calls.len() == facts.played.log.calls.len(), || "a source was asked twice".into())?;
     let mut pairs = Vec::new();
@@ -253,7 +273,11 @@ fn pairs<'a>(facts: &'a Facts<'_>) -> Result<Vec<(&'a AdmittedRequest, &'a Exter
     }
     ensure(!facts.is_whole || pairs.len() == calls.len(), || {
         let unknown = facts.played.log.calls.iter().find(|seen| {
-            !facts.replay.requested.iter().any(|requested| (requested.p, requested.t) == (seen.p, seen.t))
+            !facts
+                .replay
+                .requested
+                .iter()
+                .any(|requested| (requested.p, requested.t) == (seen.p, seen.t))
         });
         format!("it was asked without a decision: {unknown:?}")
     })?;

@@ -4,7 +4,7 @@ use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{LoggedOutcome, Read};
 use crate::simulate::peers::{name, words};
 use crate::simulate::play::RunResult;
-use crate::simulate::replay::{MessageEnd, Replay, Way};
+use crate::simulate::replay::{CallPath, MessageEnd, Replay};
 use crate::simulate::scenario::CallResult;
 use crate::simulate::value::ValueLabel;
 
@@ -43,7 +43,9 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
         if !is_whole {
             continue;
         }
-        ensure(items.len() <= reported.len(), || format!("reader {reader} read more than there was"))?;
+        ensure(items.len() <= reported.len(), || {
+            format!("reader {reader} read more than there was")
+        })?;
         if stays && items.len() < reported.len() {
             // It read to the end: no item that it did not read was handed to anybody.
             ensure(!facts.runs_out() && waits(facts, first + items.len()), || {
@@ -83,9 +85,11 @@ fn waits(facts: &Facts<'_>, handed: usize) -> bool {
 
 fn is_same(read: &Read, left: MessageEnd) -> bool {
     let how = match (&read.left, left.how) {
-        (LoggedOutcome::Forwarded { p, trigger, .. }, how) => how == Way::Forwarded(*p, *trigger),
-        (LoggedOutcome::Missed, how) => how == Way::Missed,
-        (LoggedOutcome::Refused(why), how) => how == Way::Refused(*why),
+        (LoggedOutcome::Forwarded { p, trigger, .. }, how) => {
+            how == CallPath::Forwarded(*p, *trigger)
+        }
+        (LoggedOutcome::Missed, how) => how == CallPath::Missed,
+        (LoggedOutcome::Refused(why), how) => how == CallPath::Refused(*why),
     };
     how && read.decided == left.at
 }
@@ -99,7 +103,9 @@ pub(crate) fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
         Some(reported) == serial.map(|serial| ValueLabel { p, t, serial, at })
     };
     for read in log.items.iter().flatten() {
-        let LoggedOutcome::Forwarded { reported, p, name: named, arrived, .. } = &read.left else { continue };
+        let LoggedOutcome::Forwarded { reported, p, name: named, arrived, .. } = &read.left else {
+            continue;
+        };
         ensure(is_own(*reported, *p, read.t, *arrived), || {
             format!("the item of {} from {p}, arrived at {arrived}, bears {reported:?}", read.t)
         })?;
@@ -121,7 +127,8 @@ pub(crate) fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
     });
     let reported: Vec<_> =
         reported.map(|dropped| (dropped.at, dropped.t, dropped.p, dropped.why)).collect();
-    let received: Vec<_> = log.hints.iter().map(|hint| (hint.at, hint.t, hint.p, hint.why)).collect();
+    let received: Vec<_> =
+        log.hints.iter().map(|hint| (hint.at, hint.t, hint.p, hint.why)).collect();
     // Of older messages it is not known when they were opened.
     let mut rest = reported.iter();
     let are_reported = received.iter().all(|hint| rest.any(|reported| reported == hint));
@@ -159,7 +166,9 @@ pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
                 Some(CallResult::Panics | CallResult::PanicsAtOnce | CallResult::PanickingResponse)
             );
             let reported = if panics { format!("it panicked: {reported}") } else { reported };
-            ensure(**why == *reported, || format!("{p} fails {} with {why:?}, not {reported:?}", read.t))?;
+            ensure(**why == *reported, || {
+                format!("{p} fails {} with {why:?}, not {reported:?}", read.t)
+            })?;
         }
     }
     Ok(())

@@ -58,10 +58,13 @@ fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
 /// D1: each status is of another message, each message has one, and what is none has the key of one that is open.
 fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, messages, opened, .. } = facts;
-    let mut reported: Vec<_> = played.log.statuses.iter().filter_map(StatusReport::timestamp).collect();
+    let mut reported: Vec<_> =
+        played.log.statuses.iter().filter_map(StatusReport::timestamp).collect();
     reported.sort_unstable();
     let all: Vec<_> = (0..opened.len() as u64).collect();
-    ensure(reported == all, || format!("of {} messages there are statuses {reported:?}", all.len()))?;
+    ensure(reported == all, || {
+        format!("of {} messages there are statuses {reported:?}", all.len())
+    })?;
     ensure(messages.len() == opened.len(), || {
         let next = &opened[messages.len()];
         format!("no input came at the instant of {next:?}, the message {}", messages.len())
@@ -143,7 +146,9 @@ fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
             && message.reported.value("rule") == rule
             && output.is_some() == is_output
             && status.message == words;
-        ensure(is_same, || format!("{t} left as {how:?} at {left}, told was {:?}", message.reported))?;
+        ensure(is_same, || {
+            format!("{t} left as {how:?} at {left}, told was {:?}", message.reported)
+        })?;
     }
     ensure(facts.played.log.disobeyed.is_none(), || {
         format!("an order of the manager ended so: {:?}", facts.played.log.disobeyed)
@@ -167,7 +172,9 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     let missed = count(&|left| left == MessageOutcome::Missed);
     let reported = (tally.messages, tally.missed, tally.refused.values().sum::<u64>());
     let traced = (opened.len() as u64 - refused, missed, refused);
-    ensure(reported == traced, || format!("messages, missed, refused: {reported:?}, traced {traced:?}"))?;
+    ensure(reported == traced, || {
+        format!("messages, missed, refused: {reported:?}, traced {traced:?}")
+    })?;
     for (place, source) in tally.sources.iter().enumerate() {
         let offers = opened.iter().filter_map(|message| message.offers.get(&place));
         let admitted = if place == LOCAL {
@@ -175,8 +182,9 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
         } else {
             offers.clone().filter(|(_, is_refused)| !is_refused).count() as u64
         };
-        let outputs =
-            count(&|left| matches!(left, MessageOutcome::Forwarded { place: of, .. } if of == place));
+        let outputs = count(
+            &|left| matches!(left, MessageOutcome::Forwarded { place: of, .. } if of == place),
+        );
         let is_called = facts.scenario.peers[place].is_called;
         let sent = facts.requested(place).map(|requested| requested.bytes).sum::<u64>();
         let of = |counts: &BTreeMap<usize, u64>| counts.get(&place).copied().unwrap_or(0);
@@ -217,7 +225,8 @@ fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
         let is_best = matches!(opened.left, Some((_, MessageOutcome::Forwarded { place, rule: "F3" })) if place == best);
         ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.left))?;
         for place in 0..=best {
-            let mut requested = facts.requested(place).filter(|requested| requested.serial == message.serial);
+            let mut requested =
+                facts.requested(place).filter(|requested| requested.serial == message.serial);
             let at: Vec<_> = requested.by_ref().map(|requested| requested.at).collect();
             ensure(at == [opened.at], || {
                 format!("{place} was asked about {t} of the calm, opened at {}: {at:?}", opened.at)
@@ -292,7 +301,9 @@ fn reported(facts: &Facts<'_>) -> Result<(), String> {
     let outputs = facts.played.log.statuses.iter().filter_map(|reported| reported.output.as_ref());
     let unsent = outputs.filter(|output| !output.is_sent).count();
     let reported = value(&last[0].values, "unsent");
-    ensure(reported == Some(&unsent.to_string()), || format!("{unsent} unsent, told are {reported:?}"))?;
+    ensure(reported == Some(&unsent.to_string()), || {
+        format!("{unsent} unsent, told are {reported:?}")
+    })?;
     let words: Vec<_> = last.iter().map(|status| (status.level, &*status.message)).collect();
     let is_well = words[0] == (0, "each message answered")
         && words[1..].iter().all(|words| *words == (0, "in time"));

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use fastrand::Rng;
 
-use super::scenario::{Delivery, Form, Input, Peer, Reply, Scenario, Disturbance, DisturbanceKind};
+use super::scenario::{Delivery, Disturbance, DisturbanceKind, Form, Input, Peer, Reply, Scenario};
 use crate::Commit;
 use crate::settings::Change;
 

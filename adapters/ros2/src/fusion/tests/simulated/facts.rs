@@ -7,8 +7,8 @@ use std::time::Duration;
 use fuseline_testkit::split;
 use fuseline_traces::{Decision, DropReason, Event, Events, Input, OpenRefusal, Verdict, judge};
 
-use super::play::{SentRequest, RunResult, StatusReport};
-use super::scenario::{Form, Scenario, Disturbance};
+use super::play::{RunResult, SentRequest, StatusReport};
+use super::scenario::{Disturbance, Form, Scenario};
 use crate::settings::{Change, Settings};
 
 /// What a run may come to, in words.
@@ -153,7 +153,12 @@ impl<'a> Facts<'a> {
                 if t != self.opened.len() as u64 {
                     return Err(format!("{t} is opened as number {}", self.opened.len()));
                 }
-                self.opened.push(OpenedMessage { at, deadline, offers: BTreeMap::new(), left: None });
+                self.opened.push(OpenedMessage {
+                    at,
+                    deadline,
+                    offers: BTreeMap::new(),
+                    left: None,
+                });
             }
             Input::Offer { t, p, deadline, .. } => {
                 let message = self.message(t);
@@ -174,7 +179,8 @@ impl<'a> Facts<'a> {
                     Some(Input::Fail { .. }) => "F4",
                     _ => "F5",
                 };
-                self.message(t).left = Some((at, MessageOutcome::Forwarded { place: place(p), rule }));
+                self.message(t).left =
+                    Some((at, MessageOutcome::Forwarded { place: place(p), rule }));
             }
             Decision::Miss { at, t } => self.message(t).left = Some((at, MessageOutcome::Missed)),
             Decision::RefuseOpen { at, t, why } => {
@@ -271,7 +277,9 @@ impl<'a> Facts<'a> {
         let log = &self.played.log;
         saw(log.unmatched.iter().any(|unmatched| unmatched.unknown_stamp > 0), 6);
         saw(!log.hints.is_empty(), 7);
-        let unsent = |reported: &StatusReport| reported.output.as_ref().is_some_and(|output| !output.is_sent);
+        let unsent = |reported: &StatusReport| {
+            reported.output.as_ref().is_some_and(|output| !output.is_sent)
+        };
         saw(log.statuses.iter().any(unsent), 8);
         saw(sources.iter().any(|source| source.failed > 0), 10);
         let mut came = log.came.iter();
@@ -281,7 +289,11 @@ impl<'a> Facts<'a> {
 }
 
 /// Each state, and from when on it was in force.
-fn states(scenario: &Scenario, settings: &Settings, turned: &[(u64, Disturbance)]) -> Vec<(u64, State)> {
+fn states(
+    scenario: &Scenario,
+    settings: &Settings,
+    turned: &[(u64, Disturbance)],
+) -> Vec<(u64, State)> {
     let well = CloudStatus { is_enabled: true, is_there: true, deadline: None };
     let mut state = State {
         is_active: true,
@@ -294,7 +306,9 @@ fn states(scenario: &Scenario, settings: &Settings, turned: &[(u64, Disturbance)
         match *turn {
             Disturbance::Set(Change::Deadline(deadline)) => state.deadline = deadline,
             Disturbance::Set(Change::LocalDeadline(deadline)) => state.local = deadline,
-            Disturbance::Set(Change::CloudDeadline(cloud, own)) => state.peers[cloud + 1].deadline = own,
+            Disturbance::Set(Change::CloudDeadline(cloud, own)) => {
+                state.peers[cloud + 1].deadline = own
+            }
             Disturbance::Set(Change::CloudEnabled(cloud, enabled)) => {
                 state.peers[cloud + 1].is_enabled = enabled;
             }

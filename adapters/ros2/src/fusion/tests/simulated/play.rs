@@ -14,14 +14,16 @@ use tokio::runtime::Builder;
 use tokio::time::{Instant, advance, sleep, sleep_until};
 
 use super::super::node::{Publications, mouths, run, settings};
-use super::scenario::{Delivery, Form, Input, Reply, STRAY_KEYS, Scenario, Disturbance, DisturbanceKind};
+use super::scenario::{
+    Delivery, Disturbance, DisturbanceKind, Form, Input, Reply, STRAY_KEYS, Scenario,
+};
 use crate::fusion::LOCAL;
-use crate::lifecycle::{Done, Order, Task};
-use crate::middleware::{End, Publish, Sample, DecodeError};
+use crate::lifecycle::{LifecycleRequest, Task, TransitionResult};
+use crate::middleware::{DecodeError, Endpoint, Publish, Sample};
 use crate::node;
 use crate::raw::Payload;
 use crate::report::DiagnosticStatus;
-use crate::source::{Handle, Source, UnmatchedResults, Way};
+use crate::source::{Handle, Route, Source, UnmatchedResults};
 use crate::status_publisher::PublishStatus;
 
 /// What came of a scenario.
@@ -48,7 +50,7 @@ pub(super) struct Log {
     pub(super) unmatched: Vec<UnmatchedResults>,
     pub(super) diagnostics: Vec<(u64, Vec<DiagnosticStatus>)>,
     /// An order that the node did not carry out.
-    pub(super) disobeyed: Option<Done>,
+    pub(super) disobeyed: Option<TransitionResult>,
     /// The output before its status.
     output: Option<Output>,
 }
@@ -110,7 +112,7 @@ struct CountedBytes(Vec<u8>, Arc<AtomicUsize>);
 struct SimulatedPublisher {
     simulation: Arc<SimulationState>,
     what: Kind,
-    end: Arc<End>,
+    end: Arc<Endpoint>,
 }
 
 enum Kind {
@@ -142,15 +144,25 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
         let simulation = Arc::new(SimulationState {
             inputs: scenario.all_inputs(),
             start: Instant::now(),
-            log: Mutex::new(Log { unmatched: vec![UnmatchedResults::default(); peers], ..Log::default() }),
+            log: Mutex::new(Log {
+                unmatched: vec![UnmatchedResults::default(); peers],
+                ..Log::default()
+            }),
             health: Mutex::new(vec![Health::default(); peers]),
             mouths,
             payloads: Arc::clone(&payloads),
         });
         let sources = (0..peers).map(|place| source(&simulation, scenario, place));
-        let (output, status_publisher) = (simulation.outlet(Kind::Output, "/output"), StatusPublisher(Arc::clone(&simulation)));
-        let running =
-            run(&settings, engine, sources.collect(), Box::new(output), Box::new(status_publisher), subscription);
+        let (output, status_publisher) =
+            (simulation.outlet(Kind::Output, "/output"), StatusPublisher(Arc::clone(&simulation)));
+        let running = run(
+            &settings,
+            engine,
+            sources.collect(),
+            Box::new(output),
+            Box::new(status_publisher),
+            subscription,
+        );
         let turning = tokio::spawn(turn(Arc::clone(&simulation), scenario.all_turns(&settings)));
         feed(&simulation).await;
         turning.await.unwrap();
@@ -171,12 +183,12 @@ fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, place: usize) 
     let peer = scenario.peers[place];
     let name = if place == LOCAL { "local".to_owned() } else { format!("cloud{place}") };
     let way = if peer.is_called {
-        Way::Grpc(called(simulation, place))
+        Route::Grpc(called(simulation, place))
     } else {
         let requests = simulation.outlet(Kind::Requests(place), &format!("/{name}/input"));
-        let results = End::new(&format!("/{name}/output"), "tests/msg/Text");
+        let results = Endpoint::new(&format!("/{name}/output"), "tests/msg/Text");
         results.change([7; 16], 1, None);
-        Way::Topics { requests: Box::new(requests), results: Arc::new(results) }
+        Route::Topics { requests: Box::new(requests), results: Arc::new(results) }
     };
     let hints = simulation.outlet(Kind::Hints(place), &format!("/late{place}"));
     Source {
@@ -280,7 +292,9 @@ fn called(simulation: &Arc<SimulationState>, place: usize) -> Handle {
                     let value = Value { key: *key, serial, place };
                     Ok(simulation.sample(Some(value.bytes())).unwrap())
                 }
-                DisturbanceKind::Stray | DisturbanceKind::Short | DisturbanceKind::NotCdr => Err("it fails".into()),
+                DisturbanceKind::Stray | DisturbanceKind::Short | DisturbanceKind::NotCdr => {
+                    Err("it fails".into())
+                }
             }
         })
     })
@@ -300,7 +314,7 @@ impl SimulationState {
     }
 
     fn outlet(self: &Arc<Self>, what: Kind, topic: &str) -> SimulatedPublisher {
-        let end = Arc::new(End::new(topic, "tests/msg/Text"));
+        let end = Arc::new(Endpoint::new(topic, "tests/msg/Text"));
         SimulatedPublisher { simulation: Arc::clone(self), what, end }
     }
 
@@ -325,14 +339,18 @@ impl SimulationState {
     async fn reply(&self, value: Value, what: DisturbanceKind) {
         let body = match what {
             DisturbanceKind::Result => Some(value.bytes()),
-            DisturbanceKind::Stray => Some(Value { key: STRAY_KEYS + value.serial as u64, ..value }.bytes()),
+            DisturbanceKind::Stray => {
+                Some(Value { key: STRAY_KEYS + value.serial as u64, ..value }.bytes())
+            }
             DisturbanceKind::Short => Some(vec![4; 7]),
             DisturbanceKind::NotCdr => None,
         };
         match what {
             DisturbanceKind::Result => {}
             DisturbanceKind::Stray => self.log().unmatched[value.place].unknown_stamp += 1,
-            DisturbanceKind::Short | DisturbanceKind::NotCdr => self.log().unmatched[value.place].malformed += 1,
+            DisturbanceKind::Short | DisturbanceKind::NotCdr => {
+                self.log().unmatched[value.place].malformed += 1
+            }
         }
         // The node may have ended.
         drop(self.mouths.results.send((value.place, self.sample(body))).await);
@@ -340,10 +358,10 @@ impl SimulationState {
 
     /// Tells the node what to do, and hears how that went.
     async fn publish_report(&self, task: Task) {
-        let (order, done) = Order::new(task);
+        let (order, done) = LifecycleRequest::new(task);
         assert!(self.mouths.orders.send(order).await.is_ok(), "the node ended");
         let done = done.await.unwrap();
-        if done != Done::Success {
+        if done != TransitionResult::Success {
             self.log().disobeyed = Some(done);
         }
     }
@@ -386,7 +404,8 @@ impl Publish for SimulatedPublisher {
             }
             Kind::Output => {
                 let value = Value::read(&payload);
-                let input = value.as_ref().ok().and_then(|value| simulation.inputs.get(value.serial));
+                let input =
+                    value.as_ref().ok().and_then(|value| simulation.inputs.get(value.serial));
                 let is_sent = input.is_none_or(|input| !input.is_unsent);
                 simulation.log().output = Some(Output { value, is_sent });
                 is_sent
@@ -401,7 +420,7 @@ impl Publish for SimulatedPublisher {
         }
     }
 
-    fn end(&self) -> &Arc<End> {
+    fn end(&self) -> &Arc<Endpoint> {
         &self.end
     }
 }
