@@ -10,6 +10,9 @@ use crate::span::Span;
 /// The longest deadline with which fusion never hits what local alone would not have hit: T2 of the crate's
 /// documentation, under its conditions. T4 is what it does not guarantee.
 ///
+/// The planner has its part of the conditions: it counts timestamps, not arrivals, and an output without a report breaks a
+/// row of reports only if local has a result for its timestamp.
+///
 /// Any shorter deadline keeps that guarantee, so it also holds for every policy that the guard [`caps`](Policy::caps).
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Guard {

@@ -164,6 +164,7 @@ fn t2_what_came_into_sight_a_frame_ago_is_not_given_up() {
         local: Some(0.3),
         cloud: f64::INFINITY,
         lateness: 0.0,
+        is_covered: false,
     });
     let drive = Drive {
         speed: 20.0,
@@ -192,6 +193,43 @@ fn t2_what_came_into_sight_a_frame_ago_is_not_given_up() {
     assert!(!drive.collides(&drive.local_alone()));
     assert!(!drive.collides(&drive.fused(deadline)));
     assert!(drive.collides(&drive.fused(|frame| if frame.captured > 0.0 { 0.35 } else { 0.3 })));
+}
+
+/// T1: local takes one frame in two, and its three frames show the obstacle. A lorry that passes covers it on a frame that
+/// local skips. The cloud truly answers that it sees nothing there.
+fn passing_lorry() -> Drive {
+    let frames = [0.0, 0.1, 0.2, 0.3, 0.4].map(|captured| Frame {
+        captured,
+        gap: 30.0 - 15.0 * captured,
+        local: [0.0, 0.2, 0.4].contains(&captured).then_some(0.2),
+        cloud: if captured == 0.3 { 0.1 } else { f64::INFINITY },
+        lateness: 0.0,
+        is_covered: captured == 0.3,
+    });
+    Drive {
+        speed: 15.0,
+        deceleration: 7.5,
+        brake_delay: 0.0,
+        reports: 3,
+        range_local: 40.0,
+        range_cloud: 60.0,
+        hidden_beyond: f64::INFINITY,
+        frames: frames.to_vec(),
+    }
+}
+
+#[test]
+fn t1_an_output_for_a_frame_that_local_skips_breaks_no_row_of_locals() {
+    let drive = passing_lorry();
+    assert!(!drive.collides(&drive.local_alone()));
+    assert!(!drive.collides(&drive.fused(|_| 0.2)));
+}
+
+#[test]
+fn t4_a_planner_for_which_any_output_breaks_a_row_hits_what_local_alone_does_not() {
+    let drive = passing_lorry();
+    assert!(!drive.collides_where_any_output_counts(&drive.local_alone()));
+    assert!(drive.collides_where_any_output_counts(&drive.fused(|_| 0.2)));
 }
 
 /// T7.
