@@ -92,6 +92,11 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
         Some(intervals) => {
             writeln!(
                 text,
+                "Fitted: --deceleration, --brake-delay, --range-local and --range-cloud were chosen\n\
+                so. What remains is that one choice of them serves all of the paper's cells."
+            )?;
+            writeln!(
+                text,
                 "\nHow narrow that is. Alone, each may be changed so far with all 90 cells kept:"
             )?;
             for interval in intervals {
