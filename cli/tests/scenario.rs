@@ -265,7 +265,7 @@ fn a_folder_that_takes_no_files_is_told_before_the_work() {
 fn tables_stand_beside_the_papers_and_without_colours_in_a_pipe() {
     for (args, part) in [
         (&JAM[..], "90 of the 90 cells"),
-        (&JAM[..], "Fitted: --deceleration, --brake-delay, --range-local and --range-cloud"),
+        (&JAM[..], "Fitted: --deceleration, --brake-delay, --range-local, --range-cloud"),
         (&["red-light"], "x collides"),
         (&["jaywalking"], "above 8.53 up to 10.38 m/s"),
         (&["networks", "--starts", "2", "--speed", "20,22"], "Means over 10 recorded drives"),

@@ -1,6 +1,6 @@
 //! The way of a car that steers: a single track without slip, whose wheels turn no faster than they can.
 
-/// From the rear axle to the front axle, in m: that of the BMW 320i among the vehicles of CommonRoad.
+/// From the rear axle to the front axle, in m: that of the BMW 320i among `CommonRoad`'s vehicles.
 pub(crate) const WHEELBASE: f64 = 2.58;
 /// From the rear axle to the car's front, in m.
 pub(crate) const FRONT: f64 = WHEELBASE + 0.8;
