@@ -4,8 +4,12 @@ mod random;
 mod vehicle;
 
 use std::sync::LazyLock;
+use std::time::Duration;
 
-use fuseline_deadline::{Classes, Guard, Hazard, Parameters, Situation, Span};
+use fuseline_deadline::{
+    Classes, Guard, Hazard, Metres, MetresPerSecond, MetresPerSecondSquared, Parameters, Situation,
+    Span,
+};
 use random::Random;
 use vehicle::{Drive, Frame};
 
@@ -16,11 +20,11 @@ const DRIVES: u64 = 240_000;
 struct Setting {
     drive: Drive,
     parameters: Parameters,
-    speed: Span,
+    speed: Span<MetresPerSecond>,
 }
 
 /// A span around the truth; exact in half of the cases.
-fn around(random: &mut Random, truth: f64) -> Span {
+fn around(random: &mut Random, truth: f64) -> Span<f64> {
     if random.chance(0.5) {
         return Span::exactly(truth);
     }
@@ -37,6 +41,13 @@ enum View {
     Late,
     /// Like [`Late`](Self::Late) or [`Free`](Self::Free), but for frames on which something passes before it.
     Broken,
+}
+
+/// A time, and a nanosecond less and more, for it is rounded.
+fn time(seconds: Span<f64>) -> Span<Duration> {
+    const ROUNDING: Duration = Duration::from_nanos(1);
+    let Span { least, greatest } = seconds.map(Duration::from_secs_f64);
+    Span::new(least.saturating_sub(ROUNDING), greatest + ROUNDING)
 }
 
 /// How a cloud behaves during one drive.
@@ -101,36 +112,37 @@ fn setting(number: u64, view: View) -> Setting {
     let period_local = if is_serial {
         Span::new(rounded_up(local_response.least), rounded_up(local_response.greatest))
     } else {
-        period.into()
+        Span::exactly(period)
     };
     let hazard = Hazard {
         weight: 1.0,
-        range_local: around(random, range_local),
-        range_cloud: range_cloud.into(),
+        range_local: around(random, range_local).map(Metres),
+        range_cloud: Metres(range_cloud).into(),
     };
     let margin = random.one_of(&[0.0, 2.0]);
-    let widest = range_cloud.max(hazard.range_local.greatest);
-    let hazard = Hazard { range_cloud: Span::new(range_cloud.min(widest), widest), ..hazard };
+    let widest = range_cloud.max(hazard.range_local.greatest.0);
+    let range = Span::new(range_cloud.min(widest), widest).map(Metres);
+    let hazard = Hazard { range_cloud: range, ..hazard };
     let other = Hazard {
         weight: 2.0,
-        range_local: random.between(10.0, 70.0).into(),
-        range_cloud: random.between(70.0, 90.0).into(),
+        range_local: Metres(random.between(10.0, 70.0)).into(),
+        range_cloud: Metres(random.between(70.0, 90.0)).into(),
     };
     let classes =
         if random.chance(0.3) { Classes::new(&[other, hazard]).unwrap() } else { hazard.into() };
     Setting {
         parameters: Parameters {
-            deceleration: around(random, deceleration),
-            brake_delay: around(random, brake_delay),
+            deceleration: around(random, deceleration).map(MetresPerSecondSquared),
+            brake_delay: time(around(random, brake_delay)),
             frames: reports,
-            period_local,
-            period_cloud: period.into(),
-            local_response,
-            lateness,
-            margin,
+            period_local: time(period_local),
+            period_cloud: time(Span::exactly(period)),
+            local_response: time(local_response),
+            lateness: time(Span::exactly(lateness)).greatest,
+            margin: Metres(margin),
             classes,
         },
-        speed: around(random, speed),
+        speed: around(random, speed).map(MetresPerSecond),
         drive: Drive {
             speed,
             deceleration,
@@ -172,10 +184,11 @@ struct Search {
 type Deadline = fn(&Setting, &Guard, &Frame) -> f64;
 
 const DEADLINES: [Deadline; 4] = [
-    |setting, _, _| setting.parameters.local_response.least,
+    |setting, _, _| setting.parameters.local_response.least.as_secs_f64(),
     |setting, guard, _| guard.judge(&Situation::at(setting.speed)).deadline.as_secs_f64(),
     |setting, guard, frame| {
-        let situation = Situation { reveal: Some(frame.gap), ..Situation::at(setting.speed) };
+        let situation =
+            Situation { reveal: Some(Metres(frame.gap)), ..Situation::at(setting.speed) };
         guard.judge(&situation).deadline.as_secs_f64()
     },
     |_, _, _| 0.5,
@@ -271,7 +284,8 @@ fn t4_a_blind_cloud_in_time_hides_what_local_sees_at_any_deadline() {
         drive.range_cloud = 0.0;
         drive.frames.iter_mut().for_each(|frame| frame.cloud = 0.01);
         worse += u32::from(
-            local_stops && drive.collides(&drive.fused(|_| parameters.local_response.least)),
+            local_stops
+                && drive.collides(&drive.fused(|_| parameters.local_response.least.as_secs_f64())),
         );
     }
     assert!(worse > 500, "{worse}");

@@ -65,7 +65,7 @@ impl<V, R> Engine<V, R> {
         }
         let hands = Hands::new(operator, lanes, local);
         // Unknown until it is set: policies risk nothing.
-        Ok(Self { arbiter, hands, situation: Situation::at(f64::NAN) })
+        Ok(Self { arbiter, hands, situation: Situation::UNKNOWN })
     }
 
     /// Lets `policy` choose the deadlines of cloud `p`, each at most the one offered, and reports to it
