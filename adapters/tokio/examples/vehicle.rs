@@ -3,7 +3,9 @@
 
 use std::time::Duration;
 
-use fuseline_tokio::deadline::{Expected, Guard, Impact, Invalid, Parameters, Policy, Situation};
+use fuseline_tokio::deadline::{
+    Expected, Guard, Impact, Invalid, MetresPerSecond, Parameters, Policy, Situation,
+};
 use fuseline_tokio::{Call, Config, Error, Local, Operator, Setup, SharedState, spawn, stream};
 
 #[derive(Clone, Debug)]
@@ -32,12 +34,13 @@ impl Operator for Vehicle {
 /// A cloud that gets as long as is safe at this speed and worth it, and 2 s at most.
 fn use_detector(setup: &mut Setup<Frame, String>) -> Result<(), Invalid> {
     let guard = Guard::new(Parameters::default())?;
-    let expected = Expected::<_>::new(Impact::from(&guard), 0.3017, Some(16))?;
+    let expected =
+        Expected::<_>::new(Impact::from(&guard), Duration::from_micros(301_700), Some(16))?;
     let handle = |_frame: Frame, _call: Call| async { Ok("by the cloud".to_owned()) };
     let message_handler = |frame: &Frame, _t| Some((frame.clone(), Duration::from_secs(2)));
     let cloud = setup.use_cloud(handle, message_handler, Ok, 1);
     cloud.policy = Some(Box::new(guard.caps(expected)));
-    setup.use_situation(|frame, _t| Situation::at(frame.speed));
+    setup.use_situation(|frame, _t| Situation::at(MetresPerSecond(frame.speed)));
     Ok(())
 }
 // ANCHOR_END: deadlines
