@@ -564,12 +564,12 @@ typedef struct fuseline_message {
  * Names one open message to the machine for many threads that opened it. Another machine refuses it, and one that is
  * all 0, FUSELINE_STATUS_MESSAGE_ID.
  */
-typedef struct CMessageId {
+typedef struct fuseline_message_id {
   /**
    * Opaque.
    */
   uint64_t opaque[3];
-} CMessageId;
+} fuseline_message_id;
 
 #ifdef __cplusplus
 extern "C" {
@@ -763,7 +763,7 @@ FUSELINE_CHECKED
 fuseline_status fuseline_shared_open(struct fuseline_shared *machine,
                                      uint64_t now,
                                      uint64_t t,
-                                     struct CMessageId *message_id,
+                                     struct fuseline_message_id *message_id,
                                      struct fuseline_answer *answer);
 
 /**
@@ -774,7 +774,7 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
                                             uint64_t now,
                                             uint64_t t,
                                             uint64_t deadline,
-                                            struct CMessageId *message_id,
+                                            struct fuseline_message_id *message_id,
                                             struct fuseline_answer *answer);
 
 /**
@@ -783,7 +783,7 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
                                       uint64_t now,
-                                      struct CMessageId message_id,
+                                      struct fuseline_message_id message_id,
                                       uint64_t p,
                                       uint64_t deadline,
                                       uint64_t backlog,
@@ -797,7 +797,7 @@ fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
                                        uint64_t now,
-                                       struct CMessageId message_id,
+                                       struct fuseline_message_id message_id,
                                        uint64_t p,
                                        struct fuseline_answer *fired,
                                        struct fuseline_answer *answer);
@@ -808,7 +808,7 @@ fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_fail(struct fuseline_shared *machine,
                                      uint64_t now,
-                                     struct CMessageId message_id,
+                                     struct fuseline_message_id message_id,
                                      uint64_t p,
                                      struct fuseline_answer *fired,
                                      struct fuseline_answer *answer);
@@ -819,7 +819,7 @@ fuseline_status fuseline_shared_fail(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
                                        uint64_t now,
-                                       struct CMessageId message_id,
+                                       struct fuseline_message_id message_id,
                                        struct fuseline_answer *fired,
                                        struct fuseline_answer *answer);
 
@@ -828,7 +828,7 @@ fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_next_due(struct fuseline_shared *machine,
-                                         struct CMessageId message_id,
+                                         struct fuseline_message_id message_id,
                                          uint64_t *due);
 
 #ifdef __cplusplus
