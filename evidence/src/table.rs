@@ -13,7 +13,7 @@ use crate::tree::Tree;
 pub struct Artefact {
     /// Its name from the root.
     pub name: &'static str,
-    /// What it says.
+    /// Its content.
     pub text: String,
 }
 
@@ -25,37 +25,35 @@ impl Artefact {
     pub fn save(&self, tree: &Tree) -> Result<(), Error> {
         crate::record::write_whole(&tree.path(self.name), &self.text)
     }
-
-    /// Whether the file in this tree says the same.
-    #[must_use]
-    pub fn is_current(&self, tree: &Tree) -> bool {
-        std::fs::read_to_string(tree.path(self.name)).is_ok_and(|text| text == self.text)
-    }
 }
 
-/// All files made of the matrix.
+/// All files made of the matrix: a chapter of the book, and the same as CSV and JSON.
+///
+/// They are built into the target folder and are not tracked.
 ///
 /// # Errors
 /// Never in practice: the matrix consists of text.
 pub fn artefacts(matrix: &Matrix) -> Result<[Artefact; 3], Error> {
-    let json = "evidence/evidence.json";
-    let mut text = serde_json::to_string_pretty(matrix)
-        .map_err(|error| Error::content(json.as_ref(), error.to_string()))?;
-    text.push('\n');
+    let mut json = serde_json::to_string_pretty(matrix)
+        .map_err(|error| Error::content(JSON.as_ref(), error.to_string()))?;
+    json.push('\n');
     Ok([
-        Artefact { name: "EVIDENCE.md", text: markdown(matrix) },
-        Artefact { name: "evidence/evidence.csv", text: csv(matrix)? },
-        Artefact { name: json, text },
+        Artefact { name: CHAPTER, text: markdown(matrix) },
+        Artefact { name: CSV, text: csv(matrix)? },
+        Artefact { name: JSON, text: json },
     ])
 }
 
-const HEAD: &str = "\
-# Evidence
+const CHAPTER: &str = "target/evidence/matrix.md";
+const CSV: &str = "target/evidence/evidence.csv";
+const JSON: &str = "target/evidence/evidence.json";
 
-What shows each rule, promise and ambiguity of `SPEC.md`, by result: a witness stands in its row only if it cites
-the identifier and went red under a seeded fault that violates it. The faults are in `tests/faults.toml` and
-`tests/faults-around.toml`, the results in `evidence/results/`. The obligations of the rules have faults of their own, in
-`proofs/rules/faults.toml`. This file is made by `cargo run -p fuseline-evidence -- matrix`; do not edit it.
+const HEAD: &str = "\
+# The matrix
+
+Which witnesses show each rule, promise and ambiguity of `SPEC.md`, by the results of the last campaigns. A witness is in a row
+only if it cites the identifier and failed under a seeded fault that violates it; [Seeded faults and the matrix](evidence.md)
+explains how this is measured. The command `cargo run -p fuseline-evidence -- matrix` writes this chapter; do not edit it.
 ";
 
 fn markdown(matrix: &Matrix) -> String {
@@ -73,13 +71,18 @@ fn markdown(matrix: &Matrix) -> String {
         matrix.wrong.iter().for_each(|line| text.extend(["- ", line, "\n"]));
     }
     if !matrix.older.is_empty() {
-        text.push_str("\n## Older than their sources\n\nTo be taken again; what they say is of an earlier state.\n\n");
+        text.push_str(
+            "\n## Older than their sources\n\nThese results are of an earlier state of the sources and are to be measured again.\n\n",
+        );
         for (title, because) in &matrix.older {
             let _ = writeln!(text, "- {title}: {because}");
         }
     }
-    let _ = writeln!(text, "\n## What the proofs show of which code\n\n{}", matrix.proved);
-    text.push_str("\n## In short\n\n");
+    text.push_str(
+        "\n## What the proofs are about\n\n[Proofs](proofs.md) has the code that each proof covers, the sizes for which it holds, and what \
+         it trusts.\n\n## In short\n\nHow many places of the code cite each identifier, how many witnesses of each kind show it, and \
+         how many seeded faults violate it.\n\n",
+    );
     overview(matrix, &mut text);
     for (family, title) in [
         ('F', "Rules"),
@@ -94,7 +97,7 @@ fn markdown(matrix: &Matrix) -> String {
         }
     }
     text.push_str(
-        "\n## Seeded faults\n\nHow many witnesses of each kind each fault turned red.\n\n",
+        "\n## Seeded faults\n\nHow many witnesses of each kind failed under each fault.\n\n",
     );
     faults(matrix, &mut text);
     matrix.measured.iter().for_each(|standing| measurement(standing, &mut text));
@@ -192,7 +195,7 @@ fn number(count: usize) -> String {
 
 /// A line for each thing that stands in a row of the matrix.
 fn csv(matrix: &Matrix) -> Result<String, Error> {
-    let name = "evidence/evidence.csv".as_ref();
+    let name = CSV.as_ref();
     let mut writer = csv::Writer::from_writer(Vec::new());
     let mut write = |cells: [&str; 3]| {
         writer.write_record(cells).map_err(|error| Error::content(name, error.to_string()))
@@ -214,4 +217,31 @@ fn csv(matrix: &Matrix) -> Result<String, Error> {
     let bytes =
         writer.into_inner().map_err(|error| Error::content(name, error.error().to_string()))?;
     String::from_utf8(bytes).map_err(|error| Error::content(name, error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_made_is_written_below_the_target_folder_alone() -> Result<(), Error> {
+        let root = tempfile::tempdir().map_err(Error::file("a temporary folder".as_ref()))?;
+        let tree = Tree::new(root.path().to_owned());
+        let matrix = Matrix {
+            built_by: BTreeMap::new(),
+            ran: BTreeMap::new(),
+            rows: Vec::new(),
+            faults: Vec::new(),
+            measured: Vec::new(),
+            older: vec![("races under loom", "the window moved".to_owned())],
+            wrong: Vec::new(),
+        };
+        for artefact in artefacts(&matrix)? {
+            artefact.save(&tree)?;
+        }
+        let written = ["evidence.csv", "evidence.json", "matrix.md"];
+        assert_eq!(tree.files(&["."])?, written.map(|name| format!("target/evidence/{name}")));
+        assert!(tree.text(CHAPTER)?.contains("- races under loom: the window moved\n"));
+        Ok(())
+    }
 }
