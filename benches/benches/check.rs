@@ -7,7 +7,7 @@ use std::hint::black_box;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use fuseline_testkit::splitmix64;
 use fuseline_traces::observed::{self, Slack};
-use fuseline_traces::{Cloud, Commit, Demands, Events, Header, Input, Reference, judge};
+use fuseline_traces::{Cloud, Commit, Events, ExpectedDecisions, Header, Input, Reference, judge};
 
 /// How many lines the trace has at least.
 const LINES: usize = 1_000_000;
@@ -80,7 +80,7 @@ fn trace() -> (Vec<u8>, u64) {
 /// A run that is being made up: the rules' answers are written as it goes.
 struct Run {
     reference: Reference,
-    demands: Demands,
+    demands: ExpectedDecisions,
     arrivals: BinaryHeap<Reverse<(u64, u64, u64)>>,
     seed: u64,
     out: Vec<u8>,
@@ -93,7 +93,7 @@ impl Run {
         header.write(&mut out);
         out.push(b'\n');
         let reference = Reference::new(header);
-        let (demands, arrivals) = (Demands::new(), BinaryHeap::new());
+        let (demands, arrivals) = (ExpectedDecisions::new(), BinaryHeap::new());
         Self { reference, demands, arrivals, seed: 1, out, lines: 1 }
     }
 

@@ -30,7 +30,7 @@ const LONG: Deadline = Deadline::from_millis(1_000_000);
 const NOW: Instant = Instant::from_nanos(1);
 
 /// Gives a source's result for one of the messages; says whether to forward.
-type Give<'a> = dyn Fn(usize, Priority) -> bool + Sync + 'a;
+type GiveResult<'a> = dyn Fn(usize, Priority) -> bool + Sync + 'a;
 
 /// A machine with as many open messages as its window holds.
 trait Machine {
@@ -39,7 +39,7 @@ trait Machine {
     fn new(clouds: &[Cloud]) -> Self;
 
     /// Opens messages from `t` on, each offered to all clouds; answers how to give their results and how long this took.
-    fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration);
+    fn fill(&mut self, t: u64) -> (Box<GiveResult<'_>>, Duration);
 }
 
 struct LockFree(Box<Shared<3, WINDOW>>);
@@ -52,21 +52,21 @@ impl Machine for LockFree {
         Self(Box::new(shared))
     }
 
-    fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration) {
-        let (mut owner, desk) = self.0.split();
+    fn fill(&mut self, t: u64) -> (Box<GiveResult<'_>>, Duration) {
+        let (mut owner, handle) = self.0.split();
         let mut tickets = Vec::with_capacity(WINDOW);
         let start = Clock::now();
         for t in (t..).take(WINDOW) {
-            let ticket = owner.open(NOW, Timestamp::new(t), None).expect("there is room");
+            let message_id = owner.open(NOW, Timestamp::new(t), None).expect("there is room");
             for p in 1..=3 {
-                let (_, admission) = owner.offer(NOW, ticket, Priority::new(p), LONG, 0);
+                let (_, admission) = owner.offer(NOW, message_id, Priority::new(p), LONG, 0);
                 assert!(matches!(admission, Admission::Admitted { .. }));
             }
-            tickets.push(ticket);
+            tickets.push(message_id);
         }
         let took = start.elapsed();
         let give = move |message: usize, source| {
-            is_forwarded(&desk.result(NOW, tickets[message], source).1)
+            is_forwarded(&handle.result(NOW, tickets[message], source).1)
         };
         (Box::new(give), took)
     }
@@ -109,7 +109,7 @@ impl Machine for Locked {
         Self(Box::new(Mutex::new(plain(clouds))))
     }
 
-    fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration) {
+    fn fill(&mut self, t: u64) -> (Box<GiveResult<'_>>, Duration) {
         let machine = &*self.0;
         let took = fill(t, |then| then(&mut machine.lock().expect("nobody panicked")));
         let give = move |message, source| {
@@ -128,7 +128,7 @@ impl Machine for ParkingLot {
         Self(Box::new(parking_lot::Mutex::new(plain(clouds))))
     }
 
-    fn fill(&mut self, t: u64) -> (Box<Give<'_>>, Duration) {
+    fn fill(&mut self, t: u64) -> (Box<GiveResult<'_>>, Duration) {
         let machine = &*self.0;
         let took = fill(t, |then| then(&mut machine.lock()));
         let give = move |message, source| give(&mut machine.lock(), t + message as u64, source);
@@ -202,7 +202,7 @@ impl<M: Machine> Bench<M> {
 
 /// One thread's share: each of the threads in turn takes a call, local's and the clouds', message by message.
 fn work(
-    gives: &[Box<Give>],
+    gives: &[Box<GiveResult>],
     number: usize,
     threads: usize,
     alone: bool,

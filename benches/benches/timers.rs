@@ -90,9 +90,9 @@ fn deadline(message: u64) -> Duration {
 }
 
 /// An operator whose cloud never answers.
-struct Forsaken;
+struct UnansweredOperator;
 
-impl Operator for Forsaken {
+impl Operator for UnansweredOperator {
     type Input = u64;
     type Output = u64;
 
@@ -117,7 +117,7 @@ fn of_adapter(timers: Timers) -> Vec<Duration> {
     runtime().block_on(async {
         let (mut writer, input) = stream(1024);
         let config = Config { window: 1024, output_len: 1024, timers, ..Config::default() };
-        let (_, mut output) = spawn(Forsaken, config, input).expect("it is configured");
+        let (_, mut output) = spawn(UnansweredOperator, config, input).expect("it is configured");
         let feeder = tokio::spawn(async move {
             let mut ticks = interval(PERIOD);
             for message in 0..MESSAGES {

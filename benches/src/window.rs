@@ -156,6 +156,9 @@ fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>
 }
 
 /// Times one input of the kind for every timestamp of the load.
+///
+/// # Panics
+/// If the machine does not decide as the kind says.
 #[must_use]
 pub fn flat<const WINDOW: usize>(load: &Load, kind: Kind) -> Duration {
     let mut machines = machines::<WINDOW>(load, kind);

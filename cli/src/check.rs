@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufReader, IsTerminal, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::{Found, Judging};
+use fuseline_report::Findings;
 use fuseline_traces::packed::{Packing, unpack};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
@@ -15,11 +15,11 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::interrupt::Interrupt;
-use crate::judging::{End, How, finish, judge, next_event, reader};
-use crate::results::{Files, Judged};
+use crate::judging::{End, JudgeOptions, finish, judge, next_event, reader};
+use crate::results::{Files, Subject};
 use crate::sink::Sink;
 use crate::tail::Tail;
-use crate::verdict::{self, tell_violation};
+use crate::verdict::{self, print_violation};
 
 /// Files shorter than this, in bytes, are judged before anyone could see a bar.
 const LONG: u64 = 16 << 20;
@@ -37,12 +37,17 @@ off by the tolerance and that timers and outputs may be late by the lateness. A 
 nothing can be judged does not conform then. Memory grows with the timestamps that are open at
 once, not with the trace: 0.5 KB for each, up to 1 KB with what came for it.
 
+A trace does not say whether its run is over, so an operator that hangs leaves one that conforms.
+Where it is known, say so with --ended, or let the recorder write a tick last. With --period the
+operator is to open a message so often, whatever their timestamps are.
+
 Exit code 0 if all traces conform, 1 if some do not, 2 if one cannot be read. Traces in gzip, zstd
 or MCAP are unpacked as they are read; several files are judged at once.
 
 Examples:
   fuseline check trace.jsonl
   fuseline check --observed --tolerance 2ms --lateness 5ms node.jsonl
+  fuseline check --ended --observed --tolerance 2ms --lateness 5ms --period 100ms arm.jsonl
   fuseline check --json traces/*.jsonl
   fuseline check --sarif found.sarif traces/*.jsonl
   fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict
@@ -52,8 +57,8 @@ pub(crate) struct Args {
     #[arg(value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
-    how: How,
-    /// Print one JSON object a file: file, conforms, judged, lines, violations.
+    how: JudgeOptions,
+    /// Print one JSON object a file: file, conforms, judged, lines, violations; with --ended, unfinished.
     #[arg(long)]
     json: bool,
     /// Write the verdicts for continuous integration, as `JUnit` XML.
@@ -62,7 +67,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     results: Files,
     /// Keep judging one file as it grows, until Ctrl-C; what is not answered by then is not judged.
-    #[arg(long, conflicts_with_all = ["junit", "sarif", "xqar"])]
+    #[arg(long, conflicts_with_all = ["junit", "sarif", "xqar", "ended"])]
     follow: bool,
 }
 
@@ -96,7 +101,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
     let bars = MultiProgress::new();
     let mut exit = Exit::Conforms;
     for some in files.chunks(AT_ONCE * rayon::current_num_threads()) {
-        let judged: Vec<Result<Found, Fault>> = some
+        let judged: Vec<Result<Findings, Fault>> = some
             .par_iter()
             .with_max_len(1)
             .map(|file| judge_file(&args.how, file, &bars))
@@ -104,13 +109,13 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
         for (path, found) in some.iter().zip(judged) {
             if !outputs.is_empty() {
                 all.push(match &found {
-                    Ok(found) => Judged::found(found),
-                    Err(fault) => Judged::unread(path, fault),
+                    Ok(found) => Subject::found(found),
+                    Err(fault) => Subject::unread(path, fault),
                 });
             }
             exit = exit.max(match found {
                 Ok(found) => {
-                    verdict::tell(&found, &mut out, 0, args.json).map_err(Fault::Output)?;
+                    verdict::print_report(&found, &mut out, 0, args.json).map_err(Fault::Output)?;
                     verdict::exit(&found)
                 }
                 Err(fault) => {
@@ -125,7 +130,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
 }
 
 /// Judges a file that is read to its end.
-fn judge_file(how: &How, path: &Path, bars: &MultiProgress) -> Result<Found, Fault> {
+fn judge_file(how: &JudgeOptions, path: &Path, bars: &MultiProgress) -> Result<Findings, Fault> {
     let (name, file) = open(path)?;
     let len = path.metadata().map_or(0, |metadata| metadata.len());
     let bar = if len >= LONG && io::stderr().is_terminal() {
@@ -172,23 +177,23 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
             .unwrap_or_else(|_| ProgressStyle::default_spinner()),
     );
     bar.set_prefix(name.clone());
-    let manner = args.how.manner();
-    let mut reader = reader(manner, &name, Tail::new(file, Interrupt::watch()))?;
-    let mut judging = Judging::new(manner, &name, reader.header());
-    let mut told = 0;
+    let mode = args.how.mode();
+    let mut reader = reader(mode, &name, Tail::new(file, Interrupt::watch()))?;
+    let mut judging = args.how.judging(&name, reader.header());
+    let mut reported = 0;
     while let Some(event) = next_event(&mut reader, End::Early)? {
         judging.line(reader.line(), &event)?;
         bar.set_position(reader.line());
         if args.json {
             continue;
         }
-        for violation in judging.since(told) {
-            bar.suspend(|| tell_violation(&violation, &name, out)).map_err(Fault::Output)?;
-            told += 1;
+        for violation in judging.since(reported) {
+            bar.suspend(|| print_violation(&violation, &name, out)).map_err(Fault::Output)?;
+            reported += 1;
         }
     }
     bar.finish_and_clear();
     let found = finish(judging, End::Early);
-    verdict::tell(&found, out, told, args.json).map_err(Fault::Output)?;
+    verdict::print_report(&found, out, reported, args.json).map_err(Fault::Output)?;
     Ok(verdict::exit(&found))
 }

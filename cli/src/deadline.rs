@@ -138,7 +138,7 @@ struct Row {
 }
 
 /// Shows a deadline for each speed.
-pub(crate) fn tell(args: &Args) -> Result<Exit, Fault> {
+pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
     let guard = guard(args).map_err(|invalid| {
         let options = options(invalid);
         // Classes have ranges of their own.
@@ -163,7 +163,7 @@ pub(crate) fn tell(args: &Args) -> Result<Exit, Fault> {
         }
     } else {
         let rows: Vec<Row> = rows.collect();
-        writeln!(out, "{}", Told { args, rows: &rows }).map_err(Fault::Output)?;
+        writeln!(out, "{}", DeadlineTable { args, rows: &rows }).map_err(Fault::Output)?;
     }
     Ok(Exit::Conforms)
 }
@@ -215,12 +215,12 @@ impl Row {
 }
 
 /// The rows for people.
-struct Told<'a> {
+struct DeadlineTable<'a> {
     args: &'a Args,
     rows: &'a [Row],
 }
 
-impl fmt::Display for Told<'_> {
+impl fmt::Display for DeadlineTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut table = Table::new();
         table.load_style(STYLE).set_header([

@@ -108,7 +108,7 @@ impl Drive {
     fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
         let owned = || file.to_owned();
         let fault = |source| csv_error(file, source);
-        let mut rows = csv::Reader::from_reader(Cut { text, left: FILE_BYTES });
+        let mut rows = csv::Reader::from_reader(SizeLimit { text, left: FILE_BYTES });
         let columns = rows.headers().map_err(fault)?.clone();
         let (time, unit) = columns
             .iter()
@@ -242,7 +242,7 @@ fn nanos(nanos: u128) -> Duration {
     Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
 }
 
-/// Whether an error is the end that [`Cut`] made.
+/// Whether an error is the end that [`SizeLimit`] made.
 fn csv_error(file: &str, source: csv::Error) -> DriveError {
     let name = file.to_owned();
     match source.kind() {
@@ -254,12 +254,12 @@ fn csv_error(file: &str, source: csv::Error) -> DriveError {
 }
 
 /// Refuses to read more than this many bytes, so that no file fills the memory.
-struct Cut<R> {
+struct SizeLimit<R> {
     text: R,
     left: u64,
 }
 
-impl<R: Read> Read for Cut<R> {
+impl<R: Read> Read for SizeLimit<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let len = self.text.read(buffer)?;
         self.left = self

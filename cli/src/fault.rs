@@ -5,7 +5,7 @@ use std::io;
 
 use fuseline_engine::ConfigError;
 use fuseline_traces::ReadError;
-use fuseline_traces::observed::{Disorder, JudgeError};
+use fuseline_traces::observed::{JudgeError, TimeOrderError};
 use thiserror::Error;
 
 /// Why a command stopped. What can stop several commands stands here; what stops one alone is an
@@ -19,7 +19,7 @@ pub(crate) enum Fault {
     #[error(transparent)]
     Judge(#[from] JudgeError),
     #[error(transparent)]
-    Disorder(#[from] Disorder),
+    TimeOrderError(#[from] TimeOrderError),
     #[error("{name}: {}; give a file in a directory that can be written to", plain(.source))]
     Create { name: String, source: io::Error },
     #[error("{name}: {}; name a folder that can be written to", plain(.source))]

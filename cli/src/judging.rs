@@ -3,9 +3,9 @@
 use std::io::{self, BufRead};
 use std::time::Duration;
 
-use fuseline_report::{Found, Judging, Manner, Summary};
+use fuseline_report::{Findings, JudgeMode, Summary, TraceJudge};
 use fuseline_traces::observed::Slack;
-use fuseline_traces::{Event, Events, ReadError};
+use fuseline_traces::{Event, Events, Header, ReadError};
 use thiserror::Error;
 
 use crate::complain::complain;
@@ -16,13 +16,15 @@ use crate::fault::Fault;
 pub(crate) enum End {
     /// What is not there by then is missing.
     Whole,
+    /// The run has ended: what is not there is missing, whenever it was due.
+    Ended,
     /// The trace may go on, or was cut short: what is not there may still have come.
     Early,
 }
 
 /// The options that tell the manner.
 #[derive(clap::Args)]
-pub(crate) struct How {
+pub(crate) struct JudgeOptions {
     /// Judge what a concurrent implementation recorded, each timestamp by itself.
     #[arg(long, requires = "tolerance", requires = "lateness")]
     observed: bool,
@@ -34,6 +36,15 @@ pub(crate) struct How {
     #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
         allow_hyphen_values = true)]
     lateness: Option<Duration>,
+    /// How often the operator opens a message, such as 100ms: a gap beyond this, the lateness and twice the
+    /// tolerance breaks J1, the time from the last open to the end of the trace included.
+    #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
+        allow_hyphen_values = true)]
+    period: Option<Duration>,
+    /// Take the run for ended: what is not in the trace never came, and what was still due is overdue. A
+    /// message that only waits for local is unfinished, and not judged.
+    #[arg(long, conflicts_with = "truncated")]
+    ended: bool,
     /// Judge what a crash or a full disk cut off: without a last line that is cut short, and without
     /// decisions that are not there. A note says what was left out.
     #[arg(long)]
@@ -41,15 +52,19 @@ pub(crate) struct How {
 }
 
 /// Judges a trace to its end.
-pub(crate) fn judge(how: &How, name: &str, trace: impl BufRead) -> Result<Found, Fault> {
-    let (manner, end) = (how.manner(), how.end());
-    let mut reader = reader(manner, name, trace)?;
-    let mut judging = Judging::new(manner, name, reader.header());
+pub(crate) fn judge(
+    how: &JudgeOptions,
+    name: &str,
+    trace: impl BufRead,
+) -> Result<Findings, Fault> {
+    let (mode, end) = (how.mode(), how.end());
+    let mut reader = reader(mode, name, trace)?;
+    let mut judging = how.judging(name, reader.header());
     while let Some(event) = next_event(&mut reader, end)? {
         judging.line(reader.line(), &event)?;
     }
     let mut found = finish(judging, end);
-    if let Found::Observed(verdict) = &mut found {
+    if let Findings::Observed(verdict) = &mut found {
         verdict.violations.sort_by_key(|violation| violation.line);
     }
     Ok(found)
@@ -75,7 +90,7 @@ pub(crate) fn next_event<R: BufRead>(
             complain(format_args!("note: {file}:{line}: cut short here; this line is left out"));
             Ok(None)
         }
-        (true, End::Whole) => Err(Fault::own(Cut(error))),
+        (true, End::Whole | End::Ended) => Err(Fault::own(TruncatedTrace(error))),
         (false, _) => Err(error.into()),
     }
 }
@@ -83,25 +98,56 @@ pub(crate) fn next_event<R: BufRead>(
 /// A trace ends in the midst of a line.
 #[derive(Debug, Error)]
 #[error("{0}; --truncated judges what stands before")]
-struct Cut(ReadError);
+struct TruncatedTrace(ReadError);
 
 /// Reads a trace's header for the judge of that manner.
-pub(crate) fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> Result<Events<R>, Fault> {
-    let read = if manner.is_none() { Events::new } else { Events::observed };
+pub(crate) fn reader<R: BufRead>(
+    mode: JudgeMode,
+    name: &str,
+    trace: R,
+) -> Result<Events<R>, Fault> {
+    let read = if mode.is_none() { Events::new } else { Events::observed };
     Ok(read(name, trace)?)
 }
 
-impl How {
-    /// What is done where the trace ends.
-    pub(crate) const fn end(&self) -> End {
-        if self.truncated { End::Early } else { End::Whole }
+impl JudgeOptions {
+    /// Every decision, to the trace's end.
+    pub(crate) const fn strictly() -> Self {
+        let (tolerance, lateness, period) = (None, None, None);
+        Self { observed: false, tolerance, lateness, period, ended: false, truncated: false }
     }
 
-    pub(crate) fn manner(&self) -> Manner {
-        let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+    /// What is done where the trace ends.
+    pub(crate) const fn end(&self) -> End {
+        match (self.truncated, self.ended) {
+            (true, _) => End::Early,
+            (false, true) => End::Ended,
+            (false, false) => End::Whole,
+        }
+    }
+
+    /// A judge of a trace with this header.
+    pub(crate) fn judging(&self, name: &str, header: &Header) -> TraceJudge {
+        let judging = TraceJudge::new(self.mode(), name, header);
+        match self.period() {
+            None => judging,
+            Some(period) => judging.with_period(period),
+        }
+    }
+
+    /// In nanoseconds, if it is known.
+    pub(crate) fn period(&self) -> Option<u64> {
+        self.period.map(nanos)
+    }
+
+    pub(crate) fn mode(&self) -> JudgeMode {
         let (tolerance, lateness) = (nanos(self.tolerance?), nanos(self.lateness?));
         Some(Slack { tolerance, lateness })
     }
+}
+
+fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// A span of time with its unit.
@@ -110,15 +156,16 @@ fn time(text: &str) -> Result<Duration, &'static str> {
 }
 
 /// The verdict at that end. A note says what is not judged.
-pub(crate) fn finish(judging: Judging, end: End) -> Found {
+pub(crate) fn finish(judging: TraceJudge, end: End) -> Findings {
     match end {
         End::Whole => judging.finish(),
+        End::Ended => judging.finish_ended(),
         End::Early => noted(judging.finish_early()),
     }
 }
 
 /// A verdict with a note about decisions that were missing at its end.
-pub(crate) fn noted((found, is_cut): (Found, bool)) -> Found {
+pub(crate) fn noted((found, is_cut): (Findings, bool)) -> Findings {
     if is_cut {
         let Summary { file, lines, .. } = found.summary();
         let what = "the trace ends before all that was decided then; that is not judged";

@@ -139,7 +139,7 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         #[cfg(unix)]
         Command::Drive(args) => drive::drive(&args),
         Command::Impl(args) => implementation::answer(&args),
-        Command::Deadline(args) => deadline::tell(&args),
+        Command::Deadline(args) => deadline::print_report(&args),
         Command::Scenario(args) => scenario::play(&args),
         Command::Report(args) => report::report(&args),
     }

@@ -2,12 +2,18 @@
 //! first response wins.
 
 mod constant;
+mod figure;
+#[cfg(test)]
+mod tests;
 
 use std::time::Duration;
 
-use fuseline_report::{Arrival, Forwarded, Message, Quantile, quantiles};
+use fuseline_report::{
+    Arrival, Forwarded, Message, NEVER, Quantile, Response, quantiles, quantiles_among,
+};
 
 pub(crate) use constant::Constant;
+pub(crate) use figure::Figure;
 
 /// A way to choose one result for each message.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -24,26 +30,31 @@ pub(crate) enum Policy {
     FirstWins,
 }
 
-/// What a policy gives: means over all messages.
+/// What a policy gives, as far as it is known.
+///
+/// Where calls were ended before their results, each figure is a bound that holds whatever those
+/// results would have been.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Score {
+pub(crate) struct PolicyScore {
     /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None
-    /// if it is not known: some model has no figure, or some call was ended before its deadline.
-    pub(crate) ap: Option<f64>,
+    /// if some model has no figure.
+    pub(crate) ap: Option<Figure<f64>>,
     /// Outputs whose result was there before the deadline.
-    pub(crate) in_time: u64,
+    pub(crate) in_time: Figure<u64>,
     /// Response times that half, 90 % and 99 % of the messages do not exceed. None without
     /// messages.
     pub(crate) quantiles: [Option<Quantile>; 3],
-    /// The response time that half of the messages in outages do not exceed. None without such.
+    /// The response time that half of the messages in outages do not exceed. None without such; a
+    /// bound where there may be none.
     pub(crate) outage: Option<Quantile>,
 }
 
-/// What a policy does with one message.
+/// What a policy does with one message, as far as it is known.
 struct Choice {
-    response: Arrival,
-    /// Whose result it is and when that was there; none if there is no output or it is unknown.
-    result: Option<(usize, Duration)>,
+    response: Response,
+    /// Whose result may be there before the deadline; none for no result in time. More than one
+    /// where it is not known.
+    in_time: Vec<Option<usize>>,
 }
 
 impl Policy {
@@ -67,204 +78,88 @@ impl Policy {
         messages: &[Message],
         aps: &[Option<f64>],
         deadline: Duration,
-    ) -> Score {
+    ) -> PolicyScore {
         let mut responses = Vec::with_capacity(messages.len());
-        let mut in_outages = Vec::new();
-        let (mut sum, mut in_time) = (Some(0.0), 0);
+        let (mut in_outages, mut perhaps_in_outages) = (Vec::new(), Vec::new());
+        let (mut sum, mut in_time) = (Some(Figure::exactly(0.0)), Figure::exactly(0));
         for message in messages {
-            let choice = self.choose(message);
-            responses.push(choice.response);
-            if message.is_in_outage(deadline) {
-                in_outages.push(choice.response);
+            let Choice { response, in_time: sources } = self.choose(message, deadline);
+            responses.push(response);
+            match message.is_in_outage(deadline) {
+                Some(true) => in_outages.push(response),
+                Some(false) => {}
+                None => perhaps_in_outages.push(response),
             }
-            match (choice.result, choice.response) {
-                (Some((source, arrival)), _) if arrival < deadline => {
-                    in_time += 1;
-                    sum = sum.zip(aps[source]).map(|(sum, ap)| sum + ap);
-                }
-                (None, Arrival::After(bound)) if bound < deadline => sum = None,
-                _ => {}
-            }
+            let counts = sources.iter().map(|source| u64::from(source.is_some()));
+            in_time = in_time.add(Figure::spanning(counts));
+            let aps: Option<Vec<f64>> =
+                sources.iter().map(|source| source.map_or(Some(0.0), |it| aps[it])).collect();
+            sum = sum.zip(aps).map(|(sum, aps)| sum.add(Figure::spanning(aps)));
         }
         #[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
-        let ap = sum.filter(|_| !messages.is_empty()).map(|sum| sum / messages.len() as f64);
-        let [outage, ..] = quantiles(&mut in_outages);
-        Score { ap, in_time, quantiles: quantiles(&mut responses), outage }
+        let count = messages.len() as f64;
+        let ap = sum.filter(|_| !messages.is_empty()).map(|sum| sum.map(|sum| sum / count));
+        let [outage, ..] = quantiles_among(&in_outages, &perhaps_in_outages);
+        PolicyScore { ap, in_time, quantiles: quantiles(&responses), outage }
     }
 
-    fn choose(&self, message: &Message) -> Choice {
-        let alone = |source: usize| {
-            let response = message.arrivals[source];
-            let result = match response {
-                Arrival::At(arrival) => Some((source, arrival)),
-                Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => None,
-            };
-            Choice { response, result }
-        };
-        let put_out = |forwarded: Option<Forwarded>| match forwarded {
-            Some(Forwarded { source, response }) => {
-                Choice { response: Arrival::At(response), ..alone(source) }
-            }
-            None => Choice { response: Arrival::Never, result: None },
-        };
+    fn choose(&self, message: &Message, deadline: Duration) -> Choice {
+        let arrivals = &*message.arrivals;
         match *self {
-            Self::LocalOnly => alone(0),
-            Self::CloudOnly(source) => alone(source),
-            Self::FirstWins => {
-                let first = (0..message.arrivals.len()).min_by_key(|i| message.arrivals[*i].key());
-                first.map_or(Choice { response: Arrival::Never, result: None }, alone)
-            }
-            Self::Fusion => put_out(message.forwarded),
+            Self::LocalOnly => alone(arrivals, 0, deadline),
+            Self::CloudOnly(source) => alone(arrivals, source, deadline),
+            Self::FirstWins => first(arrivals, deadline),
+            Self::Fusion => put_out(arrivals, message.forwarded, deadline),
             Self::Constant(ref constant) => {
-                let forwarded = constant.forwarded(&message.arrivals);
-                // An unknown arrival may have changed everything from then on.
-                let unknown = message.arrivals.iter().filter_map(|arrival| match arrival {
-                    Arrival::After(bound) => Some(*bound),
-                    Arrival::At(_) | Arrival::Failed(_) | Arrival::Never => None,
-                });
-                match (unknown.min(), forwarded) {
-                    (Some(bound), Some(Forwarded { response, .. })) if response <= bound => {
-                        put_out(forwarded)
-                    }
-                    (Some(bound), _) => Choice { response: Arrival::After(bound), result: None },
-                    (None, _) => put_out(forwarded),
+                if arrivals.iter().any(|arrival| matches!(arrival, Arrival::After(_))) {
+                    let (response, in_time) = constant.bounds(arrivals, deadline);
+                    Choice { response, in_time }
+                } else {
+                    put_out(arrivals, constant.forwarded(arrivals), deadline)
                 }
             }
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// What is known to be put out.
+fn put_out(arrivals: &[Arrival], forwarded: Option<Forwarded>, deadline: Duration) -> Choice {
+    let response = Response::exactly(forwarded.map(|forwarded| forwarded.response));
+    let in_time = forwarded.and_then(|Forwarded { source, .. }| match arrivals[source] {
+        Arrival::At(at) => Some(source).filter(|_| at < deadline),
+        Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => None,
+    });
+    Choice { response, in_time: vec![in_time] }
+}
 
-    const APS: [Option<f64>; 3] = [Some(40.0), Some(44.0), Some(52.0)];
-    const DEADLINE: Duration = ms(500);
+/// One source's result, whenever it comes.
+fn alone(arrivals: &[Arrival], source: usize, deadline: Duration) -> Choice {
+    let in_time = match arrivals[source] {
+        Arrival::At(at) if at < deadline => vec![Some(source)],
+        Arrival::After(bound) if bound < deadline => vec![Some(source), None],
+        Arrival::At(_) | Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => vec![None],
+    };
+    Choice { response: arrivals[source].into(), in_time }
+}
 
-    const fn ms(ms: u64) -> Duration {
-        Duration::from_millis(ms)
-    }
-
-    fn message(arrivals: [Arrival; 3], forwarded: Option<(usize, u64)>) -> Message {
-        let forwarded =
-            forwarded.map(|(source, response)| Forwarded { source, response: ms(response) });
-        Message { arrivals: arrivals.to_vec(), forwarded }
-    }
-
-    fn at(millis: u64) -> Arrival {
-        Arrival::At(ms(millis))
-    }
-
-    fn constant() -> Policy {
-        let (deadline, priorities) = (DEADLINE, vec![1, 2]);
-        Policy::Constant(Constant { deadline, priorities })
-    }
-
-    fn score(policy: &Policy, messages: &[Message]) -> Score {
-        policy.score(messages, &APS, DEADLINE)
-    }
-
-    /// One message that the best cloud wins, and one where both networks fail.
-    fn two() -> [Message; 2] {
-        [
-            message([at(300), at(150), at(170)], Some((2, 170))),
-            message([at(310), at(9_000), Arrival::Never], Some((0, 500))),
-        ]
-    }
-
-    fn close(found: Option<f64>, expected: f64) -> bool {
-        found.is_some_and(|found| (found - expected).abs() < 1e-9)
-    }
-
-    #[test]
-    fn each_policy_takes_its_own_result() {
-        for (policy, ap, in_time) in [
-            (Policy::Fusion, 46.0, 2),
-            (constant(), 46.0, 2),
-            (Policy::LocalOnly, 40.0, 2),
-            (Policy::CloudOnly(1), 22.0, 1),
-            (Policy::CloudOnly(2), 26.0, 1),
-            (Policy::FirstWins, 42.0, 2),
-        ] {
-            let score = score(&policy, &two());
-            assert!(close(score.ap, ap), "{policy:?}: {score:?}");
-            assert_eq!(score.in_time, in_time, "{policy:?}");
+/// The first result of all. What was ended before may have been first, but nothing comes later than
+/// the first that is known.
+fn first(arrivals: &[Arrival], deadline: Duration) -> Choice {
+    let known = arrivals.iter().enumerate().filter_map(|(source, arrival)| match *arrival {
+        Arrival::At(at) => Some((at, source)),
+        Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => None,
+    });
+    let known = known.min();
+    let most = known.map_or(NEVER, |(at, _)| at);
+    let mut least = most;
+    let mut in_time = vec![known.filter(|(at, _)| *at < deadline).map(|(_, source)| source)];
+    for (source, arrival) in arrivals.iter().enumerate() {
+        if let Arrival::After(bound) = *arrival
+            && bound < most
+        {
+            least = least.min(bound);
+            in_time.extend((bound < deadline).then_some(Some(source)));
         }
     }
-
-    #[test]
-    fn a_result_at_the_deadline_counts_as_late() {
-        let late = [message([at(500), at(499), at(501)], Some((0, 500)))];
-        assert_eq!(score(&Policy::LocalOnly, &late).in_time, 0);
-        assert_eq!(score(&Policy::CloudOnly(1), &late).in_time, 1);
-        assert_eq!(score(&Policy::Fusion, &late).in_time, 0);
-    }
-
-    #[test]
-    fn fusion_is_in_time_by_its_results_arrival_though_it_leaves_at_the_deadline() {
-        let held = [message([at(300), at(9_000), at(9_000)], Some((0, 501)))];
-        let score = score(&Policy::Fusion, &held);
-        assert_eq!((score.in_time, score.quantiles[0]), (1, Some(Quantile::Exactly(ms(501)))));
-    }
-
-    #[test]
-    fn a_missed_message_counts_zero_and_never_responds() {
-        let missed = [message([Arrival::Never; 3], None), message([at(1); 3], Some((2, 1)))];
-        let score = score(&Policy::Fusion, &missed);
-        assert!(close(score.ap, 26.0), "{score:?}");
-        assert_eq!(score.quantiles[1], Some(Quantile::Never));
-    }
-
-    #[test]
-    fn an_ended_call_leaves_the_ap_open_only_before_the_deadline() {
-        let ended =
-            |bound| [message([at(300), at(150), Arrival::After(ms(bound))], Some((0, 500)))];
-        assert!(close(score(&Policy::CloudOnly(2), &ended(500)).ap, 0.0));
-        assert_eq!(score(&Policy::CloudOnly(2), &ended(499)).ap, None);
-        // Who is first is known while the unknown one is later.
-        assert!(close(score(&Policy::FirstWins, &ended(499)).ap, 44.0));
-        assert_eq!(score(&Policy::FirstWins, &ended(150)).ap, None);
-    }
-
-    #[test]
-    fn with_a_constant_what_is_unknown_leaves_open_what_may_depend_on_it() {
-        let unknown = |bound| {
-            let arrivals = [at(300), at(150), Arrival::After(ms(bound))];
-            score(&constant(), &[message(arrivals, Some((1, 287)))])
-        };
-        assert_eq!((unknown(287).ap, unknown(500).ap), (None, Some(44.0)));
-        assert_eq!(unknown(287).quantiles[0], Some(Quantile::AtLeast(ms(287))));
-        assert_eq!(unknown(500).quantiles[0], Some(Quantile::Exactly(ms(500))));
-    }
-
-    #[test]
-    fn the_median_of_outages_is_that_of_messages_without_a_result_in_time() {
-        let refused = Arrival::Failed(Duration::ZERO);
-        let messages = [
-            message([at(300), at(150), at(170)], Some((2, 170))),
-            message([at(310), at(9_000), at(100)], Some((2, 100))),
-            message([at(320), at(150), Arrival::Never], Some((1, 290))),
-            message([at(330), at(500), refused], Some((0, 330))),
-            message([at(340), Arrival::Failed(ms(9)), refused], Some((0, 340))),
-        ];
-        let outage = |policy: Policy| score(&policy, &messages).outage;
-        assert_eq!(outage(Policy::Fusion), Some(Quantile::Exactly(ms(290))));
-        assert_eq!(outage(constant()), Some(Quantile::Exactly(ms(500))));
-        assert_eq!(score(&Policy::Fusion, &messages[..1]).outage, None);
-    }
-
-    #[test]
-    fn a_model_without_figure_leaves_the_ap_open() {
-        let score = Policy::Fusion.score(&two(), &[Some(40.0), None, None], DEADLINE);
-        assert_eq!(score.ap, None);
-    }
-
-    #[test]
-    fn requests_are_what_each_policy_needs_of_those_admitted() {
-        let requests = |policy: Policy| policy.needs(&[300, 250, 200]);
-        assert_eq!(requests(Policy::Fusion), None);
-        assert_eq!(requests(Policy::LocalOnly), Some(0));
-        assert_eq!(requests(Policy::CloudOnly(1)), Some(250));
-        assert_eq!(requests(Policy::FirstWins), Some(450));
-    }
+    Choice { response: Response { least, most }, in_time }
 }

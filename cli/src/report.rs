@@ -3,13 +3,13 @@
 use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::{Found, Manner, Page, PageError};
+use fuseline_report::{Findings, Page, PageError};
 use fuseline_traces::packed::unpack;
 
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
-use crate::judging::{End, How, next_event, noted, reader};
+use crate::judging::{End, JudgeOptions, next_event, noted, reader};
 use crate::output::Output;
 use crate::sink::Sink;
 use crate::verdict;
@@ -38,7 +38,7 @@ pub(crate) struct Args {
     #[arg(short, long, value_name = "FILE", default_value = "report.html")]
     output: PathBuf,
     #[command(flatten)]
-    how: How,
+    how: JudgeOptions,
 }
 
 impl From<PageError> for Fault {
@@ -58,8 +58,8 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
         Box::new(Sink::new(anstream::stdout()))
     };
     for path in &args.traces {
-        let found = read_file(&mut page, args.how.manner(), args.how.end(), path)?;
-        verdict::tell_summary(&found.summary(), &mut out).map_err(Fault::Output)?;
+        let found = read_file(&mut page, &args.how, path)?;
+        verdict::print_summary(&found.summary(), &mut out).map_err(Fault::Output)?;
         exit = exit.max(verdict::exit(&found));
     }
     write(&output, &page)?;
@@ -70,7 +70,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
 pub(crate) fn of(trace: &Path, output: &Path) -> Result<(), Fault> {
     let output = Output::new(output, &[trace])?;
     let mut page = Page::default();
-    read_file(&mut page, None, End::Whole, trace)?;
+    read_file(&mut page, &JudgeOptions::strictly(), trace)?;
     write(&output, &page)
 }
 
@@ -79,17 +79,22 @@ fn write(output: &Output, page: &Page) -> Result<(), Fault> {
 }
 
 /// Reads and judges one trace, and puts it on the page.
-fn read_file(page: &mut Page, manner: Manner, end: End, path: &Path) -> Result<Found, Fault> {
+fn read_file(page: &mut Page, how: &JudgeOptions, path: &Path) -> Result<Findings, Fault> {
+    let (mode, end) = (how.mode(), how.end());
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let mut reader = reader(manner, &name, trace)?;
-    let mut sheet = page.begin(manner, &name, reader.header());
+    let mut reader = reader(mode, &name, trace)?;
+    let mut canvas = page.begin(mode, &name, reader.header());
+    if let Some(period) = how.period() {
+        canvas = canvas.with_period(period);
+    }
     while let Some(event) = next_event(&mut reader, end)? {
-        sheet.event(reader.line(), event)?;
+        canvas.event(reader.line(), event)?;
     }
     Ok(match end {
-        End::Whole => sheet.finish(),
-        End::Early => noted(sheet.finish_early()),
+        End::Whole => canvas.finish(),
+        End::Ended => canvas.finish_ended(),
+        End::Early => noted(canvas.finish_early()),
     })
 }

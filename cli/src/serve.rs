@@ -21,7 +21,7 @@ use crate::files::{self, FileError};
 use crate::interrupt::Interrupt;
 use crate::models::Model;
 use crate::seconds::seconds;
-use crate::serve::locations::Sharing;
+use crate::serve::locations::LocationService;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -111,7 +111,7 @@ impl From<CannotServe> for Fault {
 pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
     if args.locations {
         let most = usize::try_from(args.vehicles).unwrap_or(usize::MAX);
-        return answering(args, Sharing::new(most, args.age), "locations of vehicles");
+        return answering(args, LocationService::new(most, args.age), "locations of vehicles");
     }
     let emulation = match &args.drive {
         Some(drive) => {

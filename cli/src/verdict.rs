@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use anstyle::{AnsiColor, Style};
-use fuseline_report::{AnyViolation, Found, Summary};
+use fuseline_report::{AnyViolation, Findings, Summary};
 use textwrap::Options;
 
 use crate::exit::Exit;
@@ -15,21 +15,26 @@ const WIDTH: usize = 96;
 pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
 pub(crate) const BAD: Style = AnsiColor::Red.on_default().bold();
 
-pub(crate) const fn exit(found: &Found) -> Exit {
+pub(crate) const fn exit(found: &Findings) -> Exit {
     if found.summary().conforms { Exit::Conforms } else { Exit::Differs }
 }
 
 /// Prints a verdict, without the first violations, which were printed before.
-pub(crate) fn tell(found: &Found, out: &mut impl Write, told: usize, json: bool) -> io::Result<()> {
+pub(crate) fn print_report(
+    found: &Findings,
+    out: &mut impl Write,
+    reported: usize,
+    json: bool,
+) -> io::Result<()> {
     if json {
         serde_json::to_writer(&mut *out, found)?;
         return writeln!(out);
     }
     let summary = found.summary();
-    tell_summary(&summary, out)?;
+    print_summary(&summary, out)?;
     let violations = found.violations();
-    for violation in violations.iter().skip(told) {
-        tell_violation(violation, summary.file, out)?;
+    for violation in violations.iter().skip(reported) {
+        print_violation(violation, summary.file, out)?;
     }
     match summary.violations - violations.len() as u64 {
         0 => Ok(()),
@@ -38,8 +43,8 @@ pub(crate) fn tell(found: &Found, out: &mut impl Write, told: usize, json: bool)
 }
 
 /// One line.
-pub(crate) fn tell_summary(summary: &Summary<'_>, out: &mut impl Write) -> io::Result<()> {
-    let Summary { file, conforms, judged, lines, violations } = *summary;
+pub(crate) fn print_summary(summary: &Summary<'_>, out: &mut impl Write) -> io::Result<()> {
+    let Summary { file, conforms, judged, unfinished, lines, violations } = *summary;
     let word = match (conforms, violations) {
         (true, _) => format!("{GOOD}conforms{GOOD:#}"),
         (false, 0) => format!("{BAD}does not conform{BAD:#} (nothing to judge)"),
@@ -48,21 +53,25 @@ pub(crate) fn tell_summary(summary: &Summary<'_>, out: &mut impl Write) -> io::R
         }
     };
     let (judged, lines) = (count(judged, "timestamp"), count(lines, "line"));
-    writeln!(out, "{file}: {word}, {judged} judged in {lines}")
+    let unfinished = match unfinished {
+        None | Some(0) => String::new(),
+        Some(unfinished) => format!(", {unfinished} unfinished"),
+    };
+    writeln!(out, "{file}: {word}, {judged} judged in {lines}{unfinished}")
 }
 
-/// What `tell` prints, without colours.
+/// What `print_report` prints, without colours.
 pub(crate) fn plain(
-    tell: impl FnOnce(&mut anstream::StripStream<Vec<u8>>) -> io::Result<()>,
+    print_report: impl FnOnce(&mut anstream::StripStream<Vec<u8>>) -> io::Result<()>,
 ) -> String {
     let mut out = anstream::StripStream::new(Vec::new());
     // Writing to memory does not fail.
-    let _ = tell(&mut out);
+    let _ = print_report(&mut out);
     String::from_utf8_lossy(&out.into_inner()).trim().to_owned()
 }
 
 /// A few lines, the first with the file.
-pub(crate) fn tell_violation(
+pub(crate) fn print_violation(
     violation: &AnyViolation<'_>,
     file: &str,
     out: &mut impl Write,

@@ -43,8 +43,8 @@ fn both_templates_judge_traces_and_leave_all_results() {
             let dir = tempfile::tempdir().unwrap();
             let variables = [(home.0, home.1.as_str()), (arguments, traces.to_str().unwrap())];
             let ran = host_runs(dir.path(), &line(template, "check"), &variables);
-            let told = String::from_utf8_lossy(&ran.stderr);
-            assert_eq!(ran.status.code(), Some(code), "{told}");
+            let printed = String::from_utf8_lossy(&ran.stderr);
+            assert_eq!(ran.status.code(), Some(code), "{printed}");
             let read =
                 |name| fs::read_to_string(dir.path().join("fuseline-check").join(name)).unwrap();
             let sarif: Value = serde_json::from_str(&read("fuseline.sarif")).unwrap();
@@ -68,8 +68,8 @@ fn both_templates_drive_a_command() {
             let dir = tempfile::tempdir().unwrap();
             let variables = [(home.0, home.1.as_str()), (arguments, driven)];
             let ran = host_runs(dir.path(), &line(template, "drive"), &variables);
-            let told = String::from_utf8_lossy(&ran.stderr);
-            assert_eq!(ran.status.code(), Some(code), "{told}");
+            let printed = String::from_utf8_lossy(&ran.stderr);
+            assert_eq!(ran.status.code(), Some(code), "{printed}");
             let sarif = dir.path().join("fuseline-drive/fuseline.sarif");
             let sarif: Value = serde_json::from_str(&fs::read_to_string(sarif).unwrap()).unwrap();
             assert_eq!(sarif["runs"][0]["results"][0].is_object(), code == 1);

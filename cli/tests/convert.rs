@@ -87,7 +87,7 @@ fn rows_of_one_instant_keep_their_order_when_they_are_sorted() {
 /// D10.
 #[test]
 fn a_row_that_is_none_is_told_with_its_line_and_writes_nothing() {
-    for (row, line, told) in [
+    for (row, line, printed) in [
         ("40,answer,7,0,,", 4, "unknown event \"answer\""),
         ("40,result,7,,,", 4, "key \"p\" is missing"),
         ("40.0000001,result,7,0,,", 4, "column \"stamp_ms\": \"40.0000001\" is not a number"),
@@ -102,7 +102,7 @@ fn a_row_that_is_none_is_told_with_its_line_and_writes_nothing() {
         assert_eq!(refused.status.code(), Some(2), "{row}");
         let place = format!("events.csv:{line}: ");
         assert!(
-            err(&refused).contains(&place) && err(&refused).contains(told),
+            err(&refused).contains(&place) && err(&refused).contains(printed),
             "{}",
             err(&refused)
         );
@@ -212,8 +212,8 @@ fn a_message_that_is_none_and_a_file_cut_short_are_told() {
     };
     let lines = [(0, HEADER), (1, r#"{"ev":"open","t":7}"#), (2, r#"{"ev":"open"}"#)];
     let whole = recording(None, &lines);
-    let told = refused(&whole, &[]);
-    assert!(told.contains("drive.mcap: message 3: column"), "{told}");
+    let printed = refused(&whole, &[]);
+    assert!(printed.contains("drive.mcap: message 3: column"), "{printed}");
     assert!(refused(&whole, &["--topic", "/none"]).contains("no message of topic /none"));
     assert!(refused(&whole, &["--topic", "/camera"]).contains("is encoded as \"cdr\""));
     let half = recording(Some(Compression::Zstd), &lines[..2]);

@@ -71,8 +71,8 @@ fn figures_that_are_not_known_exactly_allow_less() {
 
 #[test]
 fn a_table_says_why() {
-    let told = deadline(&["--speed", SPEEDS], "");
-    let text = out(&told);
+    let printed = deadline(&["--speed", SPEEDS], "");
+    let text = out(&printed);
     for part in ["0.3117 s", "1: local alone stops", "2: the cloud alone might", "Nothing was"] {
         assert!(text.contains(part), "{text}");
     }
@@ -106,10 +106,10 @@ fn what_makes_no_sense_is_told_in_one_line_with_a_remedy() {
         (observed, "response_s,answered\n", "stdin: no calls below its first row"),
     ];
     for (args, input, message) in cases {
-        let told = deadline(args, input);
-        assert_eq!((told.status.code(), out(&told)), (Some(2), ""), "{args:?}");
-        assert!(err(&told).contains(message), "{:?}, not {message:?}", err(&told));
-        assert_eq!(err(&told).lines().count(), 1, "{}", err(&told));
+        let printed = deadline(args, input);
+        assert_eq!((printed.status.code(), out(&printed)), (Some(2), ""), "{args:?}");
+        assert!(err(&printed).contains(message), "{:?}, not {message:?}", err(&printed));
+        assert_eq!(err(&printed).lines().count(), 1, "{}", err(&printed));
     }
     let missing = deadline(&["--speed", "20", "--observed", "missing.csv"], "");
     assert!(err(&missing).starts_with("error: missing.csv: No such file"), "{}", err(&missing));

@@ -28,9 +28,9 @@ impl Drop for Server {
 fn start(args: &[&str]) -> (Server, String) {
     let all = [&["serve", "--listen", "127.0.0.1:0", "--locations"], args].concat();
     let mut child = fuseline(&all).stdout(Stdio::piped()).spawn().unwrap();
-    let mut told = String::new();
-    BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
-    let url = told.trim().strip_prefix("locations of vehicles at ").unwrap().to_owned();
+    let mut printed = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut printed).unwrap();
+    let url = printed.trim().strip_prefix("locations of vehicles at ").unwrap().to_owned();
     (Server(child), url)
 }
 

@@ -58,12 +58,12 @@ fn an_output_onto_its_input_is_refused_however_it_is_named() {
         ] {
             let refused = in_directory(dir.path(), &[command, &["-o", output]].concat());
             assert_eq!(refused.status.code(), Some(2), "{command:?} -o {output}");
-            let told = err(&refused);
+            let printed = err(&refused);
             assert!(
-                told.starts_with(&format!("error: {output}: it is what is read as ")),
-                "{told}"
+                printed.starts_with(&format!("error: {output}: it is what is read as ")),
+                "{printed}"
             );
-            assert_eq!((told.lines().count(), out(&refused)), (1, ""), "{told}");
+            assert_eq!((printed.lines().count(), out(&refused)), (1, ""), "{printed}");
             assert_eq!(fs::read_to_string(dir.path().join("t.jsonl")).unwrap(), TRACE);
         }
     }
@@ -122,9 +122,9 @@ fn a_dash_is_standard_output() {
         let file = dir.path().join("out");
         let named = in_directory(dir.path(), &[command, &["-o", "out"]].concat());
         assert_eq!(named.status.code(), Some(0), "{}", err(&named));
-        let told = in_directory(dir.path(), &[command, &["-o", "-"]].concat());
-        assert_eq!(told.status.code(), Some(0), "{}", err(&told));
-        assert!(told.stdout == fs::read(&file).unwrap(), "{command:?}");
+        let printed = in_directory(dir.path(), &[command, &["-o", "-"]].concat());
+        assert_eq!(printed.status.code(), Some(0), "{}", err(&printed));
+        assert!(printed.stdout == fs::read(&file).unwrap(), "{command:?}");
         fs::remove_file(file).unwrap();
         assert_eq!(names(dir.path()), before, "{command:?}");
     }

@@ -39,9 +39,9 @@ impl Server {
         let all = [&["probe", "--serve", "--listen", "127.0.0.1:0"], args].concat();
         let mut child =
             fuseline(&all).current_dir(directory).stdout(Stdio::piped()).spawn().unwrap();
-        let mut told = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
-        let url = told.trim().rsplit(' ').next().unwrap().replace("127.0.0.1", "localhost");
+        let mut printed = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut printed).unwrap();
+        let url = printed.trim().rsplit(' ').next().unwrap().replace("127.0.0.1", "localhost");
         Self { child, url }
     }
 }
@@ -55,7 +55,7 @@ impl Drop for Server {
 
 /// What the relay saw of one request.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct RelayedRequest {
     /// Its place among the probe's requests.
     slot: u64,
     /// Requests that it held already.
@@ -68,14 +68,14 @@ struct Seen {
 /// Hands requests on to `server`, each after `delay(when it came)`.
 struct Relay {
     url: String,
-    seen: Arc<Mutex<Vec<Seen>>>,
+    seen: Arc<Mutex<Vec<RelayedRequest>>>,
     _runtime: Runtime,
 }
 
 impl Relay {
     fn start(server: &Server, delay: fn(Duration, u64) -> Duration) -> Self {
         let runtime = Runtime::new().unwrap();
-        let seen = Arc::<Mutex<Vec<Seen>>>::default();
+        let seen = Arc::<Mutex<Vec<RelayedRequest>>>::default();
         let saw = Arc::clone(&seen);
         let url = runtime.block_on(async {
             let client = InferClient::new(grpc::Remote::new(&server.url).connect().unwrap());
@@ -95,7 +95,7 @@ impl Relay {
                     let reply = client.infer(tonic::Request::new(request)).await;
                     *queued.lock().unwrap() -= 1;
                     let held = start.elapsed().saturating_sub(came);
-                    saw.lock().unwrap().push(Seen { slot, queued: before, came, held });
+                    saw.lock().unwrap().push(RelayedRequest { slot, queued: before, came, held });
                     reply.map(tonic::Response::into_inner)
                 }
             };
@@ -109,7 +109,7 @@ impl Relay {
     }
 
     /// All but the first, which does not count.
-    fn seen(&self) -> Vec<Seen> {
+    fn seen(&self) -> Vec<RelayedRequest> {
         let mut seen = self.seen.lock().unwrap().clone();
         seen.sort_by_key(|seen| seen.came);
         seen.split_off(1)
@@ -160,10 +160,10 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
     let mut held: Vec<f64> = seen.iter().map(|seen| millis(seen.held)).collect();
     held.sort_unstable_by(f64::total_cmp);
     for (quantile, percent) in [("p50", 50), ("p90", 90), ("p99", 99)] {
-        let told = summary["answers_ms"][quantile].as_f64().unwrap();
+        let printed = summary["answers_ms"][quantile].as_f64().unwrap();
         let place = (held.len() * percent).div_ceil(100) - 1;
-        assert!((told - trips[place]).abs() < 0.01, "{quantile}: {told} of {}", trips[place]);
-        assert!(told >= held[place] - 0.1, "{quantile}: {told} of {}", held[place]);
+        assert!((printed - trips[place]).abs() < 0.01, "{quantile}: {printed} of {}", trips[place]);
+        assert!(printed >= held[place] - 0.1, "{quantile}: {printed} of {}", held[place]);
     }
     let ran =
         run_in(dir.path(), &["--seconds", "1", "--json", "--drive", "west=fuseline-probe.csv"]);
@@ -199,8 +199,8 @@ fn a_stall_of_3_s_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answere
     assert_eq!(rows.len(), seen.len() + 1);
 
     assert!(out(&probed).contains("\nThere are no positions, so there is no route.\n"));
-    let told = "\nplots: index.html, and as SVG and PNG: round-trips, distribution\n";
-    assert!(out(&probed).contains(told), "{}", out(&probed));
+    let printed = "\nplots: index.html, and as SVG and PNG: round-trips, distribution\n";
+    assert!(out(&probed).contains(printed), "{}", out(&probed));
     let plots = dir.path().join("plots");
     let svg = plotted(&plots, &["round-trips", "distribution"]);
     assert!(!plots.join("route.svg").exists());
@@ -250,9 +250,9 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
         let args = ["probe", "--plot", name, "-o", "plots"];
         fuseline(&args).current_dir(dir.path()).output().unwrap()
     };
-    let told = plot("drive.csv");
-    assert_eq!(told.status.code(), Some(0), "{}", err(&told));
-    assert!(out(&told).contains(", route\n"), "{}", out(&told));
+    let printed = plot("drive.csv");
+    assert_eq!(printed.status.code(), Some(0), "{}", err(&printed));
+    assert!(out(&printed).contains(", route\n"), "{}", out(&printed));
     let plots = dir.path().join("plots");
     let svg = plotted(&plots, &["round-trips", "distribution", "route"]);
     assert!(svg[0].contains("40 answers, 0 failed or unanswered, 0 pauses; p50 390 ms"));
@@ -271,10 +271,14 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
     ] {
         fs::write(dir.path().join("wrong.csv"), wrong).unwrap();
         let refused = plot("wrong.csv");
-        let told = err(&refused);
-        assert_eq!(refused.status.code(), Some(2), "{told}");
-        assert!(told.starts_with("error: ") && told.contains(what), "{what}: {told}");
-        assert_eq!((told.lines().count(), fs::read_dir(&plots).unwrap().count()), (1, 0), "{told}");
+        let printed = err(&refused);
+        assert_eq!(refused.status.code(), Some(2), "{printed}");
+        assert!(printed.starts_with("error: ") && printed.contains(what), "{what}: {printed}");
+        assert_eq!(
+            (printed.lines().count(), fs::read_dir(&plots).unwrap().count()),
+            (1, 0),
+            "{printed}"
+        );
     }
 }
 
@@ -287,8 +291,11 @@ fn a_plot_that_cannot_be_written_is_one_error_and_the_recording_stays() {
     let probe = ["probe", &server.url, "--seconds", "0.5", "-o", "plots"];
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(2));
-    let told = err(&probed);
-    assert!(told.lines().last().unwrap().starts_with("error: plots/round-trips.svg: "), "{told}");
+    let printed = err(&probed);
+    assert!(
+        printed.lines().last().unwrap().starts_with("error: plots/round-trips.svg: "),
+        "{printed}"
+    );
     assert!(out(&probed).contains("15 slots at 30 a second"), "{}", out(&probed));
     assert_eq!(fs::read_dir(dir.path().join("plots")).unwrap().count(), 1);
     // A busy machine misses slots.
@@ -426,13 +433,13 @@ fn over_tls_only_the_right_certificates_and_token_are_answered() {
         (&plain, token.to_owned(), "the connection broke; if it speaks TLS, give an https URL"),
     ] {
         let refused = probe(url, &keys);
-        let told = err(&refused);
-        assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{keys}: {told}");
+        let printed = err(&refused);
+        assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{keys}: {printed}");
         assert!(
-            told.starts_with(&format!("error: {url}: ")) && told.contains(what),
-            "{keys}: {told}"
+            printed.starts_with(&format!("error: {url}: ")) && printed.contains(what),
+            "{keys}: {printed}"
         );
-        assert_eq!(told.lines().count(), 1, "{told}");
+        assert_eq!(printed.lines().count(), 1, "{printed}");
         assert!(!dir.path().join("fuseline-probe.csv").exists(), "{keys}");
     }
     let probed = probe(&server.url, &format!("--ca ca.pem {client} {token}"));
@@ -452,11 +459,11 @@ fn a_folder_that_takes_no_files_is_told_before_anything_is_measured() {
     for folder in ["/proc", "file", "file/in"] {
         let probe = ["probe", &server.url, "--seconds", "600", "-o", folder];
         let refused = fuseline(&probe).current_dir(dir.path()).output().unwrap();
-        let told = err(&refused);
-        assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{told}");
-        assert!(told.starts_with(&format!("error: {folder}: ")), "{told}");
-        assert!(told.ends_with("; name a folder that can be written to\n"), "{told}");
-        assert_eq!(told.lines().count(), 1, "{told}");
+        let printed = err(&refused);
+        assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{printed}");
+        assert!(printed.starts_with(&format!("error: {folder}: ")), "{printed}");
+        assert!(printed.ends_with("; name a folder that can be written to\n"), "{printed}");
+        assert_eq!(printed.lines().count(), 1, "{printed}");
         assert!(!dir.path().join("fuseline-probe.csv").exists());
     }
 }
@@ -484,9 +491,9 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         let all = [&["probe"], args].concat();
         let refused = fuseline(&all).current_dir(dir.path()).output().unwrap();
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", out(&refused));
-        let told = err(&refused);
-        assert!(told.starts_with("error: ") && told.contains(what), "{args:?}: {told}");
-        assert_eq!((told.lines().count(), out(&refused)), (1, ""), "{args:?}: {told}");
+        let printed = err(&refused);
+        assert!(printed.starts_with("error: ") && printed.contains(what), "{args:?}: {printed}");
+        assert_eq!((printed.lines().count(), out(&refused)), (1, ""), "{args:?}: {printed}");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "{args:?}");
     }
     assert_eq!(run(&["probe", "--help"], "").status.code(), Some(0));

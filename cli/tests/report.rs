@@ -49,26 +49,27 @@ fn a_page_holds_its_trace_in_columns() {
     let dir = tempfile::tempdir().unwrap();
     let trace = corpus("f5-due-order-then-timestamp.jsonl");
     let (page, code) = page(&dir, &[&trace], &[]);
-    let told = &data(&page)["traces"][0];
-    assert_eq!((code, &told["conforms"]), (Some(0), &Value::Bool(true)));
+    let printed = &data(&page)["traces"][0];
+    assert_eq!((code, &printed["conforms"]), (Some(0), &Value::Bool(true)));
     let text = fs::read_to_string(&trace).unwrap();
     let events: Vec<Value> =
         text.lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!(told["lines"], events.len() + 1);
-    let (timestamps, at, t) = (sums(&told["timestamps"]), sums(&told["at"]), sums(&told["t"]));
-    let origin = told["origin"].as_i64().unwrap();
+    assert_eq!(printed["lines"], events.len() + 1);
+    let (timestamps, at, t) =
+        (sums(&printed["timestamps"]), sums(&printed["at"]), sums(&printed["t"]));
+    let origin = printed["origin"].as_i64().unwrap();
     for (i, event) in events.iter().enumerate() {
         assert_eq!(event["at"], at[i] + origin, "{event}");
         if event["ev"] != "tick" {
             assert_eq!(event["t"], timestamps[usize::try_from(t[i]).unwrap()], "{event}");
         }
-        let source = told["p"][i].as_u64().unwrap().checked_sub(1);
-        let source = source.map(|place| &told["sources"][usize::try_from(place).unwrap()]["p"]);
+        let source = printed["p"][i].as_u64().unwrap().checked_sub(1);
+        let source = source.map(|place| &printed["sources"][usize::try_from(place).unwrap()]["p"]);
         assert_eq!(event.get("p"), source, "{event}");
     }
     let letters: String =
         events.iter().map(|event| letter(event["ev"].as_str().unwrap())).collect();
-    assert_eq!(told["ev"], letters);
+    assert_eq!(printed["ev"], letters);
 }
 
 fn letter(ev: &str) -> char {
@@ -89,13 +90,13 @@ fn a_violation_stands_in_the_page_with_its_rule() {
     let bad = corpus("bad/f3-first-response-wins.jsonl");
     let (page, code) = page(&dir, &[&good, &bad], &[]);
     assert_eq!(code, Some(1));
-    let told = &data(&page)["traces"];
-    assert_eq!(told.as_array().unwrap().len(), 2);
-    let violation = &told[1]["violations"][0];
+    let printed = &data(&page)["traces"];
+    assert_eq!(printed.as_array().unwrap().len(), 2);
+    let violation = &printed[1]["violations"][0];
     assert_eq!((&violation["line"], &violation["rule"]), (&8.into(), &"F3".into()));
     let sentence = violation["sentence"].as_str().unwrap();
     assert!(sentence.starts_with("A result is dropped for the first of"), "{sentence}");
-    assert_eq!((&violation["t"], sums(&told[1]["timestamps"])), (&0.into(), vec![1]));
+    assert_eq!((&violation["t"], sums(&printed[1]["timestamps"])), (&0.into(), vec![1]));
 }
 
 #[test]
@@ -111,12 +112,16 @@ fn a_failure_that_comes_after_its_timer_is_told_as_late() {
     let trace = dir.path().join("trace.jsonl");
     fs::write(&trace, out(&run(&["replay"], inputs))).unwrap();
     let (page, _) = page(&dir, &[&trace], &[]);
-    let told = &data(&page);
-    let words: Vec<&str> =
-        told["columns"].as_array().unwrap().iter().map(|word| word[0].as_str().unwrap()).collect();
+    let printed = &data(&page);
+    let words: Vec<&str> = printed["columns"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|word| word[0].as_str().unwrap())
+        .collect();
     // The timer, local's emit and the cancel stand between the failure and its drop.
     let counts = |place: usize| -> Vec<(&str, u64)> {
-        let row = &told["traces"][0]["account"]["rows"][place];
+        let row = &printed["traces"][0]["account"]["rows"][place];
         assert_eq!(row["place"], place);
         let counts = row["counts"].as_array().unwrap().iter().map(|count| count.as_u64().unwrap());
         words.iter().copied().zip(counts).filter(|(_, count)| *count > 0).collect()
@@ -124,24 +129,24 @@ fn a_failure_that_comes_after_its_timer_is_told_as_late() {
     assert_eq!(counts(0), [("requests", 1), ("forwarded", 1)]);
     assert_eq!(counts(1), [("requests", 1), ("late", 1)]);
     assert_eq!(counts(2), [("requests", 1), ("superseded", 1)]);
-    assert_eq!(told["traces"][0]["fates"], "135");
-    assert_eq!(told["traces"][0]["outcome"], serde_json::json!([0]));
-    assert_eq!(told["traces"][0]["deadlines"], serde_json::json!([50, 90]));
+    assert_eq!(printed["traces"][0]["fates"], "135");
+    assert_eq!(printed["traces"][0]["outcome"], serde_json::json!([0]));
+    assert_eq!(printed["traces"][0]["deadlines"], serde_json::json!([50, 90]));
 }
 
 #[test]
 fn a_page_has_its_reasons_words_from_the_command() {
     let dir = tempfile::tempdir().unwrap();
     let (page, _) = page(&dir, &[&corpus("f8-every-input-has-an-outcome.jsonl")], &[]);
-    let told = data(&page);
+    let printed = data(&page);
     for reasons in ["refusals", "drops"] {
-        for reason in told[reasons].as_array().unwrap() {
+        for reason in printed[reasons].as_array().unwrap() {
             assert!(reason["sentence"].as_str().unwrap().len() > 9, "{reason}");
         }
     }
     // The places stand in the columns; each decision's word is the one of its line.
     let text = fs::read_to_string(corpus("f8-every-input-has-an-outcome.jsonl")).unwrap();
-    let told_words = |kind: &str| -> Vec<String> {
+    let printed_words = |kind: &str| -> Vec<String> {
         let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
         lines
             .filter(|line| line["ev"] == kind)
@@ -149,17 +154,17 @@ fn a_page_has_its_reasons_words_from_the_command() {
             .collect()
     };
     for (kind, letter, reasons) in [("refuse", 'n', "refusals"), ("drop", 'd', "drops")] {
-        let words = words_of(&told["traces"][0], letter, &told[reasons]);
-        assert_eq!(words, told_words(kind));
+        let words = words_of(&printed["traces"][0], letter, &printed[reasons]);
+        assert_eq!(words, printed_words(kind));
         assert!(!words.is_empty(), "{kind}");
     }
 }
 
 /// The words of the reasons that the events of this letter bear.
-fn words_of(told: &Value, letter: char, reasons: &Value) -> Vec<String> {
-    let mut x = told["x"].as_array().unwrap().iter();
+fn words_of(printed: &Value, letter: char, reasons: &Value) -> Vec<String> {
+    let mut x = printed["x"].as_array().unwrap().iter();
     let mut words = Vec::new();
-    for ev in told["ev"].as_str().unwrap().chars() {
+    for ev in printed["ev"].as_str().unwrap().chars() {
         let more = match ev {
             'f' => 2,
             'o' | 'q' | 'n' | 'd' => 1,
@@ -200,9 +205,9 @@ fn names_cannot_break_out_of_the_data() {
     let (page, code) = page(&dir, &[&trace], &[]);
     assert_eq!(code, Some(0));
     assert!(!element(&page).contains('<'));
-    let told = &data(&page)["traces"];
-    assert_eq!(told[0]["operator"], name);
-    assert_eq!(told[0]["sources"][1]["name"], name);
+    let printed = &data(&page)["traces"];
+    assert_eq!(printed[0]["operator"], name);
+    assert_eq!(printed[0]["sources"][1]["name"], name);
     assert_eq!(page.matches("<script").count(), 2);
 }
 
@@ -220,10 +225,10 @@ fn numbers_that_a_script_cannot_hold_are_texts() {
     .unwrap();
     let (page, code) = page(&dir, &[&trace], &[]);
     assert_eq!(code, Some(0));
-    let told = &data(&page)["traces"][0];
-    assert_eq!(told["timestamps"][0], "18446744073709551615");
-    assert_eq!(told["origin"], "18446744073709551600");
-    assert_eq!(sums(&told["at"]), [0, 3, 3]);
+    let printed = &data(&page)["traces"][0];
+    assert_eq!(printed["timestamps"][0], "18446744073709551615");
+    assert_eq!(printed["origin"], "18446744073709551600");
+    assert_eq!(sums(&printed["at"]), [0, 3, 3]);
 }
 
 #[test]

@@ -24,7 +24,7 @@ fn json(args: &[&str]) -> Value {
 }
 
 /// What each row tells under these keys.
-fn told<'a>(rows: &'a Value, keys: &[&str]) -> Vec<Vec<&'a Value>> {
+fn printed<'a>(rows: &'a Value, keys: &[&str]) -> Vec<Vec<&'a Value>> {
     let rows = rows.as_array().unwrap();
     rows.iter().map(|row| keys.iter().map(|key| &row[*key]).collect()).collect()
 }
@@ -47,10 +47,10 @@ const JAM: [&str; 2] = ["traffic-jam", "--cells-only"];
 
 #[test]
 fn the_cells_of_the_traffic_jam_are_told_with_their_parameters() {
-    let told = json(&[&JAM[..], &["--speed", "11,22", "--response", "0.75,1"]].concat());
-    assert_eq!(told["scenario"], "traffic-jam");
-    assert_eq!(told["parameters"]["vehicle"]["deceleration"], 7.5);
-    let cells = told["cells"].as_array().unwrap();
+    let printed = json(&[&JAM[..], &["--speed", "11,22", "--response", "0.75,1"]].concat());
+    assert_eq!(printed["scenario"], "traffic-jam");
+    assert_eq!(printed["parameters"]["vehicle"]["deceleration"], 7.5);
+    let cells = printed["cells"].as_array().unwrap();
     assert_eq!(cells.len(), 12);
     let ours = &cells[10];
     assert_eq!((&ours["speed"], &ours["approach"]), (&22.0.into(), &"ours".into()));
@@ -81,7 +81,11 @@ fn a_changed_parameter_shows_at_once() {
         let plain: Value = serde_json::from_str(&plain).unwrap();
         // By the expected deadline the same cells avoid, and more gently.
         let key = if change[1] == "expected" { "impact" } else { "outcome" };
-        assert_ne!(told(&changed["cells"], &[key]), told(&plain["cells"], &[key]), "{change:?}");
+        assert_ne!(
+            printed(&changed["cells"], &[key]),
+            printed(&plain["cells"], &[key]),
+            "{change:?}"
+        );
         for cell in changed["cells"].as_array().unwrap() {
             let outcome = match (cell["gap"].is_null(), cell["impact"].is_null()) {
                 (false, true) => "avoids",
@@ -115,8 +119,8 @@ fn what_runs_leave_is_accepted_by_the_strict_judge() {
 
 #[test]
 fn no_detector_sees_the_runner_in_time_and_shared_locations_do() {
-    let told = json(&["red-light"]);
-    let runs = told["runs"].as_array().unwrap();
+    let printed = json(&["red-light"]);
+    let runs = printed["runs"].as_array().unwrap();
     assert_eq!(runs.len(), 3 * 5 * 7);
     for run in runs {
         let is_shared = run["approach"] == "sharing" && run["round_trip"].as_f64().unwrap() < 0.5;
@@ -133,36 +137,36 @@ fn no_detector_sees_the_runner_in_time_and_shared_locations_do() {
     }
     let collides =
         |runs: &Value| runs.as_array().unwrap().iter().any(|run| run["collides"] == true);
-    assert!(!collides(&told["without_occluder"]));
-    assert!(told["at_once"].as_array().unwrap().iter().all(|run| run["collides"] == true));
+    assert!(!collides(&printed["without_occluder"]));
+    assert!(printed["at_once"].as_array().unwrap().iter().all(|run| run["collides"] == true));
     let open = json(&["red-light", "--no-occluder", "--round-trip", "0.068"]);
     assert!(!collides(&open["runs"]));
     let slow = json(&["red-light", "--runner-speed", "4", "--delta", "0"]);
-    assert_ne!(slow["runs"], told["runs"]);
+    assert_ne!(slow["runs"], printed["runs"]);
 }
 
 #[test]
 fn only_a_cached_plan_is_fast_enough_for_the_person() {
-    let told = json(&["jaywalking"]);
-    let greatest = told["greatest"].as_array().unwrap();
+    let printed = json(&["jaywalking"]);
+    let greatest = printed["greatest"].as_array().unwrap();
     for (row, expected) in greatest.iter().zip([[0.5, 9.43, 8.88], [0.4, 11.24, 9.43]]) {
         for (key, expected) in ["response", "swerve", "brake"].iter().zip(expected) {
             let found = row[*key].as_f64().unwrap();
             assert!((found - expected).abs() < 0.005, "{key}: {found}");
         }
     }
-    for run in told["runs"].as_array().unwrap() {
+    for run in printed["runs"].as_array().unwrap() {
         let avoids = run["cloud"] == "in-time" && run["manoeuvre"] == "swerve";
         assert_eq!(run["collides"], !avoids, "{run}");
     }
     let near = json(&["jaywalking", "--distance", "8"]);
-    assert_ne!(near["greatest"], told["greatest"]);
+    assert_ne!(near["greatest"], printed["greatest"]);
 }
 
 #[test]
 fn recorded_networks_give_the_table_of_the_specification() {
-    let told = json(&["networks", "--speed", "20,22", "--starts", "100"]);
-    let rows = told["rows"].as_array().unwrap();
+    let printed = json(&["networks", "--speed", "20,22", "--starts", "100"]);
+    let rows = printed["rows"].as_array().unwrap();
     assert_eq!(rows.len(), 10 * 2 * 7);
     let percent = |speed: f64, policy: Value| {
         let meant = rows.iter().filter(|row| row["speed"] == speed && row["policy"] == policy);
@@ -245,12 +249,16 @@ fn a_folder_that_takes_no_files_is_told_before_the_work() {
     for refusing in &refusing {
         for option in ["-o", "--trace"] {
             for name in ["traffic-jam", "red-light", "jaywalking"] {
-                let told = run(&["scenario", name, option, refusing], "");
-                assert_eq!((told.status.code(), out(&told)), (Some(2), ""), "{name}");
-                assert!(err(&told).starts_with(&format!("error: {refusing}: ")), "{}", err(&told));
+                let printed = run(&["scenario", name, option, refusing], "");
+                assert_eq!((printed.status.code(), out(&printed)), (Some(2), ""), "{name}");
+                assert!(
+                    err(&printed).starts_with(&format!("error: {refusing}: ")),
+                    "{}",
+                    err(&printed)
+                );
                 let remedy = "; name a folder that can be written to\n";
-                assert!(err(&told).ends_with(remedy), "{}", err(&told));
-                assert_eq!(err(&told).lines().count(), 1, "{}", err(&told));
+                assert!(err(&printed).ends_with(remedy), "{}", err(&printed));
+                assert_eq!(err(&printed).lines().count(), 1, "{}", err(&printed));
             }
         }
     }
@@ -290,10 +298,10 @@ fn what_makes_no_sense_is_told_in_one_line_with_a_remedy() {
         (&["networks", "--trace", "never-made"], "name fewer with --drive, --speed"),
     ];
     for (args, message) in cases {
-        let told = run(&[&["scenario"], args].concat(), "");
-        assert_eq!((told.status.code(), out(&told)), (Some(2), ""), "{args:?}");
-        assert!(err(&told).contains(message), "{:?}, not {message:?}", err(&told));
-        assert_eq!(err(&told).lines().count(), 1, "{}", err(&told));
+        let printed = run(&[&["scenario"], args].concat(), "");
+        assert_eq!((printed.status.code(), out(&printed)), (Some(2), ""), "{args:?}");
+        assert!(err(&printed).contains(message), "{:?}, not {message:?}", err(&printed));
+        assert_eq!(err(&printed).lines().count(), 1, "{}", err(&printed));
     }
     assert!(!Path::new("never-made").exists());
 }

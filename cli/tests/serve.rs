@@ -43,9 +43,9 @@ impl Server {
     /// With a token in its environment.
     fn start_with(directory: &Path, args: &[&str], token: &OsStr) -> Self {
         let all = [&["--listen", "127.0.0.1:0"], args].concat();
-        let (child, told) = begun(directory, &all, token);
-        let port = told.trim().rsplit(':').next().unwrap().to_owned();
-        assert!(port.parse::<u16>().is_ok(), "{told}");
+        let (child, printed) = begun(directory, &all, token);
+        let port = printed.trim().rsplit(':').next().unwrap().to_owned();
+        assert!(port.parse::<u16>().is_ok(), "{printed}");
         Self { child, port }
     }
 
@@ -72,18 +72,18 @@ fn begun(directory: &Path, args: &[&str], token: &OsStr) -> (Child, String) {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut told = String::new();
-    BufReader::new(child.stdout.take().unwrap()).read_line(&mut told).unwrap();
-    (child, told)
+    let mut printed = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut printed).unwrap();
+    (child, printed)
 }
 
 /// How a server ends that must not start.
 fn refused(directory: &Path, args: &[&str], token: &OsStr) -> Output {
-    let (mut child, told) = begun(directory, args, token);
-    if !told.is_empty() {
+    let (mut child, printed) = begun(directory, args, token);
+    if !printed.is_empty() {
         child.kill().unwrap();
         child.wait().unwrap();
-        panic!("{args:?}, {}: {told}", token.display());
+        panic!("{args:?}, {}: {printed}", token.display());
     }
     child.wait_with_output().unwrap()
 }
@@ -126,8 +126,8 @@ fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
     assert!(line.starts_with("  2 east   DETR-ResNet-101 on A100"), "{line}");
     assert!(line.ends_with(&format!("{}, vnperf/highway:sprint", server.port)), "{line}");
 
-    let told = cloud.replace("DINO-SWIN-Tiny", "DETR-ResNet-101");
-    for same in [told.as_str(), &told.replace("model=DETR-ResNet-101,", "")] {
+    let printed = cloud.replace("DINO-SWIN-Tiny", "DETR-ResNet-101");
+    for same in [printed.as_str(), &printed.replace("model=DETR-ResNet-101,", "")] {
         let ran = run_in(dir.path(), &["--seconds", "0.3", "--json", "--cloud", same]);
         assert!(!err(&ran).contains("warning"), "{}", err(&ran));
         let east = &report(&ran)["sources"][1];
@@ -210,7 +210,7 @@ fn a_line_says_why_a_cloud_failed_and_only_what_was_written_counts_as_sent() {
         let short = [&patient[..], &["--cloud", &cloud]].concat();
         let ran = run_in(dir.path(), &short);
         let line = format!("east: 3 × {why}");
-        assert!(out(&ran).lines().any(|told| told == line), "{line}: {}", out(&ran));
+        assert!(out(&ran).lines().any(|printed| printed == line), "{line}: {}", out(&ran));
         let json = report(&run_in(dir.path(), &[&short[..], &["--json"]].concat()));
         let why = why.split(';').next().unwrap();
         assert_eq!(json["sources"][1]["failures"][why], 3, "{json}");
@@ -246,7 +246,7 @@ fn only_clients_with_certificate_and_token_are_answered() {
     let locks = ["--cert", "server.pem", "--key", "server.key", "--client-ca", "ca.pem"];
     let server = Server::start(dir.path(), &[&locks[..], &["--token-file", "token"]].concat());
     let client = ",ca=ca.pem,cert=client.pem,key=client.key";
-    for (rest, fate) in [
+    for (rest, request_outcome) in [
         (format!("{client},token=token"), "forwarded"),
         (format!("{client},token=wrong"), "failed"),
         (client.to_owned(), "failed"),
@@ -254,7 +254,7 @@ fn only_clients_with_certificate_and_token_are_answered() {
         (",ca=ca.pem,token=token".to_owned(), "failed"),
     ] {
         let requests = requests(dir.path(), &server.cloud("https", &rest));
-        assert_eq!(requests[fate], 5, "{rest}: {requests}");
+        assert_eq!(requests[request_outcome], 5, "{rest}: {requests}");
     }
 }
 

@@ -166,7 +166,7 @@ fn check_tells_a_violation_with_line_rule_and_story() {
     let (_dir, paths) = files(&[("bad.jsonl", &TRACE.replace("\"emit\"", "\"hold\""))]);
     let checked = run(&["check", text(&paths[0])], "");
     assert_eq!(checked.status.code(), Some(1));
-    let told = out(&checked);
+    let printed = out(&checked);
     for part in [
         "bad.jsonl: does not conform (1 violation)",
         "bad.jsonl:11: timestamp 0 breaks F6\n",
@@ -175,7 +175,7 @@ fn check_tells_a_violation_with_line_rule_and_story() {
         r#"  expected  {"ev":"emit","at":500,"t":0,"p":1}"#,
         r#"  so far    2: {"ev":"open","at":0,"t":0}"#,
     ] {
-        assert!(told.contains(part), "{part} is not in\n{told}");
+        assert!(printed.contains(part), "{part} is not in\n{printed}");
     }
 }
 
@@ -221,9 +221,9 @@ fn check_says_line_and_column_of_what_it_cannot_read() {
     ] {
         let checked = run(&["check"], text);
         assert_eq!(checked.status.code(), Some(2), "{text}");
-        let told = err(&checked);
-        assert!(told.starts_with(&format!("error: {place}")), "{told} for {text}");
-        assert_eq!(told.lines().count(), 1);
+        let printed = err(&checked);
+        assert!(printed.starts_with(&format!("error: {place}")), "{printed} for {text}");
+        assert_eq!(printed.lines().count(), 1);
     }
 }
 
@@ -256,8 +256,11 @@ fn check_observed_judges_within_the_tolerance_and_tells_how_late_it_was() {
     ] {
         assert!(out(&late).contains(part), "{part} is not in\n{}", out(&late));
     }
-    let told: Value = serde_json::from_str(out(&check("0ms", "5ms", &["--json"]))).unwrap();
-    assert_eq!((&told["judged"], &told["violations"][0]["late"]), (&1.into(), &3_900_000.into()));
+    let printed: Value = serde_json::from_str(out(&check("0ms", "5ms", &["--json"]))).unwrap();
+    assert_eq!(
+        (&printed["judged"], &printed["violations"][0]["late"]),
+        (&1.into(), &3_900_000.into())
+    );
     // Strictly a request has its due instant.
     assert_eq!(run(&["check"], OBSERVED).status.code(), Some(2));
 }
@@ -321,10 +324,10 @@ fn many_files_are_judged_at_once_and_told_in_their_order() {
     let all: Vec<&str> = ["check"].into_iter().chain(paths.iter().map(|path| text(path))).collect();
     let checked = run(&all, "");
     assert_eq!(checked.status.code(), Some(1));
-    let told: Vec<&str> =
+    let printed: Vec<&str> =
         out(&checked).lines().filter(|line| line.contains(" judged in ")).collect();
-    assert_eq!(told.len(), 40);
-    for (i, (name, line)) in names.iter().zip(told).enumerate() {
+    assert_eq!(printed.len(), 40);
+    for (i, (name, line)) in names.iter().zip(printed).enumerate() {
         let word = if i % 7 == 0 { ": does not conform" } else { ": conforms" };
         assert!(line.contains(&format!("{name}{word}")), "{line}");
     }
@@ -352,8 +355,8 @@ fn the_exit_code_tells_the_verdict_that_nobody_reads() {
             let ended = fuseline(&args).stdout(writer).stderr(Stdio::piped()).output().unwrap();
             // Beside a page on standard output, that is where the verdict is told.
             let has_failed = err(&ended).contains("error");
-            let told = (ended.status.code(), has_failed);
-            assert_eq!(told, (Some(code), false), "{args:?}: {}", err(&ended));
+            let printed = (ended.status.code(), has_failed);
+            assert_eq!(printed, (Some(code), false), "{args:?}: {}", err(&ended));
         }
     }
 }
@@ -405,8 +408,8 @@ fn what_a_crash_cut_off_is_judged_as_far_as_it_goes_if_that_is_asked_for() {
             let judged = run(&[args, &[text(&paths[0])]].concat(), "");
             assert_eq!(judged.status.code(), Some(0), "{cut}{}{}", out(&judged), err(&judged));
             let line = cut.matches('\n').count() + 1;
-            let told = format!("cut.jsonl:{line}: cut short here; this line is left out");
-            assert!(err(&judged).contains(&told), "{}", err(&judged));
+            let printed = format!("cut.jsonl:{line}: cut short here; this line is left out");
+            assert!(err(&judged).contains(&printed), "{}", err(&judged));
         }
     }
     // Line 7, a result, led to a hold: it is not missing, but nor is it passed over in silence.
@@ -449,8 +452,8 @@ mod follow {
         // A line that has no end yet is not judged.
         file.write_all(b"{\"ev\":").unwrap();
         interrupt(&child);
-        let told: Vec<String> = lines.0.iter().collect();
-        assert!(told.iter().any(|line| line.contains("does not conform (")), "{told:?}");
+        let printed: Vec<String> = lines.0.iter().collect();
+        assert!(printed.iter().any(|line| line.contains("does not conform (")), "{printed:?}");
         let output = child.wait_with_output().unwrap();
         assert_eq!((output.status.code(), err(&output)), (Some(1), ""));
     }
@@ -487,8 +490,8 @@ mod follow {
             let checked = followed(start, &[]);
             assert_eq!(checked.status.code(), Some(0), "{start}{}", out(&checked));
             let lines = start.matches('\n').count();
-            let told = format!("judged in {lines} line");
-            assert!(out(&checked).contains(&told), "{cut} {lines}: {}", out(&checked));
+            let printed = format!("judged in {lines} line");
+            assert!(out(&checked).contains(&printed), "{cut} {lines}: {}", out(&checked));
         }
         let observed = ["--observed", "--tolerance", "0ms", "--lateness", "0ms"];
         let answered = OBSERVED.replace("65000000", "51100000");
@@ -570,9 +573,9 @@ fn code_hosts_get_each_violation_with_its_rule_and_place() {
         message.contains("expected  {\"ev\":\"hold\"") && !message.contains('\x1b'),
         "{message}"
     );
-    let told = &run["invocations"][0];
-    assert_eq!(told["executionSuccessful"], false);
-    let unread = told["toolExecutionNotifications"][0]["message"]["text"].as_str().unwrap();
+    let printed = &run["invocations"][0];
+    assert_eq!(printed["executionSuccessful"], false);
+    let unread = printed["toolExecutionNotifications"][0]["message"]["text"].as_str().unwrap();
     assert!(unread.contains("none.jsonl:1"), "{unread}");
 }
 

@@ -31,9 +31,9 @@ fn row<const WINDOW: usize>() {
             calls += 1;
         }
         let decision = least(|_| decide(&mut policy, &situation));
-        let told = least(|number| policy.ended(black_box(end(u64::from(number)))));
+        let reported = least(|number| policy.ended(black_box(end(u64::from(number)))));
         let ratio = decision / *first.get_or_insert(decision);
-        println!("{WINDOW:6} {after:14} {decision:14.0} {told:9.0} {ratio:25.2}");
+        println!("{WINDOW:6} {after:14} {decision:14.0} {reported:9.0} {ratio:25.2}");
     }
 }
 

@@ -107,7 +107,7 @@ pub fn least_loss<'a, I: Iterator<Item = Observation> + 'a>(
     loss: impl Fn(Source, Duration) -> f64,
 ) -> Choice {
     let (shortest, local_response) = local_response;
-    let mut means = Means { in_time: 0.0, survival: 1.0, local_response, loss };
+    let mut means = LossSteps { in_time: 0.0, survival: 1.0, local_response, loss };
     let mut steps = steps.peekable();
     let shortest = shortest.min(cap);
     while let Some(step) = steps.next_if(|step| step.response < shortest) {
@@ -135,13 +135,13 @@ pub fn mean_loss<'a, I: Iterator<Item = Observation> + 'a>(
     deadline: Duration,
     loss: impl Fn(Source, Duration) -> f64,
 ) -> f64 {
-    let mut means = Means { in_time: 0.0, survival: 1.0, local_response, loss };
+    let mut means = LossSteps { in_time: 0.0, survival: 1.0, local_response, loss };
     steps.take_while(|step| step.response < deadline).for_each(|step| means.take(step));
     means.choice(deadline).loss
 }
 
 /// The mean loss, step by step.
-struct Means<F> {
+struct LossSteps<F> {
     /// The loss of results in time, times their share.
     in_time: f64,
     /// The share that is late.
@@ -150,7 +150,7 @@ struct Means<F> {
     loss: F,
 }
 
-impl<F: Fn(Source, Duration) -> f64> Means<F> {
+impl<F: Fn(Source, Duration) -> f64> LossSteps<F> {
     /// These results are in time.
     fn take(&mut self, step: Step) {
         self.in_time += step.mass * (self.loss)(Source::Cloud, step.response);

@@ -32,7 +32,7 @@ pub struct Assessment {
 }
 
 /// A class of hazards in a situation, in seconds after capture. NaN decides nothing.
-struct Sight {
+struct HazardTimes {
     /// Until when local's results surely suffice to stop.
     local: f64,
     /// From when on local's results surely do not suffice.
@@ -100,12 +100,12 @@ impl Guard {
         &self.parameters
     }
 
-    fn sight(&self, hazard: &Hazard, situation: &Situation<'_>) -> Sight {
+    fn sight(&self, hazard: &Hazard, situation: &Situation<'_>) -> HazardTimes {
         let Parameters { deceleration, brake_delay, frames, .. } = self.parameters;
         let Parameters { period_local, period_cloud, .. } = self.parameters;
         let Hazard { range_local, range_cloud, .. } = *hazard;
         let Some((speed, reveal)) = known(situation) else {
-            return Sight { local: f64::NAN, lost: f64::NAN, cloud: f64::NAN };
+            return HazardTimes { local: f64::NAN, lost: f64::NAN, cloud: f64::NAN };
         };
         let frames = f64::from(frames);
         let time = |range: f64, speed: f64, deceleration: f64, brake_delay: f64, frames: f64| {
@@ -126,7 +126,7 @@ impl Guard {
         // for it, though not for what comes into sight from now on.
         let lost = at_best(range_local.greatest, (frames - 1.0) * period_local.least);
         let cloud = at_best(range_cloud.greatest.min(reveal), frames * period_cloud.least);
-        Sight { local, lost, cloud }
+        HazardTimes { local, lost, cloud }
     }
 }
 

@@ -210,18 +210,22 @@ fn a_policy_that_could_not_work_is_refused() {
 /// Counted, not timed: the loss is asked at most twice for each call that is remembered, and twice more.
 #[test]
 fn a_decision_costs_no_more_after_a_million_calls() {
-    let asked = Cell::new(0_u64);
+    let requested = Cell::new(0_u64);
     let loss = |situation: &Situation<'_>, source: Source, response: Duration| {
-        asked.set(asked.get() + 1);
+        requested.set(requested.get() + 1);
         ACCURACY.loss(situation, source, response)
     };
     let mut policy = Expected::<_, 128>::new(&loss, 0.3, None).unwrap();
     for number in 1..=1_000_000_u64 {
         policy.ended(End::Answered(Duration::from_micros(300_000 + number * 7919 % 190_000)));
         if [1000, 10_000, 1_000_000].contains(&number) {
-            asked.set(0);
+            requested.set(0);
             policy.decide(&Situation::at(10.0), ms(500));
-            assert!((128..=2 * 128 + 1).contains(&asked.get()), "{} after {number}", asked.get());
+            assert!(
+                (128..=2 * 128 + 1).contains(&requested.get()),
+                "{} after {number}",
+                requested.get()
+            );
         }
     }
 }

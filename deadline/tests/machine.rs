@@ -25,20 +25,20 @@ struct Open {
 
 /// What came of the timestamps, by whose doing.
 #[derive(Default)]
-struct Seen {
+struct Outcomes {
     forwarded_at_local: u64,
     forwarded_at_due: u64,
     missed: u64,
 }
 
 /// The timestamp has an output, or none comes: by then everything that could be waited for has come.
-fn retire(open: &mut BTreeMap<u64, Open>, t: Timestamp, is_forwarded: bool, seen: &mut Seen) {
+fn retire(open: &mut BTreeMap<u64, Open>, t: Timestamp, is_forwarded: bool, seen: &mut Outcomes) {
     let gone = open.remove(&t.as_u64()).expect("it was open");
     assert!(is_forwarded || !gone.has_result, "local's result is not missed");
     seen.missed += u64::from(!is_forwarded);
 }
 
-fn run(random: &mut Random, seen: &mut Seen) {
+fn run(random: &mut Random, seen: &mut Outcomes) {
     let commit = random.one_of(&[Commit::Eager, Commit::Patient]);
     let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
     let mut machine = Machine::new(8, commit, &clouds).unwrap();
@@ -117,7 +117,7 @@ fn run(random: &mut Random, seen: &mut Seen) {
 
 #[test]
 fn p5_p7_an_output_is_no_later_than_local_and_the_due_instants_admitted_for_it() {
-    let mut seen = Seen::default();
+    let mut seen = Outcomes::default();
     (0..3000).for_each(|seed| run(&mut Random(seed), &mut seen));
     assert!(seen.forwarded_at_local > 1000 && seen.forwarded_at_due > 1000 && seen.missed > 1000);
 }

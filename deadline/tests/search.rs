@@ -131,7 +131,7 @@ fn setting(number: u64, is_hidden: bool) -> Setting {
 
 /// What came of all drives under one policy.
 #[derive(Clone, Default, Debug)]
-struct Found {
+struct SearchResult {
     /// Drives in which fusion collides and local alone does not.
     worse: u64,
     /// The seed of the first of them.
@@ -144,7 +144,7 @@ struct Found {
 #[derive(Default, Debug)]
 struct Search {
     /// By [`DEADLINES`].
-    found: [Found; 4],
+    found: [SearchResult; 4],
     /// Drives in which local alone stops.
     local_stops: u64,
     /// By case of the guard for an obstacle in sight.

@@ -11,9 +11,9 @@ use std::time::Duration;
 use crate::error::Error;
 use crate::fault::SeededFault;
 use crate::kind::{Kind, Run};
-use crate::lane::Lane;
-use crate::record::{Caught, Record};
+use crate::record::{FaultResult, Record};
 use crate::tree::Tree;
+use crate::work_copy::WorkCopy;
 
 /// What to run, and how.
 pub struct Campaign<'a> {
@@ -47,12 +47,13 @@ impl Campaign<'_> {
     /// # Errors
     /// A witness is red without a fault, a run says nothing, or `stop` was set.
     pub fn run(&self, tell: impl Fn(&str, usize, usize) + Sync) -> Result<Summary, Error> {
-        let lanes: Vec<Lane> = (0..self.jobs.max(1)).map(|number| self.lane(number)).collect();
-        for lane in &lanes {
-            self.tree.copy_to(&lane.copy)?;
+        let lanes: Vec<WorkCopy> =
+            (0..self.jobs.max(1)).map(|number| self.work_copy(number)).collect();
+        for work_copy in &lanes {
+            self.tree.copy_to(&work_copy.copy)?;
         }
         let rustc = compiler()?;
-        if self.kinds.iter().any(|kind| matches!(kind.run, Run::Driven { .. })) {
+        if self.kinds.iter().any(|kind| matches!(kind.run, Run::DrivePrinted { .. })) {
             tell("the command", 0, 0);
             self.build_command()?;
         }
@@ -72,11 +73,11 @@ impl Campaign<'_> {
             .collect();
         let records = Mutex::new(records);
         let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
-        let work = |lane: &Lane| -> Result<(), Error> {
+        let work = |work_copy: &WorkCopy| -> Result<(), Error> {
             while let Some((kind, fault)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let outcomes = lane.run(kind, Some(fault))?;
+                let outcomes = work_copy.run(kind, Some(fault))?;
                 let by = outcomes.into_iter().filter(|(_, held)| !held).map(|(name, _)| name);
-                let caught = Caught { change: fault.digest(), by: by.collect() };
+                let caught = FaultResult { change: fault.digest(), by: by.collect() };
                 let ended = done.fetch_add(1, Ordering::Relaxed) + 1;
                 tell(&format!("{} under {}", kind.title, fault.name), ended, tasks.len());
                 let mut records = records.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -90,7 +91,7 @@ impl Campaign<'_> {
         thread::scope(|scope| {
             let work = &work;
             let workers: Vec<_> =
-                lanes.iter().map(|lane| scope.spawn(move || work(lane))).collect();
+                lanes.iter().map(|work_copy| scope.spawn(move || work(work_copy))).collect();
             workers.into_iter().try_for_each(|worker| match worker.join() {
                 Ok(done) => done,
                 Err(panic) => std::panic::resume_unwind(panic),
@@ -101,13 +102,18 @@ impl Campaign<'_> {
     }
 
     /// The record to go on with: the one that is there if it is current, else that of a run without a fault.
-    fn begin(&self, kind: &'static Kind, lane: &Lane, rustc: &str) -> Result<Record, Error> {
-        let sources = kind.digest(&lane.copy)?;
+    fn begin(
+        &self,
+        kind: &'static Kind,
+        work_copy: &WorkCopy,
+        rustc: &str,
+    ) -> Result<Record, Error> {
+        let sources = kind.digest(&work_copy.copy)?;
         let there = Record::load(self.tree, kind)?;
         if let Some(record) = there.filter(|record| record.sources == sources && !self.again) {
             return Ok(record);
         }
-        let outcomes = lane.run(kind, None)?;
+        let outcomes = work_copy.run(kind, None)?;
         let red: Vec<&str> =
             outcomes.iter().filter(|(_, held)| !**held).map(|(name, _)| &**name).collect();
         if !red.is_empty() {
@@ -115,7 +121,7 @@ impl Campaign<'_> {
                 kind: kind.name,
                 run: "none".to_owned(),
                 why: format!("red without a fault: {}", red.join(", ")),
-                log: lane.target.join("logs"),
+                log: work_copy.target.join("logs"),
             });
         }
         let held = outcomes.into_keys().collect();
@@ -156,9 +162,9 @@ impl Campaign<'_> {
         Err(Error::content(self.tree.root(), format!("the command does not build: {ended}")))
     }
 
-    fn lane(&self, number: usize) -> Lane<'_> {
+    fn work_copy(&self, number: usize) -> WorkCopy<'_> {
         let folder = self.tree.path("target/evidence").join(number.to_string());
-        Lane {
+        WorkCopy {
             copy: Tree::new(folder.join("source")),
             target: folder.join("target"),
             command: self.built().join("release/fuseline"),

@@ -31,7 +31,7 @@ const CRATES: [(&str, &str); 5] = [
 const TESTS: [&str; 9] = [
     "tests/tests",
     "tests/loom/tests",
-    "tests/simulate/tests",
+    "tests/system/tests",
     "deadline/tests",
     "adapters/engine/tests",
     "adapters/tokio/tests",
@@ -41,13 +41,13 @@ const TESTS: [&str; 9] = [
 ];
 
 static DEFINITION: LazyLock<Regex> = LazyLock::new(|| {
-    regex(r"(?m)^(?:### (F\d+g?) (.+)|\| ([PTD]\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")
+    regex(r"(?m)^(?:### (F\d+g?) (.+)|\| ([PTDJ]\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")
 });
 /// Where the harnesses of the proofs are, a file a group.
 const HARNESSES: &str = "proofs/src/harness";
 /// One identifier, or the first and the last of several.
 static WORD: LazyLock<Regex> =
-    LazyLock::new(|| regex(r"\b([FPATD])(\d+)(g?)(?:–([FPATD])(\d+))?\b"));
+    LazyLock::new(|| regex(r"\b([FPATDJ])(\d+)(g?)(?:–([FPATDJ])(\d+))?\b"));
 /// Words that look like an identifier and are none: a graphics processor, number types, percentiles.
 const OTHER_WORDS: [&str; 6] = ["A100", "F32", "F64", "P50", "P90", "P99"];
 

@@ -9,10 +9,15 @@ use crate::gap::Gap;
 use crate::tool::{Tests, version};
 use crate::tree::Tree;
 
-type Taken = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
+type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
 
 /// Runs the tests and reads what they took of `files`.
-pub(crate) fn take(tree: &Tree, out: &Path, files: &[&str], tests: &Tests) -> Result<Taken, Error> {
+pub(crate) fn take(
+    tree: &Tree,
+    out: &Path,
+    files: &[&str],
+    tests: &Tests,
+) -> Result<BranchCounts, Error> {
     let compiler = version(
         Command::new("cargo").args(["+nightly", "--version"]).env("RUSTUP_AUTO_INSTALL", "0"),
         "branches are told apart by the nightly compiler alone",

@@ -25,7 +25,7 @@ pub struct Gap {
 
 /// Why a gap may stay.
 #[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
-pub(crate) struct Explained {
+pub(crate) struct ExplainedGap {
     #[serde(flatten)]
     pub(crate) gap: Gap,
     /// The reason.
@@ -36,11 +36,11 @@ pub(crate) struct Explained {
 ///
 /// # Errors
 /// The file cannot be read, a gap is explained twice, or a reason is empty.
-pub(crate) fn explanations(tree: &Tree) -> Result<Vec<Explained>, Error> {
+pub(crate) fn explanations(tree: &Tree) -> Result<Vec<ExplainedGap>, Error> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct File {
-        gap: Vec<Explained>,
+        gap: Vec<ExplainedGap>,
     }
     let path = tree.path(FILE);
     let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
@@ -60,9 +60,9 @@ impl Gap {
     /// The gap at a line, counted from 1, of a text. One of brackets alone is told with what stands before it.
     pub(crate) fn at(file: &str, text: &str, line: usize, what: impl Into<String>) -> Self {
         let lines: Vec<&str> = text.lines().take(line).map(str::trim).collect();
-        let is_told = |line: &&&str| line.contains(char::is_alphanumeric);
-        let told = lines.iter().rev().position(|line| is_told(&line)).unwrap_or_default();
-        let line = lines[lines.len().saturating_sub(told + 1)..].join(" ");
+        let is_reported = |line: &&&str| line.contains(char::is_alphanumeric);
+        let reported = lines.iter().rev().position(|line| is_reported(&line)).unwrap_or_default();
+        let line = lines[lines.len().saturating_sub(reported + 1)..].join(" ");
         Self { file: file.to_owned(), line, what: what.into() }
     }
 }
@@ -80,9 +80,9 @@ mod tests {
     #[test]
     fn a_line_of_brackets_alone_is_told_with_what_stands_before_it() {
         let text = "fn f() {\n    loop {\n        g();\n    }\n}\n";
-        let told = |line| Gap::at("f.rs", text, line, "never runs").line;
-        assert_eq!(told(3), "g();");
-        assert_eq!(told(5), "g(); } }");
+        let reported = |line| Gap::at("f.rs", text, line, "never runs").line;
+        assert_eq!(reported(3), "g();");
+        assert_eq!(reported(5), "g(); } }");
         assert_eq!(Gap::at("f.rs", "", 1, "never runs").line, "");
     }
 }

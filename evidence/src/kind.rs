@@ -35,7 +35,7 @@ pub(crate) enum Run {
     /// cargo with these arguments and variables, under every fault.
     Cargo { arguments: &'static [&'static str], variables: &'static [(&'static str, &'static str)] },
     /// As `Cargo`, but what cargo would run is run by the project's own command, as it is without the fault.
-    Driven { arguments: &'static [&'static str], by: &'static [&'static str] },
+    DrivePrinted { arguments: &'static [&'static str], by: &'static [&'static str] },
     /// A command of its own, which keeps its own record and holds it against the sources in each run of it. The kind has
     /// the harnesses of these files of `proofs/src/harness`, one of which catches each fault seeded in the code they are of.
     Prove { files: &'static [&'static str], of: &'static [&'static str] },
@@ -55,7 +55,7 @@ impl Kind {
     /// Whether its witnesses run under every fault by a campaign.
     #[must_use]
     pub fn is_run_here(&self) -> bool {
-        matches!(self.run, Run::Cargo { .. } | Run::Driven { .. })
+        matches!(self.run, Run::Cargo { .. } | Run::DrivePrinted { .. })
     }
 
     /// Whether one of its witnesses must catch this fault.

@@ -26,7 +26,7 @@ pub struct Matrix {
     /// The faults in their order, each with who caught it.
     pub faults: Vec<Seeded>,
     /// The measurements of the tests, in their order.
-    pub measured: Vec<Standing>,
+    pub measured: Vec<MeasurementRow>,
     /// The results that are older than their sources, by title, each with the reason.
     pub older: Vec<(&'static str, String)>,
     /// What must be put right; the matrix stands only if this is empty.
@@ -61,7 +61,7 @@ pub struct Seeded {
 
 /// One measurement with the explanations of its gaps.
 #[derive(Clone, Debug, Serialize)]
-pub struct Standing {
+pub struct MeasurementRow {
     /// What is measured.
     pub title: &'static str,
     /// What measured it.
@@ -165,8 +165,8 @@ fn missing(kind: &Kind, record: &Record, faults: &[SeededFault]) -> Option<Strin
     let concerned = faults.iter().filter(|fault| kind.is_run_here() && (kind.concerns)(fault));
     let missing = concerned.filter(|fault| record.caught(fault).is_none());
     let missing: Vec<&str> = missing.map(|fault| &*fault.name).collect();
-    let told = || format!("{}: not run under {}", kind.title, missing.join(", "));
-    (!missing.is_empty()).then(told)
+    let reported = || format!("{}: not run under {}", kind.title, missing.join(", "));
+    (!missing.is_empty()).then(reported)
 }
 
 /// The measurements; says what is stale, missing, not explained, or explained without need.
@@ -174,7 +174,7 @@ fn measured(
     tree: &Tree,
     stale: &mut Vec<(&'static str, &'static str)>,
     wrong: &mut Vec<String>,
-) -> Result<Vec<Standing>, Error> {
+) -> Result<Vec<MeasurementRow>, Error> {
     let reasons = gap::explanations(tree)?;
     let mut standings = Vec::new();
     for measure in MEASURES {
@@ -195,7 +195,7 @@ fn measured(
         let open = gaps.iter().filter(|(_, because)| because.is_empty() && is_current);
         wrong.extend(open.map(|(gap, _)| format!("{}: no reason for {gap}", measure.title)));
         let (by, counts) = (record.by, record.counts);
-        standings.push(Standing { title: measure.title, by, counts, gaps });
+        standings.push(MeasurementRow { title: measure.title, by, counts, gaps });
     }
     let is_older = MEASURES.iter().any(|m| stale.iter().any(|(name, _)| *name == m.name));
     for reason in reasons.iter().filter(|_| !is_older) {
@@ -215,7 +215,7 @@ fn seeded(fault: &SeededFault, records: &[(&Kind, Record)]) -> Seeded {
 }
 
 /// Who shows what: a witness that cites an identifier and went red under a fault of it.
-type Shown = BTreeMap<String, BTreeMap<&'static str, BTreeSet<String>>>;
+type WitnessIndex = BTreeMap<String, BTreeMap<&'static str, BTreeSet<String>>>;
 
 fn shown(
     tree: &Tree,
@@ -223,9 +223,9 @@ fn shown(
     known: &BTreeSet<&str>,
     stale: &[(&str, &str)],
     wrong: &mut Vec<String>,
-) -> Result<Shown, Error> {
+) -> Result<WitnessIndex, Error> {
     let mut cache: BTreeMap<(&str, &str), BTreeSet<String>> = BTreeMap::new();
-    let mut shown = Shown::new();
+    let mut shown = WitnessIndex::new();
     for fault in faults {
         for (name, witnesses) in &fault.caught_by {
             let Some(kind) = Kind::find(name) else { continue };
@@ -256,7 +256,7 @@ fn row(
     title: &str,
     code: &BTreeMap<String, Vec<String>>,
     faults: &[Seeded],
-    shown: &Shown,
+    shown: &WitnessIndex,
 ) -> Row {
     let of_it = faults.iter().filter(|fault| fault.breaks.contains(id));
     Row {
@@ -283,6 +283,7 @@ fn lacks(row: &Row, records: &[(&Kind, Record)], stale: &[(&str, &str)]) -> Vec<
         ("T", "4") => &[][..],
         ("T", _) => &["policy"][..],
         ("D", _) => &["operator", "grpc", "recorder", "simulation", "ros2", "command"][..],
+        ("J", _) => &["judge"][..],
         _ => &[][..],
     };
     let is_stale = |name: &str| stale.iter().any(|(older, _)| *older == name);

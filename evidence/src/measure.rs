@@ -36,7 +36,7 @@ enum Tool {
 /// The result, as it is committed.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Measured {
+pub struct MeasurementResult {
     /// A digest of the sources that it depends on.
     pub sources: String,
     /// What measured it.
@@ -167,7 +167,7 @@ impl Measure {
     ///
     /// # Errors
     /// The tool is not there, cannot measure, or the result cannot be kept.
-    pub fn take(&self, tree: &Tree, jobs: u8) -> Result<Measured, Error> {
+    pub fn take(&self, tree: &Tree, jobs: u8) -> Result<MeasurementResult, Error> {
         let sources = self.digest(tree)?;
         let out = tree.path("target/evidence").join(self.name);
         std::fs::create_dir_all(&out).map_err(Error::file(&out))?;
@@ -175,7 +175,7 @@ impl Measure {
             Tool::Mutants(files) => mutants::take(tree, &out, files, &self.tests, jobs)?,
             Tool::Coverage(files) => coverage::take(tree, &out, files, &self.tests)?,
         };
-        let measured = Measured { sources, by, counts, gaps };
+        let measured = MeasurementResult { sources, by, counts, gaps };
         let path = self.path(tree);
         let mut text = serde_json::to_string_pretty(&measured)
             .map_err(|error| Error::content(&path, error.to_string()))?;
@@ -188,7 +188,7 @@ impl Measure {
     ///
     /// # Errors
     /// It cannot be read.
-    pub fn load(&self, tree: &Tree) -> Result<Option<Measured>, Error> {
+    pub fn load(&self, tree: &Tree) -> Result<Option<MeasurementResult>, Error> {
         let path = self.path(tree);
         if !path.exists() {
             return Ok(None);

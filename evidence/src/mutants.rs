@@ -8,11 +8,11 @@ use serde::Deserialize;
 
 use crate::error::Error;
 use crate::gap::Gap;
-use crate::lane::BOUNDED;
 use crate::tool::{Tests, version};
 use crate::tree::Tree;
+use crate::work_copy::BOUNDED;
 
-type Taken = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
+type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
 
 /// Makes and tests all mutants of `files`.
 pub(crate) fn take(
@@ -21,7 +21,7 @@ pub(crate) fn take(
     files: &[&str],
     tests: &Tests,
     jobs: u8,
-) -> Result<Taken, Error> {
+) -> Result<BranchCounts, Error> {
     let remedy = "cargo install --locked cargo-mutants";
     let by = version(Command::new("cargo").args(["mutants", "--version"]), remedy)?;
     let mut command = Command::new("sh");
@@ -72,11 +72,11 @@ enum Scenario {
 
 #[derive(Deserialize)]
 struct Span {
-    start: Place,
+    start: SourceSpan,
 }
 
 #[derive(Deserialize)]
-struct Place {
+struct SourceSpan {
     line: usize,
 }
 

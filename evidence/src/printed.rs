@@ -53,9 +53,9 @@ pub(crate) fn read_models(printed: &str) -> Outcomes {
 /// A JSON object: how the cases of the corpus ended, and whether a generated run differed.
 pub(crate) fn read_drive(printed: &str) -> Outcomes {
     #[derive(serde::Deserialize)]
-    struct Driven {
+    struct DrivePrinted {
         fixed: Vec<Case>,
-        generated: Generated,
+        generated: GeneratedPrinted,
     }
     #[derive(serde::Deserialize)]
     struct Case {
@@ -63,12 +63,13 @@ pub(crate) fn read_drive(printed: &str) -> Outcomes {
         result: String,
     }
     #[derive(serde::Deserialize)]
-    struct Generated {
+    struct GeneratedPrinted {
         failed: Option<String>,
         passed: u64,
     }
-    let mut driven = printed.lines().filter_map(|line| serde_json::from_str::<Driven>(line).ok());
-    let Some(Driven { fixed, generated }) = driven.next() else { return Outcomes::new() };
+    let mut driven =
+        printed.lines().filter_map(|line| serde_json::from_str::<DrivePrinted>(line).ok());
+    let Some(DrivePrinted { fixed, generated }) = driven.next() else { return Outcomes::new() };
     // What a silent command leaves unsaid did not run.
     let ran =
         fixed.into_iter().filter(|case| case.result == "pass" || case.result.starts_with("fail"));

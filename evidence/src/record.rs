@@ -25,13 +25,13 @@ pub struct Record {
     /// The witnesses that ran, and held, without a fault.
     pub held: BTreeSet<String>,
     /// By the faults' names, what happened under each.
-    pub faults: BTreeMap<String, Caught>,
+    pub faults: BTreeMap<String, FaultResult>,
 }
 
 /// What happened under one fault.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Caught {
+pub struct FaultResult {
     /// A digest of the change that the fault makes.
     pub change: String,
     /// The witnesses that went red.
@@ -43,7 +43,7 @@ pub struct Caught {
 struct Proofs {
     /// The harnesses, and how many covers each has.
     harnesses: BTreeMap<String, usize>,
-    faults: BTreeMap<String, Caught>,
+    faults: BTreeMap<String, FaultResult>,
 }
 
 /// What the rules keep of themselves, as far as it is of use here.

@@ -5,19 +5,19 @@ use std::fmt::Write as _;
 
 use crate::error::Error;
 use crate::kind::{KINDS, Kind};
-use crate::matrix::{Matrix, Row, Standing};
+use crate::matrix::{Matrix, MeasurementRow, Row};
 use crate::tree::Tree;
 
 /// One file made of the matrix.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Artefact {
+pub struct GeneratedFile {
     /// Its name from the root.
     pub name: &'static str,
     /// Its content.
     pub text: String,
 }
 
-impl Artefact {
+impl GeneratedFile {
     /// Writes it, whole or not at all.
     ///
     /// # Errors
@@ -33,14 +33,14 @@ impl Artefact {
 ///
 /// # Errors
 /// Never in practice: the matrix consists of text.
-pub fn artefacts(matrix: &Matrix) -> Result<[Artefact; 3], Error> {
+pub fn artefacts(matrix: &Matrix) -> Result<[GeneratedFile; 3], Error> {
     let mut json = serde_json::to_string_pretty(matrix)
         .map_err(|error| Error::content(JSON.as_ref(), error.to_string()))?;
     json.push('\n');
     Ok([
-        Artefact { name: CHAPTER, text: markdown(matrix) },
-        Artefact { name: CSV, text: csv(matrix)? },
-        Artefact { name: JSON, text: json },
+        GeneratedFile { name: CHAPTER, text: markdown(matrix) },
+        GeneratedFile { name: CSV, text: csv(matrix)? },
+        GeneratedFile { name: JSON, text: json },
     ])
 }
 
@@ -90,6 +90,7 @@ fn markdown(matrix: &Matrix) -> String {
         ('A', "Ambiguities"),
         ('T', "Promises of deadlines"),
         ('D', "Promises of adapters"),
+        ('J', "Judging"),
     ] {
         let _ = writeln!(text, "\n## {title}");
         for row in matrix.rows.iter().filter(|row| row.id.starts_with(family)) {
@@ -167,7 +168,7 @@ fn faults(matrix: &Matrix, text: &mut String) {
     }
 }
 
-fn measurement(standing: &Standing, text: &mut String) {
+fn measurement(standing: &MeasurementRow, text: &mut String) {
     let counts: Vec<String> =
         standing.counts.iter().map(|(kind, count)| format!("{kind} {count}")).collect();
     let title = standing.title;

@@ -177,16 +177,19 @@ mod tests {
     fn comments_and_empty_lines_do_not_make_a_result_older_and_code_does() -> Result<(), Error> {
         let root = std::env::temp_dir().join(format!("fuseline-tree-{}", std::process::id()));
         let tree = Tree::new(root.clone());
-        let told = |name: &str, content: &str| {
+        let reported = |name: &str, content: &str| {
             let path = tree.path(name);
             fs::create_dir_all(&root).map_err(Error::file(&path))?;
             fs::write(&path, content).map_err(Error::file(&path))?;
             tree.digest(&[name])
         };
-        let code = told("a.rs", "//! Words.\n\nfn f() {\n    g() // why\n}\n")?;
-        assert_eq!(told("a.rs", "/// Others.\nfn f() {\n    // More.\n    g() // why\n}\n")?, code);
-        assert_ne!(told("a.rs", "fn f() {\n    h() // why\n}\n")?, code);
-        assert_ne!(told("a.txt", "// Words.\n")?, told("a.txt", "// Others.\n")?);
+        let code = reported("a.rs", "//! Words.\n\nfn f() {\n    g() // why\n}\n")?;
+        assert_eq!(
+            reported("a.rs", "/// Others.\nfn f() {\n    // More.\n    g() // why\n}\n")?,
+            code
+        );
+        assert_ne!(reported("a.rs", "fn f() {\n    h() // why\n}\n")?, code);
+        assert_ne!(reported("a.txt", "// Words.\n")?, reported("a.txt", "// Others.\n")?);
         fs::remove_dir_all(&root).map_err(Error::file(&root))
     }
 }

@@ -2,16 +2,16 @@
 
 use std::sync::{LazyLock, Mutex, PoisonError};
 
-use fuseline_testkit::{Mark, Reach};
+use fuseline_testkit::{Mark, Coverage};
 
 /// Printed once everything that a target can come to was reached.
 const REACHED: &str = "fuseline-fuzz: everything was reached";
 
 /// What a target checks of bytes.
-pub type Check = fn(&[u8], &mut Reach) -> Result<(), String>;
+pub type Check = fn(&[u8], &mut Coverage) -> Result<(), String>;
 
 /// What this program came to so far; nothing once all was reached.
-static REACH: LazyLock<Mutex<(Reach, bool)>> = LazyLock::new(Mutex::default);
+static REACH: LazyLock<Mutex<(Coverage, bool)>> = LazyLock::new(Mutex::default);
 
 /// Checks bytes, and says so when everything in `marks` was reached for the first time.
 ///

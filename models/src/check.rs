@@ -18,7 +18,7 @@ const TICK: Duration = Duration::from_millis(50);
 
 /// How to check.
 #[derive(Clone, Copy, Debug)]
-pub struct Effort {
+pub struct CheckOptions {
     /// How many threads to use; at least 1.
     pub threads: usize,
     /// Whether to go on after a violation, to see what else is broken.
@@ -64,13 +64,13 @@ impl Exploration {
 /// Searches all states of a configuration, breadth first unless it is large; `progress` is told how
 /// many there are.
 ///
-/// Without [`Effort::all`] it stops soon after the first violation.
+/// Without [`CheckOptions::all`] it stops soon after the first violation.
 ///
 /// # Errors
 /// If there is no verdict.
 pub fn check(
     config: &'static World,
-    effort: Effort,
+    effort: CheckOptions,
     progress: impl FnMut(usize),
 ) -> Result<Exploration, CheckError> {
     let operator = Operator::new(config);
@@ -88,7 +88,7 @@ pub fn check(
 
 fn search(
     config: &'static World,
-    effort: Effort,
+    effort: CheckOptions,
     mut checker: impl Checker<Operator>,
     mut progress: impl FnMut(usize),
 ) -> Result<Exploration, CheckError> {

@@ -12,11 +12,11 @@ mod sighting;
 mod state;
 mod world;
 
-pub use check::{CheckError, Effort, Exploration, check};
+pub use check::{CheckError, CheckOptions, Exploration, check};
 pub use claim::{Claim, Claims};
 pub use counterexample::Counterexample;
 pub use explore::explore;
-pub use machine::{Completion, Fired, Reaction, hush};
+pub use machine::{Completion, FiredTimers, InputResponse, hush};
 pub use operator::Operator;
 pub use sighting::{Sighting, Sightings};
 pub use state::State;

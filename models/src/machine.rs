@@ -16,9 +16,9 @@ pub(crate) type Machine = Arbiter<CLOUDS, WINDOW>;
 
 /// What the machine said to one input.
 #[derive(Clone, Debug, Default)]
-pub struct Reaction {
+pub struct InputResponse {
     /// What was due (F5), firing by firing.
-    pub fired: Vec<Fired>,
+    pub fired: Vec<FiredTimers>,
     /// The input's own decisions.
     pub own: Vec<Decision>,
     /// How it came to an end.
@@ -27,7 +27,7 @@ pub struct Reaction {
 
 /// What followed from the timers of one timestamp at one due instant.
 #[derive(Clone, Debug)]
-pub struct Fired {
+pub struct FiredTimers {
     /// The timestamp.
     pub t: u64,
     /// The due instant.
@@ -48,7 +48,7 @@ pub enum Completion {
     Panicked,
 }
 
-impl Reaction {
+impl InputResponse {
     /// All decisions in the order of the trace.
     pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
         self.fired.iter().flat_map(|fired| &fired.decisions).chain(&self.own)
@@ -62,9 +62,9 @@ pub(crate) fn machine(header: &Header) -> Option<Machine> {
 
 /// Gives the machine one input, after at most `most` firings; it is no good any more unless the
 /// answer is whole.
-pub(crate) fn answer(machine: &mut Machine, input: &Input, most: usize) -> Reaction {
+pub(crate) fn answer(machine: &mut Machine, input: &Input, most: usize) -> InputResponse {
     // Until the machine says otherwise.
-    let mut answer = Reaction { end: Completion::Panicked, ..Reaction::default() };
+    let mut answer = InputResponse { end: Completion::Panicked, ..InputResponse::default() };
     IN_MACHINE.set(true);
     let _ = panic::catch_unwind(AssertUnwindSafe(|| apply(machine, input, most, &mut answer)));
     IN_MACHINE.set(false);
@@ -85,7 +85,7 @@ thread_local! {
     static IN_MACHINE: Cell<bool> = const { Cell::new(false) };
 }
 
-fn apply(machine: &mut Machine, input: &Input, most: usize, answer: &mut Reaction) {
+fn apply(machine: &mut Machine, input: &Input, most: usize, answer: &mut InputResponse) {
     let own = machine.apply(input, |at, firing| {
         if answer.fired.len() >= most {
             answer.end = Completion::Endless;
@@ -95,7 +95,7 @@ fn apply(machine: &mut Machine, input: &Input, most: usize, answer: &mut Reactio
         let mut decisions = Vec::new();
         decisions_of(at, firing, |decision| decisions.push(decision));
         let (t, due) = (firing.timestamp.as_u64(), firing.due.as_nanos());
-        answer.fired.push(Fired { t, due, decisions });
+        answer.fired.push(FiredTimers { t, due, decisions });
     });
     own.decisions(machine.now(), |decision| answer.own.push(decision));
     answer.end = Completion::Whole;

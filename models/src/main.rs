@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use std::thread;
 
 use clap::{Parser, Subcommand};
-use fuseline_models::{Effort, Exploration, Size, WORLDS, World, check, explore, hush};
+use fuseline_models::{CheckOptions, Exploration, Size, WORLDS, World, check, explore, hush};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::error::Error;
@@ -120,7 +120,7 @@ fn check_all(args: &Check) -> Result<bool, Error> {
     let threads = args
         .threads
         .map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
-    let effort = Effort { threads, all: args.keep_going };
+    let effort = CheckOptions { threads, all: args.keep_going };
     let mut out = anstream::stdout();
     let mut verdicts: Vec<Exploration> = Vec::new();
     for config in configs {
@@ -169,7 +169,7 @@ fn chosen(args: &Check) -> Result<Vec<&'static World>, Error> {
     Ok(WORLDS.iter().filter(is_chosen).collect())
 }
 
-fn check_one(config: &'static World, effort: Effort) -> Result<Exploration, Error> {
+fn check_one(config: &'static World, effort: CheckOptions) -> Result<Exploration, Error> {
     let visible = io::stderr().is_terminal();
     let bar = if visible {
         let style =

@@ -63,7 +63,7 @@ pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(),
     let states: usize = verdicts.iter().map(|verdict| verdict.states).sum();
     let seconds: f64 = verdicts.iter().map(|verdict| verdict.took.as_secs_f64()).sum();
     writeln!(out, "{states} states in {seconds:.1} s")?;
-    verdicts.iter().try_for_each(|verdict| tell_faults(out, verdict)).map_err(Error::Output)
+    verdicts.iter().try_for_each(|verdict| print_faults(out, verdict)).map_err(Error::Output)
 }
 
 /// One JSON object on a line.
@@ -132,7 +132,7 @@ pub(crate) fn list(out: &mut impl Write) -> Result<(), Error> {
     Ok(writeln!(out, "{table}")?)
 }
 
-fn tell_faults(out: &mut impl Write, verdict: &Exploration) -> io::Result<()> {
+fn print_faults(out: &mut impl Write, verdict: &Exploration) -> io::Result<()> {
     let name = verdict.config.name;
     for run in &verdict.violations {
         writeln!(out, "\n{name}: {BAD}broken: {}{BAD:#}", run.claim.name())?;

@@ -4,7 +4,7 @@ use fuseline_core::Priority;
 use fuseline_testkit::History;
 use fuseline_traces::{Commit, Decision, DropReason, Input, OfferRefusal, OpenRefusal};
 
-use crate::machine::{Fired, Reaction};
+use crate::machine::{FiredTimers, InputResponse};
 use crate::sighting::{Sighting, Sightings};
 use crate::state::State;
 use crate::world::World;
@@ -14,7 +14,7 @@ pub(crate) fn sightings(
     config: &World,
     before: &State,
     input: &Input,
-    answer: &Reaction,
+    answer: &InputResponse,
     after: &State,
 ) -> Sightings {
     let mut shown = Sightings::default();
@@ -44,7 +44,7 @@ pub(crate) fn sightings(
 }
 
 /// What the first firing of a timestamp shows.
-fn of_firing(config: &World, history: &History, fired: &Fired, shown: &mut Sightings) {
+fn of_firing(config: &World, history: &History, fired: &FiredTimers, shown: &mut Sightings) {
     let eager = config.commit == Commit::Eager;
     let timers = || {
         fired.decisions.iter().filter_map(|decision| match decision {
@@ -105,7 +105,7 @@ fn of_input(
     config: &World,
     before: &State,
     input: &Input,
-    answer: &Reaction,
+    answer: &InputResponse,
     after: &State,
     shown: &mut Sightings,
 ) {
@@ -159,7 +159,7 @@ fn of_offer(
     before: &State,
     (t, p): (u64, u64),
     below_limit: bool,
-    answer: &Reaction,
+    answer: &InputResponse,
     after: &State,
     shown: &mut Sightings,
 ) {
@@ -181,7 +181,7 @@ fn of_offer(
 fn of_result(
     before: &State,
     (t, p): (u64, u64),
-    answer: &Reaction,
+    answer: &InputResponse,
     after: &State,
     shown: &mut Sightings,
 ) {

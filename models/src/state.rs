@@ -6,10 +6,10 @@ use std::sync::OnceLock;
 
 use fuseline_core::{Instant, Priority, Timestamp};
 use fuseline_testkit::{History, Ledger};
-use fuseline_traces::{Decision, Demands, Input, Reference, Rule};
+use fuseline_traces::{Decision, ExpectedDecisions, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
-use crate::machine::{Completion, Machine, Reaction, answer, machine};
+use crate::machine::{Completion, InputResponse, Machine, answer, machine};
 use crate::sighting::Sightings;
 use crate::world::World;
 
@@ -59,7 +59,7 @@ impl State {
 
     /// The state after an input, and what the machine said to it.
     #[must_use]
-    pub fn step(&self, config: &World, input: &Input) -> (Self, Reaction) {
+    pub fn step(&self, config: &World, input: &Input) -> (Self, InputResponse) {
         let mut next = Self { ahead: OnceLock::new(), ..self.clone() };
         let most = self.ledger.timer_count();
         let answer = answer(&mut next.machine, input, most);
@@ -79,7 +79,7 @@ impl State {
     }
 
     /// Enters the input into the ledger of promises, and compares the machine with what is booked.
-    fn enter(&mut self, config: &World, input: &Input, answer: &Reaction) {
+    fn enter(&mut self, config: &World, input: &Input, answer: &InputResponse) {
         let fired = answer.fired.iter().flat_map(|fired| &fired.decisions);
         let next_due = self.machine.next_due();
         let violations = self.ledger.enter(config.terms(), input, fired, &answer.own, next_due);
@@ -101,9 +101,9 @@ impl State {
     }
 
     /// Gives the input to the reference machine; ends with it where the two disagree.
-    fn compare(&mut self, config: &World, input: &Input, answer: &Reaction) {
+    fn compare(&mut self, config: &World, input: &Input, answer: &InputResponse) {
         let Some(reference) = &mut self.reference else { return };
-        let mut demands = Demands::new();
+        let mut demands = ExpectedDecisions::new();
         reference.apply(input, &mut demands);
         let now = reference.now() == self.machine.now();
         let alike = reference.next_due() == self.machine.next_due()
@@ -125,7 +125,7 @@ impl State {
         &mut self,
         config: &World,
         input: &Input,
-        answer_of_machine: &Reaction,
+        answer_of_machine: &InputResponse,
         from: u64,
         most: usize,
     ) -> bool {
@@ -146,7 +146,7 @@ impl State {
 }
 
 /// The rule by which the first decision that differs is made, if one does.
-fn difference(input: &Input, answer: &Reaction, demands: &Demands) -> Option<Claim> {
+fn difference(input: &Input, answer: &InputResponse, demands: &ExpectedDecisions) -> Option<Claim> {
     let found: Vec<&Decision> = answer.decisions().collect();
     let of_firings = found.len() - answer.own.len();
     let demanded = |place: usize| demands.get(place).map(|(decision, _)| decision);

@@ -1,6 +1,6 @@
 //! The configurations that are checked: operator, environment, and how many states they have.
 
-use fuseline_testkit::Terms;
+use fuseline_testkit::OperatorConfig;
 use fuseline_traces::{Cloud, Commit, Header};
 
 use crate::sighting::Sighting;
@@ -71,8 +71,8 @@ impl World {
     }
 
     /// What a ledger knows of its operator.
-    pub(crate) fn terms(&self) -> Terms<'static> {
-        Terms { window: self.window.into(), commit: self.commit, clouds: self.clouds }
+    pub(crate) fn terms(&self) -> OperatorConfig<'static> {
+        OperatorConfig { window: self.window.into(), commit: self.commit, clouds: self.clouds }
     }
 
     /// The registered cloud with this priority.

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use fuseline_models::{Effort, Exploration, Sighting, Size, WORLDS, World, check};
+use fuseline_models::{CheckOptions, Exploration, Sighting, Size, WORLDS, World, check};
 
-const EFFORT: Effort = Effort { threads: 2, all: false };
+const EFFORT: CheckOptions = CheckOptions { threads: 2, all: false };
 
 fn verdict(config: &'static World) -> Exploration {
     check(config, EFFORT, |_| {}).expect("a verdict")

@@ -2,8 +2,8 @@
 
 use fuseline_traces::{Decision, Input};
 
+use crate::context::{RuleDecision, RunContext};
 use crate::run::Run;
-use crate::scene::{Ruling, Scene};
 
 /// From this length on a run counts as long, in inputs.
 const LONG: usize = 400;
@@ -84,17 +84,17 @@ impl Edge {
     }
 
     /// Where an input stands before it happens.
-    pub(crate) fn of_input(scene: &Scene, input: &Input) -> impl Iterator<Item = Self> {
+    pub(crate) fn of_input(context: &RunContext, input: &Input) -> impl Iterator<Item = Self> {
         let at = input.at();
         let beyond = |p: u64| p > u64::from(u16::MAX);
         let (place, due) = match *input {
             Input::Result { t, p, .. } | Input::Fail { t, p, .. } => {
-                let due = scene.due(t, p);
+                let due = context.due(t, p);
                 ([Self::ArrivalBeforeDue, Self::ArrivalAtDue, Self::ArrivalAfterDue], due)
             }
             Input::Open { .. } | Input::Offer { .. } | Input::Tick { .. } => {
                 let is_tick = matches!(input, Input::Tick { .. });
-                let due = scene.next_due().filter(|_| is_tick);
+                let due = context.next_due().filter(|_| is_tick);
                 ([Self::TickBeforeDue, Self::TickAtDue, Self::TickAfterDue], due)
             }
         };
@@ -107,7 +107,7 @@ impl Edge {
             (place[0], away == Some(-1)),
             (place[1], away == Some(0)),
             (place[2], away == Some(1)),
-            (Self::ClockBack, at < scene.now()),
+            (Self::ClockBack, at < context.now()),
             (Self::ClockEnd, at == u64::MAX),
             (Self::OfferToLocal, matches!(input, Input::Offer { p: 0, .. })),
             (Self::PriorityBeyondAll, p.is_some_and(beyond)),
@@ -116,23 +116,23 @@ impl Edge {
 
     /// What became of an input, seen after it.
     pub(crate) fn of_step(
-        scene: &Scene,
+        context: &RunContext,
         input: &Input,
-        step: &Ruling,
+        step: &RuleDecision,
     ) -> impl Iterator<Item = Self> {
         let dues: Vec<_> =
-            step.fired.iter().filter_map(|(decision, _)| due(scene, decision)).collect();
-        let together = |of: fn(&Due, &Due) -> bool| {
+            step.fired.iter().filter_map(|(decision, _)| due(context, decision)).collect();
+        let together = |of: fn(&FiredTimer, &FiredTimer) -> bool| {
             dues.windows(2).any(|pair| pair[0].at == pair[1].at && of(&pair[0], &pair[1]))
         };
-        let full = scene.open().len() == scene.window();
+        let full = context.open().len() == context.window();
         let opened = matches!(input, Input::Open { .. }) && step.own.is_empty();
         let saturates = match (input, step.own.first()) {
             (Input::Offer { deadline, .. }, Some((Decision::Request { at, .. }, _))) => {
                 at.checked_add(*deadline).is_none()
             }
             (Input::Open { deadline: Some(deadline), .. }, None) => {
-                scene.now().checked_add(*deadline).is_none()
+                context.now().checked_add(*deadline).is_none()
             }
             _ => false,
         };
@@ -142,16 +142,16 @@ impl Edge {
             (Self::TimestampsDueTogether, together(|a, b| a.t != b.t)),
             (Self::ManyDue, dues.windows(2).any(|pair| pair[0].at != pair[1].at)),
             (Self::WindowFull, full),
-            (Self::GreatestWindowFull, full && scene.window() == GREATEST),
+            (Self::GreatestWindowFull, full && context.window() == GREATEST),
             (Self::CounterEnd, opened && input.t() == Some(u64::MAX)),
             (Self::DueSaturates, saturates),
         ])
     }
 
     /// How a backlog stands to the gate that is asked about it, before it is asked.
-    pub(crate) fn of_gate(scene: &Scene, input: &Input) -> impl Iterator<Item = Self> {
+    pub(crate) fn of_gate(context: &RunContext, input: &Input) -> impl Iterator<Item = Self> {
         let (gate, backlog) = match *input {
-            Input::Offer { p, backlog, .. } => (scene.gate(p), backlog),
+            Input::Offer { p, backlog, .. } => (context.gate(p), backlog),
             Input::Open { .. } | Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. } => {
                 (None, 0)
             }
@@ -169,16 +169,16 @@ impl Edge {
 }
 
 /// A timer that fired.
-struct Due {
+struct FiredTimer {
     at: u64,
     t: u64,
     p: u64,
 }
 
-fn due(scene: &Scene, decision: &Decision) -> Option<Due> {
+fn due(context: &RunContext, decision: &Decision) -> Option<FiredTimer> {
     let Decision::Timer { t, p, .. } = *decision else { return None };
-    let at = scene.due(t, p)?;
-    Some(Due { at, t, p })
+    let at = context.due(t, p)?;
+    Some(FiredTimer { at, t, p })
 }
 
 /// Those that hold.

@@ -2,13 +2,14 @@
 
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
+use crate::context::RunContext;
 use crate::draw::Draw;
 use crate::run::Run;
-use crate::scene::Scene;
 
 mod flood;
+mod wide;
 
-use flood::Leaving;
+use flood::DepartureOrder;
 
 /// How far back a step reaches for a timestamp or a request.
 const RECENT: usize = 12;
@@ -42,8 +43,7 @@ impl Generator {
             _ => draw.between(2, 40),
         };
         let header = self.header(&mut draw, is_flood);
-        let mut writer =
-            Writer { scene: Scene::new(&header), draw, inputs: vec![], tried: vec![], next_t: 0 };
+        let mut writer = Writer::new(&header, draw);
         writer.start();
         if is_flood {
             // More than the greatest window holds.
@@ -53,7 +53,7 @@ impl Generator {
             writer.step(&header);
         }
         if is_flood {
-            for leaving in Leaving::ALL {
+            for leaving in DepartureOrder::ALL {
                 writer.refill(leaving, &header);
             }
         }
@@ -96,7 +96,7 @@ impl Generator {
 
 /// What a step does.
 #[derive(Clone, Copy)]
-enum Act {
+enum StepKind {
     /// A message comes: an open, and offers for some of the clouds.
     Message,
     Open,
@@ -116,15 +116,28 @@ enum Act {
 
 /// Makes inputs, with the reference machine to know where the edges are.
 struct Writer {
-    scene: Scene,
+    context: RunContext,
     draw: Draw,
     inputs: Vec<Input>,
     /// Timestamps that an open was tried for.
     tried: Vec<u64>,
     next_t: u64,
+    /// Whether clock and counter keep away from their ends, where nothing more happens.
+    is_long: bool,
 }
 
 impl Writer {
+    fn new(header: &Header, draw: Draw) -> Self {
+        Self {
+            context: RunContext::new(header),
+            draw,
+            inputs: vec![],
+            tried: vec![],
+            next_t: 0,
+            is_long: false,
+        }
+    }
+
     /// Begins at the start of clock and counter, or near the end of one of them.
     fn start(&mut self) {
         let near = |draw: &mut Draw, back| u64::MAX - draw.between(0, back);
@@ -138,43 +151,43 @@ impl Writer {
     }
 
     fn step(&mut self, header: &Header) {
-        const ACTS: [(u64, Act); 10] = [
-            (20, Act::Message),
-            (10, Act::Open),
-            (22, Act::Offer),
-            (10, Act::Clash),
-            (24, Act::Result),
-            (12, Act::Hold),
-            (14, Act::Fail),
-            (16, Act::Arrival),
-            (26, Act::Tick),
-            (1, Act::Flood),
+        const ACTS: [(u64, StepKind); 10] = [
+            (20, StepKind::Message),
+            (10, StepKind::Open),
+            (22, StepKind::Offer),
+            (10, StepKind::Clash),
+            (24, StepKind::Result),
+            (12, StepKind::Hold),
+            (14, StepKind::Fail),
+            (16, StepKind::Arrival),
+            (26, StepKind::Tick),
+            (1, StepKind::Flood),
         ];
         let at = self.instant();
         match self.draw.weighed(&ACTS) {
-            Act::Message => self.message(at, header),
-            Act::Open => {
+            StepKind::Message => self.message(at, header),
+            StepKind::Open => {
                 let (t, deadline) = (self.fresh(), self.deadline_of_local());
                 self.open(at, t, deadline);
             }
-            Act::Offer => {
+            StepKind::Offer => {
                 let (t, p) = (self.timestamp(), self.priority(header));
                 let (deadline, backlog) = (self.span(), self.backlog(p));
                 self.push(Input::Offer { at, t, p, deadline, backlog });
             }
-            Act::Clash => self.clash(at, header),
-            Act::Result => {
+            StepKind::Clash => self.clash(at, header),
+            StepKind::Result => {
                 let (t, p) = self.call(header);
                 self.push(Input::Result { at, t, p });
             }
-            Act::Hold => self.hold(),
-            Act::Fail => {
+            StepKind::Hold => self.hold(),
+            StepKind::Fail => {
                 let (t, p) = self.call(header);
                 self.push(Input::Fail { at, t, p });
             }
-            Act::Arrival => self.arrival(),
-            Act::Tick => self.push(Input::Tick { at }),
-            Act::Flood => {
+            StepKind::Arrival => self.arrival(),
+            StepKind::Tick => self.push(Input::Tick { at }),
+            StepKind::Flood => {
                 let count = self.draw.between(2, 40);
                 self.flood(count, header);
             }
@@ -197,10 +210,12 @@ impl Writer {
     }
 
     fn hold(&mut self) {
-        let asked = self.scene.asked();
-        let waits = |(t, p): &&(u64, u64)| *p > 0 && asked.iter().any(|(u, q)| u == t && q > p);
-        let Some((t, p)) = asked.iter().rev().take(2 * RECENT).find(waits).copied() else { return };
-        let at = self.scene.now();
+        let requested = self.context.requested();
+        let waits = |(t, p): &&(u64, u64)| *p > 0 && requested.iter().any(|(u, q)| u == t && q > p);
+        let Some((t, p)) = requested.iter().rev().take(2 * RECENT).find(waits).copied() else {
+            return;
+        };
+        let at = self.context.now();
         self.push(Input::Result { at, t, p });
         match self.draw.between(0, 9) {
             0 => self.push(Input::Result { at, t, p }),
@@ -213,9 +228,9 @@ impl Writer {
 
     /// All that outrank a request fail.
     fn fail_above(&mut self, t: u64, p: u64) {
-        let at = self.scene.now();
-        let asked = self.scene.asked().iter().copied();
-        let above: Vec<_> = asked.filter(|(u, q)| *u == t && *q > p).collect();
+        let at = self.context.now();
+        let requested = self.context.requested().iter().copied();
+        let above: Vec<_> = requested.filter(|(u, q)| *u == t && *q > p).collect();
         for (t, p) in above {
             self.push(Input::Fail { at, t, p });
         }
@@ -223,18 +238,18 @@ impl Writer {
 
     fn clash(&mut self, at: u64, header: &Header) {
         let any = (self.timestamp(), self.priority(header));
-        let (t, p) = self.scene.outranked().filter(|_| !self.draw.one_in(4)).unwrap_or(any);
+        let (t, p) = self.context.outranked().filter(|_| !self.draw.one_in(4)).unwrap_or(any);
         let deadline = if self.draw.one_in(2) { 0 } else { self.span() };
-        let limit = self.scene.gate(p).map_or(u64::MAX, |gate| gate.limit);
+        let limit = self.context.gate(p).map_or(u64::MAX, |gate| gate.limit);
         let backlog = if self.draw.one_in(2) { limit } else { self.backlog(p) };
         self.push(Input::Offer { at, t, p, deadline, backlog });
     }
 
     fn arrival(&mut self) {
-        let place = self.recent(self.scene.asked().len());
-        let Some((t, p)) = self.scene.asked().get(place).copied() else { return };
-        let due = self.scene.due(t, p);
-        let at = self.edge(due.unwrap_or(self.scene.now()));
+        let place = self.recent(self.context.requested().len());
+        let Some((t, p)) = self.context.requested().get(place).copied() else { return };
+        let due = self.context.due(t, p);
+        let at = self.edge(due.unwrap_or(self.context.now()));
         let is_failure = self.draw.one_in(3);
         self.push(if is_failure { Input::Fail { at, t, p } } else { Input::Result { at, t, p } });
     }
@@ -247,31 +262,31 @@ impl Writer {
 
     fn push(&mut self, input: Input) {
         self.inputs.push(input);
-        let step = self.scene.apply(&input);
+        let step = self.context.apply(&input);
         // A greedy machine might answer a second time: ask again about what was just decided.
         let ended = step.own.iter().chain(&step.fired).find_map(|(decision, _)| match decision {
             Decision::Emit { t, p, .. } => Some((*t, *p)),
             _ => None,
         });
         if let Some((t, p)) = ended.filter(|_| self.draw.one_in(8)) {
-            let at = self.scene.now();
+            let at = self.context.now();
             self.inputs.push(Input::Result { at, t, p });
-            self.scene.apply(&Input::Result { at, t, p });
+            self.context.apply(&Input::Result { at, t, p });
         }
     }
 
     fn instant(&mut self) -> u64 {
-        let now = self.scene.now();
+        let now = self.context.now();
         match self.draw.between(0, 99) {
             0..50 => now,
             50..68 => now.saturating_add(self.draw.between(0, 9)),
             68..90 => {
-                let due = self.scene.next_due().unwrap_or(now);
+                let due = self.context.next_due().unwrap_or(now);
                 self.edge(due)
             }
             90..96 => now.saturating_sub(self.draw.between(1, 50)),
             96..99 => now.saturating_add(self.draw.between(30, 500)),
-            _ if self.draw.one_in(8) => u64::MAX,
+            _ if self.draw.one_in(8) && !self.is_long => u64::MAX,
             _ => now,
         }
     }
@@ -291,6 +306,7 @@ impl Writer {
             0..20 => self.next_t,
             20..24 => self.next_t.saturating_add(self.draw.between(1, 9)),
             24..29 => self.tried_before(),
+            _ if self.is_long => self.next_t.saturating_add(1 << 33),
             _ => self.draw.weighed(&[(1, u64::MAX), (3, self.next_t.saturating_add(1 << 33))]),
         }
     }
@@ -300,8 +316,8 @@ impl Writer {
         match self.draw.between(0, 39) {
             0..28 => {
                 let back = self.draw.weighed(&[(6, 2), (1, RECENT)]);
-                let back = self.draw.place(back.min(self.scene.open().len()));
-                let open = self.scene.open().iter().rev().nth(back).copied();
+                let back = self.draw.place(back.min(self.context.open().len()));
+                let open = self.context.open().iter().rev().nth(back).copied();
                 open.unwrap_or(self.next_t)
             }
             28..36 => self.tried_before(),
@@ -334,9 +350,9 @@ impl Writer {
     /// Whose result or failure it is.
     fn call(&mut self, header: &Header) -> (u64, u64) {
         match self.draw.between(0, 10) {
-            0..5 if !self.scene.asked().is_empty() => {
-                let place = self.recent(self.scene.asked().len());
-                self.scene.asked()[place]
+            0..5 if !self.context.requested().is_empty() => {
+                let place = self.recent(self.context.requested().len());
+                self.context.requested()[place]
             }
             5..8 => (self.timestamp(), 0),
             _ => (self.timestamp(), self.priority(header)),
@@ -354,16 +370,18 @@ impl Writer {
             5..26 => self.draw.between(2, 90),
             // Until the next due instant, so that timers tie.
             26..37 => {
-                let due = self.scene.next_due();
-                due.map_or(10, |due| due.saturating_sub(self.scene.now()))
+                let due = self.context.next_due();
+                due.map_or(10, |due| due.saturating_sub(self.context.now()))
             }
+            // The clock soon follows what is due.
+            _ if self.is_long => 500,
             37..39 => u64::MAX,
             _ => self.draw.next(),
         }
     }
 
     fn backlog(&mut self, p: u64) -> u64 {
-        let (limit, resume) = self.scene.gate(p).map_or((1, 0), |gate| (gate.limit, gate.resume));
+        let (limit, resume) = self.context.gate(p).map_or((1, 0), |gate| (gate.limit, gate.resume));
         match self.draw.between(0, 19) {
             0..9 => 0,
             9..13 => self.edge(limit),

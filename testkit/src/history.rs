@@ -156,7 +156,7 @@ impl History {
 
     /// The due instant that `p` was asked for, unless it was forgotten.
     #[must_use]
-    pub fn asked_for(&self, p: u64) -> Option<u64> {
+    pub fn requested_for(&self, p: u64) -> Option<u64> {
         self.source(p)?.due
     }
 

@@ -14,7 +14,7 @@ use crate::history::History;
 
 /// What a ledger knows of an operator's configuration.
 #[derive(Clone, Copy, Debug)]
-pub struct Terms<'a> {
+pub struct OperatorConfig<'a> {
     /// How many timestamps may be open.
     pub window: usize,
     /// The commit rule.
@@ -63,7 +63,7 @@ impl Ledger {
     /// it. Returns the promises that this violates; after a violation nothing that follows means much.
     pub fn enter<'a>(
         &mut self,
-        terms: Terms<'_>,
+        terms: OperatorConfig<'_>,
         input: &Input,
         fired: impl IntoIterator<Item = &'a Decision>,
         own: &[Decision],
@@ -120,7 +120,7 @@ impl Ledger {
     }
 
     /// P11: the input has one outcome, of its kind, and the reason for a refusal or drop holds.
-    fn is_accounted(&self, terms: Terms<'_>, input: &Input, own: &[Decision]) -> bool {
+    fn is_accounted(&self, terms: OperatorConfig<'_>, input: &Input, own: &[Decision]) -> bool {
         // F7: the clouds that are pending, and never local.
         let are_cancels =
             |rest: &[Decision]| rest.iter().all(|d| matches!(d, Decision::Cancel { p: 1.., .. }));
@@ -155,7 +155,7 @@ impl Ledger {
 
     fn open_refusal_holds(
         &self,
-        terms: Terms<'_>,
+        terms: OperatorConfig<'_>,
         t: u64,
         deadline: Option<u64>,
         why: OpenRefusal,
@@ -169,7 +169,7 @@ impl Ledger {
 
     fn offer_refusal_holds(
         &self,
-        terms: Terms<'_>,
+        terms: OperatorConfig<'_>,
         (t, p): (u64, u64),
         deadline: u64,
         backlog: u64,
@@ -186,7 +186,7 @@ impl Ledger {
         }
     }
 
-    fn drop_holds(&self, terms: Terms<'_>, t: u64, p: u64, why: DropReason) -> bool {
+    fn drop_holds(&self, terms: OperatorConfig<'_>, t: u64, p: u64, why: DropReason) -> bool {
         let history = self.history(t);
         let is_requested = history.is_some_and(|history| history.is_requested(p));
         let is_held = history.is_some_and(|history| history.is_held(p));
@@ -201,7 +201,7 @@ impl Ledger {
     }
 
     /// Books what came, unless it was refused or dropped.
-    fn arrive(&mut self, terms: Terms<'_>, input: &Input, own: &[Decision]) {
+    fn arrive(&mut self, terms: OperatorConfig<'_>, input: &Input, own: &[Decision]) {
         if own.iter().any(is_refused_or_dropped) {
             return;
         }
@@ -311,7 +311,12 @@ impl Ledger {
     }
 
     /// What holds between inputs.
-    fn balance(&self, terms: Terms<'_>, next_due: Option<u64>, violations: &mut Vec<Violation>) {
+    fn balance(
+        &self,
+        terms: OperatorConfig<'_>,
+        next_due: Option<u64>,
+        violations: &mut Vec<Violation>,
+    ) {
         let now = self.now;
         if self.open.len() > terms.window {
             violate(violations, Promise::P9, || "more are open than the window allows".to_owned());
@@ -369,14 +374,14 @@ impl Ledger {
     }
 }
 
-impl Terms<'_> {
+impl OperatorConfig<'_> {
     /// The registered cloud with this priority.
     fn cloud(&self, p: u64) -> Option<&Cloud> {
         self.clouds.iter().find(|cloud| u64::from(cloud.p) == p)
     }
 }
 
-impl<'a> From<&'a Header> for Terms<'a> {
+impl<'a> From<&'a Header> for OperatorConfig<'a> {
     fn from(header: &'a Header) -> Self {
         Self { window: header.window.into(), commit: header.commit, clouds: &header.clouds }
     }

@@ -1,19 +1,19 @@
 #![doc = include_str!("../README.md")]
 
+mod context;
+mod coverage;
 mod draw;
 mod edge;
 mod generate;
 mod history;
 mod ledger;
-mod reach;
 mod run;
-mod scene;
 
+pub use context::{Gate, HoldingReasons, RuleDecision, RunContext};
+pub use coverage::{Cause, Consequence, Coverage, CoverageShare, Mark};
 pub use draw::splitmix64;
 pub use edge::Edge;
 pub use generate::Generator;
 pub use history::History;
-pub use ledger::{Ledger, Promise, Terms, Violation, split};
-pub use reach::{Cause, Consequence, Mark, Reach, Share};
+pub use ledger::{Ledger, OperatorConfig, Promise, Violation, split};
 pub use run::Run;
-pub use scene::{Gate, Grounds, Ruling, Scene};

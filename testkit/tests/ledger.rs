@@ -1,16 +1,16 @@
 //! Timers and misses that the ledger must not take, each for a reason of its own.
 
-use fuseline_testkit::{Ledger, Promise, Terms, split};
+use fuseline_testkit::{Ledger, OperatorConfig, Promise, split};
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input, Reference};
 
 /// An operator with the clouds 2 and 5 that says what it is told to.
-struct Liar {
+struct FaultyOperator {
     header: Header,
     ledger: Ledger,
     reference: Reference,
 }
 
-impl Liar {
+impl FaultyOperator {
     /// With 0 open, local limited to this, and 5 asked for it by 3.
     fn new(limit: Option<u64>) -> Self {
         let cloud = |p| Cloud { p, name: None, limit: 1, resume: 0 };
@@ -35,7 +35,7 @@ impl Liar {
     fn says(&mut self, input: &Input, decisions: &[Decision]) -> Vec<Promise> {
         let next_due = self.reference.next_due();
         let (fired, own) = split(input, decisions);
-        let terms = Terms::from(&self.header);
+        let terms = OperatorConfig::from(&self.header);
         let broken = self.ledger.enter(terms, input, fired, own, next_due);
         broken.into_iter().map(|violation| violation.promise).collect()
     }
@@ -44,19 +44,19 @@ impl Liar {
 #[test]
 fn a_timer_that_was_never_armed_breaks_p8() {
     let timer = Decision::Timer { at: 1, t: 0, p: 2 };
-    assert_eq!(Liar::new(None).says(&Input::Tick { at: 1 }, &[timer]), [Promise::P8]);
+    assert_eq!(FaultyOperator::new(None).says(&Input::Tick { at: 1 }, &[timer]), [Promise::P8]);
 }
 
 #[test]
 fn a_request_with_another_due_instant_breaks_p8() {
     let offer = Input::Offer { at: 0, t: 0, p: 2, deadline: 3, backlog: 0 };
     let request = Decision::Request { at: 0, t: 0, p: 2, due: 4 };
-    assert_eq!(Liar::new(None).says(&offer, &[request]), [Promise::P8]);
+    assert_eq!(FaultyOperator::new(None).says(&offer, &[request]), [Promise::P8]);
 }
 
 #[test]
 fn a_miss_while_a_result_may_still_come_breaks_p7() {
-    let mut liar = Liar::new(None);
+    let mut liar = FaultyOperator::new(None);
     liar.honest(&Input::Fail { at: 1, t: 0, p: 0 });
     let missed = Decision::Miss { at: 2, t: 0 };
     assert!(liar.says(&Input::Tick { at: 2 }, &[missed]).contains(&Promise::P7));
@@ -64,5 +64,5 @@ fn a_miss_while_a_result_may_still_come_breaks_p7() {
 
 #[test]
 fn a_timestamp_that_outlives_its_latest_due_instant_breaks_p7() {
-    assert!(Liar::new(Some(2)).says(&Input::Tick { at: 3 }, &[]).contains(&Promise::P7));
+    assert!(FaultyOperator::new(Some(2)).says(&Input::Tick { at: 3 }, &[]).contains(&Promise::P7));
 }

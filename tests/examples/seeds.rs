@@ -9,8 +9,8 @@ use std::path::Path;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use fuseline_testkit::{Mark, Reach, Run};
-use fuseline_tests::fuzz::{self, Edit, Op};
+use fuseline_testkit::{Coverage, Mark, Run};
+use fuseline_tests::fuzz::{self, Edit, EditKind};
 use fuseline_traces::corpus::{CASES, Example};
 use fuseline_traces::{LINE, Rule};
 
@@ -41,12 +41,12 @@ fn write(target: &str, name: &str, bytes: &[u8]) -> io::Result<()> {
 
 /// Edited traces: each breaks a rule by an op that did not break it before, or reaches more.
 fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
-    let (mut all, mut broken) = (Reach::default(), HashSet::new());
+    let (mut all, mut broken) = (Coverage::default(), HashSet::new());
     let mut seeds = Vec::new();
     for (name, run) in runs {
         for edit in edits() {
             let bytes = [edit.bytes(), fuzz::bytes_of(run)].concat();
-            let mut reach = Reach::default();
+            let mut reach = Coverage::default();
             fuzz::judge(&bytes, &mut reach).expect("core and judge agree");
             let reached: Vec<Mark> =
                 fuzz::marks_of_judge().into_iter().filter(|mark| reach.has(*mark)).collect();
@@ -64,10 +64,11 @@ fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
 fn edits() -> impl Iterator<Item = Edit> {
     let words = (0..6).map(|word| std::array::from_fn(|other| i8::from(other == word)));
     let words: Vec<[i8; 6]> = words.collect();
-    Op::ALL.into_iter().flat_map(move |op| {
+    EditKind::ALL.into_iter().flat_map(move |op| {
         let words = words.clone();
         (0..12).flat_map(move |place| {
-            let changes = if op == Op::Rewrite || op == Op::Insert { words.len() } else { 1 };
+            let changes =
+                if op == EditKind::Rewrite || op == EditKind::Insert { words.len() } else { 1 };
             words.clone().into_iter().take(changes).map(move |by| Edit { op, place, by })
         })
     })

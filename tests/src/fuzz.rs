@@ -1,19 +1,19 @@
 //! What the fuzz targets check, as functions over bytes: plain tests replay the targets' seeds.
 //!
-//! Each notes in a [`Reach`] what the bytes came to, and returns what is wrong, in words, with the
+//! Each notes in a [`Coverage`] what the bytes came to, and returns what is wrong, in words, with the
 //! trace.
 
 mod bytes;
 mod edit;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_testkit::{Mark, Reach, Run};
+use fuseline_testkit::{Coverage, Mark, Run};
 use fuseline_traces as traces;
 use fuseline_traces::{Defect, Event, Events, LINE, Line, ReadError, parse, unpack};
 use serde::de::IgnoredAny;
 
 use bytes::Bytes;
-pub use edit::{Edit, Op};
+pub use edit::{Edit, EditKind};
 
 /// The name of a trace in verdicts and errors.
 const FILE: &str = "fuzz";
@@ -28,7 +28,7 @@ type Check = Result<(), String>;
 ///
 /// # Errors
 /// The first difference, and the run as it should be.
-pub fn step(bytes: &[u8], reach: &mut Reach) -> Check {
+pub fn step(bytes: &[u8], reach: &mut Coverage) -> Check {
     let run = Bytes::new(bytes).run();
     compare(&run, reach).map_err(|difference| format!("{difference}\n{run:?}"))
 }
@@ -38,7 +38,7 @@ pub fn step(bytes: &[u8], reach: &mut Reach) -> Check {
 ///
 /// # Errors
 /// What is wrong with how it was read.
-pub fn trace_parse(bytes: &[u8], reach: &mut Reach) -> Check {
+pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> Check {
     let inner = unpack(bytes).map_err(|error| format!("bytes in memory did not come: {error}"))?;
     let mut reader = match Events::new(FILE, inner) {
         Ok(reader) => reader,
@@ -60,7 +60,7 @@ pub fn trace_parse(bytes: &[u8], reach: &mut Reach) -> Check {
 ///
 /// # Errors
 /// Where the judge is wrong, and the edited trace.
-pub fn judge(bytes: &[u8], reach: &mut Reach) -> Check {
+pub fn judge(bytes: &[u8], reach: &mut Coverage) -> Check {
     let mut bytes = Bytes::new(bytes);
     let edit = Edit::read(&mut bytes);
     let run = bytes.run();
@@ -96,20 +96,20 @@ pub fn run_of(bytes: &[u8]) -> Run {
 ///
 /// # Errors
 /// The first difference.
-pub fn compare(run: &Run, reach: &mut Reach) -> Check {
+pub fn compare(run: &Run, reach: &mut Coverage) -> Check {
     let mut arbiter = arbiter(run)?;
-    let mut scene = reach.begin(run);
+    let mut context = reach.begin(run);
     let mut found = Vec::new();
     for (i, input) in run.inputs.iter().enumerate() {
-        let step = reach.follow(&mut scene, input);
+        let step = reach.follow(&mut context, input);
         found.clear();
         arbiter.decide(input, |decision| found.push(decision));
         if !found.iter().eq(step.decisions()) {
             let expected: Vec<_> = step.decisions().collect();
             return Err(format!("input {i}, {input}: {found:?}, the rules say {expected:?}"));
         }
-        if arbiter.next_due() != scene.next_due() {
-            let (found, expected) = (arbiter.next_due(), scene.next_due());
+        if arbiter.next_due() != context.next_due() {
+            let (found, expected) = (arbiter.next_due(), context.next_due());
             return Err(format!("input {i}, {input}: next due is {found:?}, not {expected:?}"));
         }
     }
@@ -117,7 +117,7 @@ pub fn compare(run: &Run, reach: &mut Reach) -> Check {
 }
 
 /// An accepted line: it is JSON to others too, and written and read again it says the same.
-fn unchanged(raw: &[u8], line: &Line, reach: &mut Reach) -> Check {
+fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> Check {
     reach.line(line);
     let wrong = |what: &str| Err(format!("{what}: {}\n{line:?}", String::from_utf8_lossy(raw)));
     if serde_json::from_slice::<IgnoredAny>(raw).is_err() {
@@ -133,7 +133,7 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Reach) -> Check {
 }
 
 /// An error where line number `line` was to be read: it tells that line, fit for a terminal.
-fn refused(error: &ReadError, line: u64, reach: &mut Reach) -> Check {
+fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> Check {
     reach.defect(error);
     let message = error.to_string();
     let column = 1..=LINE as u64 + 1;
@@ -159,7 +159,7 @@ fn replay(run: &Run) -> Result<Vec<Event>, String> {
     Ok(events)
 }
 
-fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Reach) -> Check {
+fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> Check {
     let conforming = verdict(run, whole)?;
     if !conforming.conforms || !conforming.violations.is_empty() {
         return Err(format!("what the core decides is judged so: {conforming}"));

@@ -21,14 +21,14 @@ const OTHER_WORDS: [(&str, &str); 6] = [
 ];
 
 /// An identifier in a comment, a document or a string.
-static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPATD]\d+g?)\b"));
+static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPATDJ]\d+g?)\b"));
 /// An identifier at the head of a function's name.
-static FUNCTION: LazyLock<Regex> = LazyLock::new(|| regex(r"\bfn ([fpatd]\d+g?)_"));
+static FUNCTION: LazyLock<Regex> = LazyLock::new(|| regex(r"\bfn ([fpatdj]\d+g?)_"));
 /// Identifiers at the head of a trace's name.
-static TRACE: LazyLock<Regex> = LazyLock::new(|| regex(r"^([fpa]\d+g?)-"));
+static TRACE: LazyLock<Regex> = LazyLock::new(|| regex(r"^([fpaj]\d+g?)-"));
 /// Where the specification defines: a rule's heading, a promise's or an ambiguity's row.
 static DEFINITION: LazyLock<Regex> =
-    LazyLock::new(|| regex(r"(?m)^(?:### (F\d+g?) |\| ([PTD]\d+) |\| (A\d+) \|)"));
+    LazyLock::new(|| regex(r"(?m)^(?:### (F\d+g?) |\| ([PTDJ]\d+) |\| (A\d+) \|)"));
 
 fn regex(pattern: &str) -> Regex {
     Regex::new(pattern).expect("a sound pattern")
@@ -36,7 +36,7 @@ fn regex(pattern: &str) -> Regex {
 
 /// What kind of witness a citation is.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-enum Place {
+enum WitnessKind {
     /// Code that is shipped.
     Code,
     /// A test, or a trace of the corpus.
@@ -49,7 +49,7 @@ enum Place {
 #[derive(Clone, PartialEq, Eq, Debug)]
 struct Citation {
     id: String,
-    place: Place,
+    place: WitnessKind,
     /// `file:line`.
     at: String,
 }
@@ -81,13 +81,13 @@ fn is_witness(file: &Path) -> bool {
 fn citations(file: &Path, text: &str) -> Vec<Citation> {
     let mut found = Vec::new();
     let mut place = match file.extension().and_then(|extension| extension.to_str()) {
-        _ if is_witness(file) => Place::Witness,
-        Some("rs") => Place::Code,
-        _ => Place::Text,
+        _ if is_witness(file) => WitnessKind::Witness,
+        Some("rs") => WitnessKind::Code,
+        _ => WitnessKind::Text,
     };
     for (number, line) in (1_u32..).zip(text.lines()) {
-        if place == Place::Code && line.trim_start().starts_with("mod tests {") {
-            place = Place::Witness;
+        if place == WitnessKind::Code && line.trim_start().starts_with("mod tests {") {
+            place = WitnessKind::Witness;
         }
         let ids = WORD.captures_iter(line).chain(FUNCTION.captures_iter(line));
         for id in ids.map(|captures| identifier(&captures[1])) {
@@ -115,7 +115,7 @@ fn all_citations() -> Vec<Citation> {
         match file.extension().and_then(|extension| extension.to_str()) {
             Some("jsonl") => all.extend(TRACE.captures(name).map(|captures| Citation {
                 id: identifier(&captures[1]),
-                place: Place::Witness,
+                place: WitnessKind::Witness,
                 at: file.display().to_string(),
             })),
             // This file's own examples witness nothing.
@@ -135,7 +135,7 @@ fn unknown<'a>(defined: &[String], citations: &'a [Citation]) -> Vec<&'a Citatio
 }
 
 /// The rules and promises that no citation of this kind names.
-fn uncited(defined: &[String], citations: &[Citation], place: Place) -> Vec<String> {
+fn uncited(defined: &[String], citations: &[Citation], place: WitnessKind) -> Vec<String> {
     let cited: BTreeSet<_> = citations
         .iter()
         .filter(|citation| citation.place == place)
@@ -154,13 +154,13 @@ fn every_cited_identifier_exists() {
 
 #[test]
 fn every_rule_and_promise_is_cited_by_code() {
-    let uncited = uncited(&defined(&spec()), &all_citations(), Place::Code);
+    let uncited = uncited(&defined(&spec()), &all_citations(), WitnessKind::Code);
     assert!(uncited.is_empty(), "no code cites {uncited:?}");
 }
 
 #[test]
 fn every_rule_and_promise_is_cited_by_a_test_or_trace() {
-    let uncited = uncited(&defined(&spec()), &all_citations(), Place::Witness);
+    let uncited = uncited(&defined(&spec()), &all_citations(), WitnessKind::Witness);
     assert!(uncited.is_empty(), "no test or trace cites {uncited:?}");
 }
 
@@ -218,8 +218,8 @@ fn a_rule_cited_by_its_tests_alone_counts_as_uncited_by_code() {
     let spec = ["F3".to_owned(), "P2".to_owned()];
     let text = "// F3 late.\n#[cfg(test)]\nmod tests {\n#[test]\nfn p2_never_late() {}\n}";
     let cited = citations(Path::new("core/src/slot.rs"), text);
-    assert_eq!(uncited(&spec, &cited, Place::Code), ["P2"]);
-    assert_eq!(uncited(&spec, &cited, Place::Witness), ["F3"]);
+    assert_eq!(uncited(&spec, &cited, WitnessKind::Code), ["P2"]);
+    assert_eq!(uncited(&spec, &cited, WitnessKind::Witness), ["F3"]);
     let elsewhere = citations(Path::new("core/src/slot/tests.rs"), "// F3");
-    assert_eq!(elsewhere[0].place, Place::Witness);
+    assert_eq!(elsewhere[0].place, WitnessKind::Witness);
 }

@@ -6,7 +6,7 @@ use std::io::BufReader;
 use std::path::Path;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_testkit::{Generator, Ledger, Reach, Run, Terms, split};
+use fuseline_testkit::{Coverage, Generator, Ledger, OperatorConfig, Run, split};
 use fuseline_tests::fuzz::compare;
 use fuseline_traces::{Commit, Decision, Event, Events, Header, Input};
 
@@ -48,7 +48,7 @@ fn check(commits: &[Commit], cases: u64, mut property: impl FnMut(&Run) -> Resul
 #[test]
 fn the_core_decides_what_the_reference_machine_decides() {
     for commit in Commit::ALL {
-        let mut reach = Reach::default();
+        let mut reach = Coverage::default();
         check(&[commit], CASES, |run| compare(run, &mut reach));
         for share in reach.shares() {
             assert!(share.missing.is_empty(), "{commit}: no run reached {:#?}", share.missing);
@@ -62,7 +62,7 @@ fn p1_to_p9_and_p11_to_p12_hold_in_every_run() {
         let (mut arbiter, mut ledger) = (arbiter(&run.header), Ledger::default());
         for (i, input) in run.inputs.iter().enumerate() {
             let found = decisions(&mut arbiter, input);
-            let ((fired, own), terms) = (split(input, &found), Terms::from(&run.header));
+            let ((fired, own), terms) = (split(input, &found), OperatorConfig::from(&run.header));
             let violations = ledger.enter(terms, input, fired, own, arbiter.next_due());
             if let Some(violation) = violations.first() {
                 return Err(format!("input {i}, {input}: {violation}"));

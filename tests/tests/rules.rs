@@ -8,7 +8,7 @@ const BOTH: [Commit; 2] = [Commit::Eager, Commit::Patient];
 const END: u64 = u64::MAX;
 
 /// An outcome in a word or two.
-fn told(outcome: Outcome<15>) -> String {
+fn reported(outcome: Outcome<15>) -> String {
     match outcome {
         Outcome::Dropped(DropReason::Unknown) => "unknown".into(),
         Outcome::Dropped(DropReason::Superseded) => "superseded".into(),
@@ -26,13 +26,13 @@ fn told(outcome: Outcome<15>) -> String {
 }
 
 /// A firing as `timestamp: timers, outcome`.
-fn told_firing(firing: &Fired) -> String {
+fn reported_firing(firing: &Fired) -> String {
     let timers: Vec<_> = firing.timers.iter().map(Priority::as_u16).collect();
-    format!("{}: {timers:?}, {}", firing.timestamp.as_u64(), told(firing.outcome))
+    format!("{}: {timers:?}, {}", firing.timestamp.as_u64(), reported(firing.outcome))
 }
 
-fn told_firings(firings: &[Fired]) -> Vec<String> {
-    firings.iter().map(told_firing).collect()
+fn reported_firings(firings: &[Fired]) -> Vec<String> {
+    firings.iter().map(reported_firing).collect()
 }
 
 /// Timestamp 0 open at 0 and offered, in order, with these deadlines.
@@ -59,8 +59,8 @@ fn refused(admission: Admission) -> Option<OfferRefusal> {
 fn f0_result_at_the_last_instant_before_due_is_in_time() {
     for commit in BOTH {
         let mut driver = asked(commit, &[(1, 10)]);
-        assert_eq!(told_firings(&driver.tick(9)), [""; 0]);
-        assert_eq!(told(driver.result(0, 1)), "1 goes, cancels []");
+        assert_eq!(reported_firings(&driver.tick(9)), [""; 0]);
+        assert_eq!(reported(driver.result(0, 1)), "1 goes, cancels []");
     }
 }
 
@@ -68,8 +68,8 @@ fn f0_result_at_the_last_instant_before_due_is_in_time() {
 fn f0_result_at_and_after_the_due_instant_is_late() {
     for (commit, now) in BOTH.into_iter().flat_map(|commit| [(commit, 10), (commit, 11)]) {
         let mut driver = asked(commit, &[(1, 10)]);
-        assert_eq!(told_firings(&driver.tick(now)), ["0: [1], waits"]);
-        assert_eq!(told(driver.result(0, 1)), "late");
+        assert_eq!(reported_firings(&driver.tick(now)), ["0: [1], waits"]);
+        assert_eq!(reported(driver.result(0, 1)), "late");
     }
 }
 
@@ -80,7 +80,7 @@ fn f0_a_clock_that_goes_back_stands_still() {
     driver.tick(5);
     assert_eq!(driver.fusion().now(), Instant::from_nanos(20));
     // A21: stamped before its due instant, given after the clock passed it.
-    assert_eq!(told(driver.result(0, 1)), "late");
+    assert_eq!(reported(driver.result(0, 1)), "late");
     assert_eq!(driver.open(1, Some(3)), Opening::Accepted);
     assert_eq!(driver.next_due(), Some(23));
 }
@@ -90,7 +90,7 @@ fn f0_refused_and_dropped_inputs_move_the_clock() {
     let mut driver = asked(Commit::Eager, &[(1, 10)]);
     driver.tick(9);
     assert_eq!(driver.open(0, None), Opening::Refused(OpenRefusal::Order));
-    assert_eq!(told(driver.result(9, 1)), "unknown");
+    assert_eq!(reported(driver.result(9, 1)), "unknown");
     assert_eq!(driver.fusion().now(), Instant::from_nanos(9));
 }
 
@@ -116,8 +116,8 @@ fn f1_a_window_of_every_size_takes_so_many_and_no_more() {
         }
         let next = window as u64;
         assert_eq!(driver.open(next, None), Opening::Refused(OpenRefusal::Full));
-        assert_eq!(told(driver.result(next, 0)), "unknown");
-        assert_eq!(told(driver.result(0, 0)), "0 goes, cancels []");
+        assert_eq!(reported(driver.result(next, 0)), "unknown");
+        assert_eq!(reported(driver.result(0, 0)), "0 goes, cancels []");
         assert_eq!(driver.open(next, None), Opening::Accepted);
     }
 }
@@ -135,9 +135,9 @@ fn f1_an_open_at_the_due_instant_finds_the_room_that_it_makes() {
 #[test]
 fn f1_skipped_timestamps_are_superseded_and_closed() {
     let mut driver = Driver::new(4, Commit::Eager, &[1]);
-    assert_eq!(told(driver.result(3, 0)), "unknown");
+    assert_eq!(reported(driver.result(3, 0)), "unknown");
     assert_eq!(driver.open(7, None), Opening::Accepted);
-    assert_eq!(told(driver.result(3, 0)), "superseded");
+    assert_eq!(reported(driver.result(3, 0)), "superseded");
     assert_eq!(refused(driver.offer(3, 1, 10)), Some(OfferRefusal::Closed));
 }
 
@@ -145,7 +145,7 @@ fn f1_skipped_timestamps_are_superseded_and_closed() {
 fn a14_the_greatest_timestamp_opens_once() {
     let mut driver = Driver::new(4, Commit::Eager, &[]);
     assert_eq!(driver.open(END, None), Opening::Accepted);
-    assert_eq!(told(driver.result(END, 0)), "0 goes, cancels []");
+    assert_eq!(reported(driver.result(END, 0)), "0 goes, cancels []");
     assert_eq!(driver.open(END, None), Opening::Refused(OpenRefusal::Order));
 }
 
@@ -155,11 +155,11 @@ fn a14_due_instants_saturate_and_a_clock_at_its_end_arms_nothing() {
     driver.tick(END - 1);
     assert_eq!(driver.open(0, Some(END)), Opening::Accepted);
     assert_eq!(driver.offer(0, 1, END), Admission::Admitted { due: Instant::END });
-    assert_eq!(told_firings(&driver.tick(END)), ["0: [0, 1], missed"]);
+    assert_eq!(reported_firings(&driver.tick(END)), ["0: [0, 1], missed"]);
     assert_eq!(driver.open(1, Some(END)), Opening::Refused(OpenRefusal::Deadline));
     assert_eq!(driver.open(1, None), Opening::Accepted);
     assert_eq!(refused(driver.offer(1, 1, END)), Some(OfferRefusal::Deadline));
-    assert_eq!(told(driver.result(1, 0)), "0 goes, cancels []");
+    assert_eq!(reported(driver.result(1, 0)), "0 goes, cancels []");
 }
 
 // F2
@@ -172,13 +172,13 @@ fn f2_reasons_to_refuse_an_offer_come_in_order() {
     assert_eq!(offer(&mut driver, 0, 1, 10), Some(OfferRefusal::Unknown));
     driver.opened(0, None);
     driver.opened(1, None);
-    assert_eq!(told(driver.fail(1, 0)), "missed");
+    assert_eq!(reported(driver.fail(1, 0)), "missed");
     assert_eq!(offer(&mut driver, 1, 4, 10), Some(OfferRefusal::Unknown));
     assert_eq!(offer(&mut driver, 1, 0, 10), Some(OfferRefusal::Unknown));
     assert_eq!(offer(&mut driver, 1, 1, 0), Some(OfferRefusal::Closed));
     driver.requested(0, 2, 10);
     driver.requested(0, 3, 10);
-    assert_eq!(told(driver.result(0, 2)), "held");
+    assert_eq!(reported(driver.result(0, 2)), "held");
     assert_eq!(offer(&mut driver, 0, 2, 0), Some(OfferRefusal::Duplicate));
     assert_eq!(offer(&mut driver, 0, 1, 0), Some(OfferRefusal::Outranked));
     driver.opened(2, None);
@@ -194,13 +194,13 @@ fn f2_a_request_may_join_while_a_lesser_result_is_held() {
         let mut driver = Driver::new(4, commit, &[1, 2]);
         driver.opened(0, None);
         driver.requested(0, 1, 10);
-        assert_eq!(told(driver.result(0, 0)), "held");
+        assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(refused(driver.offer(0, 2, 50)), None);
         let expected = match commit {
             Commit::Eager => "0: [1], 0 goes, cancels [2]",
             Commit::Patient => "0: [1], waits",
         };
-        assert_eq!(told_firings(&driver.tick(10)), [expected]);
+        assert_eq!(reported_firings(&driver.tick(10)), [expected]);
     }
 }
 
@@ -235,17 +235,17 @@ fn f2g_an_offer_refused_for_an_earlier_reason_does_not_ask_the_gate() {
 fn f3_reasons_to_drop_a_result_come_in_order() {
     for commit in BOTH {
         let mut driver = asked(commit, &[(1, 10), (2, 50), (3, 50)]);
-        assert_eq!(told(driver.result(0, 9)), "unknown");
-        assert_eq!(told(driver.result(1, 1)), "unknown");
+        assert_eq!(reported(driver.result(0, 9)), "unknown");
+        assert_eq!(reported(driver.result(1, 1)), "unknown");
         driver.opened(1, None);
-        assert_eq!(told(driver.result(1, 1)), "unsolicited");
-        assert_eq!(told(driver.result(0, 2)), "held");
-        assert_eq!(told(driver.result(0, 2)), "duplicate");
-        assert_eq!(told(driver.fail(0, 1)), "waits");
-        assert_eq!(told(driver.result(0, 1)), "late");
-        assert_eq!(told(driver.result(0, 3)), "3 goes, cancels []");
+        assert_eq!(reported(driver.result(1, 1)), "unsolicited");
+        assert_eq!(reported(driver.result(0, 2)), "held");
+        assert_eq!(reported(driver.result(0, 2)), "duplicate");
+        assert_eq!(reported(driver.fail(0, 1)), "waits");
+        assert_eq!(reported(driver.result(0, 1)), "late");
+        assert_eq!(reported(driver.result(0, 3)), "3 goes, cancels []");
         // A16: also late, had the timestamp not been retired.
-        assert_eq!(told(driver.result(0, 1)), "superseded");
+        assert_eq!(reported(driver.result(0, 1)), "superseded");
     }
 }
 
@@ -253,8 +253,8 @@ fn f3_reasons_to_drop_a_result_come_in_order() {
 fn f3_the_highest_goes_at_once_and_what_is_beneath_is_cancelled() {
     for commit in BOTH {
         let mut driver = asked(commit, &[(1, 10), (7, 10), (65_535, 10)]);
-        assert_eq!(told(driver.result(0, 7)), "held");
-        assert_eq!(told(driver.result(0, 65_535)), "65535 goes, cancels [1]");
+        assert_eq!(reported(driver.result(0, 7)), "held");
+        assert_eq!(reported(driver.result(0, 65_535)), "65535 goes, cancels [1]");
     }
 }
 
@@ -265,7 +265,7 @@ fn f3_a_held_local_result_disarms_its_limit() {
         driver.opened(0, Some(5));
         driver.requested(0, 1, 10);
         assert_eq!(driver.next_due(), Some(5));
-        assert_eq!(told(driver.result(0, 0)), "held");
+        assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(driver.next_due(), Some(10));
     }
 }
@@ -276,9 +276,9 @@ fn a3_a_held_cloud_keeps_its_timer_under_eager_alone() {
         [(Commit::Eager, 10, vec!["0: [1], 1 goes, cancels [2]"]), (Commit::Patient, 50, vec![])]
     {
         let mut driver = asked(commit, &[(1, 10), (2, 50)]);
-        assert_eq!(told(driver.result(0, 1)), "held");
+        assert_eq!(reported(driver.result(0, 1)), "held");
         assert_eq!(driver.next_due(), Some(next_due));
-        assert_eq!(told_firings(&driver.tick(10)), at_10);
+        assert_eq!(reported_firings(&driver.tick(10)), at_10);
     }
 }
 
@@ -288,13 +288,13 @@ fn a3_a_held_cloud_keeps_its_timer_under_eager_alone() {
 fn f4_a_failure_frees_what_it_outranked() {
     for commit in BOTH {
         let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
-        assert_eq!(told(driver.result(0, 1)), "held");
+        assert_eq!(reported(driver.result(0, 1)), "held");
         // A36: a failure alone does not commit.
-        assert_eq!(told(driver.fail(0, 3)), "waits");
-        assert_eq!(told(driver.fail(0, 3)), "late");
-        assert_eq!(told(driver.fail(0, 1)), "duplicate");
-        assert_eq!(told(driver.fail(0, 2)), "1 goes, cancels []");
-        assert_eq!(told(driver.fail(0, 2)), "superseded");
+        assert_eq!(reported(driver.fail(0, 3)), "waits");
+        assert_eq!(reported(driver.fail(0, 3)), "late");
+        assert_eq!(reported(driver.fail(0, 1)), "duplicate");
+        assert_eq!(reported(driver.fail(0, 2)), "1 goes, cancels []");
+        assert_eq!(reported(driver.fail(0, 2)), "superseded");
     }
 }
 
@@ -302,11 +302,11 @@ fn f4_a_failure_frees_what_it_outranked() {
 fn f4_local_failing_last_misses_and_failing_first_waits() {
     for commit in BOTH {
         let mut driver = asked(commit, &[(1, 10)]);
-        assert_eq!(told(driver.fail(0, 0)), "waits");
-        assert_eq!(told(driver.fail(0, 1)), "missed");
+        assert_eq!(reported(driver.fail(0, 0)), "waits");
+        assert_eq!(reported(driver.fail(0, 1)), "missed");
         let mut driver = asked(commit, &[(1, 10)]);
-        assert_eq!(told(driver.fail(0, 1)), "waits");
-        assert_eq!(told(driver.fail(0, 0)), "missed");
+        assert_eq!(reported(driver.fail(0, 1)), "waits");
+        assert_eq!(reported(driver.fail(0, 0)), "missed");
         assert!(driver.fusion().is_empty());
     }
 }
@@ -323,7 +323,7 @@ fn f5_fires_by_due_instant_then_timestamp_and_ties_of_one_timestamp_together() {
         driver.requested(3, 1, 20);
         driver.opened(9, None);
         driver.requested(9, 1, 5);
-        let fired = told_firings(&driver.tick(20));
+        let fired = reported_firings(&driver.tick(20));
         let expected = ["9: [1], waits", "7: [0], waits", "3: [0, 1], missed", "7: [2], missed"];
         assert_eq!(fired, expected);
     }
@@ -332,8 +332,8 @@ fn f5_fires_by_due_instant_then_timestamp_and_ties_of_one_timestamp_together() {
 #[test]
 fn a22_ties_close_together_so_that_none_is_cancelled() {
     let mut driver = asked(Commit::Eager, &[(1, 10), (2, 10), (3, 11)]);
-    assert_eq!(told(driver.result(0, 0)), "held");
-    assert_eq!(told_firings(&driver.tick(10)), ["0: [1, 2], 0 goes, cancels [3]"]);
+    assert_eq!(reported(driver.result(0, 0)), "held");
+    assert_eq!(reported_firings(&driver.tick(10)), ["0: [1, 2], 0 goes, cancels [3]"]);
 }
 
 // F6
@@ -345,14 +345,14 @@ fn f6_the_limit_alone_commits_nothing() {
         driver.opened(0, Some(5));
         driver.requested(0, 1, 10);
         driver.requested(0, 2, 20);
-        assert_eq!(told(driver.result(0, 1)), "held");
-        assert_eq!(told_firings(&driver.tick(5)), ["0: [0], waits"]);
+        assert_eq!(reported(driver.result(0, 1)), "held");
+        assert_eq!(reported_firings(&driver.tick(5)), ["0: [0], waits"]);
         let (at_10, at_20) = match commit {
             Commit::Eager => (vec!["0: [1], 1 goes, cancels [2]"], vec![]),
             Commit::Patient => (vec![], vec!["0: [2], 1 goes, cancels []"]),
         };
-        assert_eq!(told_firings(&driver.tick(10)), at_10);
-        assert_eq!(told_firings(&driver.tick(20)), at_20);
+        assert_eq!(reported_firings(&driver.tick(10)), at_10);
+        assert_eq!(reported_firings(&driver.tick(20)), at_20);
     }
 }
 
@@ -362,9 +362,9 @@ fn a4_a_lesser_timer_commits_under_eager_and_closes_its_own_under_patient() {
         [(Commit::Eager, "0: [1], 0 goes, cancels [2]"), (Commit::Patient, "0: [1], waits")]
     {
         let mut driver = asked(commit, &[(1, 10), (2, 20)]);
-        assert_eq!(told(driver.result(0, 0)), "held");
-        assert_eq!(told_firings(&driver.tick(9)), [""; 0]);
-        assert_eq!(told_firings(&driver.tick(10)), [at_10]);
+        assert_eq!(reported(driver.result(0, 0)), "held");
+        assert_eq!(reported_firings(&driver.tick(9)), [""; 0]);
+        assert_eq!(reported_firings(&driver.tick(10)), [at_10]);
     }
 }
 
@@ -375,26 +375,26 @@ fn p3_of_several_in_hand_the_best_goes() {
         (Commit::Patient, "0: [1], waits", Some("0: [3], 2 goes, cancels []")),
     ] {
         let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
-        assert_eq!(told(driver.result(0, 0)), "held");
-        assert_eq!(told(driver.result(0, 2)), "held");
-        assert_eq!(told_firings(&driver.tick(10)), [at_10]);
-        assert_eq!(told_firings(&driver.tick(30)), Vec::from_iter(at_30));
+        assert_eq!(reported(driver.result(0, 0)), "held");
+        assert_eq!(reported(driver.result(0, 2)), "held");
+        assert_eq!(reported_firings(&driver.tick(10)), [at_10]);
+        assert_eq!(reported_firings(&driver.tick(30)), Vec::from_iter(at_30));
     }
 }
 
 #[test]
 fn a28_a_firing_that_found_nothing_does_not_hurry_what_comes_later() {
     let mut driver = asked(Commit::Eager, &[(1, 10), (2, 20)]);
-    assert_eq!(told_firings(&driver.tick(10)), ["0: [1], waits"]);
-    assert_eq!(told(driver.result(0, 0)), "held");
-    assert_eq!(told_firings(&driver.tick(20)), ["0: [2], 0 goes, cancels []"]);
+    assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
+    assert_eq!(reported(driver.result(0, 0)), "held");
+    assert_eq!(reported_firings(&driver.tick(20)), ["0: [2], 0 goes, cancels []"]);
 }
 
 #[test]
 fn f6_patient_commits_once_nothing_outranks_though_a_lesser_is_pending() {
     let mut driver = asked(Commit::Patient, &[(1, 30), (2, 30), (3, 20)]);
-    assert_eq!(told(driver.result(0, 2)), "held");
-    assert_eq!(told_firings(&driver.tick(20)), ["0: [3], 2 goes, cancels [1]"]);
+    assert_eq!(reported(driver.result(0, 2)), "held");
+    assert_eq!(reported_firings(&driver.tick(20)), ["0: [3], 2 goes, cancels [1]"]);
 }
 
 // F7, F8
@@ -406,17 +406,17 @@ fn f7_a_retired_timestamp_has_no_timers_and_local_is_not_cancelled() {
         driver.opened(0, Some(100));
         driver.requested(0, 1, 10);
         driver.requested(0, 2, 20);
-        assert_eq!(told(driver.result(0, 2)), "2 goes, cancels [1]");
+        assert_eq!(reported(driver.result(0, 2)), "2 goes, cancels [1]");
         assert_eq!(driver.next_due(), None);
-        assert_eq!(told_firings(&driver.tick(END)), [""; 0]);
+        assert_eq!(reported_firings(&driver.tick(END)), [""; 0]);
     }
 }
 
 #[test]
 fn f8_what_no_operator_should_say_has_an_answer() {
     let mut driver = Driver::new(1, Commit::Eager, &[]);
-    assert_eq!(told(driver.result(END, u16::MAX)), "unknown");
-    assert_eq!(told(driver.fail(0, 0)), "unknown");
+    assert_eq!(reported(driver.result(END, u16::MAX)), "unknown");
+    assert_eq!(reported(driver.fail(0, 0)), "unknown");
     assert_eq!(refused(driver.queue(END, 0, 0, END)), Some(OfferRefusal::Unknown));
     assert_eq!(driver.open(END, Some(0)), Opening::Refused(OpenRefusal::Deadline));
 }
@@ -429,7 +429,7 @@ fn p6_with_no_request_local_goes_the_moment_it_arrives() {
         let mut driver = Driver::new(4, commit, &[1, 2]);
         driver.opened(0, Some(10));
         driver.tick(9);
-        assert_eq!(told(driver.result(0, 0)), "0 goes, cancels []");
+        assert_eq!(reported(driver.result(0, 0)), "0 goes, cancels []");
     }
 }
 
@@ -437,8 +437,8 @@ fn p6_with_no_request_local_goes_the_moment_it_arrives() {
 fn p5_local_goes_by_the_latest_due_instant_with_every_cloud_lost() {
     for commit in BOTH {
         let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
-        assert_eq!(told(driver.result(0, 0)), "held");
-        let last = driver.tick(30).last().map(told_firing);
+        assert_eq!(reported(driver.result(0, 0)), "held");
+        let last = driver.tick(30).last().map(reported_firing);
         assert!(last.is_some_and(|last| last.contains("0 goes")), "{commit:?}");
     }
 }
@@ -449,24 +449,24 @@ fn p12_the_wait_ends_with_local_and_the_last_request() {
     for commit in BOTH {
         // Local first: its result waits for the last due instant, a failed request's no longer.
         let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
-        assert_eq!(told(driver.result(0, 0)), "held");
-        assert_eq!(told(driver.fail(0, 3)), "waits");
+        assert_eq!(reported(driver.result(0, 0)), "held");
+        assert_eq!(reported(driver.fail(0, 3)), "waits");
         driver.tick(9);
         assert_eq!(driver.fusion().len(), 1, "{commit:?}");
         driver.tick(20);
         assert!(driver.fusion().is_empty(), "{commit:?}");
         // Local last: its result, its failure or its timer ends the wait.
         let mut driver = asked(commit, &[(1, 10)]);
-        assert_eq!(told_firings(&driver.tick(10)), ["0: [1], waits"]);
-        assert_eq!(told(driver.result(0, 0)), "0 goes, cancels []");
+        assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
+        assert_eq!(reported(driver.result(0, 0)), "0 goes, cancels []");
         let mut driver = asked(commit, &[(1, 10)]);
-        assert_eq!(told_firings(&driver.tick(10)), ["0: [1], waits"]);
-        assert_eq!(told(driver.fail(0, 0)), "missed");
+        assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
+        assert_eq!(reported(driver.fail(0, 0)), "missed");
         let mut driver = Driver::new(4, commit, &[1]);
         driver.opened(0, Some(30));
         driver.requested(0, 1, 10);
-        assert_eq!(told_firings(&driver.tick(29)), ["0: [1], waits"]);
-        assert_eq!(told_firings(&driver.tick(30)), ["0: [0], missed"]);
+        assert_eq!(reported_firings(&driver.tick(29)), ["0: [1], waits"]);
+        assert_eq!(reported_firings(&driver.tick(30)), ["0: [0], missed"]);
     }
 }
 

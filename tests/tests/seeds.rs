@@ -3,8 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use fuseline_testkit::{Generator, Mark, Reach, Run};
-use fuseline_tests::fuzz::{Edit, Op, bytes_of, judge, marks_of_judge, run_of, step, trace_parse};
+use fuseline_testkit::{Coverage, Generator, Mark, Run};
+use fuseline_tests::fuzz::{
+    Edit, EditKind, bytes_of, judge, marks_of_judge, run_of, step, trace_parse,
+};
 use proptest::prelude::*;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -15,7 +17,7 @@ fn runs() -> impl Strategy<Value = Run> {
     any::<u64>().prop_map(move |number| generator.run(number))
 }
 
-type Check = fn(&[u8], &mut Reach) -> Result<(), String>;
+type Check = fn(&[u8], &mut Coverage) -> Result<(), String>;
 
 /// The files of a folder, by name.
 fn files(folder: &str) -> Vec<PathBuf> {
@@ -29,7 +31,7 @@ fn files(folder: &str) -> Vec<PathBuf> {
 
 /// Checks every file of these folders; together they must reach all of `marks`.
 fn replay(folders: &[&str], check: Check, marks: Vec<Mark>) {
-    let mut reach = Reach::default();
+    let mut reach = Coverage::default();
     for path in folders.iter().flat_map(|folder| files(folder)) {
         let bytes = fs::read(&path).expect("a readable file");
         if let Err(fault) = check(&bytes, &mut reach) {
@@ -78,15 +80,15 @@ proptest! {
 
     #[test]
     fn an_edit_of_a_random_run_is_found_at_its_line(
-        run in runs(), op in 0..Op::ALL.len(), place in any::<u16>(), by in any::<[i8; 6]>()
+        run in runs(), op in 0..EditKind::ALL.len(), place in any::<u16>(), by in any::<[i8; 6]>()
     ) {
-        let edit = Edit { op: Op::ALL[op], place, by: by.map(|by| by % 2) };
+        let edit = Edit { op: EditKind::ALL[op], place, by: by.map(|by| by % 2) };
         let bytes = [edit.bytes(), bytes_of(&run)].concat();
-        judge(&bytes, &mut Reach::default()).map_err(TestCaseError::fail)?;
+        judge(&bytes, &mut Coverage::default()).map_err(TestCaseError::fail)?;
     }
 
     #[test]
     fn bytes_that_are_no_trace_are_refused_in_good_order(bytes in any::<Vec<u8>>()) {
-        trace_parse(&bytes, &mut Reach::default()).map_err(TestCaseError::fail)?;
+        trace_parse(&bytes, &mut Coverage::default()).map_err(TestCaseError::fail)?;
     }
 }

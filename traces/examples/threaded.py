@@ -9,8 +9,9 @@ A thread for each cloud, one for local and one for the timers share one operator
 With --racy, a thread looks whether a timestamp is open and acts later, as such code is often
 written. A barrier holds that window open, so that a result and a timer pass it together each time.
 
-Only facts are recorded: open, request, result, fail, emit and miss. A request bears its deadline,
-which counts from its own instant.
+Only facts are recorded: open, request, result, fail, emit and miss, and last a tick: when the run
+ended. Had the operator hung before, the judge would see by it what was overdue. A request bears its
+deadline, which counts from its own instant.
 """
 
 import argparse
@@ -190,6 +191,7 @@ def run(operator, messages, chance):
         time.sleep(0.001)
     over.set()
     threads[-1].join()
+    operator.lines.append({"ev": "tick", "at": operator.now()})
 
 
 def main():

@@ -2,7 +2,9 @@
 //!
 //! They come with the crate, so that a command can play them to another implementation. Each says
 //! its case in its name and in its header's `x`. The breaking ones stay in `corpus/bad`, each
-//! beside a sidecar with the rule that it breaks and the line.
+//! beside a sidecar with the rule that it breaks and the line. Those of `corpus/options` conform, and do
+//! not, or are unfinished, when more is known: that the run has ended, or its period. Their sidecars say
+//! how they are judged then and what is found.
 
 /// A conforming trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::event::{Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::OfferRefusal;
-use crate::reference::{Demands, Reference};
+use crate::reference::{ExpectedDecisions, Reference};
 use crate::rule::Rule;
 
 /// How many violations a verdict tells; it counts the rest.
@@ -29,7 +29,7 @@ const STORY: usize = 12;
 pub struct Judge {
     reference: Reference,
     /// What the rules demand of the input read last.
-    demands: Demands,
+    demands: ExpectedDecisions,
     /// How many of them were met.
     met: usize,
     /// The input read last and its line.
@@ -53,6 +53,10 @@ pub struct Verdict {
     /// How many timestamps were judged: those opened that have a result, a failure, an emit or a
     /// miss.
     pub judged: u64,
+    /// Of a run that is known to have ended: how many timestamps were open at its end that local owed
+    /// a result and that had no timer. They are not among those judged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unfinished: Option<u64>,
     /// How many lines the trace has, the header's too.
     pub lines: u64,
     /// What does not conform, up to 100.
@@ -101,7 +105,7 @@ impl Judge {
         let file = file.into();
         Self {
             reference: Reference::new(header),
-            demands: Demands::new(),
+            demands: ExpectedDecisions::new(),
             met: 0,
             input: None,
             differs: false,
@@ -111,6 +115,7 @@ impl Judge {
                 file,
                 conforms: true,
                 judged: 0,
+                unfinished: None,
                 lines: 1,
                 violations: Vec::new(),
                 more: 0,
@@ -146,6 +151,20 @@ impl Judge {
     pub fn finish(mut self) -> Verdict {
         self.close("no decision; the trace ends");
         self.verdict.judged += self.touched.len() as u64;
+        self.verdict
+    }
+
+    /// Ends the trace of a run that is known to have ended: each timer that is left was to fire when it
+    /// was due (A44).
+    #[must_use]
+    pub fn finish_ended(mut self) -> Verdict {
+        self.close("no decision; the trace ends");
+        while let Some(at) = self.reference.next_due() {
+            self.demand(self.verdict.lines, &Input::Tick { at });
+            self.close("no decision; the run has ended");
+        }
+        // P7: what is open without a timer waits for local.
+        self.verdict.unfinished = Some(self.reference.open_len() as u64);
         self.verdict
     }
 
@@ -200,14 +219,16 @@ impl Judge {
             self.verdict.more += 1;
             return;
         }
-        let told = |told: Option<Decision>| told.map_or(lack.into(), |told| told.to_string());
+        let reported = |reported: Option<Decision>| {
+            reported.map_or(lack.into(), |reported| reported.to_string())
+        };
         let (t, rule) = self.blame(found, demand);
         self.verdict.violations.push(Violation {
             line: self.verdict.lines,
             t,
             rule,
-            found: told(found),
-            expected: told(demand.map(|(expected, _)| expected)),
+            found: reported(found),
+            expected: reported(demand.map(|(expected, _)| expected)),
             story: t.map_or_else(Vec::new, |t| self.story(t)),
         });
     }
@@ -275,10 +296,10 @@ impl Judge {
     fn story(&self, t: u64) -> Vec<String> {
         let cause = self.input.map(|(line, _)| line);
         let of_t = |(line, event): &&(u64, Event)| event.t() == Some(t) || Some(*line) == cause;
-        let told: Vec<_> = self.recent.iter().filter(of_t).collect();
-        let left_out = told.len().saturating_sub(STORY);
+        let reported: Vec<_> = self.recent.iter().filter(of_t).collect();
+        let left_out = reported.len().saturating_sub(STORY);
         let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
-        let lines = told.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
+        let lines = reported.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
         lead.into_iter().chain(lines).collect()
     }
 
@@ -297,6 +318,9 @@ impl fmt::Display for Verdict {
         let Self { file, judged, lines, .. } = self;
         let word = if self.conforms { "conforms" } else { "does not conform" };
         write!(f, "{file}: {word}; {judged} timestamps judged in {lines} lines")?;
+        if let Some(unfinished) = self.unfinished.filter(|unfinished| *unfinished > 0) {
+            write!(f, ", {unfinished} unfinished")?;
+        }
         for violation in &self.violations {
             write!(f, "\n{file}:{violation}")?;
         }

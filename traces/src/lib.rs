@@ -24,5 +24,5 @@ pub use parse::{ParseError, parse};
 pub use read::{Defect, Events, LINE, ReadError, unpack};
 pub use reason::{DropReason, OfferRefusal, OpenRefusal};
 pub use record::{Recorder, Recording};
-pub use reference::{Demands, Reference};
+pub use reference::{ExpectedDecisions, Reference};
 pub use rule::Rule;

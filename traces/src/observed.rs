@@ -1,9 +1,10 @@
 //! What concurrent implementations record: each timestamp by itself, within a tolerance (SPEC.md, *Observed*).
 //!
 //! [`Judge`] goes through a trace line by line and keeps what it needs of the timestamps that may still get a line; each is
-//! then one [`Story`], of which it is decided, exactly, whether the rules can explain it within the [`Slack`].
+//! then one [`MessageHistory`], of which it is decided, exactly, whether the rules can explain it within the [`Slack`].
 
 mod explain;
+mod gap;
 mod judge;
 mod open;
 mod story;
@@ -13,8 +14,8 @@ mod violation;
 use crate::event::Line;
 use crate::parse::{Form, ParseError, parse_as};
 
-pub use judge::{Disorder, Judge, JudgeError, judge};
-pub use story::{Allowed, Slack, Story};
+pub use judge::{Judge, JudgeError, TimeOrderError, judge};
+pub use story::{AllowedOutput, MessageHistory, Slack};
 pub use verdict::{BrokenRule, Verdict, Violation};
 
 /// Reads one line of an observed trace, given without its `\n`: as [`parse`](crate::parse) does, but a request may have its

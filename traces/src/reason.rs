@@ -46,13 +46,13 @@ pub enum DropReason {
 }
 
 /// The word in a trace, and a sentence for readers who do not know the rules yet.
-type Said = (&'static str, &'static str);
+type WordAndSentence = (&'static str, &'static str);
 
 impl OpenRefusal {
     /// All reasons, in the order in which F1 asks for them.
     pub const ALL: [Self; 3] = [Self::Order, Self::Full, Self::Deadline];
 
-    const fn said(self) -> Said {
+    const fn word_and_sentence(self) -> WordAndSentence {
         match self {
             Self::Order => ("order", "it or a later one was opened before"),
             Self::Full => ("full", "as many are open as the window holds"),
@@ -72,7 +72,7 @@ impl OfferRefusal {
         Self::Queue,
     ];
 
-    const fn said(self) -> Said {
+    const fn word_and_sentence(self) -> WordAndSentence {
         match self {
             Self::Unknown => ("unknown", "no such cloud, or no such message so far"),
             Self::Closed => ("closed", "that message is over"),
@@ -89,7 +89,7 @@ impl DropReason {
     pub const ALL: [Self; 5] =
         [Self::Unknown, Self::Superseded, Self::Unsolicited, Self::Duplicate, Self::Late];
 
-    const fn said(self) -> Said {
+    const fn word_and_sentence(self) -> WordAndSentence {
         match self {
             Self::Unknown => ("unknown", "no such source, or no such message so far"),
             Self::Superseded => ("superseded", "that message is over"),
@@ -107,13 +107,13 @@ macro_rules! reason {
             /// The word in a trace.
             #[must_use]
             pub const fn as_str(self) -> &'static str {
-                self.said().0
+                self.word_and_sentence().0
             }
 
             /// What the word means, to be put after a colon.
             #[must_use]
             pub const fn sentence(self) -> &'static str {
-                self.said().1
+                self.word_and_sentence().1
             }
 
             /// Its place in [`ALL`](Self::ALL).

@@ -51,7 +51,7 @@ pub struct Recorder {
     path: PathBuf,
     header: Vec<u8>,
     recording: Recording,
-    out: Out,
+    out: LineSink,
     gathered: Vec<u8>,
     /// Where in `gathered` inputs begin: all before such a place is whole.
     inputs: Vec<usize>,
@@ -63,7 +63,7 @@ pub struct Recorder {
 
 /// Where lines go.
 #[derive(Debug)]
-struct Out {
+struct LineSink {
     file: File,
     recording: Recording,
     /// How many bytes the file holds; they end with a whole input's decisions.
@@ -82,7 +82,7 @@ impl Recorder {
         recording: Recording,
     ) -> io::Result<Self> {
         let path = path.as_ref().to_path_buf();
-        let out = Out::create(&path, recording)?;
+        let out = LineSink::create(&path, recording)?;
         let mut line = Vec::new();
         header.write(&mut line);
         line.push(b'\n');
@@ -176,7 +176,10 @@ impl Recorder {
         } else if self.gathered.len() >= most {
             self.attempt(Self::write_gathered);
         }
-        self.inputs.push(self.gathered.len());
+        // After an error nothing is gathered, the places of inputs included.
+        if self.error.is_none() {
+            self.inputs.push(self.gathered.len());
+        }
         self.line(|out| input.write(out));
     }
 
@@ -209,7 +212,7 @@ impl Recorder {
 
     fn rotate(&mut self) -> io::Result<()> {
         self.write_gathered()?;
-        self.out = Out::create(&Self::part(&self.path, self.part + 1), self.recording)?;
+        self.out = LineSink::create(&Self::part(&self.path, self.part + 1), self.recording)?;
         self.part += 1;
         self.gathered.extend_from_slice(&self.header);
         self.size = self.header.len() as u64;
@@ -223,7 +226,7 @@ impl Drop for Recorder {
     }
 }
 
-impl Out {
+impl LineSink {
     fn create(path: &Path, recording: Recording) -> io::Result<Self> {
         Ok(Self { file: File::create(path)?, recording, len: 0, packed: Vec::new() })
     }
@@ -275,3 +278,6 @@ fn write_all(file: &mut File, bytes: &[u8]) -> Result<usize, (usize, io::Error)>
     }
     Ok(written)
 }
+
+#[cfg(test)]
+mod tests;

@@ -28,7 +28,7 @@ pub struct Reference {
 }
 
 /// What is decided about one input, in order.
-pub type Demands = Vec<(Decision, Rule)>;
+pub type ExpectedDecisions = Vec<(Decision, Rule)>;
 
 /// One cloud's gate.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -73,7 +73,7 @@ impl Reference {
     }
 
     /// Appends what the rules decide about `input`.
-    pub fn apply(&mut self, input: &Input, out: &mut Demands) {
+    pub fn apply(&mut self, input: &Input, out: &mut ExpectedDecisions) {
         // F0: time does not go back, and what is due comes first.
         self.now = self.now.max(input.at());
         self.expire(out);
@@ -89,7 +89,7 @@ impl Reference {
     }
 
     /// F1: the first reason that holds refuses the open; else the timestamp waits for local.
-    fn open(&mut self, t: u64, deadline: Option<u64>, out: &mut Demands) {
+    fn open(&mut self, t: u64, deadline: Option<u64>, out: &mut ExpectedDecisions) {
         let due = deadline.map(|deadline| self.now.saturating_add(deadline));
         let why = if self.was_reached(t) {
             Some(OpenRefusal::Order)
@@ -115,7 +115,7 @@ impl Reference {
     }
 
     /// F2: an admitted request is due `deadline` after now; a refused one changes nothing but the gate.
-    fn offer(&mut self, t: u64, p: u64, deadline: u64, backlog: u64, out: &mut Demands) {
+    fn offer(&mut self, t: u64, p: u64, deadline: u64, backlog: u64, out: &mut ExpectedDecisions) {
         let at = self.now;
         let due = at.saturating_add(deadline);
         match self.admit(t, p, due, backlog) {
@@ -158,7 +158,7 @@ impl Reference {
     }
 
     /// F3: a result is dropped, held while something pending outranks it, or forwarded.
-    fn result(&mut self, t: u64, p: u64, out: &mut Demands) {
+    fn result(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         let at = self.now;
         let open = match self.accept(t, p) {
             Ok(open) => open,
@@ -178,7 +178,7 @@ impl Reference {
     }
 
     /// F4: a failure is dropped as a result is, or closes the request and settles as by no timer (A36).
-    fn fail(&mut self, t: u64, p: u64, out: &mut Demands) {
+    fn fail(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         match self.accept(t, p) {
             Ok(open) => {
                 open.pending.remove(&p);
@@ -210,7 +210,7 @@ impl Reference {
     }
 
     /// F5: what is due fires, by due instant and timestamp; the timers of one timestamp and instant fire together.
-    fn expire(&mut self, out: &mut Demands) {
+    fn expire(&mut self, out: &mut ExpectedDecisions) {
         // F5 due: the due instant itself is past (A1).
         while let Some(&(due, t, _)) = self.timers.first().filter(|timer| timer.0 <= self.now) {
             let mut cause = Cause::NoTimer;
@@ -232,7 +232,7 @@ impl Reference {
     }
 
     /// F6: some requests were closed; forward the best in hand, miss, or wait.
-    fn settle(&mut self, t: u64, cause: Cause, out: &mut Demands) {
+    fn settle(&mut self, t: u64, cause: Cause, out: &mut ExpectedDecisions) {
         let Some(open) = self.open.get(&t) else { return };
         match open.cached.last().copied() {
             Some(best) => {
@@ -253,7 +253,7 @@ impl Reference {
     }
 
     /// F7, demanded by `rule`: the result goes, the timestamp is retired, its pending clouds are cancelled.
-    fn forward(&mut self, t: u64, p: u64, rule: Rule, out: &mut Demands) {
+    fn forward(&mut self, t: u64, p: u64, rule: Rule, out: &mut ExpectedDecisions) {
         let at = self.now;
         out.push((Decision::Emit { at, t, p }, rule));
         if let Some(open) = self.retire(t) {
@@ -296,6 +296,12 @@ impl Reference {
     #[must_use]
     pub const fn now(&self) -> u64 {
         self.now
+    }
+
+    /// How many timestamps are open.
+    #[must_use]
+    pub fn open_len(&self) -> usize {
+        self.open.len()
     }
 
     /// Whether `t` is open.

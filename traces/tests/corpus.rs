@@ -6,9 +6,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::corpus::CASES;
+use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{
-    Commit, Decision, Demands, DropReason, Event, Events, Header, Input, Line, OfferRefusal,
-    OpenRefusal, Reference, Rule, Verdict, judge, parse,
+    Commit, Decision, DropReason, Event, Events, ExpectedDecisions, Header, Input, Judge, Line,
+    OfferRefusal, OpenRefusal, Reference, Rule, Verdict, judge, parse,
 };
 use serde::Deserialize;
 
@@ -18,6 +19,26 @@ use serde::Deserialize;
 struct Sidecar {
     rule: String,
     line: u64,
+}
+
+/// How a trace is judged when more is known of its run, and what is found.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Options {
+    observed: Option<Observed>,
+    #[serde(default)]
+    ended: bool,
+    period: Option<u64>,
+    judged: u64,
+    unfinished: Option<u64>,
+    violations: Vec<Sidecar>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Observed {
+    tolerance: u64,
+    lateness: u64,
 }
 
 /// A reason with what it is given for: they are counted apart.
@@ -49,6 +70,66 @@ fn breaking_traces_break_the_named_rule_at_the_named_line_and_nothing_else() {
         }
     }
     assert!(astray.is_empty(), "{}", astray.join("\n\n"));
+}
+
+/// A44, A45: what conforms by its lines alone, and what is found once it is known that the run has ended, or its period.
+#[test]
+fn traces_of_which_more_is_known_are_judged_by_that() {
+    let folder = corpus().join("options");
+    let names = names_in(&folder);
+    assert!(names.len() > 5, "{names:?}");
+    for name in names {
+        let options = fs::read(folder.join(format!("{name}.json"))).expect("it has a sidecar");
+        let options: Options = serde_json::from_slice(&options).expect("it is a sidecar");
+        let trace = fs::read(folder.join(format!("{name}.jsonl"))).expect("it can be read");
+        assert!(conforms_alone(&options, &trace), "{name}");
+        let (judged, unfinished, found) = with_options(&options, &trace);
+        let expected = options.violations.iter().map(|it| (it.rule.clone(), it.line)).collect();
+        assert_eq!(
+            (judged, unfinished, found),
+            (options.judged, options.unfinished, expected),
+            "{name}"
+        );
+    }
+}
+
+/// Whether it conforms when nothing more is known.
+fn conforms_alone(options: &Options, trace: &[u8]) -> bool {
+    match &options.observed {
+        None => judge("trace", trace).expect("it is well formed").conforms,
+        Some(slack) => {
+            let slack = Slack { tolerance: slack.tolerance, lateness: slack.lateness };
+            observed::judge("trace", slack, trace).expect("it is well formed").conforms
+        }
+    }
+}
+
+type Found = (u64, Option<u64>, Vec<(String, u64)>);
+
+fn with_options(options: &Options, trace: &[u8]) -> Found {
+    let Some(slack) = &options.observed else {
+        assert_eq!(options.period, None, "a period is of observed traces");
+        let mut reader = Events::new("trace", trace).expect("it has a header");
+        let mut judge = Judge::new("trace", reader.header());
+        while let Some(event) = reader.next_event().expect("it is well formed") {
+            judge.line(reader.line(), &event);
+        }
+        let verdict = if options.ended { judge.finish_ended() } else { judge.finish() };
+        let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
+        return (verdict.judged, verdict.unfinished, found.collect());
+    };
+    let slack = Slack { tolerance: slack.tolerance, lateness: slack.lateness };
+    let mut reader = Events::observed("trace", trace).expect("it has a header");
+    let mut judge = observed::Judge::new("trace", reader.header(), slack);
+    if let Some(period) = options.period {
+        judge = judge.with_period(period);
+    }
+    while let Some(event) = reader.next_event().expect("it is well formed") {
+        judge.line(reader.line(), &event).expect("it is in order");
+    }
+    let verdict = if options.ended { judge.finish_ended() } else { judge.finish() };
+    let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
+    (verdict.judged, verdict.unfinished, found.collect())
 }
 
 #[test]
@@ -139,8 +220,9 @@ fn what_the_commit_rules_decide_differently_is_there_under_both() {
         assert_eq!(header(case.trace).commit, Commit::Eager);
         assert_eq!(header(twin.trace).commit, Commit::Patient);
         let (eager, patient) = (play(case.trace), play(twin.trace));
-        let inputs =
-            |run: &[(Input, Demands)]| run.iter().map(|(input, _)| *input).collect::<Vec<_>>();
+        let inputs = |run: &[(Input, ExpectedDecisions)]| {
+            run.iter().map(|(input, _)| *input).collect::<Vec<_>>()
+        };
         assert_eq!(inputs(&eager), inputs(&patient), "{stem}");
         if eager != patient {
             differ.extend(stem.split('-').next());
@@ -177,12 +259,12 @@ fn reason(input: &Input, decision: &Decision) -> Option<Reason> {
 }
 
 /// The inputs of a trace with what the rules demand.
-fn play(trace: &str) -> Vec<(Input, Demands)> {
+fn play(trace: &str) -> Vec<(Input, ExpectedDecisions)> {
     let mut reference = Reference::new(&header(trace));
     let inputs = trace.lines().filter_map(|line| input(line.as_bytes()));
     inputs
         .map(|input| {
-            let mut demands = Demands::new();
+            let mut demands = ExpectedDecisions::new();
             reference.apply(&input, &mut demands);
             (input, demands)
         })

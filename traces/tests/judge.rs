@@ -2,10 +2,18 @@
 
 use std::fmt::Write;
 
-use fuseline_traces::{Rule, Verdict, judge};
+use fuseline_traces::{
+    Cloud, Commit, Decision, DropReason, Event, Header, Input, Judge, Rule, Verdict, judge,
+};
 use serde_json::json;
 
 const HEADER: &str = "{\"fuseline\":1,\"window\":4,\"clouds\":[{\"p\":1,\"limit\":31}]}\n";
+
+/// The same, read.
+fn header() -> Header {
+    let cloud = Cloud { p: 1, name: None, limit: 31, resume: 30 };
+    Header { operator: None, window: 4, commit: Commit::Eager, clouds: vec![cloud] }
+}
 
 /// Judges a trace whose events are told in a few words: `open 0 1` and so on, values in the
 /// format's order.
@@ -105,8 +113,9 @@ fn after_a_violation_it_goes_on_with_the_next_input() {
         "result 5 3 0",
         "emit 6 3 0", // another one
     ]);
-    let told: Vec<_> = verdict.violations.iter().map(|told| (told.line, told.rule)).collect();
-    assert_eq!(told, [(4, Rule::F3), (11, Rule::F0)]);
+    let reported: Vec<_> =
+        verdict.violations.iter().map(|reported| (reported.line, reported.rule)).collect();
+    assert_eq!(reported, [(4, Rule::F3), (11, Rule::F0)]);
     assert_eq!(verdict.judged, 3);
 }
 
@@ -174,6 +183,38 @@ fn judged_are_the_opened_ones_with_a_result_failure_emit_or_miss() {
     ]);
     assert!(verdict.conforms, "{verdict}");
     assert_eq!(verdict.judged, 3);
+}
+
+/// A44: each timer that is left was to fire.
+#[test]
+fn of_an_ended_run_timers_that_are_left_are_missing() {
+    let mut judge = Judge::new("a.jsonl", &header());
+    let events = [
+        Input::Open { at: 0, t: 1, deadline: None },
+        Input::Open { at: 0, t: 2, deadline: Some(7) },
+        Input::Open { at: 0, t: 3, deadline: Some(5) },
+        Input::Fail { at: 1, t: 1, p: 9 },
+    ];
+    for (line, input) in (2..).zip(events) {
+        judge.line(line, &Event::Input(input));
+    }
+    let unknown = Decision::Drop { at: 1, t: 1, p: 9, why: DropReason::Unknown };
+    judge.line(6, &Event::Decision(unknown));
+    let verdict = judge.finish_ended();
+    let reported: Vec<_> =
+        verdict.violations.iter().map(|it| (it.line, it.t, &*it.expected)).collect();
+    let expected = [
+        (6, Some(3), r#"{"ev":"timer","at":5,"t":3,"p":0}"#),
+        (6, Some(2), r#"{"ev":"timer","at":7,"t":2,"p":0}"#),
+    ];
+    assert_eq!(reported, expected);
+    assert_eq!(verdict.violations[0].found, "no decision; the run has ended");
+    assert_eq!((verdict.judged, verdict.unfinished), (2, Some(1)));
+    assert!(
+        verdict.to_string().starts_with(
+            "a.jsonl: does not conform; 2 timestamps judged in 6 lines, 1 unfinished\n"
+        )
+    );
 }
 
 /// What a judge remembers is bounded, whatever the trace's length.

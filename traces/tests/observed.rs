@@ -2,8 +2,9 @@
 
 use std::fmt::Write;
 
+use fuseline_traces::Events;
 use fuseline_traces::corpus;
-use fuseline_traces::observed::{JudgeError, Slack, Verdict, judge};
+use fuseline_traces::observed::{BrokenRule, Judge, JudgeError, Slack, Verdict, judge};
 use serde_json::json;
 
 const EXACT: Slack = Slack { tolerance: 0, lateness: 0 };
@@ -44,10 +45,10 @@ fn verdict(slack: Slack, events: &[&str]) -> Verdict {
 fn broken(slack: Slack, events: &[&str]) -> Vec<(u64, String, Option<u64>)> {
     let verdict = verdict(slack, events);
     assert_eq!(verdict.conforms, verdict.violations.is_empty());
-    let told = |found: fuseline_traces::observed::Violation| {
+    let reported = |found: fuseline_traces::observed::Violation| {
         (found.line, found.rule.to_string(), found.late)
     };
-    verdict.violations.into_iter().map(told).collect()
+    verdict.violations.into_iter().map(reported).collect()
 }
 
 fn is_broken(events: &[&str], line: u64, rule: &str, late: Option<u64>) {
@@ -64,7 +65,7 @@ fn the_traces_of_the_corpus_conform_in_this_mode_too() {
                 assert_eq!(verdict.violations, [], "{}", case.name);
                 judged += verdict.judged;
             }
-            Err(JudgeError::Disorder(disorder)) => {
+            Err(JudgeError::TimeOrderError(disorder)) => {
                 // F0: the clock went back.
                 assert!(disorder.at < disorder.greatest, "{}", case.name);
             }
@@ -109,23 +110,23 @@ fn f3_nothing_goes_while_something_pending_outranks_it() {
 
 #[test]
 fn p4_p6_p7_what_comes_too_late_is_told_by_how_much() {
-    let asked = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
-    is_broken(&[&asked[..], &["emit 17 1 0"]].concat(), 5, "P4", Some(7));
+    let requested = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
+    is_broken(&[&requested[..], &["emit 17 1 0"]].concat(), 5, "P4", Some(7));
     is_broken(&["open 0 1", "result 3 1 0", "emit 5 1 0"], 4, "P6", Some(2));
     is_broken(&["open 0 1 10", "miss 13 1"], 3, "P7", Some(3));
-    let late: Vec<_> = [&asked[..], &["tick 90", "emit 90 1 0"]].concat();
+    let late: Vec<_> = [&requested[..], &["tick 90", "emit 90 1 0"]].concat();
     assert_eq!(broken(LOOSE, &late), [(6, "P4".to_owned(), Some(66))]);
 }
 
 #[test]
 fn p5_p6_p7_something_comes_out() {
-    let asked = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
-    is_broken(&[&asked[..], &["tick 50"]].concat(), 4, "P5", Some(40));
+    let requested = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
+    is_broken(&[&requested[..], &["tick 50"]].concat(), 4, "P5", Some(40));
     is_broken(&["open 0 1", "result 3 1 0", "tick 8"], 3, "P6", Some(5));
     is_broken(&["open 0 1 10", "fail 3 1 0", "tick 20"], 3, "P7", Some(17));
     // It waits for local; it ends before it must come out.
     assert_eq!(broken(EXACT, &["open 0 1", "request 0 1 1 10", "result 9 1 1", "emit 9 1 1"]), []);
-    assert_eq!(broken(LOOSE, &[&asked[..], &["tick 16"]].concat()), []);
+    assert_eq!(broken(LOOSE, &[&requested[..], &["tick 16"]].concat()), []);
 }
 
 #[test]
@@ -181,6 +182,100 @@ fn a_trace_of_which_nothing_was_judged_does_not_conform() {
     assert_eq!(verdict.violations, []);
 }
 
+/// A judge that has read these.
+fn read(slack: Slack, period: Option<u64>, events: &[&str]) -> Judge {
+    let trace = trace("eager", events);
+    let mut reader = Events::observed("a.jsonl", trace.as_bytes()).expect("it has a header");
+    let mut judge = Judge::new("a.jsonl", reader.header(), slack);
+    if let Some(period) = period {
+        judge = judge.with_period(period);
+    }
+    while let Some(event) = reader.next_event().expect("it is well formed") {
+        judge.line(reader.line(), &event).expect("it is in order");
+    }
+    judge
+}
+
+#[test]
+fn a44_what_an_ended_run_owes_is_overdue_but_for_locals_result_without_a_deadline() {
+    let done = ["open 0 1", "result 1 1 0", "emit 1 1 0"];
+    let ended = |more: &[&str]| read(LOOSE, None, &[&done[..], more].concat()).finish_ended();
+    let requested = ["open 2 2", "request 2 2 1 1000"];
+    for (more, judged, unfinished, broken) in [
+        (&requested[..], 1, 1, None),
+        (&["open 2 2"], 1, 1, None),
+        (&["open 2 2", "request 2 2 1 9", "fail 3 2 1"], 1, 1, None),
+        (&["open 2 2 900"], 1, 0, Some("P7")),
+        (&["open 2 2", "result 3 2 0"], 2, 0, Some("P6")),
+        (&["open 2 2", "request 2 2 1 1000", "result 3 2 0"], 2, 0, Some("P5")),
+        (&["open 2 2", "fail 3 2 0", "tick 3"], 2, 0, Some("P7")),
+        (&["open 2 2", "request 2 2 1 1000", "fail 3 2 0"], 2, 0, Some("P7")),
+        // A result that was sent is none of this, nor is a message refused.
+        (&["open 2 2", "result 3 2 0", "emit 4 2 0"], 2, 0, None),
+        (&["open 2 2", "refuse 2 2 full"], 1, 0, None),
+    ] {
+        let verdict = ended(more);
+        assert_eq!((verdict.judged, verdict.unfinished), (judged, Some(unfinished)), "{more:?}");
+        let rules: Vec<String> = verdict.violations.iter().map(|it| it.rule.to_string()).collect();
+        assert_eq!(rules, broken.into_iter().collect::<Vec<_>>(), "{more:?}");
+        // It never came: nobody knows how late that is.
+        assert!(verdict.violations.iter().all(|it| it.late.is_none()), "{more:?}");
+    }
+    let hang = ended(&requested);
+    assert_eq!(serde_json::to_value(&hang).unwrap()["unfinished"], 1);
+    let open = read(LOOSE, None, &requested).finish();
+    assert_eq!(serde_json::to_value(&open).unwrap().get("unfinished"), None);
+}
+
+#[test]
+fn j1_gaps_between_opens_and_at_the_end_are_told() {
+    // At most 100 + 5 + 2 · 2 apart.
+    let period = |events: &[&str]| {
+        let verdict = read(LOOSE, Some(100), events).finish();
+        let reported = verdict.violations.iter().filter(|it| it.rule == BrokenRule::J1);
+        reported.map(|it| (it.line, it.t, it.late)).collect::<Vec<_>>()
+    };
+    assert_eq!(period(&["open 50 1", "open 159 2"]), []);
+    assert_eq!(period(&["open 50 1", "open 160 2"]), [(3, Some(2), Some(1))]);
+    assert_eq!(period(&["open 50 1", "tick 159"]), []);
+    assert_eq!(period(&["open 50 1", "tick 160"]), [(3, Some(1), Some(1))]);
+    // Out of order by no more than may be; the time before the first open is none.
+    assert_eq!(period(&["tick 0", "open 204 2", "open 200 1", "open 309 3", "tick 310"]), []);
+    // It is about instants, whatever the timestamps are.
+    assert_eq!(period(&["open 50 9", "open 150 2", "open 250 1"]), []);
+    // Refused ones end no gap, whether the refusal stands before or after.
+    let refused = [(3, Some(2), Some(91)), (7, Some(4), Some(1))];
+    let later = ["open 100 1", "open 300 2", "open 350 3", "refuse 350 3 full", "tick 350"];
+    assert_eq!(period(&[&later[..], &["open 410 4"]].concat()), refused);
+    let sooner = ["open 100 1", "open 300 2", "refuse 350 3 full", "open 350 3", "tick 350"];
+    assert_eq!(period(&[&sooner[..], &["open 410 4"]].concat()), refused);
+    // A45: that the run has ended does not move its end.
+    let ended =
+        read(LOOSE, Some(100), &["open 50 1", "result 50 1 0", "emit 50 1 0"]).finish_ended();
+    assert_eq!((ended.violations, ended.conforms), (vec![], true));
+    // Nothing is opened at all.
+    assert_eq!(period(&["tick 10", "result 60 1 0", "emit 60 1 0", "tick 119"]), []);
+    assert_eq!(
+        period(&["tick 10", "result 60 1 0", "emit 60 1 0", "tick 120"]),
+        [(5, None, Some(1))]
+    );
+}
+
+#[test]
+fn j1_a_gap_is_told_as_soon_as_it_is_certain_and_with_its_length() {
+    let judge = read(LOOSE, Some(100), &["open 0 1", "open 1000 2", "tick 1014"]);
+    let [violation] = &judge.so_far().violations[..] else { panic!("{judge:?}") };
+    assert_eq!(violation.found, "no open for 1000 ns after that of timestamp 1, at 0");
+    let expected =
+        "an open at 109 at the latest: a period, the lateness and twice the tolerance later";
+    assert_eq!(violation.expected, expected);
+    assert_eq!(violation.story, [r#"3: {"ev":"open","at":1000,"t":2}"#]);
+    // What may come yet is not missing at an early end.
+    let early =
+        |end: &str| read(LOOSE, Some(100), &["open 0 1", end]).finish_early().violations.len();
+    assert_eq!((early("tick 116"), early("tick 117")), (0, 1));
+}
+
 #[test]
 fn lines_are_out_of_order_by_twice_the_tolerance_at_most() {
     let out = |before: u64| {
@@ -201,10 +296,10 @@ fn a_violation_tells_what_was_allowed_and_the_story() {
     assert_eq!(violation.found, r#"{"ev":"emit","at":17,"t":1,"p":0}"#);
     assert_eq!(violation.expected, "emit p 0, at 10 to 10");
     assert_eq!(violation.story.len(), 5);
-    let told = serde_json::to_value(&verdict).unwrap();
+    let reported = serde_json::to_value(&verdict).unwrap();
     let expected = json!({"line": 6, "t": 1, "rule": "P4", "found": violation.found,
         "expected": violation.expected, "late": 7});
-    assert_eq!(told["violations"][0], expected);
+    assert_eq!(reported["violations"][0], expected);
 }
 
 #[test]

@@ -100,13 +100,16 @@ fn a_file_cut_short_is_told_wherever_it_is_cut() {
 
 #[test]
 fn what_no_trace_can_be_made_of_is_told() {
-    let told = |packed: &[u8]| read(packed).unwrap_err().to_string();
+    let reported = |packed: &[u8]| read(packed).unwrap_err().to_string();
     let strange = mcap("/camera", "json", &lines(), None);
-    assert_eq!(told(&strange), "no message of topic /fuseline/trace");
+    assert_eq!(reported(&strange), "no message of topic /fuseline/trace");
     let encoded = mcap("/fuseline/trace", "cdr", &lines(), None);
-    assert_eq!(told(&encoded), "topic /fuseline/trace is encoded as \"cdr\"; a trace's is json");
+    assert_eq!(
+        reported(&encoded),
+        "topic /fuseline/trace is encoded as \"cdr\"; a trace's is json"
+    );
     let bad = mcap("/fuseline/trace", "json", &[lines()[0], "{}"], None);
-    assert!(told(&bad).starts_with("message 2: column "), "{}", told(&bad));
+    assert!(reported(&bad).starts_with("message 2: column "), "{}", reported(&bad));
     for first in [0x1f, 0x28, 0x89] {
         let junk = [&[first][..], &[7; 100]].concat();
         assert!(read(&junk).is_err(), "{first}");

@@ -105,10 +105,10 @@ fn a_line_of_64_kib_is_read_and_a_longer_one_is_refused() {
 #[test]
 fn an_endless_line_is_refused_without_being_held() {
     let endless = BufReader::new(io::repeat(b' '));
-    let mut asked = Counted { inner: endless, taken: 0 };
-    let error = Events::new("a.jsonl", &mut asked).expect_err("it never ends");
+    let mut requested = Counted { inner: endless, taken: 0 };
+    let error = Events::new("a.jsonl", &mut requested).expect_err("it never ends");
     assert!(matches!(error.defect, Defect::TooLong));
-    assert_eq!(asked.taken, LINE + 1);
+    assert_eq!(requested.taken, LINE + 1);
 }
 
 #[test]
@@ -148,8 +148,8 @@ fn an_observed_request_has_its_due_instant_or_its_deadline() {
         (r#","deadline":5"#, true, "key \"at\" is missing"),
         (r#","at":7,"deadline":5"#, false, "key \"deadline\" has no place"),
     ] {
-        let told = read(rest, observed).expect_err(rest);
-        assert!(told.contains(error), "{told}");
+        let reported = read(rest, observed).expect_err(rest);
+        assert!(reported.contains(error), "{reported}");
     }
 }
 

@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use fuseline_traces::{
-    Cloud, Commit, Demands, Header, Input, Recorder, Recording, Reference, Verdict, judge, unpack,
+    Cloud, Commit, ExpectedDecisions, Header, Input, Recorder, Recording, Reference, Verdict,
+    judge, unpack,
 };
 use tempfile::TempDir;
 
@@ -21,7 +22,7 @@ fn header() -> Header {
 /// instant.
 fn record(recorder: &mut Recorder, messages: u64) {
     let mut reference = Reference::new(&header());
-    let mut demands = Demands::new();
+    let mut demands = ExpectedDecisions::new();
     for t in 0..messages {
         let at = 10 * t;
         let inputs = [

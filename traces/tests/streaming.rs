@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use fuseline_traces::observed::{Disorder, Judge, Slack, Story, Verdict};
+use fuseline_traces::observed::{
+    BrokenRule, Judge, MessageHistory, Slack, TimeOrderError, Verdict, Violation,
+};
 use fuseline_traces::{
     Cloud, Commit, Decision, DropReason, Event, Header, Input, OpenRefusal, Reference,
 };
@@ -15,13 +17,31 @@ fn header(commit: Commit) -> Header {
     Header { operator: None, window: 3, commit, clouds }
 }
 
-/// Judges events; their lines begin with the second.
-fn judged(commit: Commit, slack: Slack, events: &[Event]) -> Result<Verdict, Disorder> {
+/// A judge that has read events; their lines begin with the second.
+fn read(
+    commit: Commit,
+    slack: Slack,
+    period: Option<u64>,
+    events: &[Event],
+) -> Result<Judge, TimeOrderError> {
     let mut judge = Judge::new("a.jsonl", &header(commit), slack);
+    if let Some(period) = period {
+        judge = judge.with_period(period);
+    }
     for (line, event) in (2..).zip(events) {
         judge.line(line, event)?;
     }
-    Ok(judge.finish())
+    Ok(judge)
+}
+
+fn judged(commit: Commit, slack: Slack, events: &[Event]) -> Result<Verdict, TimeOrderError> {
+    Ok(read(commit, slack, None, events)?.finish())
+}
+
+/// The timestamps that do not conform, apart from gaps.
+fn broken(verdict: &Verdict) -> BTreeSet<u64> {
+    let broken = verdict.violations.iter().filter(|found| found.rule != BrokenRule::J1);
+    broken.filter_map(|found| found.t).collect()
 }
 
 fn at(event: &Event) -> u64 {
@@ -31,9 +51,8 @@ fn at(event: &Event) -> u64 {
     }
 }
 
-/// The timestamps that do not conform: all lines of each at once, by the words of `SPEC.md`.
-fn naive(commit: Commit, slack: Slack, events: &[Event]) -> BTreeSet<u64> {
-    let end = events.iter().map(at).max().unwrap_or(0);
+/// The timestamps that do not conform, and those that are left open: all lines of each at once, by the words of `SPEC.md`.
+fn naive(commit: Commit, slack: Slack, end: u64, events: &[Event]) -> [BTreeSet<u64>; 2] {
     let mut by_t: BTreeMap<u64, Vec<(Event, bool)>> = BTreeMap::new();
     let mut records_opens = false;
     for event in events {
@@ -42,13 +61,71 @@ fn naive(commit: Commit, slack: Slack, events: &[Event]) -> BTreeSet<u64> {
         }
         records_opens |= matches!(event, Event::Input(Input::Open { .. }));
     }
-    let breaks = |events: &[(Event, bool)]| breaks(commit, slack, end, events);
-    by_t.into_iter().filter(|(_, events)| breaks(events)).map(|(t, _)| t).collect()
+    let fates: Vec<(u64, Option<Fate>)> =
+        by_t.into_iter().map(|(t, events)| (t, fate(commit, slack, end, &events))).collect();
+    let of = |fate| {
+        let are = fates.iter().filter(move |(_, other)| *other == Some(fate));
+        are.map(|(t, _)| *t).collect()
+    };
+    [of(Fate::Breaks), of(Fate::Open)]
 }
 
-fn breaks(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> bool {
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Fate {
+    Breaks,
+    /// Nothing came out, nor had to.
+    Open,
+}
+
+fn end(events: &[Event]) -> u64 {
+    events.iter().map(at).max().unwrap_or(0)
+}
+
+/// The instants of opens with their deadlines.
+type Opens = Vec<(u64, Option<u64>)>;
+/// The instants of refusals with their places.
+type Refusals = BTreeSet<(u64, usize)>;
+
+/// The opens that no refusal takes away.
+fn accepted(reach: u64, opens: &[(u64, Option<u64>)], refusals: &Refusals) -> Opens {
+    let mut opens = opens.to_vec();
+    for (at, _) in refusals {
+        let nearest = (0..opens.len()).min_by_key(|place| opens[*place].0.abs_diff(*at));
+        if let Some(place) = nearest.filter(|place| opens[*place].0.abs_diff(*at) <= reach) {
+            opens.remove(place);
+        }
+    }
+    opens
+}
+
+/// How many gaps longer than `most` there are between opens, and at the end.
+fn gaps(most: u64, slack: Slack, events: &[Event]) -> usize {
     let reach = 2 * slack.tolerance + slack.lateness;
-    let mut story = Story::default();
+    let mut by_t: BTreeMap<u64, (Opens, Refusals)> = BTreeMap::new();
+    for (i, event) in events.iter().enumerate() {
+        match *event {
+            Event::Input(Input::Open { at, t, deadline }) => {
+                by_t.entry(t).or_default().0.push((at, deadline));
+            }
+            Event::Decision(Decision::RefuseOpen { at, t, .. }) => {
+                by_t.entry(t).or_default().1.insert((at, i));
+            }
+            _ => {}
+        }
+    }
+    let of_t = by_t.values().flat_map(|(opens, refusals)| accepted(reach, opens, refusals));
+    let mut instants: Vec<u64> = of_t.map(|(at, _)| at).collect();
+    if instants.is_empty() {
+        instants.extend(events.iter().map(at).min());
+    }
+    instants.push(end(events));
+    instants.sort_unstable();
+    instants.windows(2).filter(|pair| pair[1] - pair[0] > most).count()
+}
+
+fn fate(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> Option<Fate> {
+    let reach = 2 * slack.tolerance + slack.lateness;
+    let mut story = MessageHistory::default();
     let (mut opens, mut refusals, mut is_stranger) = (vec![], BTreeSet::new(), false);
     let (mut unknown, mut superseded) = (BTreeSet::new(), BTreeSet::new());
     for (i, (event, records_opens)) in events.iter().enumerate() {
@@ -75,15 +152,10 @@ fn breaks(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> b
         }
     }
     let refused_from = refusals.iter().map(|(at, _)| *at).min();
-    for (at, _) in refusals {
-        let nearest = (0..opens.len()).min_by_key(|place| opens[*place].0.abs_diff(at));
-        if let Some(place) = nearest.filter(|place| opens[*place].0.abs_diff(at) <= reach) {
-            opens.remove(place);
-        }
-    }
-    let asked = story.requests.iter().map(|(_, at, _)| *at);
+    let opens = accepted(reach, &opens, &refusals);
+    let requested = story.requests.iter().map(|(_, at, _)| *at);
     let out = story.outputs.iter().map(|(_, at)| *at);
-    let known = opens.iter().map(|(at, _)| *at).chain(asked).chain(out).min();
+    let known = opens.iter().map(|(at, _)| *at).chain(requested).chain(out).min();
     let counts = |fact: &(u64, u64)| {
         let is_before = |at: u64| known.is_none_or(|known| at + reach < known);
         let is_refused = refused_from.is_some_and(is_before);
@@ -95,13 +167,17 @@ fn breaks(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> b
     let was_refused =
         refused_from.is_some_and(|refused| known.is_none_or(|known| known + reach >= refused));
     if opens.is_empty() && was_refused {
-        return !(story.requests.is_empty() && story.outputs.is_empty());
+        let is_none = story.requests.is_empty() && story.outputs.is_empty();
+        return (!is_none).then_some(Fate::Breaks);
     }
     if known.is_none() && story.results.is_empty() && story.failures.is_empty() {
-        return false;
+        return None;
     }
     story.open = opens.first().copied();
-    opens.len() > 1 || is_stranger || !story.is_explained(commit, slack, end)
+    if opens.len() > 1 || is_stranger || !story.is_explained(commit, slack, end) {
+        return Some(Fate::Breaks);
+    }
+    story.outputs.is_empty().then_some(Fate::Open)
 }
 
 /// What the reference machine does, with instants that are off and lines out of order.
@@ -187,8 +263,32 @@ proptest! {
         (commit, slack, events) in traces()
     ) {
         let verdict = judged(commit, slack, &events).expect("it is in order");
-        let found: BTreeSet<u64> = verdict.violations.iter().map(|found| found.t).collect();
-        prop_assert_eq!(found, naive(commit, slack, &events), "{:#?}", events);
+        prop_assert_eq!(broken(&verdict), naive(commit, slack, end(&events), &events)[0].clone(), "{:#?}", events);
+        prop_assert_eq!(verdict.unfinished, None);
+    }
+
+    /// Once the run is known to have ended, nothing more is to come.
+    #[test]
+    fn what_an_ended_run_owes_is_what_a_look_at_the_whole_trace_finds(
+        (commit, slack, events) in traces()
+    ) {
+        let judge = read(commit, slack, None, &events).expect("it is in order");
+        let verdict = judge.finish_ended();
+        let [breaks, open] = naive(commit, slack, u64::MAX, &events);
+        prop_assert_eq!(broken(&verdict), breaks, "{:#?}", events);
+        prop_assert_eq!(verdict.unfinished, Some(open.len() as u64), "{:#?}", events);
+    }
+
+    /// J1.
+    #[test]
+    fn gaps_are_those_that_a_look_at_all_opens_finds((commit, slack, events) in traces(), period in 0..60_u64) {
+        let judge = read(commit, slack, Some(period), &events).expect("it is in order");
+        let verdict = judge.finish();
+        let found = verdict.violations.iter().filter(|found| found.rule == BrokenRule::J1).count();
+        let most = period + slack.lateness + 2 * slack.tolerance;
+        prop_assert_eq!(found, gaps(most, slack, &events), "{:#?}", events);
+        let others = naive(commit, slack, end(&events), &events);
+        prop_assert_eq!(broken(&verdict), others[0].clone(), "they change nothing else");
     }
 
     /// Nor do the ends of every range matter, nor what makes no sense: there is a verdict or a line out of order.
@@ -200,9 +300,12 @@ proptest! {
         events in vec(event(), 0..24),
     ) {
         let slack = Slack { tolerance, lateness };
-        if let Ok(verdict) = judged(commit, slack, &events) {
+        for (period, is_ended) in [(None, false), (None, true), (Some(0), false), (Some(u64::MAX), true)] {
+            let Ok(judge) = read(commit, slack, period, &events) else { continue };
+            let verdict = if is_ended { judge.finish_ended() } else { judge.finish() };
             prop_assert_eq!(verdict.conforms, verdict.violations.is_empty() && verdict.judged > 0);
-            prop_assert!(verdict.violations.iter().all(|found| !found.story.is_empty()));
+            let is_told = |found: &Violation| found.t.is_none() || !found.story.is_empty();
+            prop_assert!(verdict.violations.iter().all(is_told));
         }
     }
 }

@@ -107,7 +107,7 @@ class DetectorNode {
   Topic topic_;
   std::optional<SimClock::time_point> armed_;
   fuseline::Operator<Message, Topic, fuseline::C3W16, SimClock> operator_{
-      topic_, 8, fuseline::Commit::eager, {{near, 31}, {far, 31}}};
+      topic_, 8, fuseline::Commit::eager, 200ms, {{near, 31}, {far, 31}}};
 };
 
 int main() {

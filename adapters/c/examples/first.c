@@ -17,7 +17,8 @@ static void tell(fuseline_status status, const fuseline_answer *a) {
 int main(void) {
   const uint64_t ms = 1000000U;
   const fuseline_cloud clouds[] = {{1, 31, 30}}; /* priority 1; its gate shuts at 31 queued requests */
-  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C1W4, FUSELINE_COMMIT_EAGER, 4, 1, clouds};
+  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C1W4, FUSELINE_COMMIT_EAGER, 4, 1, clouds,
+                                  fuseline_deadline(1, FUSELINE_SECOND)};
   fuseline_machine *machine = NULL;
   fuseline_answer a;
   uint64_t due = 0;

@@ -109,7 +109,7 @@ class Node {
   Inbox inbox_;
   unsigned refused_ = 0;
   std::vector<std::thread> workers_;
-  fuseline::Operator<std::string, Planner> operator_{planner_, 16, fuseline::Commit::eager, {{cloud, 31}}};
+  fuseline::Operator<std::string, Planner> operator_{planner_, 16, fuseline::Commit::eager, 1s, {{cloud, 31}}};
 };
 
 int main() { return Node().run() ? 0 : 1; }

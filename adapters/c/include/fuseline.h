@@ -18,7 +18,8 @@
  *            ... answer.outcome of message answer.t: forward, report a miss, hold, drop ...
  *          } while (status == FUSELINE_STATUS_AGAIN);
  *
- *      There are at most as many firings as armed timers.
+ *      There are at most as many firings as armed timers. Nanoseconds have no sign here: make instants and deadlines by
+ *      fuseline_instant and fuseline_deadline, which refuse what is below 0, and not by a difference.
  *   3. Keep the values: that of a held result until its message is forwarded or missed.
  *
  * What holds for all calls: nothing is allocated, nothing blocks, nothing panics or throws, and the answer is the
@@ -32,6 +33,9 @@
 
 #include <stddef.h>
 #include <stdint.h>
+
+/* The version of this header; fuseline_version says the library's. */
+#define FUSELINE_VERSION "0.1.0"
 
 #if defined(__cplusplus)
 #define FUSELINE_CHECKED [[nodiscard]]
@@ -58,7 +62,7 @@
 /**
  * The version of this interface. A library refuses a header of another one.
  */
-#define FUSELINE_ABI 1
+#define FUSELINE_ABI 2
 
 /**
  * The most sources of a machine: local and 15 clouds.
@@ -145,7 +149,7 @@ enum fuseline_status
    */
   FUSELINE_STATUS_ABI = 22,
   /**
-   * The library does not hold this capacity.
+   * The library does not hold a machine of exactly this many clouds and this window.
    */
   FUSELINE_STATUS_CAPACITY = 23,
   /**
@@ -172,6 +176,14 @@ enum fuseline_status
    * A cloud's gate does not resume below its limit (F2g).
    */
   FUSELINE_STATUS_GATE = 29,
+  /**
+   * The greatest deadline is 0: every deadline would be refused.
+   */
+  FUSELINE_STATUS_DEADLINE = 30,
+  /**
+   * The message id names no message of this machine: another machine gave it, or none did.
+   */
+  FUSELINE_STATUS_MESSAGE_ID = 31,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -256,7 +268,7 @@ enum fuseline_reason
    */
   FUSELINE_REASON_FULL = 2,
   /**
-   * Open, offer: the due instant is not after now.
+   * Open, offer: the due instant is not after now, or the deadline is above the greatest one of the configuration.
    */
   FUSELINE_REASON_DEADLINE = 3,
   /**
@@ -301,7 +313,8 @@ typedef uint32_t fuseline_reason;
 #endif // __cplusplus
 
 /**
- * How much a machine has room for: clouds, then open timestamps.
+ * How much a machine has room for: 65536 times the clouds, plus the open timestamps (FUSELINE_CAPACITY_OF). A library
+ * may hold one more: that of FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW, see fuseline_own_capacity.
  */
 enum fuseline_capacity
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -311,23 +324,19 @@ enum fuseline_capacity
   /**
    * 1 cloud, a window of 4.
    */
-  FUSELINE_CAPACITY_C1W4 = 1,
+  FUSELINE_CAPACITY_C1W4 = 65540,
   /**
    * 3 clouds, a window of 16.
    */
-  FUSELINE_CAPACITY_C3W16 = 2,
+  FUSELINE_CAPACITY_C3W16 = 196624,
   /**
    * 7 clouds, a window of 64.
    */
-  FUSELINE_CAPACITY_C7W64 = 3,
+  FUSELINE_CAPACITY_C7W64 = 458816,
   /**
    * 15 clouds, a window of 1024: whatever SPEC.md allows.
    */
-  FUSELINE_CAPACITY_C15W1024 = 4,
-  /**
-   * What the library was built for by FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW.
-   */
-  FUSELINE_CAPACITY_OWN = 5,
+  FUSELINE_CAPACITY_C15W1024 = 984064,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -403,7 +412,7 @@ typedef struct fuseline_config {
    */
   uint32_t layout;
   /**
-   * A fuseline_capacity.
+   * A fuseline_capacity, or FUSELINE_CAPACITY_OF your own.
    */
   uint32_t capacity;
   /**
@@ -422,6 +431,11 @@ typedef struct fuseline_config {
    * The clouds in any order; may be null if there is none. Not used after the call.
    */
   const struct fuseline_cloud *clouds;
+  /**
+   * A deadline of more nanoseconds is refused, FUSELINE_REASON_DEADLINE: so is a negative one, which is huge without
+   * its sign. 1 or more; what the system may wait for a message in the worst case.
+   */
+  uint64_t greatest_deadline;
 } fuseline_config;
 
 /**
@@ -547,14 +561,15 @@ typedef struct fuseline_message {
 } fuseline_message;
 
 /**
- * Names one open message to the machine for many threads that opened it. Not for use with another machine.
+ * Names one open message to the machine for many threads that opened it. Another machine refuses it, and one that is
+ * all 0, FUSELINE_STATUS_MESSAGE_ID.
  */
-typedef struct fuseline_ticket {
+typedef struct fuseline_message_id {
   /**
    * Opaque.
    */
   uint64_t opaque[3];
-} fuseline_ticket;
+} fuseline_message_id;
 
 #ifdef __cplusplus
 extern "C" {
@@ -564,6 +579,33 @@ extern "C" {
  * The version of the library: FUSELINE_ABI where its header fits.
  */
 uint32_t fuseline_abi(void);
+
+/**
+ * The version of the library, as FUSELINE_VERSION is the header's: "0.1.0".
+ */
+FUSELINE_CHECKED const char *fuseline_version(void);
+
+/**
+ * The capacity that the library was built for beside the named ones; 0 if there is none.
+ */
+uint32_t fuseline_own_capacity(void);
+
+/**
+ * A deadline from a signed number of units, of `unit` nanoseconds each, as in
+ * fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND): 0, which is refused, if it is negative; UINT64_MAX,
+ * which is above every greatest deadline but itself, if it does not fit.
+ */
+FUSELINE_CHECKED
+uint64_t fuseline_deadline(int64_t count,
+                           uint64_t unit);
+
+/**
+ * An instant from a reading of CLOCK_MONOTONIC or its like: a struct timespec's seconds and nanoseconds. 0 if it is
+ * negative; UINT64_MAX if it does not fit.
+ */
+FUSELINE_CHECKED
+uint64_t fuseline_instant(int64_t seconds,
+                          int64_t nanoseconds);
 
 /**
  * How many bytes of storage a capacity takes in this library; 0 if it does not hold it.
@@ -700,7 +742,7 @@ size_t fuseline_shared_bytes(uint32_t capacity);
 /**
  * Makes a machine for many threads (SPEC.md, section 8) in `storage`, aligned to 64 bytes. As fuseline_init otherwise.
  *
- * One thread at a time opens and offers; any thread gives results, failures and time, each for one ticket. Call no
+ * One thread at a time opens and offers; any thread gives results, failures and time, each for one message id. Call no
  * function of it before this one returned, and none while or after it is ended.
  */
 FUSELINE_CHECKED
@@ -715,13 +757,13 @@ fuseline_status fuseline_shared_init(void *storage,
 FUSELINE_CHECKED fuseline_status fuseline_shared_end(struct fuseline_shared *machine);
 
 /**
- * F1, the owner's: a message came. `*ticket` names it if it is accepted.
+ * F1, the owner's: a message came. `*message id` names it if it is accepted, else nothing.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_open(struct fuseline_shared *machine,
                                      uint64_t now,
                                      uint64_t t,
-                                     struct fuseline_ticket *ticket,
+                                     struct fuseline_message_id *message_id,
                                      struct fuseline_answer *answer);
 
 /**
@@ -732,7 +774,7 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
                                             uint64_t now,
                                             uint64_t t,
                                             uint64_t deadline,
-                                            struct fuseline_ticket *ticket,
+                                            struct fuseline_message_id *message_id,
                                             struct fuseline_answer *answer);
 
 /**
@@ -741,7 +783,7 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
                                       uint64_t now,
-                                      struct fuseline_ticket ticket,
+                                      struct fuseline_message_id message_id,
                                       uint64_t p,
                                       uint64_t deadline,
                                       uint64_t backlog,
@@ -755,7 +797,7 @@ fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
                                        uint64_t now,
-                                       struct fuseline_ticket ticket,
+                                       struct fuseline_message_id message_id,
                                        uint64_t p,
                                        struct fuseline_answer *fired,
                                        struct fuseline_answer *answer);
@@ -766,7 +808,7 @@ fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_fail(struct fuseline_shared *machine,
                                      uint64_t now,
-                                     struct fuseline_ticket ticket,
+                                     struct fuseline_message_id message_id,
                                      uint64_t p,
                                      struct fuseline_answer *fired,
                                      struct fuseline_answer *answer);
@@ -777,7 +819,7 @@ fuseline_status fuseline_shared_fail(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
                                        uint64_t now,
-                                       struct fuseline_ticket ticket,
+                                       struct fuseline_message_id message_id,
                                        struct fuseline_answer *fired,
                                        struct fuseline_answer *answer);
 
@@ -786,7 +828,7 @@ fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_next_due(struct fuseline_shared *machine,
-                                         struct fuseline_ticket ticket,
+                                         struct fuseline_message_id message_id,
                                          uint64_t *due);
 
 #ifdef __cplusplus
@@ -800,6 +842,16 @@ fuseline_status fuseline_shared_next_due(struct fuseline_shared *machine,
 #define FUSELINE_STORAGE_BYTES(clouds, window) \
   (FUSELINE_BYTES + (FUSELINE_BYTES_A_CLOUD * (clouds)) + \
    ((window) * (FUSELINE_BYTES_A_TIMESTAMP + (FUSELINE_BYTES_A_TIMER * (clouds)))))
+
+/* The number of a capacity of your own, for the configuration: it must be exactly what the library was built for. */
+#define FUSELINE_CAPACITY_OF(clouds, window) \
+  ((FUSELINE_CAST(uint32_t, (clouds)) << 16) | FUSELINE_CAST(uint32_t, (window)))
+
+/* Nanoseconds, for fuseline_deadline. */
+#define FUSELINE_NANOSECOND 1U
+#define FUSELINE_MICROSECOND 1000U
+#define FUSELINE_MILLISECOND 1000000U
+#define FUSELINE_SECOND 1000000000U
 
 /* The storage of a machine, for static memory or a stack; give its address and its sizeof to fuseline_init. */
 #define FUSELINE_STORAGE(clouds, window) \

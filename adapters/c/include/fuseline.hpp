@@ -1,7 +1,7 @@
 // Fuseline for C++17, header only, over fuseline.h: no exceptions, no RTTI, no allocation.
 //
 //   Machine<Capacity>   the machine: answers, as in C, with the types of C++
-//   Held<Value, N>      the values of held results, move-only ones too
+//   Held<Value, C>      the values of held results, move-only ones too
 //   Operator<...>       both with a clock and a sink: an operator for one thread
 //
 // SPEC.md has the rules (F), promises (P) and ambiguities (A) that are named here.
@@ -18,16 +18,85 @@
 #include <initializer_list>
 #include <limits>
 #include <optional>
+#include <type_traits>
 #include <utility>
 
 namespace fuseline {
 
-// Nanoseconds, as the machine counts them: all of 64 bits. Any std::chrono duration that is not negative converts.
-using Duration = std::chrono::duration<std::uint64_t, std::nano>;
+// The nanoseconds of any std::chrono duration, rounded down: 0 if it is negative or not a number, the greatest number if
+// it does not fit.
+template <class Rep, class Period>
+[[nodiscard]] constexpr std::uint64_t nanoseconds_of(const std::chrono::duration<Rep, Period>& duration) noexcept {
+  static_assert(std::is_arithmetic_v<Rep>, "Fuseline takes durations that count in numbers of C++");
+  using Factor = std::ratio_divide<Period, std::nano>;
+  constexpr std::uint64_t greatest = std::numeric_limits<std::uint64_t>::max();
+  if (!(duration.count() > Rep{})) return 0;
+  if constexpr (std::is_floating_point_v<Rep>) {
+    const long double exact = static_cast<long double>(duration.count()) * Factor::num / Factor::den;
+    return exact < 18446744073709551615.0L ? static_cast<std::uint64_t>(exact) : greatest;
+  } else {
+    static_assert(sizeof(Rep) <= sizeof(std::uint64_t), "Fuseline takes durations of at most 64 bits");
+    constexpr auto num = static_cast<std::uint64_t>(Factor::num);
+    constexpr auto den = static_cast<std::uint64_t>(Factor::den);
+    static_assert(num <= greatest / den, "the unit of this duration is too odd");
+    const std::uint64_t count{static_cast<std::make_unsigned_t<Rep>>(duration.count())};
+    const std::uint64_t whole = count / den;
+    const std::uint64_t rest = count % den * num / den;
+    return whole > (greatest - rest) / num ? greatest : whole * num + rest;
+  }
+}
 
-// The machine's clock: a reading of yours, counted from any fixed start.
-struct Monotonic {};
-using Instant = std::chrono::time_point<Monotonic, Duration>;
+namespace detail {
+using Nanoseconds = std::chrono::duration<std::uint64_t, std::nano>;  // the machine's own: without a sign
+}  // namespace detail
+
+// How long a request, or local, may take. Any std::chrono duration converts: one of 0 or less is refused `deadline`, and
+// one that is too long is the longest. A plain number does not convert: it has no unit.
+class Deadline {
+ public:
+  template <class Rep, class Period>
+  constexpr Deadline(const std::chrono::duration<Rep, Period>& duration) noexcept : ns_(nanoseconds_of(duration)) {}
+  constexpr std::uint64_t ns() const noexcept { return ns_; }
+
+ private:
+  std::uint64_t ns_;
+};
+
+// A reading of your monotonic clock, in nanoseconds from any fixed start. One before it is 0, one too late the last.
+// A difference has its sign: it is std::chrono::nanoseconds, and saturates.
+class Instant {
+ public:
+  constexpr Instant() noexcept = default;
+  template <class Rep, class Period>
+  explicit constexpr Instant(const std::chrono::duration<Rep, Period>& since_start) noexcept
+      : ns_(nanoseconds_of(since_start)) {}
+  template <class Clock, class Elapsed>
+  explicit constexpr Instant(const std::chrono::time_point<Clock, Elapsed>& reading) noexcept
+      : Instant(reading.time_since_epoch()) {
+    static_assert(Clock::is_steady, "Fuseline takes a steady clock: others are set back and forth");
+  }
+  constexpr std::uint64_t ns() const noexcept { return ns_; }
+
+  friend constexpr bool operator==(Instant a, Instant b) noexcept { return a.ns_ == b.ns_; }
+  friend constexpr bool operator!=(Instant a, Instant b) noexcept { return a.ns_ != b.ns_; }
+  friend constexpr bool operator<(Instant a, Instant b) noexcept { return a.ns_ < b.ns_; }
+  friend constexpr bool operator>(Instant a, Instant b) noexcept { return a.ns_ > b.ns_; }
+  friend constexpr bool operator<=(Instant a, Instant b) noexcept { return a.ns_ <= b.ns_; }
+  friend constexpr bool operator>=(Instant a, Instant b) noexcept { return a.ns_ >= b.ns_; }
+  friend constexpr std::chrono::nanoseconds operator-(Instant a, Instant b) noexcept {
+    return a < b ? -apart(b, a) : apart(a, b);
+  }
+
+ private:
+  static constexpr std::chrono::nanoseconds apart(Instant later, Instant earlier) noexcept {
+    using Rep = std::chrono::nanoseconds::rep;
+    const std::uint64_t ns = later.ns_ - earlier.ns_;
+    constexpr auto most = static_cast<std::uint64_t>(std::numeric_limits<Rep>::max());
+    return std::chrono::nanoseconds(static_cast<Rep>(ns < most ? ns : most));
+  }
+
+  std::uint64_t ns_ = 0;
+};
 
 // The counter of an operator's messages; no time of day.
 struct Timestamp {
@@ -51,20 +120,23 @@ using Status = fuseline_status;
 using Outcome = fuseline_outcome;
 using Reason = fuseline_reason;
 
-// How much a machine has room for, and the storage for it.
-template <std::uint32_t Id, std::size_t Clouds, std::size_t Window>
+// How much a machine has room for, and the storage for it. A library that was not built for exactly this many clouds and
+// this window refuses to make the machine, FUSELINE_STATUS_CAPACITY.
+template <std::size_t Clouds, std::size_t Window>
 struct Capacity {
-  static constexpr std::uint32_t id = Id;
+  static_assert(Clouds < FUSELINE_SOURCES, "a machine has at most 15 clouds");
+  static_assert(Window >= 1 && Window <= 1024, "a machine has a window of 1 to 1024");
+  static constexpr std::uint32_t id = FUSELINE_CAPACITY_OF(Clouds, Window);
   static constexpr std::size_t window = Window;
   using Storage = std::array<std::uint64_t, FUSELINE_STORAGE_BYTES(Clouds, Window) / 8U>;
 };
-using C1W4 = Capacity<FUSELINE_CAPACITY_C1W4, 1, 4>;
-using C3W16 = Capacity<FUSELINE_CAPACITY_C3W16, 3, 16>;
-using C7W64 = Capacity<FUSELINE_CAPACITY_C7W64, 7, 64>;
-using C15W1024 = Capacity<FUSELINE_CAPACITY_C15W1024, 15, 1024>;
-// What the library was built for by FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW.
+using C1W4 = Capacity<1, 4>;
+using C3W16 = Capacity<3, 16>;
+using C7W64 = Capacity<7, 64>;
+using C15W1024 = Capacity<15, 1024>;
+// Those by which the library was built: FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW.
 template <std::size_t Clouds, std::size_t Window>
-using Own = Capacity<FUSELINE_CAPACITY_OWN, Clouds, Window>;
+using Own = Capacity<Clouds, Window>;
 
 // One cloud as configured: its gate shuts at `limit` queued requests and opens at `resume`, limit - 1 unless given.
 struct Cloud {
@@ -73,7 +145,7 @@ struct Cloud {
   std::optional<std::uint64_t> resume = std::nullopt;
 };
 
-// Some priorities, ascending.
+// Some priorities, ascending: a copy, which outlives the answer that it came from.
 class Priorities {
  public:
   class iterator {
@@ -89,13 +161,15 @@ class Priorities {
    private:
     const std::uint16_t* at_;
   };
-  constexpr Priorities(const std::uint16_t* first, std::uint32_t size) noexcept : first_(first), size_(size) {}
-  constexpr iterator begin() const noexcept { return iterator(first_); }
-  constexpr iterator end() const noexcept { return iterator(first_ + size_); }
-  constexpr std::size_t size() const noexcept { return size_; }
+  Priorities(const std::uint16_t (&members)[FUSELINE_SOURCES], std::uint32_t size) noexcept : size_(size) {
+    for (std::size_t i = 0; i < members_.size(); ++i) members_[i] = members[i];
+  }
+  iterator begin() const noexcept { return iterator(members_.data()); }
+  iterator end() const noexcept { return iterator(members_.data() + size_); }
+  std::size_t size() const noexcept { return size_; }
 
  private:
-  const std::uint16_t* first_;
+  std::array<std::uint16_t, FUSELINE_SOURCES> members_{};
   std::uint32_t size_;
 };
 
@@ -103,7 +177,7 @@ class Priorities {
 class Answer {
  public:
   explicit Answer(const fuseline_answer& plain) noexcept : plain_(plain) {}
-  Instant at() const noexcept { return Instant(Duration(plain_.at)); }
+  Instant at() const noexcept { return Instant(detail::Nanoseconds(plain_.at)); }
   Timestamp timestamp() const noexcept { return Timestamp{plain_.t}; }
   Outcome outcome() const noexcept { return plain_.outcome; }
   bool is(Outcome outcome) const noexcept { return plain_.outcome == outcome; }
@@ -112,7 +186,7 @@ class Answer {
   // Whose result is forwarded.
   Priority by() const noexcept { return Priority{plain_.by}; }
   // An admitted request's, or that of the timers that fired.
-  Instant due() const noexcept { return Instant(Duration(plain_.due)); }
+  Instant due() const noexcept { return Instant(detail::Nanoseconds(plain_.due)); }
   // The clouds whose results are no longer wanted.
   Priorities cancelled() const noexcept { return {plain_.cancelled, plain_.cancelled_len}; }
 
@@ -130,14 +204,16 @@ class Firing : public Answer {
 // One operator's machine in storage of its own. It stays where it was made.
 //
 // Each input gives the firings that come before it to `fired`, a function of a const Firing&, and answers what became
-// of itself, or nothing if status() says that the machine could not be asked.
+// of itself, or nothing if status() says that the machine could not be asked. A deadline above `greatest_deadline` is
+// refused `deadline`: that is what the system may wait for a message in the worst case.
 template <class Capacity = C3W16>
 class Machine {
  public:
-  Machine(std::uint32_t window, Commit commit, std::initializer_list<Cloud> clouds) noexcept
-      : Machine(window, commit, clouds.begin(), clouds.size()) {}
+  Machine(std::uint32_t window, Commit commit, Deadline greatest_deadline, std::initializer_list<Cloud> clouds) noexcept
+      : Machine(window, commit, greatest_deadline, clouds.begin(), clouds.size()) {}
 
-  Machine(std::uint32_t window, Commit commit, const Cloud* clouds, std::size_t size) noexcept {
+  Machine(std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
+          std::size_t size) noexcept {
     std::array<fuseline_cloud, FUSELINE_SOURCES> plain{};
     if (size > plain.size()) {
       status_ = FUSELINE_STATUS_CLOUDS;
@@ -147,9 +223,13 @@ class Machine {
       const Cloud& cloud = clouds[i];
       plain[i] = {cloud.priority.number, cloud.limit, cloud.resume.value_or(cloud.limit > 0 ? cloud.limit - 1 : 0)};
     }
-    const fuseline_config config{
-        FUSELINE_CONFIG, Capacity::id, static_cast<std::uint32_t>(commit), window, static_cast<std::uint32_t>(size),
-        plain.data()};
+    const fuseline_config config{FUSELINE_CONFIG,
+                                 Capacity::id,
+                                 static_cast<std::uint32_t>(commit),
+                                 window,
+                                 static_cast<std::uint32_t>(size),
+                                 plain.data(),
+                                 greatest_deadline.ns()};
     status_ = fuseline_init(storage_.data(), sizeof storage_, &config, &machine_);
   }
 
@@ -159,25 +239,25 @@ class Machine {
   Machine(const Machine&) = delete;
   Machine& operator=(const Machine&) = delete;
 
-  // FUSELINE_STATUS_DONE, or why the last call to the machine, its making too, was in vain.
+  // FUSELINE_STATUS_DONE, or why the last call to the machine was in vain; if it could not be made, why not, for ever.
   Status status() const noexcept { return status_; }
   explicit operator bool() const noexcept { return machine_ != nullptr; }
 
   // F1: a message came. `limit` is how long local may take for it.
   template <class Fired>
-  [[nodiscard]] std::optional<Answer> open(Instant now, Timestamp t, std::optional<Duration> limit, Fired&& fired) {
+  [[nodiscard]] std::optional<Answer> open(Instant now, Timestamp t, std::optional<Deadline> limit, Fired&& fired) {
     return ask(fired, [&](fuseline_answer* answer) {
-      return limit ? fuseline_open_within(machine_, ns(now), t.count, limit->count(), answer)
-                   : fuseline_open(machine_, ns(now), t.count, answer);
+      return limit ? fuseline_open_within(machine_, now.ns(), t.count, limit->ns(), answer)
+                   : fuseline_open(machine_, now.ns(), t.count, answer);
     });
   }
 
   // F2: may it be sent to this cloud, in whose queue `backlog` others wait?
   template <class Fired>
-  [[nodiscard]] std::optional<Answer> offer(Instant now, Timestamp t, Priority cloud, Duration deadline,
+  [[nodiscard]] std::optional<Answer> offer(Instant now, Timestamp t, Priority cloud, Deadline deadline,
                                             std::uint64_t backlog, Fired&& fired) {
     return ask(fired, [&](fuseline_answer* answer) {
-      return fuseline_offer(machine_, ns(now), t.count, cloud.number, deadline.count(), backlog, answer);
+      return fuseline_offer(machine_, now.ns(), t.count, cloud.number, deadline.ns(), backlog, answer);
     });
   }
 
@@ -185,7 +265,7 @@ class Machine {
   template <class Fired>
   [[nodiscard]] std::optional<Answer> result(Instant now, Timestamp t, Priority source, Fired&& fired) {
     return ask(fired, [&](fuseline_answer* answer) {
-      return fuseline_result(machine_, ns(now), t.count, source.number, answer);
+      return fuseline_result(machine_, now.ns(), t.count, source.number, answer);
     });
   }
 
@@ -193,35 +273,34 @@ class Machine {
   template <class Fired>
   [[nodiscard]] std::optional<Answer> fail(Instant now, Timestamp t, Priority source, Fired&& fired) {
     return ask(fired, [&](fuseline_answer* answer) {
-      return fuseline_fail(machine_, ns(now), t.count, source.number, answer);
+      return fuseline_fail(machine_, now.ns(), t.count, source.number, answer);
     });
   }
 
   // F0: time went by.
   template <class Fired>
   [[nodiscard]] std::optional<Answer> tick(Instant now, Fired&& fired) {
-    return ask(fired, [&](fuseline_answer* answer) { return fuseline_tick(machine_, ns(now), answer); });
+    return ask(fired, [&](fuseline_answer* answer) { return fuseline_tick(machine_, now.ns(), answer); });
   }
 
-  // When a timer is due next; tick then.
+  // When a timer is due next; tick then. Nothing if no timer is armed, or if status() is not FUSELINE_STATUS_DONE.
   [[nodiscard]] std::optional<Instant> next_due() noexcept {
     std::uint64_t due = 0;
-    if (fuseline_next_due(machine_, &due) != FUSELINE_STATUS_DONE) return std::nullopt;
-    return Instant(Duration(due));
+    if (!answered([&] { return fuseline_next_due(machine_, &due); })) return std::nullopt;
+    return Instant(detail::Nanoseconds(due));
   }
 
   // What the machine knows of itself.
   [[nodiscard]] std::optional<fuseline_state> look() noexcept {
     fuseline_state state{};
-    if (fuseline_look(machine_, &state) != FUSELINE_STATUS_DONE) return std::nullopt;
+    if (!answered([&] { return fuseline_look(machine_, &state); })) return std::nullopt;
     return state;
   }
 
  private:
-  static std::uint64_t ns(Instant instant) noexcept { return instant.time_since_epoch().count(); }
-
   template <class Fired, class Call>
   std::optional<Answer> ask(Fired& fired, Call call) {
+    if (machine_ == nullptr) return std::nullopt;  // status() still says why it could not be made
     fuseline_answer answer{};
     while ((status_ = call(&answer)) == FUSELINE_STATUS_AGAIN) {
       const Firing firing(answer);
@@ -231,16 +310,28 @@ class Machine {
     return Answer(answer);
   }
 
+  // Whether a question has an answer. That there is nothing to tell is no failure.
+  template <class Question>
+  bool answered(Question question) noexcept {
+    if (machine_ == nullptr) return false;
+    const Status status = question();
+    status_ = status == FUSELINE_STATUS_NONE ? FUSELINE_STATUS_DONE : status;
+    return status == FUSELINE_STATUS_DONE;
+  }
+
   alignas(8) typename Capacity::Storage storage_{};
   fuseline_machine* machine_ = nullptr;
   Status status_ = FUSELINE_STATUS_NULL;
 };
 
 // The values of held results: of each open timestamp that of its best, for only that can be forwarded (P3). Tell it
-// each answer and each firing, and none leaks: what is not forwarded is destroyed as soon as it cannot be.
-template <class Value, std::size_t Window>
+// each answer and each firing, and none leaks: what is not forwarded is destroyed as soon as it cannot be. It has a
+// place for each timestamp of its machine, which it takes to be made, so that the two cannot differ.
+template <class Value, class Capacity>
 class Held {
  public:
+  explicit Held(const Machine<Capacity>&) noexcept {}
+
   // A result's value and what became of it. Gives the value to be sent downstream, if one is.
   [[nodiscard]] std::optional<Value> result(Priority source, Value value, const Answer& answer) {
     if (answer.is(FUSELINE_OUTCOME_HELD)) {
@@ -256,10 +347,18 @@ class Held {
 
   // A failure or a firing. Gives the value to be sent downstream, if one is.
   [[nodiscard]] std::optional<Value> settled(const Answer& answer) {
-    if (answer.is(FUSELINE_OUTCOME_FORWARDED)) return take(answer.timestamp(), answer.by());
+    if (answer.is(FUSELINE_OUTCOME_FORWARDED)) {
+      std::optional<Value> value = take(answer.timestamp(), answer.by());
+      lost_ += value ? 0U : 1U;
+      return value;
+    }
     if (answer.is(FUSELINE_OUTCOME_MISSED)) static_cast<void>(take(answer.timestamp(), local));
     return std::nullopt;
   }
+
+  // How many values found no place, or were not there when they were to be sent: not 0 if an answer or a firing was not
+  // told, or one of another machine was.
+  std::size_t lost() const noexcept { return lost_; }
 
   std::size_t size() const noexcept {
     std::size_t held = 0;
@@ -277,10 +376,13 @@ class Held {
   void hold(Timestamp t, Priority source, Value&& value) {
     Place* place = find(t);
     if (place != nullptr && source < place->source) return;
-    for (std::size_t i = 0; place == nullptr && i < Window; ++i) {
+    for (std::size_t i = 0; place == nullptr && i < places_.size(); ++i) {
       if (!places_[i].value.has_value()) place = &places_[i];
     }
-    if (place == nullptr) return;  // cannot be: as many places as open timestamps
+    if (place == nullptr) {
+      ++lost_;
+      return;
+    }
     place->timestamp = t;
     place->source = source;
     place->value.emplace(std::move(value));
@@ -303,7 +405,8 @@ class Held {
     return nullptr;
   }
 
-  std::array<Place, Window> places_{};
+  std::array<Place, Capacity::window> places_{};
+  std::size_t lost_ = 0;
 };
 
 // What an operator's sink has to have; derive from it to leave out what you do not need.
@@ -325,22 +428,28 @@ struct Sink {
 // and tick. A message whose open is refused is the caller's to report: its sink hears nothing of it.
 template <class Value, class Into, class Capacity = C3W16, class Clock = std::chrono::steady_clock>
 class Operator {
+  static_assert(Clock::is_steady, "Fuseline takes a steady clock: others are set back and forth");
+  static_assert(!std::chrono::treat_as_floating_point_v<typename Clock::rep>,
+                "Fuseline takes a clock that counts in whole numbers: a due instant must not be rounded down");
+
  public:
-  Operator(Into& sink, std::uint32_t window, Commit commit, std::initializer_list<Cloud> clouds)
-      : sink_(sink), machine_(window, commit, clouds) {}
-  Operator(Into& sink, std::uint32_t window, Commit commit, const Cloud* clouds, std::size_t size)
-      : sink_(sink), machine_(window, commit, clouds, size) {}
+  Operator(Into& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline,
+           std::initializer_list<Cloud> clouds)
+      : sink_(sink), machine_(window, commit, greatest_deadline, clouds) {}
+  Operator(Into& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
+           std::size_t size)
+      : sink_(sink), machine_(window, commit, greatest_deadline, clouds, size) {}
 
   Status status() const noexcept { return machine_.status(); }
   explicit operator bool() const noexcept { return static_cast<bool>(machine_); }
 
   // A message came: compute on board, and offer it to the clouds, unless it is refused.
-  [[nodiscard]] std::optional<Answer> open(Timestamp t, std::optional<Duration> limit = std::nullopt) {
+  [[nodiscard]] std::optional<Answer> open(Timestamp t, std::optional<Deadline> limit = std::nullopt) {
     return machine_.open(now(), t, limit, fired());
   }
 
   // Send it to this cloud if it is admitted.
-  [[nodiscard]] std::optional<Answer> offer(Timestamp t, Priority cloud, Duration deadline, std::uint64_t backlog) {
+  [[nodiscard]] std::optional<Answer> offer(Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog) {
     return machine_.offer(now(), t, cloud, deadline, backlog, fired());
   }
 
@@ -361,17 +470,17 @@ class Operator {
   // Time went by. False if the machine could not be asked.
   bool tick() { return machine_.tick(now(), fired()).has_value(); }
 
-  // When to tick next.
+  // When to tick next. Nothing if no timer is armed, or if status() is not FUSELINE_STATUS_DONE.
   [[nodiscard]] std::optional<typename Clock::time_point> next_due() noexcept {
     const std::optional<Instant> due = machine_.next_due();
     if (!due) return std::nullopt;
     using Rest = typename Clock::duration;
-    const Duration most = std::chrono::duration_cast<Duration>(Clock::time_point::max() - start_);
-    const Duration after = due->time_since_epoch();
-    if (after >= most) return Clock::time_point::max();
+    using Reading = typename Clock::time_point;
+    const Rest room = start_ < Reading() ? Reading::max().time_since_epoch() : Reading::max() - start_;
+    if (due->ns() >= nanoseconds_of(room)) return Reading::max();
     // Rounded up: a tick before the due instant fires nothing.
-    const Rest rest = std::chrono::duration_cast<Rest>(after);
-    return start_ + (std::chrono::duration_cast<Duration>(rest) < after ? rest + Rest(1) : rest);
+    const Rest rest = std::chrono::duration_cast<Rest>(detail::Nanoseconds(due->ns()));
+    return start_ + (nanoseconds_of(rest) < due->ns() ? rest + Rest(1) : rest);
   }
 
   // How many values are held.
@@ -379,8 +488,8 @@ class Operator {
 
  private:
   Instant now() const {
-    const auto since = Clock::now() - start_;
-    return since < since.zero() ? Instant() : Instant(std::chrono::duration_cast<Duration>(since));
+    const typename Clock::time_point reading = Clock::now();
+    return reading < start_ ? Instant() : Instant(reading - start_);
   }
 
   auto fired() {
@@ -392,7 +501,8 @@ class Operator {
 
   void conclude(const Answer& answer, std::optional<Value> value) {
     if (answer.is(FUSELINE_OUTCOME_MISSED)) sink_.miss(answer.timestamp());
-    if (!answer.is(FUSELINE_OUTCOME_FORWARDED) || !value) return;
+    if (!answer.is(FUSELINE_OUTCOME_FORWARDED)) return;
+    if (!value) return sink_.miss(answer.timestamp());  // cannot be; if it were, the message would not end in silence
     sink_.forward(answer.timestamp(), answer.by(), std::move(*value));
     for (const Priority cloud : answer.cancelled()) sink_.cancel(answer.timestamp(), cloud);
   }
@@ -400,7 +510,7 @@ class Operator {
   Into& sink_;
   typename Clock::time_point start_ = Clock::now();
   Machine<Capacity> machine_;
-  Held<Value, Capacity::window> held_;
+  Held<Value, Capacity> held_{machine_};
 };
 
 }  // namespace fuseline

@@ -8,8 +8,8 @@
 
 use core::ffi::{c_char, c_void};
 
-use crate::head::place;
-use crate::inputs::{Asked, Inputs, Offer, Place};
+use crate::header::place;
+use crate::inputs::{AnswerPointer, Inputs, MessageInput, Offer};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
 use crate::storage::{self, CMachine};
@@ -18,6 +18,38 @@ use crate::storage::{self, CMachine};
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_abi() -> u32 {
     FUSELINE_ABI
+}
+
+/// The version of the library, as FUSELINE_VERSION is the header's: "0.1.0".
+#[must_use]
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_version() -> *const c_char {
+    names::VERSION.as_ptr()
+}
+
+/// The capacity that the library was built for beside the named ones; 0 if there is none.
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_own_capacity() -> u32 {
+    storage::OWN_CAPACITY
+}
+
+/// A deadline from a signed number of units, of `unit` nanoseconds each, as in
+/// fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND): 0, which is refused, if it is negative; UINT64_MAX,
+/// which is above every greatest deadline but itself, if it does not fit.
+#[must_use]
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_deadline(count: i64, unit: u64) -> u64 {
+    u64::try_from(count).unwrap_or(0).saturating_mul(unit)
+}
+
+/// An instant from a reading of CLOCK_MONOTONIC or its like: a struct timespec's seconds and nanoseconds. 0 if it is
+/// negative; UINT64_MAX if it does not fit.
+#[must_use]
+#[unsafe(no_mangle)]
+pub extern "C" fn fuseline_instant(seconds: i64, nanoseconds: i64) -> u64 {
+    u64::try_from(seconds).map_or(0, |seconds| {
+        seconds.saturating_mul(1_000_000_000).saturating_add_signed(nanoseconds)
+    })
 }
 
 /// How many bytes of storage a capacity takes in this library; 0 if it does not hold it.
@@ -66,7 +98,7 @@ pub unsafe extern "C" fn fuseline_open(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, Asked::Open, answer)) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Open, answer)) }
 }
 
 /// F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
@@ -81,7 +113,9 @@ pub unsafe extern "C" fn fuseline_open_within(
 ) -> CStatus {
     // SAFETY: as the header asks.
     unsafe {
-        with(machine, answer, |room, answer| room.ask(now, t, Asked::OpenWithin(deadline), answer))
+        with(machine, answer, |room, answer| {
+            room.ask(now, t, MessageInput::OpenWithin(deadline), answer)
+        })
     }
 }
 
@@ -101,7 +135,7 @@ pub unsafe extern "C" fn fuseline_offer(
     // SAFETY: as the header asks.
     unsafe {
         with(machine, answer, |room, answer| {
-            room.ask(now, t, Asked::Offer(&Offer { p, deadline, backlog }), answer)
+            room.ask(now, t, MessageInput::Offer(&Offer { p, deadline, backlog }), answer)
         })
     }
 }
@@ -117,7 +151,9 @@ pub unsafe extern "C" fn fuseline_result(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, Asked::Result(p), answer)) }
+    unsafe {
+        with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Result(p), answer))
+    }
 }
 
 /// F4: no result will come from source `p`; 0 is local.
@@ -131,7 +167,7 @@ pub unsafe extern "C" fn fuseline_fail(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, Asked::Fail(p), answer)) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Fail(p), answer)) }
 }
 
 /// F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
@@ -143,7 +179,7 @@ pub unsafe extern "C" fn fuseline_tick(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, 0, Asked::Tick, answer)) }
+    unsafe { with(machine, answer, |room, answer| room.ask(now, 0, MessageInput::Tick, answer)) }
 }
 
 /// Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.
@@ -214,7 +250,7 @@ pub extern "C" fn fuseline_reason_name(reason: u32) -> *const c_char {
 unsafe fn with<T>(
     machine: *mut CMachine,
     answer: *mut T,
-    call: impl FnOnce(&dyn Inputs, Place<T>) -> CStatus,
+    call: impl FnOnce(&dyn Inputs, AnswerPointer<T>) -> CStatus,
 ) -> CStatus {
     // SAFETY: as the header asks.
     match unsafe { storage::room(machine, &[place(answer)]) } {

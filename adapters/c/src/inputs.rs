@@ -3,19 +3,20 @@
 use core::mem::MaybeUninit;
 
 use fuseline_core::{
-    Admission, At, Deadline, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal,
-    Opening, Outcome, Priorities, Priority, Ready, Source, Timestamp,
+    Admission, At, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal, Opening,
+    Outcome, Priorities, Priority, Ready, Source, Timestamp,
 };
 
+use crate::header::StorageHeader;
 use crate::plain::{CAnswer, CMessage, COutcome, CReason, CState, CStatus, FUSELINE_SOURCES};
-use crate::storage::Room;
+use crate::storage::Storage;
 
 /// Where an answer will be written.
-pub(crate) type Place<'a, T> = &'a mut MaybeUninit<T>;
+pub(crate) type AnswerPointer<'a, T> = &'a mut MaybeUninit<T>;
 
 /// What is asked of the machine for a timestamp: an input of SPEC.md.
 #[derive(Clone, Copy)]
-pub(crate) enum Asked<'a> {
+pub(crate) enum MessageInput<'a> {
     /// F1: a message came.
     Open,
     /// F1: a message came, and local has this deadline.
@@ -40,31 +41,38 @@ pub(crate) struct Offer {
 /// The inputs of SPEC.md and the questions, to a machine of whatever capacity.
 pub(crate) trait Inputs {
     /// One firing (F5), or the input's own answer.
-    fn ask(&self, now: u64, t: u64, asked: Asked, answer: Place<CAnswer>) -> CStatus;
+    fn ask(&self, now: u64, t: u64, asked: MessageInput, answer: AnswerPointer<CAnswer>)
+    -> CStatus;
     /// Whether a call is under way.
     fn is_busy(&self) -> bool;
     /// The next due instant.
-    fn next_due(&self, due: Place<u64>) -> CStatus;
+    fn next_due(&self, due: AnswerPointer<u64>) -> CStatus;
     /// What the machine knows of itself.
-    fn look(&self, state: Place<CState>) -> CStatus;
+    fn look(&self, state: AnswerPointer<CState>) -> CStatus;
     /// What it knows of an open timestamp.
-    fn look_at(&self, t: u64, message: Place<CMessage>) -> CStatus;
+    fn look_at(&self, t: u64, message: AnswerPointer<CMessage>) -> CStatus;
     /// Whether a cloud's gate was left shut.
-    fn gate_is_shut(&self, p: u64, is_shut: Place<u32>) -> CStatus;
+    fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus;
 }
 
-impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Room<CLOUDS, WINDOW> {
-    fn ask(&self, now: u64, t: u64, asked: Asked, answer: Place<CAnswer>) -> CStatus {
+impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW> {
+    fn ask(
+        &self,
+        now: u64,
+        t: u64,
+        asked: MessageInput,
+        answer: AnswerPointer<CAnswer>,
+    ) -> CStatus {
         self.enter(|fusion| {
             let at = fusion.now().as_nanos().max(now);
             let answer = answer.write(CAnswer { at, t, ..CAnswer::EMPTY });
             match fusion.at(Instant::from_nanos(now)) {
                 At::Fired(ref firing) => {
-                    tell_firing(answer, firing);
+                    write_firing(answer, firing);
                     CStatus::Again
                 }
                 At::Ready(ready) => {
-                    apply(ready, Timestamp::new(t), asked, answer);
+                    apply(ready, Timestamp::new(t), asked, self.header(), answer);
                     CStatus::Done
                 }
             }
@@ -75,22 +83,22 @@ impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Room<CLOUDS, WINDOW> {
         self.is_busy()
     }
 
-    fn next_due(&self, due: Place<u64>) -> CStatus {
-        self.enter(|fusion| told(fusion.next_due().map(Instant::as_nanos), due))
+    fn next_due(&self, due: AnswerPointer<u64>) -> CStatus {
+        self.enter(|fusion| answer_list(fusion.next_due().map(Instant::as_nanos), due))
     }
 
-    fn look(&self, state: Place<CState>) -> CStatus {
-        self.enter(|fusion| told(Some(looked(fusion)), state))
+    fn look(&self, state: AnswerPointer<CState>) -> CStatus {
+        self.enter(|fusion| answer_list(Some(looked(fusion)), state))
     }
 
-    fn look_at(&self, t: u64, message: Place<CMessage>) -> CStatus {
-        self.enter(|fusion| told(looked_at(fusion, Timestamp::new(t)), message))
+    fn look_at(&self, t: u64, message: AnswerPointer<CMessage>) -> CStatus {
+        self.enter(|fusion| answer_list(looked_at(fusion, Timestamp::new(t)), message))
     }
 
-    fn gate_is_shut(&self, p: u64, is_shut: Place<u32>) -> CStatus {
+    fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus {
         self.enter(|fusion| {
             let gate = priority(p).and_then(|cloud| fusion.gate(cloud));
-            told(gate.map(|gate| gate.is_shut().into()), is_shut)
+            answer_list(gate.map(|gate| gate.is_shut().into()), is_shut)
         })
     }
 }
@@ -98,35 +106,36 @@ impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Room<CLOUDS, WINDOW> {
 fn apply<const CLOUDS: usize, const WINDOW: usize>(
     mut ready: Ready<'_, CLOUDS, WINDOW>,
     t: Timestamp,
-    asked: Asked,
+    asked: MessageInput,
+    header: &StorageHeader,
     answer: &mut CAnswer,
 ) {
     // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
     let unknown = Outcome::Dropped(DropReason::Unknown);
     match asked {
-        Asked::Open => tell_opening(answer, ready.open(t, None)),
-        Asked::OpenWithin(deadline) => {
-            tell_opening(answer, ready.open(t, Some(Deadline::from_nanos(deadline))));
+        MessageInput::Open => write_opening(answer, ready.open(t, None)),
+        MessageInput::OpenWithin(deadline) => {
+            write_opening(answer, ready.open(t, Some(header.deadline(deadline))));
         }
-        Asked::Offer(&Offer { p, deadline, backlog }) => {
+        MessageInput::Offer(&Offer { p, deadline, backlog }) => {
             // F2 unknown: as for a result.
             let admission = priority(p).map_or(Admission::Refused(OfferRefusal::Unknown), |p| {
-                ready.offer(t, p, Deadline::from_nanos(deadline), backlog)
+                ready.offer(t, p, header.deadline(deadline), backlog)
             });
-            tell_admission(answer, admission);
+            write_admission(answer, admission);
         }
-        Asked::Result(p) => {
-            tell(answer, &priority(p).map_or(unknown, |p| ready.result(t, p)));
+        MessageInput::Result(p) => {
+            write_answer(answer, &priority(p).map_or(unknown, |p| ready.result(t, p)));
         }
-        Asked::Fail(p) => {
-            tell(answer, &priority(p).map_or(unknown, |p| ready.fail(t, p)));
+        MessageInput::Fail(p) => {
+            write_answer(answer, &priority(p).map_or(unknown, |p| ready.fail(t, p)));
         }
-        Asked::Tick => {}
+        MessageInput::Tick => {}
     }
 }
 
 /// What is asked for, or [`CStatus::None`], which writes nothing.
-fn told<T>(found: Option<T>, place: Place<T>) -> CStatus {
+fn answer_list<T>(found: Option<T>, place: AnswerPointer<T>) -> CStatus {
     match found {
         Some(found) => {
             place.write(found);
@@ -175,14 +184,14 @@ fn looked_at<const CLOUDS: usize, const WINDOW: usize>(
     Some(message)
 }
 
-pub(crate) fn tell_opening(answer: &mut CAnswer, opening: Opening) {
+pub(crate) fn write_opening(answer: &mut CAnswer, opening: Opening) {
     (answer.outcome, answer.why) = match opening {
         Opening::Accepted => (COutcome::Accepted, CReason::None),
         Opening::Refused(why) => (COutcome::Refused, open_refusal(why)),
     };
 }
 
-pub(crate) fn tell_admission(answer: &mut CAnswer, admission: Admission) {
+pub(crate) fn write_admission(answer: &mut CAnswer, admission: Admission) {
     match admission {
         Admission::Admitted { due } => {
             answer.outcome = COutcome::Admitted;
@@ -195,15 +204,15 @@ pub(crate) fn tell_admission(answer: &mut CAnswer, admission: Admission) {
     }
 }
 
-pub(crate) fn tell_firing<const CLOUDS: usize>(answer: &mut CAnswer, firing: &Firing<CLOUDS>) {
+pub(crate) fn write_firing<const CLOUDS: usize>(answer: &mut CAnswer, firing: &Firing<CLOUDS>) {
     answer.fired = 1;
     answer.t = firing.timestamp.as_u64();
     answer.due = firing.due.as_nanos();
     answer.timers_len = list(&mut answer.timers, &firing.timers);
-    tell(answer, &firing.outcome);
+    write_answer(answer, &firing.outcome);
 }
 
-pub(crate) fn tell<const CLOUDS: usize>(answer: &mut CAnswer, outcome: &Outcome<CLOUDS>) {
+pub(crate) fn write_answer<const CLOUDS: usize>(answer: &mut CAnswer, outcome: &Outcome<CLOUDS>) {
     match outcome {
         Outcome::Dropped(why) => {
             answer.outcome = COutcome::Dropped;

@@ -4,12 +4,12 @@
 #[cfg(test)]
 extern crate std;
 
-#[cfg(feature = "threads")]
-mod hall;
-mod head;
+mod header;
 mod inputs;
 mod names;
 mod plain;
+#[cfg(feature = "threads")]
+mod shared_storage;
 mod storage;
 
 pub mod calls;
@@ -18,14 +18,14 @@ pub mod cost;
 #[cfg(feature = "threads")]
 pub mod shared;
 
-#[cfg(feature = "threads")]
-pub use hall::CShared;
 pub use plain::{
-    CAnswer, CCapacity, CCloud, CCommit, CConfig, CMessage, COutcome, CReason, CState, CStatus,
-    CTicket, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
+    CAnswer, CCapacity, CCloud, CCommit, CConfig, CMessage, CMessageId, COutcome, CReason, CState,
+    CStatus, FUSELINE_ABI, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
     FUSELINE_BYTES_A_TIMESTAMP, FUSELINE_SHARED_BYTES, FUSELINE_SHARED_BYTES_A_CLOUD,
     FUSELINE_SOURCES,
 };
+#[cfg(feature = "threads")]
+pub use shared_storage::CShared;
 pub use storage::CMachine;
 
 /// Refers to a function that is nowhere: a library in which a panic can be reached does not link.

@@ -4,10 +4,17 @@ use core::ffi::{CStr, c_char};
 
 use crate::plain::{COutcome, CReason, CStatus};
 
+/// The package's version.
+pub(crate) const VERSION: &CStr =
+    match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERSION"), "\0").as_bytes()) {
+        Ok(version) => version,
+        Err(_) => NO_WORD,
+    };
+
 /// What a number that has no word is called.
 const NO_WORD: &CStr = c"?";
 
-const STATUSES: [(CStatus, &CStr); 17] = [
+const STATUSES: [(CStatus, &CStr); 19] = [
     (CStatus::Done, c"done"),
     (CStatus::Again, c"again"),
     (CStatus::None, c"none"),
@@ -25,6 +32,8 @@ const STATUSES: [(CStatus, &CStr); 17] = [
     (CStatus::Priority, c"priority"),
     (CStatus::Twice, c"twice"),
     (CStatus::Gate, c"gate"),
+    (CStatus::Deadline, c"deadline"),
+    (CStatus::MessageId, c"message_id"),
 ];
 
 const OUTCOMES: [(COutcome, &CStr); 9] = [

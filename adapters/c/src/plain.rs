@@ -2,7 +2,7 @@
 #![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 
 /// The version of this interface. A library refuses a header of another one.
-pub const FUSELINE_ABI: u32 = 1;
+pub const FUSELINE_ABI: u32 = 2;
 /// The most sources of a machine: local and 15 clouds.
 pub const FUSELINE_SOURCES: usize = 16;
 /// Of the bytes that a machine's storage takes: those that each machine takes.
@@ -44,7 +44,7 @@ pub enum CStatus {
     Busy = 21,
     /// The header is of another version than the library.
     Abi = 22,
-    /// The library does not hold this capacity.
+    /// The library does not hold a machine of exactly this many clouds and this window.
     Capacity = 23,
     /// No such commit rule.
     Commit = 24,
@@ -58,23 +58,38 @@ pub enum CStatus {
     Twice = 28,
     /// A cloud's gate does not resume below its limit (F2g).
     Gate = 29,
+    /// The greatest deadline is 0: every deadline would be refused.
+    Deadline = 30,
+    /// The message id names no message of this machine: another machine gave it, or none did.
+    MessageId = 31,
 }
 
-/// How much a machine has room for: clouds, then open timestamps.
+/// How much a machine has room for: 65536 times the clouds, plus the open timestamps (FUSELINE_CAPACITY_OF). A library
+/// may hold one more: that of FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW, see fuseline_own_capacity.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CCapacity {
     /// 1 cloud, a window of 4.
-    C1W4 = 1,
+    C1W4 = 0x1_0004,
     /// 3 clouds, a window of 16.
-    C3W16 = 2,
+    C3W16 = 0x3_0010,
     /// 7 clouds, a window of 64.
-    C7W64 = 3,
+    C7W64 = 0x7_0040,
     /// 15 clouds, a window of 1024: whatever SPEC.md allows.
-    C15W1024 = 4,
-    /// What the library was built for by FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW.
-    Own = 5,
+    C15W1024 = 0xf_0400,
 }
+
+/// The number of a capacity: the header's FUSELINE_CAPACITY_OF.
+#[expect(clippy::cast_possible_truncation, reason = "at most 15 clouds and a window of 1024")]
+pub(crate) const fn capacity_of(clouds: usize, window: usize) -> u32 {
+    (clouds as u32) << 16 | window as u32
+}
+const _: () = {
+    assert!(CCapacity::C1W4 as u32 == capacity_of(1, 4), "its name says it");
+    assert!(CCapacity::C3W16 as u32 == capacity_of(3, 16), "its name says it");
+    assert!(CCapacity::C7W64 as u32 == capacity_of(7, 64), "its name says it");
+    assert!(CCapacity::C15W1024 as u32 == capacity_of(15, 1024), "its name says it");
+};
 
 /// When the best result in hand goes although a better one is pending (F6).
 #[repr(u32)]
@@ -121,7 +136,7 @@ pub enum CReason {
     Order = 1,
     /// Open: as many timestamps are open as the window allows.
     Full = 2,
-    /// Open, offer: the due instant is not after now.
+    /// Open, offer: the due instant is not after now, or the deadline is above the greatest one of the configuration.
     Deadline = 3,
     /// No such source, or neither this timestamp nor a later one was ever opened.
     Unknown = 4,
@@ -161,7 +176,7 @@ pub struct CConfig {
     pub abi: u32,
     /// FUSELINE_LAYOUT.
     pub layout: u32,
-    /// A fuseline_capacity.
+    /// A fuseline_capacity, or FUSELINE_CAPACITY_OF your own.
     pub capacity: u32,
     /// A fuseline_commit.
     pub commit: u32,
@@ -171,6 +186,9 @@ pub struct CConfig {
     pub clouds_len: u32,
     /// The clouds in any order; may be null if there is none. Not used after the call.
     pub clouds: *const CCloud,
+    /// A deadline of more nanoseconds is refused, FUSELINE_REASON_DEADLINE: so is a negative one, which is huge without
+    /// its sign. 1 or more; what the system may wait for a message in the worst case.
+    pub greatest_deadline: u64,
 }
 
 /// What a call decided, whole: nothing else happened.
@@ -243,10 +261,11 @@ pub struct CMessage {
     pub reserved: u32,
 }
 
-/// Names one open message to the machine for many threads that opened it. Not for use with another machine.
+/// Names one open message to the machine for many threads that opened it. Another machine refuses it, and one that is
+/// all 0, FUSELINE_STATUS_MESSAGE_ID.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct CTicket {
+pub struct CMessageId {
     /// Opaque.
     pub opaque: [u64; 3],
 }

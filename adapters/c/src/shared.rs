@@ -5,20 +5,20 @@
 
 use core::ffi::c_void;
 
-use crate::hall::{self, Brought, CShared, Told};
-use crate::head::{Head, place};
-use crate::plain::{CAnswer, CConfig, COutcome, CStatus, CTicket};
+use crate::header::{StorageHeader, place};
+use crate::plain::{CAnswer, CConfig, CMessageId, COutcome, CStatus};
+use crate::shared_storage::{self, AnswerList, CShared, InputKind};
 
 /// How many bytes of storage, aligned to 64, a machine for many threads takes in this library; 0 if it does not hold the
 /// capacity.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_shared_bytes(capacity: u32) -> usize {
-    hall::bytes(capacity)
+    shared_storage::bytes(capacity)
 }
 
 /// Makes a machine for many threads (SPEC.md, section 8) in `storage`, aligned to 64 bytes. As fuseline_init otherwise.
 ///
-/// One thread at a time opens and offers; any thread gives results, failures and time, each for one ticket. Call no
+/// One thread at a time opens and offers; any thread gives results, failures and time, each for one message id. Call no
 /// function of it before this one returned, and none while or after it is ended.
 #[must_use]
 #[unsafe(no_mangle)]
@@ -29,7 +29,7 @@ pub unsafe extern "C" fn fuseline_shared_init(
     machine: *mut *mut CShared,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    match unsafe { hall::make(storage, bytes, config, machine) } {
+    match unsafe { shared_storage::make(storage, bytes, config, machine) } {
         Ok(()) => CStatus::Done,
         Err(status) => status,
     }
@@ -40,26 +40,26 @@ pub unsafe extern "C" fn fuseline_shared_init(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_end(machine: *mut CShared) -> CStatus {
     // SAFETY: as the header asks.
-    if let Err(status) = unsafe { Head::of(machine, &[]) } {
+    if let Err(status) = unsafe { StorageHeader::of(machine, &[]) } {
         return status;
     }
     // SAFETY: it is one, and no other call uses it, as the header asks.
-    unsafe { Head::end(machine) };
+    unsafe { StorageHeader::end(machine) };
     CStatus::Done
 }
 
-/// F1, the owner's: a message came. `*ticket` names it if it is accepted.
+/// F1, the owner's: a message came. `*message_id` names it if it is accepted, else nothing.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_open(
     machine: *mut CShared,
     now: u64,
     t: u64,
-    ticket: *mut CTicket,
+    message_id: *mut CMessageId,
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { open(machine, (now, t, None), ticket, answer) }
+    unsafe { open(machine, (now, t, None), message_id, answer) }
 }
 
 /// F1, the owner's: a message came, and local may take `deadline` nanoseconds for it.
@@ -70,11 +70,11 @@ pub unsafe extern "C" fn fuseline_shared_open_within(
     now: u64,
     t: u64,
     deadline: u64,
-    ticket: *mut CTicket,
+    message_id: *mut CMessageId,
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { open(machine, (now, t, Some(deadline)), ticket, answer) }
+    unsafe { open(machine, (now, t, Some(deadline)), message_id, answer) }
 }
 
 /// F2, the owner's: may the message be sent to cloud `p`? `fired` says first which of its timers were due.
@@ -83,7 +83,7 @@ pub unsafe extern "C" fn fuseline_shared_open_within(
 pub unsafe extern "C" fn fuseline_shared_offer(
     machine: *mut CShared,
     now: u64,
-    ticket: CTicket,
+    message_id: CMessageId,
     p: u64,
     deadline: u64,
     backlog: u64,
@@ -91,13 +91,17 @@ pub unsafe extern "C" fn fuseline_shared_offer(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    let told = unsafe {
-        hall::owner(machine, &[place(fired), place(answer)], |owner| {
-            owner.offer(now, ticket, (p, deadline, backlog))
+    let answer_list = unsafe {
+        shared_storage::owner(machine, &[place(fired), place(answer)], |owner, header| {
+            shared_storage::named(machine, message_id).map(|message_id| {
+                owner.offer(now, message_id, (p, header.deadline(deadline), backlog))
+            })
         })
     };
+    let answer_list = answer_list.and_then(|answer_list| answer_list);
     // SAFETY: as the header asks.
-    told.map_or_else(|status| status, |told| unsafe { write(&told, fired, answer) })
+    answer_list
+        .map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
 }
 
 /// F3, any thread's: the result of source `p` came. `fired` says first which of the message's timers were due by `now`,
@@ -107,13 +111,13 @@ pub unsafe extern "C" fn fuseline_shared_offer(
 pub unsafe extern "C" fn fuseline_shared_result(
     machine: *mut CShared,
     now: u64,
-    ticket: CTicket,
+    message_id: CMessageId,
     p: u64,
     fired: *mut CAnswer,
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { bring(machine, now, ticket, Brought::Result(p), fired, answer) }
+    unsafe { bring(machine, now, message_id, InputKind::Result(p), fired, answer) }
 }
 
 /// F4, any thread's: no result will come from source `p`.
@@ -122,13 +126,13 @@ pub unsafe extern "C" fn fuseline_shared_result(
 pub unsafe extern "C" fn fuseline_shared_fail(
     machine: *mut CShared,
     now: u64,
-    ticket: CTicket,
+    message_id: CMessageId,
     p: u64,
     fired: *mut CAnswer,
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { bring(machine, now, ticket, Brought::Failure(p), fired, answer) }
+    unsafe { bring(machine, now, message_id, InputKind::Failure(p), fired, answer) }
 }
 
 /// F5, any thread's: time went by for this message.
@@ -137,12 +141,12 @@ pub unsafe extern "C" fn fuseline_shared_fail(
 pub unsafe extern "C" fn fuseline_shared_expire(
     machine: *mut CShared,
     now: u64,
-    ticket: CTicket,
+    message_id: CMessageId,
     fired: *mut CAnswer,
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    unsafe { bring(machine, now, ticket, Brought::Time, fired, answer) }
+    unsafe { bring(machine, now, message_id, InputKind::Time, fired, answer) }
 }
 
 /// Question, any thread's: when a timer of this message is due next, or FUSELINE_STATUS_NONE.
@@ -150,12 +154,16 @@ pub unsafe extern "C" fn fuseline_shared_expire(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_next_due(
     machine: *mut CShared,
-    ticket: CTicket,
+    message_id: CMessageId,
     due: *mut u64,
 ) -> CStatus {
     // SAFETY: as the header asks.
-    let found = unsafe { hall::desk(machine, &[place(due)], |desk| desk.next_due(ticket)) };
-    match found {
+    let found = unsafe {
+        shared_storage::handle(machine, &[place(due)], |handle| {
+            shared_storage::named(machine, message_id).map(|message_id| handle.next_due(message_id))
+        })
+    };
+    match found.and_then(|found| found) {
         Ok(Some(found)) => {
             // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
             unsafe { due.write(found) };
@@ -171,22 +179,28 @@ pub unsafe extern "C" fn fuseline_shared_next_due(
 unsafe fn open(
     machine: *mut CShared,
     (now, t, deadline): (u64, u64, Option<u64>),
-    ticket: *mut CTicket,
+    message_id: *mut CMessageId,
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header asks.
     let asked = unsafe {
-        hall::owner(machine, &[place(ticket), place(answer)], |owner| owner.open(now, t, deadline))
+        shared_storage::owner(machine, &[place(message_id), place(answer)], |owner, header| {
+            owner.open(now, t, deadline.map(|deadline| header.deadline(deadline)))
+        })
     };
-    let mut told = CAnswer { at: now, t, outcome: COutcome::Accepted, ..CAnswer::EMPTY };
-    match asked {
-        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
-        Ok(Ok(made)) => unsafe { ticket.write(made) },
-        Ok(Err(why)) => (told.outcome, told.why) = (COutcome::Refused, why),
+    let mut answer_list = CAnswer { at: now, t, outcome: COutcome::Accepted, ..CAnswer::EMPTY };
+    let made = match asked {
+        Ok(Ok(made)) => shared_storage::plain(machine, made),
+        Ok(Err(why)) => {
+            (answer_list.outcome, answer_list.why) = (COutcome::Refused, why);
+            shared_storage::NO_TICKET
+        }
         Err(status) => return status,
-    }
+    };
+    // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+    unsafe { message_id.write(made) };
     // SAFETY: as above.
-    unsafe { answer.write(told) };
+    unsafe { answer.write(answer_list) };
     CStatus::Done
 }
 
@@ -195,24 +209,31 @@ unsafe fn open(
 unsafe fn bring(
     machine: *mut CShared,
     now: u64,
-    ticket: CTicket,
-    brought: Brought,
+    message_id: CMessageId,
+    input_kind: InputKind,
     fired: *mut CAnswer,
     answer: *mut CAnswer,
 ) -> CStatus {
     let answers = [place(fired), place(answer)];
     // SAFETY: as the header asks.
-    let told = unsafe { hall::desk(machine, &answers, |desk| desk.bring(now, ticket, brought)) };
+    let answer_list = unsafe {
+        shared_storage::handle(machine, &answers, |handle| {
+            shared_storage::named(machine, message_id)
+                .map(|message_id| handle.bring(now, message_id, input_kind))
+        })
+    };
+    let answer_list = answer_list.and_then(|answer_list| answer_list);
     // SAFETY: as the header asks.
-    told.map_or_else(|status| status, |told| unsafe { write(&told, fired, answer) })
+    answer_list
+        .map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
 }
 
 /// # Safety
 /// Both may be written.
-unsafe fn write(told: &Told, fired: *mut CAnswer, answer: *mut CAnswer) -> CStatus {
+unsafe fn write(answer_list: &AnswerList, fired: *mut CAnswer, answer: *mut CAnswer) -> CStatus {
     // SAFETY: by the caller's promise.
-    unsafe { fired.write(told.fired) };
+    unsafe { fired.write(answer_list.fired) };
     // SAFETY: as above.
-    unsafe { answer.write(told.answer) };
+    unsafe { answer.write(answer_list.answer) };
     CStatus::Done
 }

@@ -6,7 +6,7 @@ use core::sync::atomic::{Ordering, compiler_fence};
 
 use fuseline_core::{Cloud, Fusion};
 
-use crate::head::{Head, Kind, NO_CLOUDS, Written, asked, rule, status_of, wrong};
+use crate::header::{AnswerTarget, Kind, NO_CLOUDS, StorageHeader, asked, rule, status_of, wrong};
 use crate::inputs::Inputs;
 use crate::plain::{
     CConfig, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
@@ -17,7 +17,7 @@ use crate::plain::{
 #[repr(C, align(8))]
 #[derive(Debug)]
 pub struct CMachine {
-    head: Head,
+    header: StorageHeader,
 }
 
 impl Kind for CMachine {
@@ -26,8 +26,8 @@ impl Kind for CMachine {
 
 /// The whole storage.
 #[repr(C)]
-pub(crate) struct Room<const CLOUDS: usize, const WINDOW: usize> {
-    head: CMachine,
+pub(crate) struct Storage<const CLOUDS: usize, const WINDOW: usize> {
+    header: CMachine,
     fusion: UnsafeCell<Fusion<CLOUDS, WINDOW>>,
 }
 
@@ -36,6 +36,12 @@ pub(crate) struct Room<const CLOUDS: usize, const WINDOW: usize> {
 pub(crate) const OWN_CLOUDS: usize = number(option_env!("FUSELINE_OWN_CLOUDS"), 1);
 #[cfg(feature = "capacity-own")]
 pub(crate) const OWN_WINDOW: usize = number(option_env!("FUSELINE_OWN_WINDOW"), 1);
+
+#[cfg(feature = "capacity-own")]
+pub(crate) const OWN_CAPACITY: u32 = crate::plain::capacity_of(OWN_CLOUDS, OWN_WINDOW);
+/// Not a capacity: none of one's own was asked for when the library was built.
+#[cfg(not(feature = "capacity-own"))]
+pub(crate) const OWN_CAPACITY: u32 = 0;
 
 /// The bytes that the header reserves for a capacity: more than is needed, so that the machine may change.
 const fn reserved(clouds: usize, window: usize) -> usize {
@@ -46,33 +52,34 @@ const fn reserved(clouds: usize, window: usize) -> usize {
         .wrapping_add(window.wrapping_mul(a_timestamp))
 }
 
-/// Runs `$do` with `$Room`, the `$Of` of the capacity `$number`, or answers `$otherwise` if the library has it not.
+/// Runs `$do` with `$Storage`, the `$Of` of the capacity `$number`, or answers `$otherwise` if the library has it not.
 macro_rules! with_room {
-    ($number:expr, $Room:ident = $Of:ident => $do:expr, else $otherwise:expr) => {
+    ($number:expr, $Storage:ident = $Of:ident => $do:expr, else $otherwise:expr) => {
         match $number {
             #[cfg(feature = "capacity-1-4")]
             n if n == $crate::plain::CCapacity::C1W4 as u32 => {
-                type $Room = $Of<1, 4>;
+                type $Storage = $Of<1, 4>;
                 $do
             }
             #[cfg(feature = "capacity-3-16")]
             n if n == $crate::plain::CCapacity::C3W16 as u32 => {
-                type $Room = $Of<3, 16>;
+                type $Storage = $Of<3, 16>;
                 $do
             }
             #[cfg(feature = "capacity-7-64")]
             n if n == $crate::plain::CCapacity::C7W64 as u32 => {
-                type $Room = $Of<7, 64>;
+                type $Storage = $Of<7, 64>;
                 $do
             }
             #[cfg(feature = "capacity-15-1024")]
             n if n == $crate::plain::CCapacity::C15W1024 as u32 => {
-                type $Room = $Of<15, 1024>;
+                type $Storage = $Of<15, 1024>;
                 $do
             }
             #[cfg(feature = "capacity-own")]
-            n if n == $crate::plain::CCapacity::Own as u32 => {
-                type $Room = $Of<{ $crate::storage::OWN_CLOUDS }, { $crate::storage::OWN_WINDOW }>;
+            n if n == $crate::storage::OWN_CAPACITY => {
+                type $Storage =
+                    $Of<{ $crate::storage::OWN_CLOUDS }, { $crate::storage::OWN_WINDOW }>;
                 $do
             }
             _ => $otherwise,
@@ -82,7 +89,7 @@ macro_rules! with_room {
 #[cfg(feature = "threads")]
 pub(crate) use with_room;
 
-impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
+impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
     const FITS: () = {
         assert!(size_of::<Self>() <= reserved(CLOUDS, WINDOW), "the header reserves too little");
         assert!(align_of::<Self>() == align_of::<CMachine>(), "the header aligns as uint64_t");
@@ -93,26 +100,26 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
     /// # Safety
     /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else.
     #[expect(unsafe_code, reason = "writes to the caller's storage")]
-    unsafe fn fill(
-        storage: *mut Self,
-        capacity: u32,
-        config: &CConfig,
-        clouds: &[Cloud],
-    ) -> Result<(), CStatus> {
+    unsafe fn fill(storage: *mut Self, config: &CConfig, clouds: &[Cloud]) -> Result<(), CStatus> {
         const { Self::FITS };
         let (window, commit) = rule(config);
         let fusion = Fusion::new(window, commit, clouds).map_err(|error| status_of(&error))?;
-        let head = CMachine { head: Head::new::<CMachine, Self>(storage, capacity) };
+        let header = CMachine { header: StorageHeader::new::<CMachine, Self>(storage, config) };
         // SAFETY: that many bytes may be written, by the caller's promise; nothing was there that would have to be
         // dropped.
-        unsafe { storage.write(Self { head, fusion: UnsafeCell::new(fusion) }) };
+        unsafe { storage.write(Self { header, fusion: UnsafeCell::new(fusion) }) };
         Ok(())
+    }
+
+    /// What the storage begins with.
+    pub(crate) const fn header(&self) -> &StorageHeader {
+        &self.header.header
     }
 
     /// Whether a call is under way.
     pub(crate) fn is_busy(&self) -> bool {
         // Acquire, and Release where it ends: what the last call wrote, should the caller go from thread to thread.
-        self.head.head.busy.load(Ordering::Acquire) != 0
+        self.header().busy.load(Ordering::Acquire) != 0
     }
 
     /// Runs `call` with the machine, unless another call is under way.
@@ -125,7 +132,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
         if self.is_busy() {
             return wrong(CStatus::Busy);
         }
-        let busy = &self.head.head.busy;
+        let busy = &self.header().busy;
         busy.store(1, Ordering::Relaxed);
         compiler_fence(Ordering::SeqCst);
         // SAFETY: the caller's thread is the only one, as it promised, and `busy` says that no call of it was
@@ -138,7 +145,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Room<CLOUDS, WINDOW> {
 
 /// How many bytes a machine of this capacity takes; 0 if the library does not hold it.
 pub(crate) const fn bytes(capacity: u32) -> usize {
-    with_room!(capacity, R = Room => size_of::<R>(), else 0)
+    with_room!(capacity, R = Storage => size_of::<R>(), else 0)
 }
 
 /// Makes a machine and says where it is. Nothing is written unless all is well.
@@ -157,9 +164,9 @@ pub(crate) unsafe fn make(
     // SAFETY: by the caller's promise.
     let (config, clouds) =
         unsafe { asked((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
-    with_room!(config.capacity, R = Room => {
+    with_room!(config.capacity, R = Storage => {
         // SAFETY: aligned and large enough, as was asked, and the caller's to give.
-        unsafe { R::fill(storage.cast(), config.capacity, &config, clouds) }?;
+        unsafe { R::fill(storage.cast(), &config, clouds) }?;
     }, else return Err(CStatus::Capacity));
     // SAFETY: not null, aligned, and may be written by the caller's promise.
     unsafe { machine.write(storage.cast()) };
@@ -173,11 +180,11 @@ pub(crate) unsafe fn make(
 #[expect(unsafe_code, reason = "reads the caller's storage")]
 pub(crate) unsafe fn room<'a>(
     machine: *mut CMachine,
-    answers: &[Written],
+    answers: &[AnswerTarget],
 ) -> Result<&'a dyn Inputs, CStatus> {
     // SAFETY: by the caller's promise.
-    let head = unsafe { Head::of(machine, answers) }?;
-    with_room!(head.capacity, R = Room => {
+    let header = unsafe { StorageHeader::of(machine, answers) }?;
+    with_room!(header.capacity, R = Storage => {
         // SAFETY: the seal says that a room of this capacity was written here.
         Ok(unsafe { &*machine.cast::<R>() })
     }, else Err(wrong(CStatus::Foreign)))
@@ -194,7 +201,7 @@ pub(crate) unsafe fn end(machine: *mut CMachine) -> Result<(), CStatus> {
         return Err(CStatus::Busy);
     }
     // SAFETY: it is one, and no other call uses it.
-    unsafe { Head::end(machine) };
+    unsafe { StorageHeader::end(machine) };
     Ok(())
 }
 

@@ -8,7 +8,9 @@ const CRATE: &str = env!("CARGO_MANIFEST_DIR");
 #[test]
 fn the_header_is_what_the_sources_say() {
     let root = Path::new(CRATE);
-    let config = cbindgen::Config::from_file(root.join("cbindgen.toml")).expect("its settings");
+    let mut config = cbindgen::Config::from_file(root.join("cbindgen.toml")).expect("its settings");
+    let defines = config.after_includes.expect("the macros of the header");
+    config.after_includes = Some(defines.replace("@VERSION@", env!("CARGO_PKG_VERSION")));
     let bindings = cbindgen::Builder::new()
         .with_config(config)
         .with_src(root.join("src/plain.rs"))

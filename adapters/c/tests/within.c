@@ -52,7 +52,7 @@ static int same(uint64_t i) {
 
 int main(void) {
   const fuseline_cloud clouds[] = {{1, 31, 30}};
-  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, FUSELINE_COMMIT_EAGER, 16, 1, clouds};
+  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, FUSELINE_COMMIT_EAGER, 16, 1, clouds, 1000};
   const struct itimerval every = {{0, 50}, {0, 50}};
   struct sigaction action;
   uint64_t i;

@@ -38,6 +38,7 @@ fn config() -> CConfig {
         window: 16,
         clouds_len: 3,
         clouds: CLOUDS.as_ptr(),
+        greatest_deadline: 1_000,
     }
 }
 
@@ -93,7 +94,10 @@ fn each_wrong_configuration_has_its_status_and_writes_nothing() {
         (CConfig { abi: FUSELINE_ABI + 1, ..config() }, CStatus::Abi),
         (CConfig { layout: LAYOUT ^ 1, ..config() }, CStatus::Abi),
         (CConfig { capacity: 0, ..config() }, CStatus::Capacity),
-        (CConfig { capacity: CCapacity::Own as u32, ..config() }, CStatus::Capacity),
+        // A shape that is near one that the library holds is none that it holds.
+        (CConfig { capacity: 3 << 16 | 15, ..config() }, CStatus::Capacity),
+        (CConfig { capacity: 2 << 16 | 16, ..config() }, CStatus::Capacity),
+        (CConfig { greatest_deadline: 0, ..config() }, CStatus::Deadline),
         (CConfig { capacity: CCapacity::C15W1024 as u32, ..config() }, CStatus::Size),
         (CConfig { commit: 2, ..config() }, CStatus::Commit),
         (CConfig { window: 0, ..config() }, CStatus::Window),
@@ -160,6 +164,63 @@ fn wrong_pointers_are_told() {
 }
 
 #[test]
+fn a_deadline_above_the_greatest_is_refused_in_the_order_of_reasons() {
+    let mut storage = storage();
+    let (_, machine) = init(&mut storage, &config());
+    let mut answer = MaybeUninit::<CAnswer>::zeroed();
+    let mut opened = |t, deadline| {
+        // SAFETY: a machine, and an answer of this test's own.
+        let status = unsafe { fuseline_open_within(machine, 5, t, deadline, answer.as_mut_ptr()) };
+        assert_eq!(status, CStatus::Done);
+        // SAFETY: written.
+        unsafe { ((*answer.as_ptr()).outcome, (*answer.as_ptr()).why) }
+    };
+    let negative = 0_u64.wrapping_sub(20);
+    for deadline in [0, 1_001, negative, u64::MAX] {
+        assert_eq!(opened(7, deadline), (COutcome::Refused, CReason::Deadline), "{deadline}");
+    }
+    assert_eq!(opened(7, 1_000), (COutcome::Accepted, CReason::None));
+    assert_eq!(opened(7, 1_001), (COutcome::Refused, CReason::Order));
+    let mut offered = |p, deadline| {
+        // SAFETY: as above.
+        let status = unsafe { fuseline_offer(machine, 5, 7, p, deadline, 0, answer.as_mut_ptr()) };
+        assert_eq!(status, CStatus::Done);
+        // SAFETY: written.
+        unsafe { ((*answer.as_ptr()).outcome, (*answer.as_ptr()).why) }
+    };
+    for deadline in [0, 1_001, negative, u64::MAX] {
+        assert_eq!(offered(1, deadline), (COutcome::Refused, CReason::Deadline), "{deadline}");
+    }
+    assert_eq!(offered(1, 1_000), (COutcome::Admitted, CReason::None));
+    assert_eq!(offered(1, negative), (COutcome::Refused, CReason::Duplicate));
+    assert_eq!(offered(9, negative), (COutcome::Refused, CReason::Unknown));
+}
+
+#[test]
+fn a_signed_time_is_0_below_0_and_saturates() {
+    assert_eq!(fuseline_deadline(-20, 1_000_000), 0);
+    assert_eq!(fuseline_deadline(0, 1_000_000), 0);
+    assert_eq!(fuseline_deadline(20, 1_000_000), 20_000_000);
+    assert_eq!(fuseline_deadline(18_446_744_074, 1_000_000_000), u64::MAX);
+    assert_eq!(fuseline_deadline(i64::MIN, 1), 0);
+    assert_eq!(fuseline_instant(2, 3), 2_000_000_003);
+    assert_eq!(fuseline_instant(2, -1), 1_999_999_999);
+    assert_eq!(fuseline_instant(0, -1), 0);
+    assert_eq!(fuseline_instant(-1, 999_999_999), 0);
+    assert_eq!(fuseline_instant(i64::MAX, i64::MAX), u64::MAX);
+    assert_eq!(fuseline_instant(i64::MIN, i64::MIN), 0);
+}
+
+#[test]
+fn the_library_says_its_version_and_what_it_was_built_for() {
+    // SAFETY: a text of the library's, which ends.
+    let version = unsafe { CStr::from_ptr(fuseline_version()) };
+    assert_eq!(version.to_str(), Ok(env!("CARGO_PKG_VERSION")));
+    assert_eq!(fuseline_own_capacity(), 0);
+    assert_eq!(fuseline_bytes(fuseline_own_capacity()), 0);
+}
+
+#[test]
 fn a_copy_is_no_machine() {
     let (mut first, mut second) = (storage(), storage());
     let (_, machine) = init(&mut first, &config());
@@ -181,7 +242,7 @@ fn every_enumerator_has_its_word() {
             continue;
         };
         let Ok(number) = number.parse() else { continue };
-        let (rest, told) = if let Some(rest) = name.strip_prefix("FUSELINE_STATUS_") {
+        let (rest, answer_list) = if let Some(rest) = name.strip_prefix("FUSELINE_STATUS_") {
             (rest, word(fuseline_status_name(number)))
         } else if let Some(rest) = name.strip_prefix("FUSELINE_OUTCOME_") {
             (rest, word(fuseline_outcome_name(number)))
@@ -190,10 +251,10 @@ fn every_enumerator_has_its_word() {
         } else {
             continue;
         };
-        assert_eq!(rest.to_lowercase(), told);
+        assert_eq!(rest.to_lowercase(), answer_list);
         found += 1;
     }
-    assert_eq!(found, 17 + 9 + 12);
+    assert_eq!(found, 19 + 9 + 12);
     assert_eq!(word(fuseline_reason_name(99)), "?");
 }
 

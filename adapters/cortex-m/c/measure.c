@@ -86,7 +86,7 @@ static fuseline_answer tell(enum kind kind, uint64_t now, uint64_t t, uint64_t x
 
 static void inputs(uint32_t commit, unsigned rounds) {
   fuseline_cloud clouds[CLOUDS];
-  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY, commit, WINDOW, CLOUDS, clouds};
+  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY, commit, WINDOW, CLOUDS, clouds, UINT64_MAX};
   uint64_t now = 0, newest = 0;
   unsigned i, round;
   fuseline_answer ignored;
@@ -182,7 +182,7 @@ int main(void) {
   inputs(FUSELINE_COMMIT_PATIENT, ROUNDS);
   printf("clouds %d window %d bytes %lu", CLOUDS, WINDOW, (unsigned long)fuseline_bytes(FUSELINE_CAPACITY));
   for (i = 0; i < KINDS; ++i) printf(" %s %lu/%lu", words[i], (unsigned long)most[i], (unsigned long)calls[i]);
-  of_stack = (fuseline_config){FUSELINE_CONFIG, FUSELINE_CAPACITY, FUSELINE_COMMIT_EAGER, WINDOW, CLOUDS, NULL};
+  of_stack = (fuseline_config){FUSELINE_CONFIG, FUSELINE_CAPACITY, FUSELINE_COMMIT_EAGER, WINDOW, CLOUDS, NULL, UINT64_MAX};
   {
     static fuseline_cloud clouds[CLOUDS];
     for (i = 0; i < CLOUDS; ++i) clouds[i] = (fuseline_cloud){i + 1U, 31, 30};

@@ -26,7 +26,7 @@ pub enum Arrival {
 
 /// What an operator reports, in order: what it took in, then what fired, then what became of what it took in.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Told<const CLOUDS: usize> {
+pub enum Report<const CLOUDS: usize> {
     /// It took this in; none if only time went by.
     Took(Option<Arrival>),
     /// Timers fired (F5).
@@ -39,14 +39,14 @@ pub enum Told<const CLOUDS: usize> {
     Concluded(Timestamp, Priority, Outcome<CLOUDS>),
 }
 
-/// Drives the machine for ever: takes what comes from `inbox`, ticks at each due instant, and reports everything to `tell`
+/// Drives the machine for ever: takes what comes from `inbox`, ticks at each due instant, and reports everything to `report`
 /// with the instant at which it was decided.
 ///
 /// Instants are nanoseconds of embassy's clock. It may be dropped at any await: whatever was received is reported by then.
 pub async fn operate<M: RawMutex, const LEN: usize, const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
     inbox: Receiver<'_, M, Arrival, LEN>,
-    mut tell: impl FnMut(Instant, Told<CLOUDS>),
+    mut report: impl FnMut(Instant, Report<CLOUDS>),
 ) -> ! {
     loop {
         let due = fusion.next_due();
@@ -61,13 +61,13 @@ pub async fn operate<M: RawMutex, const LEN: usize, const CLOUDS: usize, const W
             Either::Second(()) => None,
         };
         let now = now();
-        tell(now, Told::Took(arrival));
+        report(now, Report::Took(arrival));
         loop {
             match fusion.at(now) {
-                At::Fired(firing) => tell(now, Told::Fired(firing)),
+                At::Fired(firing) => report(now, Report::Fired(firing)),
                 At::Ready(ready) => {
                     if let Some(arrival) = arrival {
-                        tell(now, apply(ready, arrival));
+                        report(now, apply(ready, arrival));
                     }
                     break;
                 }
@@ -79,14 +79,14 @@ pub async fn operate<M: RawMutex, const LEN: usize, const CLOUDS: usize, const W
 fn apply<const CLOUDS: usize, const WINDOW: usize>(
     mut ready: Ready<'_, CLOUDS, WINDOW>,
     arrival: Arrival,
-) -> Told<CLOUDS> {
+) -> Report<CLOUDS> {
     match arrival {
-        Arrival::Message(t, deadline) => Told::Opened(t, ready.open(t, deadline)),
+        Arrival::Message(t, deadline) => Report::Opened(t, ready.open(t, deadline)),
         Arrival::Request(t, p, deadline, backlog) => {
-            Told::Offered(t, p, ready.offer(t, p, deadline, backlog))
+            Report::Offered(t, p, ready.offer(t, p, deadline, backlog))
         }
-        Arrival::Result(t, p) => Told::Concluded(t, p, ready.result(t, p)),
-        Arrival::Failure(t, p) => Told::Concluded(t, p, ready.fail(t, p)),
+        Arrival::Result(t, p) => Report::Concluded(t, p, ready.result(t, p)),
+        Arrival::Failure(t, p) => Report::Concluded(t, p, ready.fail(t, p)),
     }
 }
 

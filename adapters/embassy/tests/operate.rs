@@ -8,7 +8,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::{Duration, MockDriver};
 use fuseline_core::{Cloud, Commit, Deadline, Fusion, Priority, Timestamp};
-use fuseline_embassy::{Arrival, Told, operate};
+use fuseline_embassy::{Arrival, Report, operate};
 use fuseline_engine::arbiter::{Answer, decisions_of};
 use fuseline_traces::{Decision, Input, judge};
 
@@ -33,23 +33,23 @@ fn input(at: u64, arrival: Option<Arrival>) -> Input {
 }
 
 /// The lines that what is told makes, at its end.
-fn record(trace: &mut Vec<u8>, at: u64, told: &Told<1>) {
+fn record(trace: &mut Vec<u8>, at: u64, reported: &Report<1>) {
     let mut lines = Vec::new();
     let mut decide = |decision: Decision| lines.push(decision);
-    match *told {
-        Told::Took(arrival) => {
+    match *reported {
+        Report::Took(arrival) => {
             input(at, arrival).write(trace);
             trace.push(b'\n');
         }
-        Told::Fired(firing) => decisions_of(at, &firing, decide),
-        Told::Opened(t, opening) => {
+        Report::Fired(firing) => decisions_of(at, &firing, decide),
+        Report::Opened(t, opening) => {
             Answer::<1>::Open { t: t.as_u64(), opening }.decisions(at, &mut decide);
         }
-        Told::Offered(t, p, admission) => {
+        Report::Offered(t, p, admission) => {
             let (t, p) = (t.as_u64(), p.as_u16().into());
             Answer::<1>::Offer { t, p, admission }.decisions(at, &mut decide);
         }
-        Told::Concluded(t, p, outcome) => {
+        Report::Concluded(t, p, outcome) => {
             let (t, p) = (t.as_u64(), p.as_u16().into());
             Answer::Result { t, p, outcome }.decisions(at, &mut decide);
         }
@@ -105,8 +105,10 @@ fn five_messages_leave_and_the_judge_finds_nothing() {
             pass(5).await;
         }
     };
-    let told = |at: fuseline_core::Instant, told: Told<1>| record(&mut trace, at.as_nanos(), &told);
-    block_on(select(operate(&mut fusion, inbox.receiver(), told), script));
+    let reported = |at: fuseline_core::Instant, reported: Report<1>| {
+        record(&mut trace, at.as_nanos(), &reported)
+    };
+    block_on(select(operate(&mut fusion, inbox.receiver(), reported), script));
 
     let verdict = judge("operate", trace.as_slice()).expect("a trace");
     let text = String::from_utf8(trace).expect("UTF-8");

@@ -11,7 +11,7 @@ use tracing::error;
 use crate::item::{Source, Trigger};
 use crate::meter::Meters;
 use crate::reasons::Reasons;
-use crate::tally::{InForce, SourceTally, Tally};
+use crate::tally::{CurrentDeadline, SourceTally, Tally};
 
 /// The tally's cells and the meters of one operator, counted together.
 ///
@@ -40,7 +40,7 @@ struct SourceCounts {
     timers: AtomicU64,
     cancelled: AtomicU64,
     sent_bytes: AtomicU64,
-    in_force: Mutex<Option<InForce>>,
+    in_force: Mutex<Option<CurrentDeadline>>,
 }
 
 /// The counts of a running operator, to be read from anywhere.
@@ -55,7 +55,7 @@ pub(crate) enum Event {
     Output(Trigger),
     /// A result was forwarded as it came; its message is counted by `Output`.
     Forwarded,
-    Held,
+    HeldValue,
     Dropped(DropReason),
     Failed,
     Lost,
@@ -120,7 +120,7 @@ impl Counts {
     }
 
     /// Keeps the deadline of the source's latest offer; call it when that has changed.
-    pub(crate) fn in_force(&self, index: usize, in_force: InForce) {
+    pub(crate) fn in_force(&self, index: usize, in_force: CurrentDeadline) {
         if let Some(counts) = self.sources.get(index) {
             *lock(&counts.in_force) = Some(in_force);
         }
@@ -195,7 +195,7 @@ impl SourceCounts {
             Event::Refused(why) => add_at(&self.refused, why.index()),
             Event::Output(trigger) => add_at(&self.outputs, trigger as usize),
             Event::Forwarded => {}
-            Event::Held => add(&self.held, 1),
+            Event::HeldValue => add(&self.held, 1),
             Event::Dropped(why) => add_at(&self.dropped, why.index()),
             Event::Failed => add(&self.failed, 1),
             Event::Lost => add(&self.lost, 1),

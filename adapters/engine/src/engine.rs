@@ -15,11 +15,11 @@ use crate::arbiter::{Answer, Arbiter};
 use crate::counts::Counting;
 use crate::counts::Event;
 use crate::effect::{Effect, Local, Offer};
-use crate::hands::{Hands, LOCAL};
 use crate::item::Source;
-use crate::lane::{Lane, Waiting};
+use crate::queue::{SourceQueue, Waiting};
 use crate::reasons::words;
-use crate::tape::{Sink, Tape};
+use crate::state::{LOCAL, OperatorState};
+use crate::writer::{Sink, TraceWriter};
 
 /// The most clouds that a header may have.
 const CLOUDS: usize = 15;
@@ -40,7 +40,7 @@ const CLOUDS: usize = 15;
 /// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
 pub struct Engine<V, R> {
     arbiter: Arbiter,
-    hands: Hands<V, R>,
+    state: OperatorState<V, R>,
     situation: Situation<'static>,
 }
 
@@ -53,19 +53,19 @@ impl<V, R> Engine<V, R> {
     pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
         let arbiter = Arbiter::new(header)?;
         let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
-        let mut lanes =
-            vec![Lane::new(Source { priority: 0, name: "local".into() }, local.at_once)];
+        let mut queues =
+            vec![SourceQueue::new(Source { priority: 0, name: "local".into() }, local.at_once)];
         for (i, cloud) in header.clouds.iter().enumerate() {
             let name = match &cloud.name {
                 Some(name) => name.as_str().into(),
                 None => format!("cloud-{}", cloud.p).into(),
             };
             let at_once = at_once.get(i).copied().unwrap_or(1);
-            lanes.push(Lane::new(Source { priority: cloud.p, name }, at_once));
+            queues.push(SourceQueue::new(Source { priority: cloud.p, name }, at_once));
         }
-        let hands = Hands::new(operator, lanes, local);
+        let state = OperatorState::new(operator, queues, local);
         // Unknown until it is set: policies risk nothing.
-        Ok(Self { arbiter, hands, situation: Situation::at(f64::NAN) })
+        Ok(Self { arbiter, state, situation: Situation::at(f64::NAN) })
     }
 
     /// Lets `policy` choose the deadlines of cloud `p`, each at most the one offered, and reports to it
@@ -75,7 +75,7 @@ impl<V, R> Engine<V, R> {
     /// the message was taken in. If the policy panics, the cloud is not asked.
     pub fn set_policy(&mut self, p: u16, policy: Box<dyn Policy + Send>) {
         if let Some(place) = self.cloud(p) {
-            self.hands.lanes[place].policy = Some(policy);
+            self.state.queues[place].policy = Some(policy);
         }
     }
 
@@ -86,14 +86,14 @@ impl<V, R> Engine<V, R> {
     /// one more ends the oldest.
     pub fn set_linger(&mut self, p: u16, linger: Duration) {
         if let Some(place) = self.cloud(p) {
-            self.hands.lanes[place].linger = nanos(linger);
+            self.state.queues[place].linger = nanos(linger);
         }
     }
 
     /// Gives back results that came too late as [hints](Effect::Hint), if their message is one of the
     /// last 1024.
     pub fn take_hints(&mut self) {
-        self.hands.stories.remember();
+        self.state.open_messages.remember();
     }
 
     /// Sets what policies know of the vehicle, for messages from now on; at first nothing.
@@ -112,8 +112,8 @@ impl<V, R> Engine<V, R> {
     /// # Errors
     /// If the thread cannot be started.
     pub fn record(&mut self, sink: impl Into<Sink>) -> io::Result<()> {
-        let counts = Arc::clone(&self.hands.counts);
-        self.hands.tapes.push(Tape::new(sink.into(), counts)?);
+        let counts = Arc::clone(&self.state.counts);
+        self.state.writers.push(TraceWriter::new(sink.into(), counts)?);
         Ok(())
     }
 
@@ -132,25 +132,31 @@ impl<V, R> Engine<V, R> {
     ) -> bool {
         self.begin(at);
         let deadline = deadline.map(nanos);
-        let Self { arbiter, hands, .. } = self;
-        let opening = arbiter.open(at, t, deadline, |at, firing| hands.fired(at, firing));
+        let Self { arbiter, state, .. } = self;
+        let opening = arbiter.open(at, t, deadline, |at, firing| state.fired(at, firing));
         let now = arbiter.now();
-        hands.record::<CLOUDS>(&Input::Open { at, t, deadline }, now, &Answer::Open { t, opening });
+        state.record::<CLOUDS>(&Input::Open { at, t, deadline }, now, &Answer::Open { t, opening });
         if let Opening::Refused(why) = opening {
-            hands.refuse(now, t, why);
-            hands.send(now);
+            state.refuse(now, t, why);
+            state.send(now);
             return false;
         }
-        hands.counts.message();
-        hands.counts.source(LOCAL, Event::Admitted);
-        hands.stories.open(t, now);
-        let lost_after = deadline.filter(|_| hands.local.lossy);
-        hands.lanes[LOCAL].push(Waiting { t, asked: now, due: None, lost_after, request: job });
-        hands.send(now);
+        state.counts.message();
+        state.counts.source(LOCAL, Event::Admitted);
+        state.open_messages.open(t, now);
+        let lost_after = deadline.filter(|_| state.local.lossy);
+        state.queues[LOCAL].push(Waiting {
+            t,
+            requested_at: now,
+            due: None,
+            lost_after,
+            request: job,
+        });
+        state.send(now);
         for Offer { priority, deadline, request } in offers {
             self.offer(at, t, priority, deadline, request);
         }
-        if self.hands.lanes[LOCAL].backlog() > self.hands.local.waiting {
+        if self.state.queues[LOCAL].backlog() > self.state.local.waiting {
             self.fail(at, t, 0, &"too many computations wait");
         }
         true
@@ -161,79 +167,84 @@ impl<V, R> Engine<V, R> {
     /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. It is asked only
     /// if the request will be admitted.
     pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
+        // F0: what is due comes first; it may close the message that the policy would be asked about.
+        if self.arbiter.next_due().is_some_and(|due| due <= at) {
+            self.tick(at);
+        }
         self.begin(at);
-        let place = self.hands.place(p);
-        let backlog = place.map_or(0, |place| self.hands.lanes[place].backlog() as u64);
+        let place = self.state.place(p);
+        let backlog = place.map_or(0, |place| self.state.queues[place].backlog() as u64);
         let is_cloud = |place: &usize| *place != LOCAL && !deadline.is_zero();
-        let asked = place.filter(is_cloud).filter(|place| self.asks(t, *place, backlog));
-        let deadline = match asked {
+        let requested_at =
+            place.filter(is_cloud).filter(|place| self.is_policy_asked(t, *place, backlog));
+        let deadline = match requested_at {
             None => Some(deadline),
-            Some(place) => self.hands.deadline(at, t, place, self.situation, deadline),
+            Some(place) => self.state.deadline(at, t, place, self.situation, deadline),
         };
         let Some(deadline) = deadline else { return };
         let deadline = nanos(deadline);
-        let Self { arbiter, hands, .. } = self;
+        let Self { arbiter, state, .. } = self;
         let p = p.into();
         let admission =
-            arbiter.offer(at, (t, p), deadline, backlog, |at, firing| hands.fired(at, firing));
+            arbiter.offer(at, (t, p), deadline, backlog, |at, firing| state.fired(at, firing));
         let now = arbiter.now();
         let input = Input::Offer { at, t, p, deadline, backlog };
-        hands.record::<CLOUDS>(&input, now, &Answer::Offer { t, p, admission });
+        state.record::<CLOUDS>(&input, now, &Answer::Offer { t, p, admission });
         match (admission, place) {
-            (Admission::Refused(why), _) => hands.refuse_offer(t, place, why),
+            (Admission::Refused(why), _) => state.refuse_offer(t, place, why),
             // The core admits only requests to registered clouds.
             (Admission::Admitted { .. }, None) => {}
             (Admission::Admitted { due }, Some(place)) => {
-                hands.counts.source(place, Event::Admitted);
+                state.counts.source(place, Event::Admitted);
                 let due = Some(due.as_nanos());
-                let waiting = Waiting { t, asked: now, due, lost_after: None, request };
-                hands.lanes[place].push(waiting);
+                let waiting = Waiting { t, requested_at: now, due, lost_after: None, request };
+                state.queues[place].push(waiting);
             }
         }
-        hands.send(now);
+        state.send(now);
     }
 
     /// F3: a source's result came.
     pub fn result(&mut self, at: u64, t: u64, p: u16, value: V) {
         self.begin(at);
-        let Self { arbiter, hands, .. } = self;
-        if let Some(place) = hands.place(p) {
-            hands.ended(at, t, place, End::Answered);
+        let Self { arbiter, state, .. } = self;
+        if let Some(place) = state.place(p) {
+            state.ended(at, t, place, End::Answered);
         }
-        let outcome = arbiter.result(at, (t, p.into()), |at, firing| hands.fired(at, firing));
+        let outcome = arbiter.result(at, (t, p.into()), |at, firing| state.fired(at, firing));
         let now = arbiter.now();
         let input = Input::Result { at, t, p: p.into() };
-        hands.record(&input, now, &Answer::Result { t, p: p.into(), outcome });
-        hands.result(now, (t, p), &outcome, value);
-        hands.send(now);
+        state.record(&input, now, &Answer::Result { t, p: p.into(), outcome });
+        state.result(now, (t, p), &outcome, value);
+        state.send(now);
     }
 
     /// F4: a source will send no result; `why` is logged, counted, and given with the message's item.
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
         self.begin(at);
-        let Self { arbiter, hands, .. } = self;
-        let place = hands.place(p);
+        let Self { arbiter, state, .. } = self;
+        let place = state.place(p);
         let why = words(why);
-        let source = place.map(|place| hands.name(place));
-        warn!(operator = %hands.operator, timestamp = t, source, %why, "no result will come");
+        let source = place.map(|place| state.name(place));
+        warn!(operator = %state.operator, timestamp = t, source, %why, "no result will come");
         if let Some(place) = place {
-            hands.ended(at, t, place, End::Failed);
+            state.ended(at, t, place, End::Failed);
         }
-        let outcome = arbiter.fail(at, (t, p.into()), |at, firing| hands.fired(at, firing));
+        let outcome = arbiter.fail(at, (t, p.into()), |at, firing| state.fired(at, firing));
         let now = arbiter.now();
         let input = Input::Fail { at, t, p: p.into() };
-        hands.record(&input, now, &Answer::Fail { t, p: p.into(), outcome });
-        hands.failed(now, (t, p), &outcome, &why);
-        hands.send(now);
+        state.record(&input, now, &Answer::Fail { t, p: p.into(), outcome });
+        state.failed(now, (t, p), &outcome, &why);
+        state.send(now);
     }
 
     /// F5: time went by.
     pub fn tick(&mut self, at: u64) {
         self.begin(at);
-        let Self { arbiter, hands, .. } = self;
-        arbiter.tick(at, |at, firing| hands.fired(at, firing));
-        hands.record::<CLOUDS>(&Input::Tick { at }, arbiter.now(), &Answer::Tick);
-        hands.send(arbiter.now());
+        let Self { arbiter, state, .. } = self;
+        arbiter.tick(at, |at, firing| state.fired(at, firing));
+        state.record::<CLOUDS>(&Input::Tick { at }, arbiter.now(), &Answer::Tick);
+        state.send(arbiter.now());
     }
 
     /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine
@@ -243,22 +254,23 @@ impl<V, R> Engine<V, R> {
     /// The first error while recording; the trace is whole up to there.
     pub fn finish(&mut self) -> io::Result<()> {
         // All of them, even if the first fails.
-        let written: Vec<_> = self.hands.tapes.drain(..).map(|mut tape| tape.finish()).collect();
+        let written: Vec<_> =
+            self.state.writers.drain(..).map(|mut writer| writer.finish()).collect();
         written.into_iter().collect()
     }
 
     /// The next thing to do, in the order of the decisions.
     pub fn next_effect(&mut self) -> Option<Effect<V, R>> {
-        self.hands.effects.pop_front()
+        self.state.effects.pop_front()
     }
 
     /// The earliest instant, in ns, at which a timer is due, a call has lingered long enough, or a lost
     /// computation frees its place for one that waits; none if there is none. Tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
-        let lanes = &self.hands.lanes;
-        let lapses = lanes.iter().filter_map(Lane::next_lapse);
-        self.arbiter.next_due().into_iter().chain(lanes[LOCAL].next_lost()).chain(lapses).min()
+        let queues = &self.state.queues;
+        let lapses = queues.iter().filter_map(SourceQueue::next_lapse);
+        self.arbiter.next_due().into_iter().chain(queues[LOCAL].next_lost()).chain(lapses).min()
     }
 
     /// Whether no message is open.
@@ -270,25 +282,25 @@ impl<V, R> Engine<V, R> {
     /// The counts, which go on counting.
     #[must_use]
     pub fn counts(&self) -> Counting {
-        Counting::new(&self.hands.counts)
+        Counting::new(&self.state.counts)
     }
 
     /// Time comes before the input that carries it.
     fn begin(&mut self, at: u64) {
         if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
-            let lag = &self.hands.counts.meters.timer_lag;
+            let lag = &self.state.counts.meters.timer_lag;
             lag.record(Duration::from_nanos(at - due));
         }
-        self.hands.lapse(at);
+        self.state.lapse(at);
     }
 
     /// T6: a policy is asked about what is admitted alone, or it would count probes that never were sent.
-    fn asks(&self, t: u64, place: usize, backlog: u64) -> bool {
-        let lane = &self.hands.lanes[place];
-        if lane.policy.is_none() {
+    fn is_policy_asked(&self, t: u64, place: usize, backlog: u64) -> bool {
+        let queue = &self.state.queues[place];
+        if queue.policy.is_none() {
             return true;
         }
-        let (fusion, p) = (self.arbiter.fusion(), Priority::new(lane.source.priority));
+        let (fusion, p) = (self.arbiter.fusion(), Priority::new(queue.source.priority));
         let (Some(slot), Some(cloud), Some(mut gate)) =
             (fusion.slot(Timestamp::new(t)), fusion.source(p), fusion.gate(p))
         else {
@@ -300,7 +312,7 @@ impl<V, R> Engine<V, R> {
 
     /// The place of cloud `p`.
     fn cloud(&self, p: u16) -> Option<usize> {
-        self.hands.place(p).filter(|place| *place != LOCAL)
+        self.state.place(p).filter(|place| *place != LOCAL)
     }
 }
 

@@ -5,7 +5,7 @@ use metrics::{Counter, Gauge, Histogram, counter, gauge, histogram};
 
 use crate::counts::Event;
 use crate::item::{Source, Trigger};
-use crate::tally::InForce;
+use crate::tally::CurrentDeadline;
 
 /// An operator's meters.
 pub(crate) struct Meters {
@@ -40,7 +40,7 @@ pub(crate) struct SourceMeters {
     pub(crate) calls: Gauge,
     /// The deadline of the latest offer.
     pub(crate) deadline: Gauge,
-    deadlines: [Counter; InForce::WHYS.len()],
+    deadlines: [Counter; CurrentDeadline::WHYS.len()],
 }
 
 impl Meters {
@@ -95,7 +95,7 @@ impl SourceMeters {
             backlog: gauge!("fuseline_backlog", &labels),
             calls: gauge!("fuseline_calls", &labels),
             deadline: gauge!("fuseline_deadline_seconds", &labels),
-            deadlines: InForce::WHYS.map(|why| {
+            deadlines: CurrentDeadline::WHYS.map(|why| {
                 let [operator, source] = labels.clone();
                 counter!("fuseline_deadlines_total", &[operator, source, ("why", why.to_owned())])
             }),
@@ -103,7 +103,7 @@ impl SourceMeters {
     }
 
     /// Counts a deadline that was chosen.
-    pub(crate) fn chosen(&self, chosen: &InForce) {
+    pub(crate) fn chosen(&self, chosen: &CurrentDeadline) {
         increment(&self.deadlines, chosen.index());
     }
 
@@ -113,7 +113,7 @@ impl SourceMeters {
             Event::Refused(why) => increment(&self.refused, why.index()),
             Event::Output(trigger) => increment(&self.outputs, trigger as usize),
             Event::Forwarded => self.forwarded.increment(1),
-            Event::Held => self.held.increment(1),
+            Event::HeldValue => self.held.increment(1),
             Event::Dropped(why) => increment(&self.dropped, why.index()),
             Event::Failed => self.failed.increment(1),
             Event::Lost => self.lost.increment(1),

@@ -55,12 +55,12 @@ pub struct SourceTally {
     /// Bytes that its calls report as sent.
     pub sent_bytes: u64,
     /// The deadline in force, of its latest offer. None before the first offer, and for local.
-    pub in_force: Option<InForce>,
+    pub in_force: Option<CurrentDeadline>,
 }
 
 /// A deadline, and what chose it.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct InForce {
+pub struct CurrentDeadline {
     /// The deadline.
     pub deadline: Duration,
     /// Why a policy chose it; none if it is as it was offered.
@@ -83,7 +83,7 @@ impl SourceTally {
     }
 }
 
-impl InForce {
+impl CurrentDeadline {
     /// All words that [`why`](Self::why) may return.
     pub const WHYS: [&str; 8] =
         ["offered", "constant", "local-stops", "cloud-alone", "unsure", "expected", "probe", "cap"];
@@ -107,7 +107,7 @@ impl InForce {
     }
 }
 
-impl From<Chosen> for InForce {
+impl From<Chosen> for CurrentDeadline {
     fn from(Chosen { deadline, reason }: Chosen) -> Self {
         Self { deadline, reason: Some(reason) }
     }

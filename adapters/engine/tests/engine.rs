@@ -408,7 +408,7 @@ proptest! {
         let (mut now, mut next) = (0_u64, 0);
         // The machine's clock: the greatest of the caller's.
         let mut latest = 0;
-        let mut flying: BTreeSet<(u16, u64)> = BTreeSet::new();
+        let mut in_flight: BTreeSet<(u16, u64)> = BTreeSet::new();
         let mut answered: BTreeSet<u64> = BTreeSet::new();
         for step in steps {
             match step {
@@ -429,8 +429,8 @@ proptest! {
                     engine.offer(now, t, p, Duration::from_nanos(deadline), t);
                 }
                 Step::End { nth, well } => {
-                    let Some((p, t)) = flying.iter().nth(nth).copied() else { continue };
-                    flying.remove(&(p, t));
+                    let Some((p, t)) = in_flight.iter().nth(nth).copied() else { continue };
+                    in_flight.remove(&(p, t));
                     if well {
                         engine.result(now, t, p, "boxes");
                     } else {
@@ -439,7 +439,7 @@ proptest! {
                 }
                 Step::Stray { back, p, well } => {
                     let t = u64::saturating_sub(next, back);
-                    flying.remove(&(p, t));
+                    in_flight.remove(&(p, t));
                     if well {
                         engine.result(now, t, p, "boxes");
                     } else {
@@ -454,14 +454,14 @@ proptest! {
                     Effect::Start { priority, timestamp, until, request } => {
                         prop_assert_eq!(request, timestamp);
                         prop_assert!(until.is_none_or(|until| until > latest));
-                        prop_assert!(flying.insert((priority, timestamp)));
-                        let calls = flying.iter().filter(|(p, _)| *p == priority).count();
+                        prop_assert!(in_flight.insert((priority, timestamp)));
+                        let calls = in_flight.iter().filter(|(p, _)| *p == priority).count();
                         let lost = if priority > 0 { 0 } else { lost(&engine) };
                         prop_assert!(calls <= at_once[usize::from(priority)] + lost);
                     }
                     Effect::Abort { priority, timestamp } => {
                         prop_assert!(priority > 0);
-                        prop_assert!(flying.remove(&(priority, timestamp)));
+                        prop_assert!(in_flight.remove(&(priority, timestamp)));
                     }
                     Effect::Hint(hint) => prop_assert!(false, "nobody takes {hint:?}"),
                 }

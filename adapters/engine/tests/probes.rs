@@ -1,27 +1,41 @@
-//! A policy is asked about what is sent alone.
+//! A policy is asked about what is sent alone, and its cap holds.
 
+use std::fs;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fuseline_deadline::{Accuracy, Chosen, Constant, End, Expected, Reason};
 use fuseline_engine::{
-    Cloud, Commit, Effect, Engine, Header, Local, Offer, OfferRefusal, Policy, Situation,
+    Cloud, Commit, Effect, Engine, Header, Local, Offer, OfferRefusal, Policy, Recorder, Recording,
+    Situation,
 };
+use fuseline_traces::judge;
 
 type Tested = Engine<(), ()>;
 
 const MS: u64 = 1_000_000;
 const WEST: u16 = 1;
+/// It outranks west.
+const EAST: u16 = 2;
 const CAP: Duration = Duration::from_millis(90);
 
 /// West has one call at a time, and its gate shuts when one request waits.
 fn engine(policy: impl Policy + Send + 'static) -> Tested {
-    let west = Cloud { p: WEST, name: Some("west".into()), limit: 1, resume: 0 };
-    let header = Header { operator: None, window: 64, commit: Commit::Eager, clouds: vec![west] };
+    beside(&header(&[WEST]), policy)
+}
+
+/// The same with the clouds of a header.
+fn beside(header: &Header, policy: impl Policy + Send + 'static) -> Tested {
     let local = Local { at_once: 64, waiting: 0, skip_answered: false, lossy: false };
-    let mut engine = Engine::new(&header, &[1], local).unwrap();
+    let mut engine = Engine::new(header, &[1], local).unwrap();
     engine.set_policy(WEST, Box::new(policy));
     engine
+}
+
+fn header(clouds: &[u16]) -> Header {
+    let cloud = |p: &u16| Cloud { p: *p, name: None, limit: 1, resume: 0 };
+    let clouds = clouds.iter().map(cloud).collect();
+    Header { operator: None, window: 64, commit: Commit::Eager, clouds }
 }
 
 const fn offer() -> Offer<()> {
@@ -29,12 +43,12 @@ const fn offer() -> Offer<()> {
 }
 
 /// Keeps why each deadline was chosen.
-struct Noting<P> {
+struct RecordingPolicy<P> {
     policy: P,
     reasons: Arc<Mutex<Vec<Reason>>>,
 }
 
-impl<P: Policy> Policy for Noting<P> {
+impl<P: Policy> Policy for RecordingPolicy<P> {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         let chosen = self.policy.decide(situation, cap);
         self.reasons.lock().unwrap().push(chosen.reason);
@@ -46,9 +60,9 @@ impl<P: Policy> Policy for Noting<P> {
     }
 }
 
-fn noting<P: Policy>(policy: P) -> (Noting<P>, Arc<Mutex<Vec<Reason>>>) {
+fn noting<P: Policy>(policy: P) -> (RecordingPolicy<P>, Arc<Mutex<Vec<Reason>>>) {
     let reasons = Arc::default();
-    (Noting { policy, reasons: Arc::clone(&reasons) }, reasons)
+    (RecordingPolicy { policy, reasons: Arc::clone(&reasons) }, reasons)
 }
 
 /// T6.
@@ -154,4 +168,64 @@ fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() 
     let places = reasons.iter().enumerate().filter(|(_, reason)| **reason == Reason::Probe);
     let places: Vec<_> = places.map(|(place, _)| place).collect();
     assert_eq!(places, (0..reasons.len()).step_by(4).collect::<Vec<_>>());
+}
+
+/// T6, F0: what is due comes before the offer, so that its message is closed when the policy would be asked.
+#[test]
+fn a_policy_is_not_asked_about_a_message_that_a_timer_due_then_closes() {
+    for late_by in [0, 1] {
+        let (policy, reasons) = noting(Constant(CAP));
+        let mut engine = beside(&header(&[WEST, EAST]), policy);
+        assert!(engine.open(0, 7, None, (), [Offer { priority: EAST, ..offer() }]));
+        engine.result(MS, 7, 0, ());
+        // East's timer commits local's result, which is held.
+        let due = engine.next_due().unwrap();
+        engine.offer(due + late_by, 7, WEST, CAP, ());
+        assert_eq!(*reasons.lock().unwrap(), [], "late by {late_by} ns");
+        let west = engine.counts().tally().sources.remove(1);
+        assert_eq!(west.refused, [(OfferRefusal::Closed, 1)].into());
+    }
+}
+
+/// D11: what is shown as the deadline in force is the one that the request gets.
+#[test]
+fn a_policy_that_exceeds_its_cap_is_shown_with_the_cap() {
+    struct Beyond;
+    impl Policy for Beyond {
+        fn decide(&mut self, _: &Situation<'_>, cap: Duration) -> Chosen {
+            Chosen { deadline: 2 * cap, reason: Reason::Constant }
+        }
+        fn ended(&mut self, _: End) {}
+    }
+    let mut engine = engine(Beyond);
+    assert!(engine.open(0, 0, None, (), [offer()]));
+    assert_eq!(engine.next_due(), Some(90 * MS));
+    let in_force = engine.counts().tally().sources.remove(1).in_force.unwrap();
+    assert_eq!(in_force.deadline, CAP);
+}
+
+/// What was due is in the trace before the offer, also if the policy panics and nothing is offered.
+#[test]
+fn a_timer_due_at_an_offer_is_recorded_though_the_policy_panics() {
+    struct Broken;
+    impl Policy for Broken {
+        fn decide(&mut self, _: &Situation<'_>, _: Duration) -> Chosen {
+            panic!("its own bug");
+        }
+        fn ended(&mut self, _: End) {}
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.jsonl");
+    let header = header(&[WEST, EAST]);
+    let mut engine = beside(&header, Broken);
+    engine.record(Recorder::create(&path, &header, Recording::default()).unwrap()).unwrap();
+    assert!(engine.open(0, 0, None, (), [Offer { priority: EAST, ..offer() }]));
+    assert!(engine.open(0, 1, None, (), []));
+    engine.result(MS, 0, 0, ());
+    let due = engine.next_due().unwrap();
+    engine.offer(due, 1, WEST, CAP, ());
+    engine.result(due + MS, 1, 0, ());
+    engine.finish().unwrap();
+    let verdict = judge("trace", &fs::read(&path).unwrap()[..]).unwrap();
+    assert!(verdict.conforms && verdict.judged == 2, "{verdict}");
 }

@@ -2,12 +2,12 @@
 
 use pyo3::prelude::*;
 
-use crate::judging::{Slackness, Told, judged, told};
+use crate::judging::{ObservedSlack, Told, judged, told};
 use crate::reading::with_trace;
-use crate::tally::{Counted, Tally};
+use crate::tally::{SummaryFields, Tally};
 
 /// The operator's name, the verdict, and what was counted.
-type Survey = (Option<String>, Told, Counted);
+type TraceSummary = (Option<String>, Told, SummaryFields);
 
 /// Judges a trace, as observed if a tolerance and a lateness are given, and counts what came out.
 #[pyfunction]
@@ -15,8 +15,8 @@ type Survey = (Option<String>, Told, Counted);
 pub(crate) fn survey(
     trace: &Bound<'_, PyAny>,
     name: Option<String>,
-    slack: Slackness,
-) -> PyResult<Survey> {
+    slack: ObservedSlack,
+) -> PyResult<TraceSummary> {
     with_trace(trace, name, |name, trace| {
         let mut tally = Tally::default();
         let (header, found) = judged(slack, name, trace, |event| tally.event(event))?;

@@ -1,7 +1,7 @@
 //! The machine.
 
-use fuseline_engine::arbiter::{Answer, Arbiter, decisions_of};
 use fuseline_core::{Firing, Priority, Timestamp};
+use fuseline_engine::arbiter::{Answer, Arbiter, decisions_of};
 use fuseline_traces as trace;
 use fuseline_traces::{Header, Input, Line};
 use pyo3::exceptions::PyTypeError;
@@ -10,10 +10,10 @@ use pyo3::types::{PyBytes, PyTuple};
 
 use crate::raised::config;
 use crate::time::{Nanos, Number};
-use crate::words::{CLOUDS, Words};
+use crate::words::{CLOUDS, AnswerClasses};
 
 /// What fired before an input, then the input's own answer.
-type Answered = (Py<PyTuple>, Py<PyAny>);
+type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 
 /// The machine of one operator: inputs go in with their instants, answers come out; it reads no clock.
 ///
@@ -94,7 +94,7 @@ impl Fusion {
             .map_err(|window| config(format!("a window of {window}; it must be from 1 to 1024")))?;
         let commit = match commit {
             "eager" => trace::Commit::Eager,
-            "patient" => trace::Commit::Patient,
+            "patient" => trace::Commit::InterruptibleReader,
             other => {
                 return Err(config(format!("a commit rule {other}; it is eager or patient")));
             }
@@ -127,7 +127,7 @@ impl Fusion {
         now: Number,
         t: Number,
         deadline: Option<Nanos>,
-    ) -> PyResult<Answered> {
+    ) -> PyResult<FiredThenAnswer> {
         let deadline = deadline.map(|deadline| deadline.0);
         answer(slf, &Input::Open { at: now.0, t: t.0, deadline })
     }
@@ -144,20 +144,20 @@ impl Fusion {
         p: Number,
         deadline: Nanos,
         backlog: Number,
-    ) -> PyResult<Answered> {
+    ) -> PyResult<FiredThenAnswer> {
         let (deadline, backlog) = (deadline.0, backlog.0);
         answer(slf, &Input::Offer { at: now.0, t: t.0, p: p.0, deadline, backlog })
     }
 
     /// F3: the result of source `p` came; 0 is local.
     #[pyo3(signature = (now, t, p))]
-    fn result(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<Answered> {
+    fn result(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<FiredThenAnswer> {
         answer(slf, &Input::Result { at: now.0, t: t.0, p: p.0 })
     }
 
     /// F4: no result will come from source `p`; 0 is local.
     #[pyo3(signature = (now, t, p))]
-    fn fail(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<Answered> {
+    fn fail(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<FiredThenAnswer> {
         answer(slf, &Input::Fail { at: now.0, t: t.0, p: p.0 })
     }
 
@@ -166,7 +166,7 @@ impl Fusion {
     fn tick(slf: &Bound<'_, Self>, now: Number) -> PyResult<Py<PyTuple>> {
         let py = slf.py();
         let (fired, _) = slf.borrow_mut().apply(&Input::Tick { at: now.0 });
-        Words::get(py)?.firings(py, &fired)
+        AnswerClasses::get(py)?.firings(py, &fired)
     }
 
     /// Why an offer with a deadline above 0 would be refused now; None if it would be admitted.
@@ -182,7 +182,7 @@ impl Fusion {
     ) -> PyResult<Option<Py<PyAny>>> {
         let py = slf.py();
         let why = slf.borrow().foreseen(t.0, p.0, backlog.0);
-        why.map(|why| Words::get(py)?.refusal(py, why)).transpose()
+        why.map(|why| AnswerClasses::get(py)?.refusal(py, why)).transpose()
     }
 
     /// The earliest due instant of all armed timers, in nanoseconds; None if there is none.
@@ -318,9 +318,9 @@ impl Text {
 }
 
 /// Applies an input. While Python's own classes make the answer, the machine is free again.
-fn answer(slf: &Bound<'_, Fusion>, input: &Input) -> PyResult<Answered> {
+fn answer(slf: &Bound<'_, Fusion>, input: &Input) -> PyResult<FiredThenAnswer> {
     let py = slf.py();
-    let words = Words::get(py)?;
+    let words = AnswerClasses::get(py)?;
     let (fired, answer) = slf.borrow_mut().apply(input);
     let own = match answer {
         Answer::Open { opening, .. } => words.opening(py, opening)?,

@@ -3,7 +3,7 @@
 use std::io::BufRead;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_report::{Found, Judging, Manner, Page};
+use fuseline_report::{Found, TraceJudge, Manner, Page};
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Decision, Event, Events, Header, Input, Verdict};
 use pyo3::prelude::*;
@@ -14,17 +14,17 @@ use crate::reading::with_trace;
 use crate::time::Nanos;
 
 /// A verdict's fields in the order of `fuseline.Verdict`, its violations' likewise.
-pub(crate) type Told = (String, bool, u64, u64, Vec<Violated>, u64);
-pub(crate) type Violated =
+pub(crate) type VerdictFields = (String, bool, u64, u64, Vec<ViolationFields>, u64);
+pub(crate) type ViolationFields =
     (u64, Option<u64>, &'static str, &'static str, String, String, Option<u64>, Vec<String>);
 /// A line's number and word, then at, t, p, deadline, backlog, due and why.
-type Row = (u64, &'static str, u64, Numbers, Option<&'static str>);
-type Numbers = (Option<u64>, Option<u64>, Option<u64>, Option<u64>, Option<u64>);
+type Row = (u64, &'static str, u64, CountFields, Option<&'static str>);
+type CountFields = (Option<u64>, Option<u64>, Option<u64>, Option<u64>, Option<u64>);
 
 /// A tolerance and a lateness, if a trace is to be judged as observed.
-pub(crate) type Slackness = Option<(Nanos, Nanos)>;
+pub(crate) type ObservedSlack = Option<(Nanos, Nanos)>;
 
-pub(crate) fn manner(slack: Slackness) -> Manner {
+pub(crate) fn mode(slack: ObservedSlack) -> Manner {
     slack.map(|(tolerance, lateness)| Slack { tolerance: tolerance.0, lateness: lateness.0 })
 }
 
@@ -34,21 +34,21 @@ pub(crate) fn manner(slack: Slackness) -> Manner {
 pub(crate) fn check(
     trace: &Bound<'_, PyAny>,
     name: Option<String>,
-    slack: Slackness,
-) -> PyResult<Told> {
+    slack: ObservedSlack,
+) -> PyResult<VerdictFields> {
     with_trace(trace, name, |name, trace| Ok(told(judged(slack, name, trace, |_| {})?.1)))
 }
 
 /// Judges a trace as it is read; `each` is given every event.
 pub(crate) fn judged(
-    slack: Slackness,
+    slack: ObservedSlack,
     name: &str,
     trace: impl BufRead,
     mut each: impl FnMut(&Event),
 ) -> PyResult<(Header, Found)> {
-    let manner = manner(slack);
-    let mut reader = reader(manner, name, trace)?;
-    let mut judging = Judging::new(manner, name, reader.header());
+    let mode = mode(slack);
+    let mut reader = reader(mode, name, trace)?;
+    let mut judging = TraceJudge::new(mode, name, reader.header());
     while let Some(event) = reader.next_event().map_err(unreadable)? {
         judging.line(reader.line(), &event).map_err(|disorder| unjudged(&disorder))?;
         each(&event);
@@ -62,14 +62,14 @@ pub(crate) fn judged(
 pub(crate) fn report<'py>(
     py: Python<'py>,
     traces: Vec<(Bound<'py, PyAny>, Option<String>)>,
-    slack: Slackness,
-) -> PyResult<(Vec<Told>, Bound<'py, PyBytes>)> {
-    let (mut page, manner) = (Page::default(), manner(slack));
+    slack: ObservedSlack,
+) -> PyResult<(Vec<VerdictFields>, Bound<'py, PyBytes>)> {
+    let (mut page, mode) = (Page::default(), mode(slack));
     let mut verdicts = Vec::with_capacity(traces.len());
     for (trace, name) in traces {
         verdicts.push(with_trace(&trace, name, |name, trace| {
-            let mut reader = reader(manner, name, trace)?;
-            let mut sheet = page.begin(manner, name, reader.header());
+            let mut reader = reader(mode, name, trace)?;
+            let mut sheet = page.begin(mode, name, reader.header());
             while let Some(event) = reader.next_event().map_err(unreadable)? {
                 sheet.event(reader.line(), event).map_err(unshown)?;
             }
@@ -83,21 +83,21 @@ pub(crate) fn report<'py>(
     Ok((verdicts, PyBytes::new(py, &html)))
 }
 
-fn reader<R: BufRead>(manner: Manner, name: &str, trace: R) -> PyResult<Events<R>> {
-    let read = if manner.is_none() { Events::new } else { Events::observed };
+fn reader<R: BufRead>(mode: Manner, name: &str, trace: R) -> PyResult<Events<R>> {
+    let read = if mode.is_none() { Events::new } else { Events::observed };
     read(name, trace).map_err(unreadable)
 }
 
 /// A verdict as the package takes it.
-pub(crate) fn told(found: Found) -> Told {
+pub(crate) fn told(found: Found) -> VerdictFields {
     match found {
         Found::Strict(verdict) => strict(verdict),
         Found::Observed(verdict) => observed(verdict),
     }
 }
 
-fn strict(verdict: Verdict) -> Told {
-    let Verdict { file, conforms, judged, lines, violations, more } = verdict;
+fn strict(verdict: Verdict) -> VerdictFields {
+    let Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
     let violations = violations.into_iter().map(|found| {
         let (rule, sentence) = (found.rule.id(), found.rule.sentence());
         (found.line, found.t, rule, sentence, found.found, found.expected, None, found.story)
@@ -105,10 +105,10 @@ fn strict(verdict: Verdict) -> Told {
     (file, conforms, judged, lines, violations.collect(), more)
 }
 
-fn observed(verdict: observed::Verdict) -> Told {
-    let observed::Verdict { file, conforms, judged, lines, violations, more } = verdict;
+fn observed(verdict: observed::Verdict) -> VerdictFields {
+    let observed::Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
     let violations = violations.into_iter().map(|found| {
-        let (t, rule, sentence) = (Some(found.t), found.rule.id(), found.rule.sentence());
+        let (t, rule, sentence) = (found.t, found.rule.id(), found.rule.sentence());
         (found.line, t, rule, sentence, found.found, found.expected, found.late, found.story)
     });
     (file, conforms, judged, lines, violations.collect(), more)
@@ -191,6 +191,6 @@ fn row(line: u64, event: &Event) -> Row {
     (line, word, at, numbers, why)
 }
 
-const fn of(t: u64, p: u64) -> Numbers {
+const fn of(t: u64, p: u64) -> CountFields {
     (Some(t), Some(p), None, None, None)
 }

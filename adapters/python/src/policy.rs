@@ -12,16 +12,16 @@ use pyo3::prelude::*;
 
 use crate::raised::DeadlineError;
 use crate::time::Nanos;
-use crate::words::Words;
+use crate::words::AnswerClasses;
 
 /// How many calls are remembered.
 const WINDOW: usize = 64;
 
 /// A deadline in nanoseconds, the reason's word, the guard's case and the mean loss.
-type Told = (u64, &'static str, Option<u8>, Option<f64>);
+type DeadlineFields = (u64, &'static str, Option<u8>, Option<f64>);
 
 /// A response in nanoseconds, whether it was answered then, and how many calls.
-type Seen = (u64, bool, u64);
+type ObservedCall = (u64, bool, u64);
 
 /// A figure: a number, or the least and the greatest.
 #[derive(FromPyObject)]
@@ -32,7 +32,7 @@ pub(crate) enum Figure {
 
 /// What a policy knows: an object with these attributes.
 #[derive(FromPyObject)]
-pub(crate) struct Known {
+pub(crate) struct SituationFields {
     speed: Figure,
     reveal: Option<f64>,
     under_way: Vec<Nanos>,
@@ -40,7 +40,7 @@ pub(crate) struct Known {
 
 /// What an output costs: an object with the attributes of one of them.
 #[derive(FromPyObject)]
-pub(crate) enum Priced {
+pub(crate) enum LossFields {
     Impact {
         vehicle: Vehicle,
     },
@@ -114,14 +114,14 @@ impl Guard {
     }
 
     /// The budgets of local and of the cloud in seconds, the case, and the longest deadline.
-    fn judge(&self, known: Known) -> (f64, f64, u8, u64) {
+    fn judge(&self, known: SituationFields) -> (f64, f64, u8, u64) {
         let (situation, under_way) = known.split();
         let situation = Situation { under_way: &under_way, ..situation };
         let Assessment { budget_local, budget_cloud, case, deadline } = self.0.judge(&situation);
         (budget_local, budget_cloud, case.number(), nanos(deadline))
     }
 
-    fn decide(&self, known: Known, cap: Nanos) -> Told {
+    fn decide(&self, known: SituationFields, cap: Nanos) -> DeadlineFields {
         decide(&mut self.0.clone(), known, cap)
     }
 }
@@ -130,7 +130,7 @@ impl Guard {
 impl Expected {
     #[new]
     #[pyo3(signature = (loss, local_response, probe_every))]
-    fn new(loss: Priced, local_response: Figure, probe_every: Option<u32>) -> PyResult<Self> {
+    fn new(loss: LossFields, local_response: Figure, probe_every: Option<u32>) -> PyResult<Self> {
         let loss = AnyLoss::try_from(loss)?;
         let function = match &loss {
             AnyLoss::Function(function) => Some(Arc::clone(function)),
@@ -140,7 +140,7 @@ impl Expected {
         Ok(Self { policy, function })
     }
 
-    fn decide(&mut self, known: &Bound<'_, PyAny>, cap: Nanos) -> PyResult<Told> {
+    fn decide(&mut self, known: &Bound<'_, PyAny>, cap: Nanos) -> PyResult<DeadlineFields> {
         if let Some(function) = &self.function {
             *locked(&function.situation) = Some(known.clone().unbind());
         }
@@ -157,7 +157,7 @@ impl Expected {
     }
 
     /// What is known of the cloud.
-    fn observations(&self) -> Vec<Seen> {
+    fn observations(&self) -> Vec<ObservedCall> {
         self.policy.observations().sorted().map(seen).collect()
     }
 }
@@ -165,7 +165,7 @@ impl Expected {
 /// What an output of local or of the cloud costs, so long after capture.
 #[pyfunction]
 #[pyo3(signature = (loss, known, source, response))]
-pub(crate) fn loss(loss: Priced, known: Known, source: &str, response: Nanos) -> PyResult<f64> {
+pub(crate) fn loss(loss: LossFields, known: SituationFields, source: &str, response: Nanos) -> PyResult<f64> {
     let source = match source {
         "local" => Source::Local,
         "cloud" => Source::Cloud,
@@ -191,7 +191,7 @@ impl Observations {
     }
 
     /// What is remembered: by response, answered calls before those given up.
-    fn sorted(&self) -> Vec<Seen> {
+    fn sorted(&self) -> Vec<ObservedCall> {
         self.0.sorted().map(seen).collect()
     }
 
@@ -213,16 +213,16 @@ impl Loss for AnyLoss {
     }
 }
 
-impl TryFrom<Priced> for AnyLoss {
+impl TryFrom<LossFields> for AnyLoss {
     type Error = PyErr;
 
-    fn try_from(loss: Priced) -> PyResult<Self> {
+    fn try_from(loss: LossFields) -> PyResult<Self> {
         Ok(match loss {
-            Priced::Impact { vehicle } => Self::Impact(Box::new(Impact::from(&guard(vehicle)?))),
-            Priced::Accuracy { local, cloud, price_per_ms } => {
+            LossFields::Impact { vehicle } => Self::Impact(Box::new(Impact::from(&guard(vehicle)?))),
+            LossFields::Accuracy { local, cloud, price_per_ms } => {
                 Self::Accuracy(Accuracy { local, cloud, price_per_ms })
             }
-            Priced::Function(function) => {
+            LossFields::Function(function) => {
                 let (situation, raised) = (Mutex::new(None), Mutex::new(None));
                 Self::Function(Arc::new(Function { called: function, situation, raised }))
             }
@@ -239,7 +239,7 @@ impl Function {
         };
         let told = Python::attach(|py| {
             let situation = locked(&self.situation).as_ref().map(|it| it.clone_ref(py));
-            let response = Words::get(py)?.ns(py, nanos(response))?;
+            let response = AnswerClasses::get(py)?.ns(py, nanos(response))?;
             self.called.call1(py, (situation, word, response))?.extract(py)
         });
         told.unwrap_or_else(|error| {
@@ -249,7 +249,7 @@ impl Function {
     }
 }
 
-impl Known {
+impl SituationFields {
     fn split(self) -> (Situation<'static>, Vec<Duration>) {
         let situation = Situation { reveal: self.reveal, ..Situation::at(self.speed) };
         (situation, ages(self.under_way))
@@ -288,7 +288,7 @@ fn guard(vehicle: Vehicle) -> PyResult<deadline::Guard> {
     deadline::Guard::new(parameters).map_err(invalid)
 }
 
-fn decide(policy: &mut impl Policy, known: Known, cap: Nanos) -> Told {
+fn decide(policy: &mut impl Policy, known: SituationFields, cap: Nanos) -> DeadlineFields {
     let (situation, under_way) = known.split();
     let situation = Situation { under_way: &under_way, ..situation };
     let Chosen { deadline, reason } = policy.decide(&situation, Duration::from_nanos(cap.0));
@@ -309,7 +309,7 @@ fn locked<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
 fn end_of(end: &str, age: Nanos) -> PyResult<End> {
     let age = Duration::from_nanos(age.0);
     match end {
-        "answered" => Ok(End::Answered(age)),
+        "answered" => Ok(End::FiredThenAnswer(age)),
         "failed" => Ok(End::Failed(age)),
         "censored" => Ok(End::Censored(age)),
         _ => {
@@ -319,7 +319,7 @@ fn end_of(end: &str, age: Nanos) -> PyResult<End> {
     }
 }
 
-fn seen(observation: deadline::Observation) -> Seen {
+fn seen(observation: deadline::Observation) -> ObservedCall {
     (nanos(observation.response), observation.is_answered, observation.count)
 }
 

@@ -4,7 +4,7 @@ use std::fmt::Display;
 
 use fuseline_report::PageError;
 use fuseline_traces::Defect;
-use fuseline_traces::observed::Disorder;
+use fuseline_traces::observed::TimeOrderError;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -26,7 +26,7 @@ pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
 }
 
 /// A trace that is out of order, and so cannot be judged as observed.
-pub(crate) fn unjudged(error: &Disorder) -> PyErr {
+pub(crate) fn unjudged(error: &TimeOrderError) -> PyErr {
     let told = error.to_string();
     let place = format!("{}:{}:1: ", error.file, error.line);
     let what = told.strip_prefix(&place).unwrap_or(&told).to_owned();
@@ -36,7 +36,7 @@ pub(crate) fn unjudged(error: &Disorder) -> PyErr {
 /// A trace that a page cannot show.
 pub(crate) fn unshown(error: PageError) -> PyErr {
     match error {
-        PageError::Disorder(error) => unjudged(&error),
+        PageError::TimeOrderError(error) => unjudged(&error),
         PageError::TooLong { .. } => PyValueError::new_err(error.to_string()),
     }
 }

@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_millis(50);
 const CHUNK: usize = 64 * 1024;
 
 /// Where a trace is to be read from.
-enum Origin {
+enum TraceSource {
     Bytes(PyBackedBytes),
     File(PathBuf),
     Stream(Py<PyAny>),
@@ -35,16 +35,16 @@ pub(crate) fn with_trace<T: Send>(
     read: impl FnOnce(&str, Box<dyn BufRead>) -> PyResult<T> + Send,
 ) -> PyResult<T> {
     let (origin, own) = if let Ok(bytes) = trace.cast::<PyBytes>() {
-        (Origin::Bytes(bytes.clone().into()), "<bytes>".to_owned())
+        (TraceSource::Bytes(bytes.clone().into()), "<bytes>".to_owned())
     } else if trace.is_instance_of::<PyString>() || trace.hasattr("__fspath__")? {
         let path: PathBuf = trace.extract()?;
         let own = path.display().to_string();
-        (Origin::File(path), own)
+        (TraceSource::File(path), own)
     } else if trace.hasattr("read")? && !trace.hasattr("encoding")? {
         // What has an encoding gives text: that is read by the line.
-        (Origin::Stream(trace.clone().unbind()), "<stream>".to_owned())
+        (TraceSource::Stream(trace.clone().unbind()), "<stream>".to_owned())
     } else if let Ok(lines) = trace.try_iter() {
-        (Origin::Lines(lines.unbind()), "<lines>".to_owned())
+        (TraceSource::Lines(lines.unbind()), "<lines>".to_owned())
     } else {
         let told = format!(
             "a trace is bytes, a path, an open file, or something that gives lines, not {}",
@@ -59,7 +59,7 @@ pub(crate) fn with_trace<T: Send>(
     })
 }
 
-impl Origin {
+impl TraceSource {
     fn open(self) -> io::Result<Box<dyn BufRead>> {
         match self {
             Self::Bytes(bytes) => packed(Cursor::new(bytes)),
@@ -74,7 +74,7 @@ impl Origin {
 
 /// Unpacked if need be, and interrupted if somebody asks for it.
 fn packed(trace: impl BufRead + 'static) -> io::Result<Box<dyn BufRead>> {
-    Ok(Box::new(Patient::new(unpack(trace)?)))
+    Ok(Box::new(InterruptibleReader::new(unpack(trace)?)))
 }
 
 /// The exception within an error, or an error of the system with the file that it is about.
@@ -171,18 +171,18 @@ impl Read for Lines {
 }
 
 /// A reader that lets Ctrl-C through while the interpreter is not held.
-struct Patient<R> {
+struct InterruptibleReader<R> {
     inner: R,
     asked: Instant,
 }
 
-impl<R> Patient<R> {
+impl<R> InterruptibleReader<R> {
     fn new(inner: R) -> Self {
         Self { inner, asked: Instant::now() }
     }
 }
 
-impl<R: BufRead> BufRead for Patient<R> {
+impl<R: BufRead> BufRead for InterruptibleReader<R> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         if self.asked.elapsed() > PATIENCE {
             Python::attach(|py| py.check_signals().map_err(io::Error::other))?;
@@ -196,7 +196,7 @@ impl<R: BufRead> BufRead for Patient<R> {
     }
 }
 
-impl<R: BufRead> Read for Patient<R> {
+impl<R: BufRead> Read for InterruptibleReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let len = self.fill_buf()?.read(buffer)?;
         self.consume(len);

@@ -10,7 +10,7 @@ const OPEN: usize = 4096;
 const BITS: u32 = 6;
 
 /// From the first instant to the last, in nanoseconds; messages, those missed, those refused; the outputs.
-pub(crate) type Counted = (u64, u64, u64, u64, Vec<Output>);
+pub(crate) type SummaryFields = (u64, u64, u64, u64, Vec<Output>);
 /// A source's priority and name, the greatest response of the bin in nanoseconds, and how many outputs.
 pub(crate) type Output = (u64, String, u64, u64);
 
@@ -66,7 +66,7 @@ impl Tally {
         }
     }
 
-    pub(crate) fn counted(self, header: &Header) -> Counted {
+    pub(crate) fn counted(self, header: &Header) -> SummaryFields {
         let name = |p: u64| {
             let cloud = header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
             match cloud.and_then(|cloud| cloud.name.clone()) {

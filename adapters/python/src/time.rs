@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDelta, PyFloat, PyInt};
 
 use crate::raised::TimeError;
-use crate::words::Words;
+use crate::words::AnswerClasses;
 
 /// A duration in nanoseconds, from seconds as a float, a `timedelta`, or the package's own `ns`. A plain int is refused, since
 /// it may be meant as either unit; 0 is the same in both.
@@ -23,7 +23,7 @@ const SECOND: f64 = 1e9;
 #[pyfunction]
 #[pyo3(signature = (duration, /))]
 pub(crate) fn nanoseconds(py: Python<'_>, duration: Nanos) -> PyResult<Py<PyAny>> {
-    Words::get(py)?.ns(py, duration.0)
+    AnswerClasses::get(py)?.ns(py, duration.0)
 }
 
 impl<'py> FromPyObject<'_, 'py> for Number {
@@ -59,7 +59,7 @@ impl<'py> FromPyObject<'_, 'py> for Nanos {
                 Err(_) => Err(below_0(object)),
             };
         }
-        if Words::get(object.py())?.is_ns(object) {
+        if AnswerClasses::get(object.py())?.is_ns(object) {
             return number(object).map(|Number(nanos)| Self(nanos));
         }
         if object.is_instance_of::<PyInt>() && !object.is_instance_of::<PyBool>() {

@@ -1,8 +1,8 @@
 //! The machine's answers as objects of the package's own classes, which are plain Python (`_words.py`).
 
-use fuseline_engine::arbiter::{drop_reason, offer_refusal, open_refusal};
 use fuseline_core as core;
 use fuseline_core::{Admission, Firing, Opening, Outcome, Priority};
+use fuseline_engine::arbiter::{drop_reason, offer_refusal, open_refusal};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;
@@ -10,10 +10,10 @@ use pyo3::types::PyTuple;
 /// The most clouds of a machine.
 pub(crate) const CLOUDS: usize = 15;
 
-static WORDS: PyOnceLock<Words> = PyOnceLock::new();
+static WORDS: PyOnceLock<AnswerClasses> = PyOnceLock::new();
 
 /// The classes, and the answers of which there is only one each.
-pub(crate) struct Words {
+pub(crate) struct AnswerClasses {
     none: Py<PyTuple>,
     accepted: Py<PyAny>,
     held: Py<PyAny>,
@@ -32,7 +32,7 @@ pub(crate) struct Words {
     ns: Py<PyAny>,
 }
 
-impl Words {
+impl AnswerClasses {
     pub(crate) fn get(py: Python<'_>) -> PyResult<&'static Self> {
         WORDS.get_or_try_init(py, || Self::new(py))
     }

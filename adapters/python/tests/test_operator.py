@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import random
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -13,8 +15,29 @@ from typing import Any
 import fuseline
 import pytest
 from conftest import Run, VirtualLoop
-from fuseline import Call, Ending, Item, Local, Operator, Trigger, check, check_observed
-from fuseline.deadline import Accuracy, Case, Constant, End, Expected, Guard, Reason, Situation
+from fuseline import (
+    Call,
+    Closed,
+    Ending,
+    Item,
+    Local,
+    Operator,
+    Trace,
+    Trigger,
+    check,
+    check_observed,
+)
+from fuseline.deadline import (
+    Accuracy,
+    Case,
+    Chosen,
+    Constant,
+    End,
+    Expected,
+    Guard,
+    Reason,
+    Situation,
+)
 
 Handle = Callable[[Any, Call], Awaitable[Any]]
 
@@ -421,6 +444,97 @@ def test_locals_deadline_is_a_miss_and_its_computation_goes_on(run: Run[Any]) ->
 
     run(main)
     assert done == ["a"]
+
+
+@pytest.mark.parametrize("first", [1, 3])
+@pytest.mark.parametrize("where", ["message", "policy", "ended", "response"])
+def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
+    run: Run[Any], tmp_path: Path, caplog: pytest.LogCaptureFixture, where: str, first: int
+) -> None:
+    trace = tmp_path / "trace.jsonl"
+    calls: Counter[str] = Counter()
+
+    async def main(loop: VirtualLoop) -> tuple[list[int], list[int]]:
+        operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.nanos, trace=trace)
+
+        def stop(at: str) -> None:
+            if at == where and operator.counts["operator", "message", "came"] >= first:
+                operator.stop()
+
+        class Stopping:
+            def decide(self, situation: Situation, cap: Any) -> Chosen:
+                stop("policy")
+                return Chosen(cap, Reason.CONSTANT)
+
+            def ended(self, end: End, age: Any) -> None:
+                stop("ended")
+
+        async def handle(request: Any, call: Call) -> Any:
+            calls["begun"] += 1
+            try:
+                await asyncio.sleep(20 * MS)
+            finally:
+                calls["ended"] += 1
+            return request
+
+        def ask_and_stop(message: Any, t: int) -> tuple[Any, float]:
+            stop("message")
+            return message, 0.1
+
+        def respond(response: Any) -> Any:
+            stop("response")
+            return response
+
+        operator.use_cloud(handle, ask_and_stop, respond, 1, policy=Stopping())
+        operator.use_cloud(after(1), ask(5.0), str, 2)
+
+        async def read() -> list[int]:
+            return [item.timestamp async for item in operator]
+
+        async with operator:
+            reader = loop.create_task(read())
+            written = []
+            with contextlib.suppress(Closed):
+                for message in "abcdef":
+                    written.append(operator.write(message))
+                    await asyncio.sleep(5 * MS)
+            items = await asyncio.wait_for(reader, 1)
+        assert calls["begun"] == calls["ended"], "calls go on after the block"
+        return written, items
+
+    written, items = run(main)
+    assert items == []
+    if where in ("message", "policy"):
+        assert len(written) == first
+    assert not [it for it in caplog.records if it.levelno >= logging.ERROR]
+    verdict = check(trace)
+    assert verdict.conforms, str(verdict)
+    assert [line.t for line in Trace(trace).lines if line.ev == "open"] == written
+    assert fuseline.replay(trace) == trace.read_bytes()
+
+
+def test_stopping_in_the_situations_handler_takes_no_message_more(
+    run: Run[Any], tmp_path: Path
+) -> None:
+    trace = tmp_path / "trace.jsonl"
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local_after(1), clock=loop.nanos, trace=trace)
+
+        def assess(message: Any, t: int) -> Situation:
+            if t == 1:
+                operator.stop()
+            return Situation()
+
+        operator.use_situation(assess)
+        async with operator:
+            operator.write("a")
+            with pytest.raises(Closed, match="ended the operator"):
+                operator.write("b")
+            return [item async for item in operator]
+
+    assert run(main) == []
+    assert [line.t for line in Trace(trace).lines if line.ev == "open"] == [0]
 
 
 def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(

@@ -39,7 +39,7 @@ const POINT: &str = "geometry_msgs/PointStamped";
 const HEARD: [&str; 3] = ["west/output", "output", "direct/output"];
 
 /// A process of this bench, killed with this.
-struct Part(Child);
+struct ChildProcess(Child);
 
 /// When a message was published and received, in nanoseconds since 1970.
 #[derive(Clone, Copy)]
@@ -49,7 +49,7 @@ struct Instants {
 }
 
 /// By the stamp of the image that it answers, which is when that was sent.
-type Heard = BTreeMap<i64, Instants>;
+type ReceivedAt = BTreeMap<i64, Instants>;
 
 fn main() -> Result<(), Any> {
     let role = std::env::args().nth(1).unwrap_or_default();
@@ -78,10 +78,10 @@ fn main() -> Result<(), Any> {
 }
 
 async fn measure(bytes: usize) -> Result<(), Any> {
-    let _router = is_over_zenoh().then(|| Part::of_this(&["router"])).transpose()?;
-    let fusion = Part::fusion()?;
-    let _cloud = Part::of_this(&["cloud"])?;
-    let subscriber = Part::of_this(&["subscriber"])?;
+    let _router = is_over_zenoh().then(|| ChildProcess::of_this(&["router"])).transpose()?;
+    let fusion = ChildProcess::fusion()?;
+    let _cloud = ChildProcess::of_this(&["cloud"])?;
+    let subscriber = ChildProcess::of_this(&["subscriber"])?;
     let mut node = node_in(DOMAIN, "camera")?;
     let direct: Publisher<CompressedImage> = publisher(&mut node, "direct/input", IMAGE)?;
     let through: Publisher<CompressedImage> = publisher(&mut node, "input", IMAGE)?;
@@ -93,7 +93,7 @@ async fn measure(bytes: usize) -> Result<(), Any> {
     let cpu = fusion.cpu()?;
     send(&through, bytes).await?;
     let cpu = fusion.cpu()?.saturating_sub(cpu) / (MESSAGES + WARM_UP);
-    let [west, output, direct] = subscriber.heard()?;
+    let [west, output, direct] = subscriber.received_by_stamp()?;
 
     let without = percentiles(direct.iter().map(|(sent, result)| result.received - sent));
     let with = percentiles(output.iter().map(|(sent, result)| result.received - sent));
@@ -184,7 +184,7 @@ fn milliseconds(nanos: i64) -> f64 {
     nanos as f64 / 1e6
 }
 
-impl Part {
+impl ChildProcess {
     fn of_this(args: &[&str]) -> Result<Self, Any> {
         let mut command = Command::new(std::env::current_exe()?);
         if is_over_zenoh() {
@@ -218,17 +218,18 @@ impl Part {
     }
 
     /// What the subscriber heard, in the order of [`HEARD`].
-    fn heard(mut self) -> Result<[Heard; 3], Any> {
+    fn received_by_stamp(mut self) -> Result<[ReceivedAt; 3], Any> {
         drop(self.0.stdin.take());
         let mut lines = String::new();
         self.0.stdout.take().ok_or("no output")?.read_to_string(&mut lines)?;
-        let mut heard = [Heard::new(), Heard::new(), Heard::new()];
+        let mut received_by_stamp = [ReceivedAt::new(), ReceivedAt::new(), ReceivedAt::new()];
         for line in lines.lines() {
             let numbers: Vec<i64> = line.split(' ').map(str::parse).collect::<Result<_, _>>()?;
             let [place, sent, published, received] = numbers[..] else { return Err(line.into()) };
-            heard[usize::try_from(place)?].insert(sent, Instants { published, received });
+            received_by_stamp[usize::try_from(place)?]
+                .insert(sent, Instants { published, received });
         }
-        Ok(heard)
+        Ok(received_by_stamp)
     }
 
     /// Its processor time so far, user's and system's.
@@ -242,7 +243,7 @@ impl Part {
     }
 }
 
-impl Drop for Part {
+impl Drop for ChildProcess {
     fn drop(&mut self) {
         // It may have ended by itself.
         drop((self.0.kill(), self.0.wait()));

@@ -11,22 +11,22 @@ use tokio::time::Instant;
 use tracing::{debug, error};
 
 use crate::key::{Key, Stamp};
-use crate::lifecycle::Orders;
-use crate::middleware::{End, Publish};
+use crate::lifecycle::LifecycleRequests;
+use crate::middleware::{Endpoint, Publish};
 use crate::raw::Payload;
-use crate::report::{self, Intake, Reporter};
-use crate::source::{Source, Way};
+use crate::report::{self, NodeCounts, Reporter};
+use crate::source::{Route, Source};
 use crate::speed::Speed;
 use crate::stamps::Stamps;
+use crate::status_publisher::PublishStatus;
 use crate::stop::Stop;
-use crate::voice::Speak;
 
-mod hearing;
+mod channels;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use hearing::Heard;
-use hearing::known;
+pub(crate) use channels::InputChannels;
+use channels::known;
 
 /// Local's place among the sources.
 const LOCAL: usize = 0;
@@ -37,40 +37,40 @@ pub(crate) struct Fusion<'a> {
     pub(crate) sources: Vec<Source>,
     pub(crate) output: Box<dyn Publish>,
     /// The ends of input and output, to report peers that do not fit.
-    pub(crate) ends: Vec<Arc<End>>,
+    pub(crate) ends: Vec<Arc<Endpoint>>,
     pub(crate) input_key: Key,
     pub(crate) output_key: Key,
     /// The deadline of clouds without one of their own.
     pub(crate) deadline: Duration,
     pub(crate) node: String,
-    pub(crate) voice: Box<dyn Speak>,
+    pub(crate) status_publisher: Box<dyn PublishStatus>,
     pub(crate) counting: Counting,
-    pub(crate) heard: Heard<'a>,
+    pub(crate) received: InputChannels<'a>,
     /// What a managed node is told; a plain one is always active.
-    pub(crate) orders: Option<&'a mut Orders>,
+    pub(crate) orders: Option<&'a mut LifecycleRequests>,
     pub(crate) stop: &'a mut Stop,
-    pub(crate) memory: Memory,
+    pub(crate) memory: LoopState,
     /// The vehicle's speed, if a topic gives it.
     pub(crate) speed: Option<Speed>,
 }
 
-/// How many parties take turns in [`Heard`].
+/// How many parties take turns in [`InputChannels`].
 const TURNS: usize = 7;
 
 /// What is kept from one event to the next.
-pub(crate) struct Memory {
+pub(crate) struct LoopState {
     stamps: Stamps<Stamp>,
     /// The next message's timestamp.
     next: u64,
-    intake: Intake,
+    intake: NodeCounts,
     reporter: Reporter,
     /// Who has the next turn.
     turn: usize,
 }
 
-impl Memory {
+impl LoopState {
     pub(crate) fn new(reporter: Reporter) -> Self {
-        Self { stamps: Stamps::new(), next: 0, intake: Intake::default(), reporter, turn: 0 }
+        Self { stamps: Stamps::new(), next: 0, intake: NodeCounts::default(), reporter, turn: 0 }
     }
 }
 
@@ -89,7 +89,7 @@ impl Transport for Fusion<'_> {
         while idle < TURNS {
             let turn = self.memory.turn;
             self.memory.turn = (turn + 1) % TURNS;
-            let heard = &mut self.heard;
+            let received = &mut self.received;
             let event = match turn {
                 0 if self.stop.came()
                     || self.orders.as_ref().is_some_and(|it| it.last.is_some()) =>
@@ -97,21 +97,21 @@ impl Transport for Fusion<'_> {
                     Poll::Pending
                 }
                 // What comes while the node is inactive is not kept for later.
-                0 => known(heard.inputs.poll_recv(context))
+                0 => known(received.inputs.poll_recv(context))
                     .map(|sample| if self.is_active() { self.take(sample) } else { None }),
-                1 => known(heard.results.poll_recv(context))
+                1 => known(received.results.poll_recv(context))
                     .map(|(place, sample)| self.result(place, sample)),
-                2 => known(heard.deadlines.poll_recv(context))
+                2 => known(received.deadlines.poll_recv(context))
                     .map(|sample| self.environment(sample))
                     .map(|()| None),
-                3 => known(heard.changes.poll_recv(context))
+                3 => known(received.changes.poll_recv(context))
                     .map(|change| self.change(change))
                     .map(|()| None),
-                4 => known(heard.speeds.poll_recv(context))
+                4 => known(received.speeds.poll_recv(context))
                     .map(|sample| self.take_speed(sample))
                     .map(|()| None),
                 5 => self.poll_orders(context),
-                _ => heard.report.poll_tick(context).map(|_| self.report()).map(|()| None),
+                _ => received.report.poll_tick(context).map(|_| self.report()).map(|()| None),
             };
             match event {
                 Poll::Ready(Some(event)) => return Poll::Ready(event),
@@ -128,8 +128,8 @@ impl Transport for Fusion<'_> {
 
     /// Each cloud that is there is asked.
     fn offers(&mut self, _: u64, payload: &Payload) -> impl Iterator<Item = Offer<Payload>> {
-        let asked = self.sources.iter().skip(1).filter(|it| it.enabled && it.is_reached());
-        asked.map(|source| Offer {
+        let requested = self.sources.iter().skip(1).filter(|it| it.enabled && it.is_reached());
+        requested.map(|source| Offer {
             priority: source.priority,
             deadline: source.deadline.unwrap_or(self.deadline),
             request: payload.clone(),
@@ -146,10 +146,10 @@ impl Transport for Fusion<'_> {
             return Sent::Failed("there is no such source".into());
         };
         match &source.way {
-            Way::Topics { requests, .. } if requests.matched() == 0 => {
+            Route::Topics { requests, .. } if requests.matched() == 0 => {
                 Sent::Failed("nobody subscribes to its topic".into())
             }
-            Way::Topics { requests, .. } => {
+            Route::Topics { requests, .. } => {
                 let bytes = request.body.len() as u64;
                 if !requests.publish(request) {
                     return Sent::Failed("its subscriber is too far behind".into());
@@ -157,7 +157,7 @@ impl Transport for Fusion<'_> {
                 self.counting.sent(priority, bytes);
                 Sent::Away
             }
-            Way::Grpc(handle) => {
+            Route::Grpc(handle) => {
                 let call = Call::new(timestamp, left, priority, self.counting.clone());
                 let handle = Arc::clone(handle);
                 Sent::Call(Box::pin(async move { handle(request, call).await }))
@@ -190,6 +190,6 @@ impl Transport for Fusion<'_> {
             error!(timestamp = item.timestamp, "output not sent: a subscriber is too far behind");
             self.memory.intake.unsent += 1;
         }
-        self.voice.status(status);
+        self.status_publisher.status(status);
     }
 }

@@ -1,9 +1,9 @@
 #![doc = include_str!("../README.md")]
 
 pub mod arguments;
+mod backend;
 mod error;
 mod fusion;
-mod home;
 pub mod key;
 mod lifecycle;
 mod managed;
@@ -13,15 +13,15 @@ mod node;
 pub mod parameters;
 mod raw;
 mod report;
-mod rhythm;
 mod rosout;
 mod service;
 pub mod settings;
+mod silence_detector;
 mod source;
 mod speed;
 mod stamps;
+mod status_publisher;
 mod stop;
-mod voice;
 
 pub use arguments::Arguments;
 pub use error::{GrpcError, NodeError};

@@ -98,7 +98,7 @@ pub(crate) enum Task {
 
 /// How that went.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Done {
+pub(crate) enum TransitionResult {
     /// As asked.
     Success,
     /// It is as it was before.
@@ -108,40 +108,40 @@ pub(crate) enum Done {
 }
 
 /// A task, and where to say that it is done.
-pub(crate) struct Order {
+pub(crate) struct LifecycleRequest {
     pub(crate) task: Task,
-    done: oneshot::Sender<Done>,
+    done: oneshot::Sender<TransitionResult>,
 }
 
 /// What a managed node is told.
-pub(crate) struct Orders {
-    pub(crate) told: mpsc::Receiver<Order>,
+pub(crate) struct LifecycleRequests {
+    pub(crate) reported: mpsc::Receiver<LifecycleRequest>,
     /// Whether messages are taken in.
     pub(crate) is_active: bool,
     /// The order to close what is open, once it came.
-    pub(crate) last: Option<Order>,
+    pub(crate) last: Option<LifecycleRequest>,
 }
 
-impl Order {
+impl LifecycleRequest {
     /// An order, and where it is said how it went.
-    pub(crate) fn new(task: Task) -> (Self, oneshot::Receiver<Done>) {
-        let (done, heard) = oneshot::channel();
-        (Self { task, done }, heard)
+    pub(crate) fn new(task: Task) -> (Self, oneshot::Receiver<TransitionResult>) {
+        let (done, received) = oneshot::channel();
+        (Self { task, done }, received)
     }
 
-    pub(crate) fn done(self, how: Done) {
+    pub(crate) fn done(self, how: TransitionResult) {
         // Nobody waits for it if the node ends.
         let _ = self.done.send(how);
     }
 }
 
-impl Orders {
+impl LifecycleRequests {
     /// Does what needs nothing but this; whether the node is to close what is open.
-    pub(crate) fn obey(&mut self, order: Order) -> bool {
+    pub(crate) fn obey(&mut self, order: LifecycleRequest) -> bool {
         match order.task {
             Task::Activate | Task::Deactivate => {
                 self.is_active = order.task == Task::Activate;
-                order.done(Done::Success);
+                order.done(TransitionResult::Success);
                 false
             }
             Task::CleanUp | Task::ShutDown => {
@@ -149,9 +149,9 @@ impl Orders {
                 self.last = Some(order);
                 true
             }
-            // No managed node is asked for it twice: `State::asked`.
+            // No managed node is asked for it twice: `State::requested`.
             Task::Configure => {
-                order.done(Done::Failure);
+                order.done(TransitionResult::Failure);
                 false
             }
         }
@@ -182,7 +182,7 @@ impl State {
 
     /// The transition that is asked for, by its label if there is one, else by its number; none if it does not begin
     /// here.
-    pub(crate) fn asked(self, id: u8, label: &str) -> Option<(Transition, Task)> {
+    pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, Task)> {
         let way = self
             .ways()
             .find(|way| if label.is_empty() { way.id == id } else { way.label == label })?;
@@ -200,11 +200,11 @@ impl State {
     }
 
     /// The transition by which what is under way ends, if anything is.
-    pub(crate) fn ended(self, how: Done) -> Option<Transition> {
+    pub(crate) fn ended(self, how: TransitionResult) -> Option<Transition> {
         let label = match how {
-            Done::Success => SUCCESS,
-            Done::Failure => FAILURE,
-            Done::Error => ERROR,
+            TransitionResult::Success => SUCCESS,
+            TransitionResult::Failure => FAILURE,
+            TransitionResult::Error => ERROR,
         };
         self.ways().find(|way| way.label == label)
     }
@@ -230,33 +230,57 @@ mod tests {
     #[test]
     fn a_task_leads_to_where_it_is_meant_to_lead() {
         let goes = |state: State, id, label, how| {
-            let (way, task) = state.asked(id, label)?;
+            let (way, task) = state.requested(id, label)?;
             assert_eq!(way.from, state);
             Some((task, way.to.ended(how)?.to))
         };
-        assert_eq!(goes(Unconfigured, 1, "", Done::Success), Some((Task::Configure, Inactive)));
-        assert_eq!(goes(Unconfigured, 1, "", Done::Failure), Some((Task::Configure, Unconfigured)));
-        assert_eq!(goes(Inactive, 3, "", Done::Success), Some((Task::Activate, Active)));
-        assert_eq!(goes(Active, 4, "", Done::Success), Some((Task::Deactivate, Inactive)));
-        assert_eq!(goes(Inactive, 2, "", Done::Success), Some((Task::CleanUp, Unconfigured)));
-        assert_eq!(goes(Inactive, 2, "", Done::Error), Some((Task::CleanUp, ErrorProcessing)));
+        assert_eq!(
+            goes(Unconfigured, 1, "", TransitionResult::Success),
+            Some((Task::Configure, Inactive))
+        );
+        assert_eq!(
+            goes(Unconfigured, 1, "", TransitionResult::Failure),
+            Some((Task::Configure, Unconfigured))
+        );
+        assert_eq!(
+            goes(Inactive, 3, "", TransitionResult::Success),
+            Some((Task::Activate, Active))
+        );
+        assert_eq!(
+            goes(Active, 4, "", TransitionResult::Success),
+            Some((Task::Deactivate, Inactive))
+        );
+        assert_eq!(
+            goes(Inactive, 2, "", TransitionResult::Success),
+            Some((Task::CleanUp, Unconfigured))
+        );
+        assert_eq!(
+            goes(Inactive, 2, "", TransitionResult::Error),
+            Some((Task::CleanUp, ErrorProcessing))
+        );
         for (state, id) in [(Unconfigured, 5), (Inactive, 6), (Active, 7)] {
-            assert_eq!(goes(state, id, "", Done::Success), Some((Task::ShutDown, Finalized)));
             assert_eq!(
-                goes(state, 0, "shutdown", Done::Success),
+                goes(state, id, "", TransitionResult::Success),
+                Some((Task::ShutDown, Finalized))
+            );
+            assert_eq!(
+                goes(state, 0, "shutdown", TransitionResult::Success),
                 Some((Task::ShutDown, Finalized))
             );
         }
-        assert_eq!(ErrorProcessing.ended(Done::Success).map(|way| way.to), Some(Unconfigured));
+        assert_eq!(
+            ErrorProcessing.ended(TransitionResult::Success).map(|way| way.to),
+            Some(Unconfigured)
+        );
     }
 
     #[test]
     fn what_does_not_begin_here_is_refused_and_so_is_the_end_of_something_under_way() {
-        assert_eq!(Unconfigured.asked(3, ""), None);
-        assert_eq!(Active.asked(1, "configure"), None);
-        assert_eq!(Configuring.asked(10, ""), None);
-        assert_eq!(Configuring.asked(0, SUCCESS), None);
-        assert_eq!(Inactive.asked(3, "cleanup").map(|(_, task)| task), Some(Task::CleanUp));
-        assert_eq!(Inactive.ended(Done::Success), None);
+        assert_eq!(Unconfigured.requested(3, ""), None);
+        assert_eq!(Active.requested(1, "configure"), None);
+        assert_eq!(Configuring.requested(10, ""), None);
+        assert_eq!(Configuring.requested(0, SUCCESS), None);
+        assert_eq!(Inactive.requested(3, "cleanup").map(|(_, task)| task), Some(Task::CleanUp));
+        assert_eq!(Inactive.ended(TransitionResult::Success), None);
     }
 }

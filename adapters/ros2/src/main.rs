@@ -15,13 +15,13 @@ use tracing_subscriber::prelude::*;
 const BAD_INPUT: u8 = 2;
 
 fn main() -> ExitCode {
-    let told = |error: &dyn std::fmt::Display| {
+    let reported = |error: &dyn std::fmt::Display| {
         eprintln!("fuseline-ros2: {error}");
         ExitCode::from(BAD_INPUT)
     };
     let arguments = match Arguments::parse(std::env::args_os().skip(1)) {
         Ok(arguments) => arguments,
-        Err(error) => return told(&error),
+        Err(error) => return reported(&error),
     };
     match arguments.action {
         Action::Help => return print(HELP),
@@ -33,12 +33,12 @@ fn main() -> ExitCode {
         std::env::var_os(name).map(|value| value.to_string_lossy().into_owned())
     }) {
         Ok(settings) => settings,
-        Err(error) => return told(&error),
+        Err(error) => return reported(&error),
     };
     if arguments.action == Action::Check {
         return match check(&settings) {
             Ok(()) => print(&format!("{settings}\n")),
-            Err(error) => told(&error),
+            Err(error) => reported(&error),
         };
     }
     let lines = log(settings.log_level);
@@ -56,7 +56,7 @@ fn main() -> ExitCode {
             | NodeError::Recording { .. }
             | NodeError::ZenohConfig(_)
             | NodeError::Grpc { .. }),
-        ) => told(&error),
+        ) => reported(&error),
         Err(error) => {
             error!(%error, "the node ended");
             ExitCode::FAILURE
@@ -89,10 +89,11 @@ fn log(level: Option<Level>) -> Lines {
         Some(Level::Warn) => "warn",
         Some(Level::Error | Level::Fatal) => "error",
     };
-    // The libraries' logs are for those who ask for them: one of them logs an error where there is
-    // no multicast, as on loopback alone, another for each message while clocks differ, and these are none to us.
+    // The libraries' logs are for those who ask for them. Some log what is no error to us: that there is no multicast, as on
+    // loopback alone; that the wall clock stepped back, which the node reports itself; each message while clocks differ.
     let ours = format!(
         "error,fuseline_ros2={level},fuseline_engine={level},rustdds::network=off,\
+         rustdds::structure::dds_cache=off,\
          zenoh::net::routing::dispatcher::pubsub=off"
     );
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(ours));

@@ -9,13 +9,13 @@ use tokio::sync::mpsc;
 use tracing::error;
 
 use crate::error::NodeError;
-use crate::lifecycle::{Done, Order, Orders, Task};
+use crate::lifecycle::{LifecycleRequest, LifecycleRequests, Task, TransitionResult};
 use crate::middleware::Graph;
-use crate::node::{self, Outside};
+use crate::node::{self, ExternalInputs};
 use crate::rosout::Lines;
 use crate::settings::{Change, Settings};
+use crate::status_publisher::{NodeInterface, StatusPublisher};
 use crate::stop::Stop;
-use crate::voice::{Presence, Voice};
 
 /// Runs the node until it is stopped; returns the counts of the last time that it was configured.
 ///
@@ -27,9 +27,9 @@ pub(crate) async fn run(
     lines: Option<Lines>,
 ) -> Result<Tally, NodeError> {
     // What ROS sees of it outlives its topics: over DDS these have a participant of their own.
-    let home = Graph::join(settings, |it| it == settings.middleware).await?;
-    let Presence { voice, settings, mut changes, orders, mut tasks } =
-        Voice::join(settings, &home, lines)?;
+    let backend = Graph::join(settings, |it| it == settings.middleware).await?;
+    let NodeInterface { status_publisher, settings, mut changes, orders, mut tasks } =
+        StatusPublisher::join(settings, &backend, lines)?;
     let mut ended = Ok(Tally::default());
     if let Some(mut orders) = orders {
         let mut time = 1;
@@ -39,9 +39,13 @@ pub(crate) async fn run(
                 break;
             }
             let settings = numbered(settings.now(), time);
-            let outside =
-                Outside { changes: &mut changes, orders: Some(&mut orders), stop: &mut *stop };
-            ended = configured(&settings, &home, Arc::clone(&voice), outside, order).await;
+            let outside = ExternalInputs {
+                changes: &mut changes,
+                orders: Some(&mut orders),
+                stop: &mut *stop,
+            };
+            ended = configured(&settings, &backend, Arc::clone(&status_publisher), outside, order)
+                .await;
             match orders.last.take() {
                 Some(order) if order.task == Task::ShutDown => {
                     finalized(order, stop).await;
@@ -49,7 +53,11 @@ pub(crate) async fn run(
                 }
                 Some(order) => {
                     time += 1;
-                    order.done(if ended.is_ok() { Done::Success } else { Done::Error });
+                    order.done(if ended.is_ok() {
+                        TransitionResult::Success
+                    } else {
+                        TransitionResult::Error
+                    });
                 }
                 None if stop.came() => break,
                 // It could not be configured, and said why.
@@ -57,23 +65,23 @@ pub(crate) async fn run(
             }
         }
     }
-    drop(voice);
+    drop(status_publisher);
     tasks.shutdown().await;
-    home.leave().await;
+    backend.leave().await;
     ended
 }
 
 /// Waits for an order; none if the node is told to end.
 async fn unconfigured(
-    orders: &mut Orders,
+    orders: &mut LifecycleRequests,
     changes: &mut mpsc::UnboundedReceiver<Change>,
     stop: &mut Stop,
-) -> Option<Order> {
+) -> Option<LifecycleRequest> {
     // It may have been asked while the last order was carried out.
     while !stop.came() {
         tokio::select! {
-            () = stop.asked() => return None,
-            order = orders.told.recv() => return order,
+            () = stop.requested() => return None,
+            order = orders.reported.recv() => return order,
             // They are in the settings already.
             Some(_) = changes.recv() => {}
         }
@@ -84,28 +92,28 @@ async fn unconfigured(
 /// Opens what the settings name, and runs until it is to be closed again.
 async fn configured(
     settings: &Settings,
-    home: &Graph,
-    voice: Arc<Voice>,
-    outside: Outside<'_>,
-    order: Order,
+    backend: &Graph,
+    status_publisher: Arc<StatusPublisher>,
+    outside: ExternalInputs<'_>,
+    order: LifecycleRequest,
 ) -> Result<Tally, NodeError> {
-    let refused = |order: Order, error: NodeError| {
+    let refused = |order: LifecycleRequest, error: NodeError| {
         error!(%error, "the node cannot be configured");
-        order.done(Done::Failure);
+        order.done(TransitionResult::Failure);
         error
     };
     let opened = async {
         node::check(settings)?;
         let engine = node::recorded(settings)?;
-        Ok((engine, home.beside(settings).await?))
+        Ok((engine, backend.beside(settings).await?))
     };
     let (engine, mut graph) = match opened.await {
         Ok(opened) => opened,
         Err(error) => return Err(refused(order, error)),
     };
-    let ended = match node::open(settings, engine, &mut graph, voice, outside) {
+    let ended = match node::open(settings, engine, &mut graph, status_publisher, outside) {
         Ok(open) => {
-            order.done(Done::Success);
+            order.done(TransitionResult::Success);
             open.run().await.inspect_err(|error| error!(%error, "the node was not closed well"))
         }
         Err(error) => Err(refused(order, error)),
@@ -115,10 +123,10 @@ async fn configured(
 }
 
 /// It answers its services until it is told to end.
-async fn finalized(order: Order, stop: &mut Stop) {
-    order.done(Done::Success);
+async fn finalized(order: LifecycleRequest, stop: &mut Stop) {
+    order.done(TransitionResult::Success);
     if !stop.came() {
-        stop.asked().await;
+        stop.requested().await;
     }
 }
 

@@ -9,21 +9,21 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-pub(crate) use self::dds::Domain;
-pub(crate) use self::end::End;
+pub(crate) use self::dds::{Domain, DomainHandle, InUse, NewEntity, RecentIds};
+pub(crate) use self::end::Endpoint;
 #[cfg(feature = "zenoh")]
-use self::zenoh::Realm;
+use self::zenoh::ZenohSession;
 use crate::error::NodeError;
 use crate::raw::Payload;
 use crate::settings::{Middleware, Qos, Settings};
 
 /// What came on a topic.
-pub(crate) type Sample = Result<Payload, Unread>;
+pub(crate) type Sample = Result<Payload, DecodeError>;
 
 /// Why what came is no message.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
 #[error("{0}")]
-pub(crate) struct Unread(pub(crate) String);
+pub(crate) struct DecodeError(pub(crate) String);
 
 /// Sends serialized messages to a topic's subscribers.
 pub(crate) trait Publish: Send + Sync {
@@ -36,14 +36,14 @@ pub(crate) trait Publish: Send + Sync {
     }
 
     /// The topic's end.
-    fn end(&self) -> &Arc<End>;
+    fn end(&self) -> &Arc<Endpoint>;
 }
 
 /// Where the node's topics are opened; they close when it is left.
 pub(crate) struct Graph {
     pub(crate) dds: Option<Domain>,
     #[cfg(feature = "zenoh")]
-    pub(crate) zenoh: Option<Realm>,
+    pub(crate) zenoh: Option<ZenohSession>,
 }
 
 impl Graph {
@@ -65,7 +65,11 @@ impl Graph {
         Ok(Self {
             dds,
             #[cfg(feature = "zenoh")]
-            zenoh: if needs(Middleware::Zenoh) { Some(Realm::join(settings).await?) } else { None },
+            zenoh: if needs(Middleware::Zenoh) {
+                Some(ZenohSession::join(settings).await?)
+            } else {
+                None
+            },
         })
     }
 
@@ -73,9 +77,9 @@ impl Graph {
     pub(crate) async fn beside(&self, settings: &Settings) -> Result<Self, NodeError> {
         let needs = |middleware| settings.needs(middleware);
         #[cfg(feature = "zenoh")]
-        if let Some(realm) = &self.zenoh {
+        if let Some(session) = &self.zenoh {
             let mut graph = Self::join(settings, |it| it == Middleware::Dds && needs(it)).await?;
-            graph.zenoh = Some(realm.beside());
+            graph.zenoh = Some(session.beside());
             return Ok(graph);
         }
         Self::join(settings, needs).await
@@ -106,12 +110,12 @@ impl Graph {
         ty: &str,
         qos: Qos,
         take: impl Fn(Sample) -> F + Send + Sync + 'static,
-    ) -> Result<Arc<End>, NodeError>
+    ) -> Result<Arc<Endpoint>, NodeError>
     where
         F: Future<Output = ()> + Send + 'static,
     {
         match middleware {
-            Middleware::Dds => Ok(self.dds()?.inlet(topic, ty, qos, take)?),
+            Middleware::Dds => self.dds()?.inlet(topic, ty, qos, take),
             #[cfg(feature = "zenoh")]
             Middleware::Zenoh => self.zenoh()?.inlet(topic, ty, qos, take),
             #[cfg(not(feature = "zenoh"))]
@@ -125,17 +129,17 @@ impl Graph {
             domain.leave().await;
         }
         #[cfg(feature = "zenoh")]
-        if let Some(realm) = self.zenoh {
-            realm.leave().await;
+        if let Some(session) = self.zenoh {
+            session.leave().await;
         }
     }
 
-    fn dds(&mut self) -> Result<&mut Domain, NodeError> {
-        self.dds.as_mut().ok_or(NodeError::NotJoined("DDS"))
+    fn dds(&self) -> Result<&Domain, NodeError> {
+        self.dds.as_ref().ok_or(NodeError::NotJoined("DDS"))
     }
 
     #[cfg(feature = "zenoh")]
-    fn zenoh(&mut self) -> Result<&mut Realm, NodeError> {
+    fn zenoh(&mut self) -> Result<&mut ZenohSession, NodeError> {
         self.zenoh.as_mut().ok_or(NodeError::NotJoined("Zenoh"))
     }
 }

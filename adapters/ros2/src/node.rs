@@ -13,16 +13,16 @@ use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::error::NodeError;
-use crate::fusion::{Fusion, Heard, Memory};
-use crate::lifecycle::Orders;
-use crate::middleware::{End, Graph, Sample};
+use crate::fusion::{Fusion, InputChannels, LoopState};
+use crate::lifecycle::LifecycleRequests;
+use crate::middleware::{Endpoint, Graph, Sample};
 use crate::report::Reporter;
 use crate::rosout::Lines;
 use crate::settings::{self, Change, Middleware, Role, Settings, SpeedTopic};
-use crate::source::{Handle, Source, Strays, Way, call};
+use crate::source::{Handle, Route, Source, UnmatchedResults, call};
 use crate::speed::Speed;
+use crate::status_publisher::{NodeInterface, StatusPublisher};
 use crate::stop::Stop;
-use crate::voice::{Presence, Voice};
 use crate::{Payload, managed};
 
 /// How many results may wait for the node at once; more stay in the readers, which drop the oldest.
@@ -49,9 +49,10 @@ pub async fn run(
     realtime(settings.realtime)?;
     let engine = recorded(settings)?;
     let mut graph = Graph::join(settings, |it| settings.needs(it)).await?;
-    let Presence { voice, mut changes, mut tasks, .. } = Voice::join(settings, &graph, lines)?;
-    let outside = Outside { changes: &mut changes, orders: None, stop };
-    let open = open(settings, engine, &mut graph, voice, outside)?;
+    let NodeInterface { status_publisher, mut changes, mut tasks, .. } =
+        StatusPublisher::join(settings, &graph, lines)?;
+    let outside = ExternalInputs { changes: &mut changes, orders: None, stop };
+    let open = open(settings, engine, &mut graph, status_publisher, outside)?;
     let ended = open.run().await;
     tasks.shutdown().await;
     graph.leave().await;
@@ -59,9 +60,9 @@ pub async fn run(
 }
 
 /// What a node hears from outside its topics.
-pub(crate) struct Outside<'a> {
+pub(crate) struct ExternalInputs<'a> {
     pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
-    pub(crate) orders: Option<&'a mut Orders>,
+    pub(crate) orders: Option<&'a mut LifecycleRequests>,
     pub(crate) stop: &'a mut Stop,
 }
 
@@ -76,10 +77,10 @@ pub(crate) fn open<'a>(
     settings: &Settings,
     engine: Engine<Payload, Payload>,
     graph: &mut Graph,
-    voice: Arc<Voice>,
-    outside: Outside<'a>,
+    status_publisher: Arc<StatusPublisher>,
+    outside: ExternalInputs<'a>,
 ) -> Result<Open<'a>, NodeError> {
-    let Outside { changes, orders, stop } = outside;
+    let ExternalInputs { changes, orders, stop } = outside;
     let counting = engine.counts();
     let (arrived, results) = mpsc::channel(RESULTS);
     let sources = sources(settings, graph, &arrived)?;
@@ -100,9 +101,9 @@ pub(crate) fn open<'a>(
     if let Some(topic) = &settings.deadline_topic {
         ends.push(latest(graph, settings, topic, "std_msgs/msg/Float64", decided)?);
     }
-    let (told, speeds) = mpsc::channel(1);
+    let (reported, speeds) = mpsc::channel(1);
     if let Some(SpeedTopic { topic, type_name, .. }) = &settings.deadlines.speed {
-        ends.push(latest(graph, settings, topic, type_name, told)?);
+        ends.push(latest(graph, settings, topic, type_name, reported)?);
     }
     let node = settings.node.full();
     let mut report = interval(settings.diagnostics_period);
@@ -114,11 +115,11 @@ pub(crate) fn open<'a>(
         input_key: settings.input.key,
         output_key: settings.output.key,
         deadline: settings.deadline,
-        memory: Memory::new(Reporter::new(&node, counting.tally())),
+        memory: LoopState::new(Reporter::new(&node, counting.tally())),
         node,
-        voice: Box::new(voice),
+        status_publisher: Box::new(status_publisher),
         counting: counting.clone(),
-        heard: Heard { inputs, results, deadlines, speeds, changes, report },
+        received: InputChannels { inputs, results, deadlines, speeds, changes, report },
         orders,
         speed: settings.deadlines.speed.as_ref().map(Speed::new),
         stop,
@@ -203,7 +204,7 @@ pub fn check(settings: &Settings) -> Result<(), NodeError> {
         crate::middleware::zenoh::config::from_environment()?;
     }
     for cloud in &settings.clouds {
-        if let settings::Way::Grpc(grpc) = &cloud.way {
+        if let settings::CloudConnection::Grpc(grpc) = &cloud.way {
             handle(cloud, grpc)?;
         }
     }
@@ -294,14 +295,14 @@ fn sources(
         enabled: true,
         deadline: Some(local.deadline),
         hints: None,
-        strays: Strays::default(),
+        unmatched: UnmatchedResults::default(),
     }];
     for (place, cloud) in (1..).zip(&settings.clouds) {
         let way = match &cloud.way {
-            settings::Way::Topics { middleware, input, output } => {
+            settings::CloudConnection::Topics { middleware, input, output } => {
                 topics(graph, settings, *middleware, [input, output], arrived, place)?
             }
-            settings::Way::Grpc(grpc) => Way::Grpc(handle(cloud, grpc)?),
+            settings::CloudConnection::Grpc(grpc) => Route::Grpc(handle(cloud, grpc)?),
         };
         let hints = match &cloud.hints {
             None => None,
@@ -317,7 +318,7 @@ fn sources(
             enabled: cloud.enabled,
             deadline: cloud.deadline,
             hints,
-            strays: Strays::default(),
+            unmatched: UnmatchedResults::default(),
         });
     }
     Ok(sources)
@@ -330,7 +331,7 @@ fn topics(
     [requests, results]: [&str; 2],
     arrived: &mpsc::Sender<(usize, Sample)>,
     place: usize,
-) -> Result<Way, NodeError> {
+) -> Result<Route, NodeError> {
     let qos = settings.qos(requests, Role::Publisher);
     let requests = graph.outlet(middleware, requests, &settings.input.type_name, qos)?;
     let qos = settings.qos(results, Role::Subscription);
@@ -340,7 +341,7 @@ fn topics(
             let arrived = arrived.clone();
             async move { drop(arrived.send((place, sample)).await) }
         })?;
-    Ok(Way::Topics { requests, results })
+    Ok(Route::Topics { requests, results })
 }
 
 /// Subscribes to a topic that says how something is; it may say so seldom.
@@ -349,12 +350,12 @@ fn latest(
     settings: &Settings,
     topic: &str,
     type_name: &str,
-    heard: mpsc::Sender<Sample>,
-) -> Result<Arc<End>, NodeError> {
+    received: mpsc::Sender<Sample>,
+) -> Result<Arc<Endpoint>, NodeError> {
     let qos = settings.qos(topic, Role::Subscription);
     let end = graph.inlet(settings.middleware, topic, type_name, qos, move |sample| {
-        let heard = heard.clone();
-        async move { drop(heard.send(sample).await) }
+        let received = received.clone();
+        async move { drop(received.send(sample).await) }
     })?;
     end.patience(Some(Duration::MAX));
     Ok(end)

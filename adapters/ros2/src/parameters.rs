@@ -23,20 +23,20 @@ const BYTES: u64 = 1 << 20;
 
 /// A parameter that was given.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Given {
+pub struct ParameterOverride {
     /// The name, with dots.
     pub name: String,
     /// Its value.
     pub value: Value,
     /// Where it was given.
-    pub place: Place,
+    pub place: ValueOrigin,
     /// Whether it is for other nodes as well: given in a file under a name with a wildcard.
     pub is_shared: bool,
 }
 
 /// Where a value comes from.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Place {
+pub enum ValueOrigin {
     /// It was not given.
     Default,
     /// A variable of the environment.
@@ -53,7 +53,7 @@ pub struct Assignment {
     /// The node that it is for, a name without namespace; none means any node.
     pub node: Option<String>,
     /// What it gives.
-    pub given: Given,
+    pub given: ParameterOverride,
 }
 
 /// Why a file or an assignment is refused.
@@ -75,17 +75,17 @@ pub enum ParameterError {
     },
     /// Something in it is wrong.
     #[error("{place}: {flaw}")]
-    Flaw {
+    ParameterFlaw {
         /// Where.
-        place: Place,
+        place: ValueOrigin,
         /// What.
-        flaw: Flaw,
+        flaw: ParameterFlaw,
     },
 }
 
 /// What is wrong with a file or an assignment.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
-pub enum Flaw {
+pub enum ParameterFlaw {
     /// It is not the YAML of parameters.
     #[error(transparent)]
     Yaml(#[from] YamlError),
@@ -130,7 +130,7 @@ pub fn given(
     files: &[PathBuf],
     assignments: &[Assignment],
     node: &NodeName,
-) -> Result<BTreeMap<String, Given>, ParameterError> {
+) -> Result<BTreeMap<String, ParameterOverride>, ParameterError> {
     let mut all = BTreeMap::new();
     for path in files {
         for given in sections::given(path, &read(path)?, node)? {
@@ -151,29 +151,29 @@ impl Assignment {
     /// # Errors
     /// If it is something else.
     pub fn parse(text: &str, argument: &str) -> Result<Self, ParameterError> {
-        let place = Place::Argument(argument.to_owned());
-        let fault = |flaw| ParameterError::Flaw { place: place.clone(), flaw };
-        let (name, value) = text.split_once(":=").ok_or_else(|| fault(Flaw::Shape))?;
+        let place = ValueOrigin::Argument(argument.to_owned());
+        let fault = |flaw| ParameterError::ParameterFlaw { place: place.clone(), flaw };
+        let (name, value) = text.split_once(":=").ok_or_else(|| fault(ParameterFlaw::Shape))?;
         let (node, name) = match name.split_once(':') {
             Some((node, name)) => (Some(node.to_owned()), name.to_owned()),
             None => (None, name.to_owned()),
         };
         if let Some(name) = &node {
-            let flaw = |source| fault(Flaw::Pattern { name: name.clone(), source });
+            let flaw = |source| fault(ParameterFlaw::Pattern { name: name.clone(), source });
             check_token(name).map_err(flaw)?;
         }
         if name.is_empty() {
-            return Err(fault(Flaw::Shape));
+            return Err(fault(ParameterFlaw::Shape));
         }
         let value = match yaml::read(value).map_err(|(_, error)| fault(error.into()))? {
             Some(value) => value::read(&name, &value).map_err(|(_, flaw)| fault(flaw))?,
-            None => return Err(fault(Flaw::Empty(name))),
+            None => return Err(fault(ParameterFlaw::Empty(name))),
         };
-        Ok(Self { node, given: Given { name, value, place, is_shared: false } })
+        Ok(Self { node, given: ParameterOverride { name, value, place, is_shared: false } })
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for ValueOrigin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Default => f.write_str("default"),

@@ -6,9 +6,9 @@ use fuseline_engine::{Ending, Item, SourceTally, Tally, Trigger};
 use serde::Serialize;
 
 use crate::key::Stamp;
-use crate::middleware::End;
+use crate::middleware::Endpoint;
 use crate::raw::Payload;
-use crate::source::{Source, Strays};
+use crate::source::{Source, UnmatchedResults};
 
 /// `diagnostic_msgs/msg/DiagnosticArray`.
 #[derive(Clone, Debug, Serialize)]
@@ -65,7 +65,7 @@ const ERROR: u8 = 2;
 
 /// The node's counts since its start that the operator does not have.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(crate) struct Intake {
+pub(crate) struct NodeCounts {
     /// Inputs too short for their key.
     pub(crate) short: u64,
     /// Inputs whose stamp is no time.
@@ -83,16 +83,16 @@ pub(crate) struct Intake {
 /// Reports each period by its difference from the one before.
 pub(crate) struct Reporter {
     node: String,
-    told: Tally,
-    intake: Intake,
-    strays: Vec<Strays>,
+    reported: Tally,
+    intake: NodeCounts,
+    unmatched: Vec<UnmatchedResults>,
 }
 
 impl Reporter {
     /// The reporter of a node that has counted nothing yet.
     pub(crate) fn new(node: &str, tally: Tally) -> Self {
-        let strays = vec![Strays::default(); tally.sources.len()];
-        Self { node: node.into(), told: tally, intake: Intake::default(), strays }
+        let unmatched = vec![UnmatchedResults::default(); tally.sources.len()];
+        Self { node: node.into(), reported: tally, intake: NodeCounts::default(), unmatched }
     }
 
     /// The state of the node, of local and of each cloud in the period that ends now. Counts are
@@ -100,33 +100,34 @@ impl Reporter {
     pub(crate) fn period(
         &mut self,
         tally: Tally,
-        intake: Intake,
+        intake: NodeCounts,
         sources: &[Source],
-        ends: &[&End],
+        ends: &[&Endpoint],
         blind: Option<String>,
     ) -> Vec<DiagnosticStatus> {
         let mut statuses = vec![self.fusion(&tally, intake, ends, blind)];
         for (i, source) in sources.iter().enumerate() {
-            if let (Some(now), Some(before)) = (tally.sources.get(i), self.told.sources.get(i)) {
-                let stray = self.strays.get(i).copied().unwrap_or_default();
+            if let (Some(now), Some(before)) = (tally.sources.get(i), self.reported.sources.get(i))
+            {
+                let stray = self.unmatched.get(i).copied().unwrap_or_default();
                 statuses.push(self.source(source, now, before, stray));
             }
         }
-        self.told = tally;
+        self.reported = tally;
         self.intake = intake;
-        self.strays = sources.iter().map(|source| source.strays).collect();
+        self.unmatched = sources.iter().map(|source| source.unmatched).collect();
         statuses
     }
 
     fn fusion(
         &self,
         tally: &Tally,
-        intake: Intake,
-        ends: &[&End],
+        intake: NodeCounts,
+        ends: &[&Endpoint],
         blind: Option<String>,
     ) -> DiagnosticStatus {
-        let missed = tally.missed - self.told.missed;
-        let refused = total(&tally.refused) - total(&self.told.refused);
+        let missed = tally.missed - self.reported.missed;
+        let refused = total(&tally.refused) - total(&self.reported.refused);
         let unread = intake.unread() - self.intake.unread();
         let unsent = intake.unsent - self.intake.unsent;
         let unfit = ends.iter().find_map(|end| unfit(end));
@@ -169,24 +170,24 @@ impl Reporter {
         source: &Source,
         now: &SourceTally,
         before: &SourceTally,
-        stray: Strays,
+        stray: UnmatchedResults,
     ) -> DiagnosticStatus {
-        let asked = now.admitted - before.admitted;
+        let requested = now.admitted - before.admitted;
         let without = (now.timers + now.failed) - (before.timers + before.failed);
         let refused = total(&now.refused) - total(&before.refused);
         let lost = now.lost - before.lost;
-        let strange = (source.strays.unknown_stamp + source.strays.malformed)
+        let strange = (source.unmatched.unknown_stamp + source.unmatched.malformed)
             - (stray.unknown_stamp + stray.malformed);
-        let heard = heard(now) - heard(before);
+        let received = received(now) - received(before);
         let unfit = source.ends().find_map(unfit);
         let (level, message) = if !source.enabled {
             (OK, "not enabled".to_owned())
         } else if let Some(who) = source.missing() {
             let unfit = unfit.map(|unfit| format!(" ({unfit})")).unwrap_or_default();
             (ERROR, format!("missing: {who}{unfit}"))
-        } else if asked > 0 && without >= asked && heard == 0 {
+        } else if requested > 0 && without >= requested && received == 0 {
             (ERROR, format!("missing: no result to {without} requests"))
-        } else if lost > 0 && heard == 0 {
+        } else if lost > 0 && received == 0 {
             (ERROR, format!("missing: nothing from {lost} computations"))
         } else if without > 0 {
             (WARN, format!("falling back: {without} requests without a result in time"))
@@ -211,8 +212,8 @@ impl Reporter {
             value("reasons", &now.reasons),
             value("lost", &now.lost),
             value("cancelled", &now.cancelled),
-            value("unknown_stamp", &source.strays.unknown_stamp),
-            value("malformed", &source.strays.malformed),
+            value("unknown_stamp", &source.unmatched.unknown_stamp),
+            value("malformed", &source.unmatched.malformed),
             value("sent_bytes", &now.sent_bytes),
         ];
         if let Some(in_force) = &now.in_force {
@@ -237,7 +238,7 @@ impl Reporter {
     }
 }
 
-impl Intake {
+impl NodeCounts {
     const fn unread(&self) -> u64 {
         self.short + self.nanosec + self.encoding + self.duplicate_stamp
     }
@@ -276,13 +277,13 @@ pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> D
 }
 
 /// How many results came, in time or not.
-fn heard(tally: &SourceTally) -> u64 {
+fn received(tally: &SourceTally) -> u64 {
     let at_once = tally.outputs.get(&Trigger::Arrival).copied().unwrap_or_default();
     at_once + tally.held + total(&tally.dropped)
 }
 
 /// What is wrong with a peer of a topic.
-fn unfit(end: &End) -> Option<String> {
+fn unfit(end: &Endpoint) -> Option<String> {
     let topic = &end.topic;
     let quality =
         end.incompatible().map(|unfit| format!("incompatible {} on {topic}", unfit.policy));
@@ -290,17 +291,17 @@ fn unfit(end: &End) -> Option<String> {
 }
 
 /// A topic's silence in words, if messages have stopped coming.
-fn silent(end: &End) -> Option<String> {
+fn silent(end: &Endpoint) -> Option<String> {
     let (topic, silence) = (&end.topic, end.silence()?);
     let (matched, silence) = (end.matched(), silence.as_secs_f64());
     Some(format!("nothing came on {topic} for {silence:.1} s; matched publishers: {matched}"))
 }
 
-fn end_values(end: &End) -> Vec<KeyValue> {
+fn end_values(end: &Endpoint) -> Vec<KeyValue> {
     let mut values = vec![value(&format!("matched {}", end.topic), &end.matched())];
     if let Some(unfit) = end.incompatible() {
-        let said = format!("{} peers, {}", unfit.count, unfit.policy);
-        values.push(value(&format!("incompatible {}", end.topic), &said));
+        let reported_lines = format!("{} peers, {}", unfit.count, unfit.policy);
+        values.push(value(&format!("incompatible {}", end.topic), &reported_lines));
     }
     values
 }

@@ -13,13 +13,13 @@ use tracing_subscriber::layer::Context;
 const LINES: usize = 256;
 
 /// A layer of `tracing` that keeps what is logged for the node to publish.
-pub struct Rosout(mpsc::Sender<Said>);
+pub struct Rosout(mpsc::Sender<LogLine>);
 
 /// What was logged and not yet published.
-pub struct Lines(pub(crate) mpsc::Receiver<Said>);
+pub struct Lines(pub(crate) mpsc::Receiver<LogLine>);
 
 /// One line of the log.
-pub(crate) struct Said {
+pub(crate) struct LogLine {
     pub(crate) level: LogLevel,
     pub(crate) text: String,
     pub(crate) file: &'static str,
@@ -48,7 +48,7 @@ impl<S: Subscriber> Layer<S> for Rosout {
         let file = event.metadata().file().unwrap_or_default();
         let line = event.metadata().line().unwrap_or_default();
         // Without a node nobody takes the line; when too many wait, it is not worth waiting for.
-        drop(self.0.try_send(Said { level, text: text.0, file, line }));
+        drop(self.0.try_send(LogLine { level, text: text.0, file, line }));
     }
 }
 

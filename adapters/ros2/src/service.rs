@@ -3,7 +3,7 @@
 use tokio::sync::mpsc;
 
 /// A request that waits for its answer.
-pub(crate) struct Asked<Q, R> {
+pub(crate) struct PendingRequest<Q, R> {
     pub(crate) request: Q,
     pub(crate) reply: Reply<R>,
 }
@@ -12,7 +12,7 @@ pub(crate) struct Asked<Q, R> {
 pub(crate) struct Reply<R>(Box<dyn FnOnce(R) + Send>);
 
 /// The requests of one service, in the order in which they came.
-pub(crate) type Requests<Q, R> = mpsc::Receiver<Asked<Q, R>>;
+pub(crate) type Requests<Q, R> = mpsc::Receiver<PendingRequest<Q, R>>;
 
 /// How many requests of a service may wait; the others wait in the middleware.
 pub(crate) const WAITING: usize = 4;
@@ -27,7 +27,7 @@ impl<R> Reply<R> {
     }
 }
 
-impl<Q, R> Asked<Q, R> {
+impl<Q, R> PendingRequest<Q, R> {
     pub(crate) fn answer(self, answer: impl FnOnce(Q) -> R) {
         self.reply.send(answer(self.request));
     }

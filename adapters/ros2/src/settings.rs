@@ -22,7 +22,7 @@ use fuseline_tokio::Timers;
 use crate::arguments::{Arguments, Level};
 use crate::key::{Key, Kind, has_header};
 use crate::names::{NodeName, check_type};
-use crate::parameters::{Given, Place, Value, given};
+use crate::parameters::{ParameterOverride, Value, ValueOrigin, given};
 pub use crate::settings::change::{Change, ChangeError};
 pub(crate) use crate::settings::current::Current;
 pub use crate::settings::error::SettingsError;
@@ -30,7 +30,7 @@ pub use crate::settings::middleware::Middleware;
 pub use crate::settings::parameter::{Parameter, Range};
 pub use crate::settings::policy::{Deadlines, PolicyKind, SpeedTopic};
 pub use crate::settings::qos::{Qos, Role, Topic};
-use crate::settings::reader::{Placed, Reader};
+use crate::settings::reader::{LocatedValue, Reader};
 pub use crate::settings::seconds::seconds;
 
 /// Types of topics that do not depend on parameters.
@@ -97,7 +97,7 @@ pub struct Settings {
     /// All parameters, with their values.
     pub declared: Vec<Parameter>,
     /// What was given to all or several nodes and is no parameter of this one.
-    pub ignored: Vec<Given>,
+    pub ignored: Vec<ParameterOverride>,
 }
 
 /// One side of the node.
@@ -150,12 +150,12 @@ pub struct Cloud {
     /// The topic on which its late results are published, for whom they help with what comes next.
     pub hints: Option<String>,
     /// How it is reached.
-    pub way: Way,
+    pub way: CloudConnection,
 }
 
 /// How a cloud is reached.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Way {
+pub enum CloudConnection {
     /// By two topics.
     Topics {
         /// What carries them.
@@ -220,7 +220,7 @@ impl Settings {
         settings.rosout = arguments.rosout;
         if let Err(why) = settings.keep_pace() {
             let place = settings.place("policy.rate");
-            return Err(SettingsError::Pace { place, why });
+            return Err(SettingsError::Workload { place, why });
         }
         for at in 0..settings.declared.len() {
             let is_fixed = settings.dynamic(&settings.declared[at].name).is_none();
@@ -245,8 +245,8 @@ impl Settings {
     }
 
     /// Where a parameter comes from.
-    fn place(&self, name: &str) -> Place {
-        self.parameter(name).map_or(Place::Default, |parameter| parameter.place.clone())
+    fn place(&self, name: &str) -> ValueOrigin {
+        self.parameter(name).map_or(ValueOrigin::Default, |parameter| parameter.place.clone())
     }
 }
 
@@ -275,7 +275,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         &[("kernel", Timers::Kernel), ("tokio", Timers::Tokio)],
     )?;
     let about = "The thread's priority under SCHED_FIFO, with memory locked; 0 for neither";
-    let realtime: Placed<u8> = r.integer("realtime", 0..=99, 0, about)?;
+    let realtime: LocatedValue<u8> = r.integer("realtime", 0..=99, 0, about)?;
     let about =
         "Whether the node is managed: it begins unconfigured and waits for a lifecycle manager";
     let lifecycle = r.flag("lifecycle", false, about)?;
@@ -340,7 +340,7 @@ fn stream(r: &mut Reader, name: &'static str, role: Role) -> Result<Stream, Sett
     if !r.is_given(&of("type")) {
         return Err(SettingsError::Type { name: of("type") });
     }
-    let Placed { value: type_name, place } = r.read(
+    let LocatedValue { value: type_name, place } = r.read(
         &of("type"),
         Value::String(String::new()),
         "The messages' type",
@@ -359,7 +359,7 @@ fn key(
     r: &mut Reader,
     stream: &'static str,
     type_name: &str,
-    type_place: &Place,
+    type_place: &ValueOrigin,
 ) -> Result<Key, SettingsError> {
     let names = [format!("{stream}.key"), format!("{stream}.key_offset")];
     let [key, offset] = [&names[0], &names[1]];
@@ -420,22 +420,22 @@ fn topics(r: &mut Reader, name: &str, types: [&str; 2]) -> Result<[String; 2], S
     Ok([input, output])
 }
 
-fn domain(environment: impl Fn(&str) -> Option<String>) -> Option<Given> {
+fn domain(environment: impl Fn(&str) -> Option<String>) -> Option<ParameterOverride> {
     let text = environment("ROS_DOMAIN_ID").filter(|text| !text.is_empty())?;
     let value = text.parse().map_or(Value::String(text), Value::Integer);
     Some(from_environment("domain_id", value, "ROS_DOMAIN_ID"))
 }
 
-fn localhost_only(environment: impl Fn(&str) -> Option<String>) -> Option<Given> {
+fn localhost_only(environment: impl Fn(&str) -> Option<String>) -> Option<ParameterOverride> {
     let variables = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"), ("ROS_LOCALHOST_ONLY", "1")];
     let is_set = |(variable, value): &(&str, &str)| environment(variable).as_deref() == Some(value);
     let (variable, _) = variables.into_iter().find(is_set)?;
     Some(from_environment("localhost_only", Value::Bool(true), variable))
 }
 
-fn from_environment(name: &str, value: Value, variable: &'static str) -> Given {
-    let place = Place::Environment(variable);
-    Given { name: name.to_owned(), value, place, is_shared: false }
+fn from_environment(name: &str, value: Value, variable: &'static str) -> ParameterOverride {
+    let place = ValueOrigin::Environment(variable);
+    ParameterOverride { name: name.to_owned(), value, place, is_shared: false }
 }
 
 /// The last level for this node's logger, or else for all.

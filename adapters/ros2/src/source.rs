@@ -8,7 +8,7 @@ use fuseline_tokio::{Call, Error};
 use futures_util::future::BoxFuture;
 
 use crate::error::GrpcError;
-use crate::middleware::{End, Publish};
+use crate::middleware::{Endpoint, Publish};
 use crate::raw::Payload;
 use crate::settings::Grpc;
 
@@ -17,20 +17,20 @@ pub(crate) struct Source {
     /// 0 is local.
     pub(crate) priority: u16,
     pub(crate) name: String,
-    pub(crate) way: Way,
+    pub(crate) way: Route,
     /// Whether it is asked at all; local always is.
     pub(crate) enabled: bool,
     /// How long it may take; none means the node's deadline.
     pub(crate) deadline: Option<Duration>,
     /// Where its late results go, for whom they help with what comes next.
     pub(crate) hints: Option<Box<dyn Publish>>,
-    pub(crate) strays: Strays,
+    pub(crate) unmatched: UnmatchedResults,
 }
 
 /// How messages go there and results come back.
-pub(crate) enum Way {
+pub(crate) enum Route {
     /// Over two topics.
-    Topics { requests: Box<dyn Publish>, results: Arc<End> },
+    Topics { requests: Box<dyn Publish>, results: Arc<Endpoint> },
     /// One call for each message.
     Grpc(Handle),
 }
@@ -41,7 +41,7 @@ pub(crate) type Handle =
 
 /// Counts what came on a source's topic and is no message's result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(crate) struct Strays {
+pub(crate) struct UnmatchedResults {
     /// Those whose key is of no remembered message.
     pub(crate) unknown_stamp: u64,
     /// Those without a key.
@@ -57,29 +57,29 @@ impl Source {
     /// Who should be there and is missing, in words.
     pub(crate) fn missing(&self) -> Option<String> {
         match &self.way {
-            Way::Topics { requests, .. } if requests.matched() == 0 => {
+            Route::Topics { requests, .. } if requests.matched() == 0 => {
                 Some(format!("nobody subscribes to {}", requests.end().topic))
             }
-            Way::Topics { results, .. } if results.matched() == 0 => {
+            Route::Topics { results, .. } if results.matched() == 0 => {
                 Some(format!("nobody publishes on {}", results.topic))
             }
-            Way::Topics { .. } | Way::Grpc(_) => None,
+            Route::Topics { .. } | Route::Grpc(_) => None,
         }
     }
 
     /// Whether a message can get there now.
     pub(crate) fn is_reached(&self) -> bool {
         match &self.way {
-            Way::Topics { requests, .. } => requests.matched() > 0,
-            Way::Grpc(_) => true,
+            Route::Topics { requests, .. } => requests.matched() > 0,
+            Route::Grpc(_) => true,
         }
     }
 
     /// The topics' ends, to report peers that do not fit.
-    pub(crate) fn ends(&self) -> impl Iterator<Item = &End> {
+    pub(crate) fn ends(&self) -> impl Iterator<Item = &Endpoint> {
         let ends = match &self.way {
-            Way::Topics { requests, results } => [Some(&**requests.end()), Some(&**results)],
-            Way::Grpc(_) => [None, None],
+            Route::Topics { requests, results } => [Some(&**requests.end()), Some(&**results)],
+            Route::Grpc(_) => [None, None],
         };
         ends.into_iter().flatten().chain(self.hints.iter().map(|hints| &**hints.end()))
     }
@@ -131,12 +131,12 @@ mod tests {
     use super::*;
 
     /// The credentials that a server asks for, and a client's files of them.
-    struct Secrets {
+    struct CredentialFiles {
         folder: tempfile::TempDir,
         server: Server,
     }
 
-    impl Secrets {
+    impl CredentialFiles {
         fn new() -> Self {
             let folder = tempfile::tempdir().unwrap();
             let mut params = CertificateParams::new([]).unwrap();
@@ -184,7 +184,7 @@ mod tests {
     /// D12.
     #[tokio::test]
     async fn a_call_bears_the_token_and_the_certificate_of_their_files() {
-        let secrets = Secrets::new();
+        let secrets = CredentialFiles::new();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("https://localhost:{}", listener.local_addr().unwrap().port());
         let echo = |request: grpc::Request| ready(Ok(grpc::Reply { payload: request.payload }));
@@ -210,7 +210,7 @@ mod tests {
     /// D12.
     #[tokio::test]
     async fn a_secret_that_is_set_and_cannot_be_read_is_an_error() {
-        let secrets = Secrets::new();
+        let secrets = CredentialFiles::new();
         let write = |name: &str, bytes: &[u8]| {
             std::fs::write(secrets.folder.path().join(name), bytes).unwrap();
         };

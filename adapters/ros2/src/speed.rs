@@ -24,9 +24,9 @@ impl Speed {
 
     /// Takes a message; true if it has a speed. A message without one makes the speed unknown.
     pub(crate) fn take(&mut self, now: Instant, payload: &Payload) -> bool {
-        let told = if self.is_odometry { odometry(payload) } else { number(payload, 0) };
+        let reported = if self.is_odometry { odometry(payload) } else { number(payload, 0) };
         // Going backwards is as fast.
-        let speed = told.map(f64::abs).filter(|speed| speed.is_finite());
+        let speed = reported.map(f64::abs).filter(|speed| speed.is_finite());
         self.last = speed.map(|speed| (now, speed));
         speed.is_some()
     }
@@ -132,20 +132,20 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_speed_is_believed_until_it_is_too_old_and_what_is_none_is_not() {
         let mut speed = Speed::new(&topic("std_msgs/msg/Float64"));
-        let told = |speed: f64| Payload {
+        let reported = |speed: f64| Payload {
             big_endian: false,
             body: Bytes::copy_from_slice(&speed.to_le_bytes()),
         };
         let start = Instant::now();
-        assert!(speed.take(start, &told(-18.0)));
+        assert!(speed.take(start, &reported(-18.0)));
         assert_eq!(speed.situation(start + AGE), Situation::at(18.0));
         assert_eq!(speed.missing(start + AGE), None);
         let old = start + AGE + Duration::from_nanos(1);
         assert!(speed.situation(old).speed.least.is_nan());
         assert_eq!(speed.missing(old).unwrap(), "no speed on /odom for 0.5 s");
         for none in [f64::NAN, f64::INFINITY] {
-            assert!(speed.take(start, &told(1.0)));
-            assert!(!speed.take(start, &told(none)));
+            assert!(speed.take(start, &reported(1.0)));
+            assert!(!speed.take(start, &reported(none)));
             assert_eq!(speed.missing(start).unwrap(), "no speed on /odom");
             assert!(speed.situation(start).speed.least.is_nan());
         }

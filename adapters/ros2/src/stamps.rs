@@ -20,7 +20,7 @@ pub(crate) struct Stamps<K> {
 
 /// How an input's key compares with the keys before it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Order {
+pub(crate) enum KeyOrder {
     /// Greater than all before.
     Forwards,
     /// Not greater; the message is taken on all the same.
@@ -40,13 +40,13 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
     }
 
     /// How this key would compare.
-    pub(crate) fn order(&self, key: K) -> Order {
+    pub(crate) fn order(&self, key: K) -> KeyOrder {
         if self.by_key.get(&key).is_some_and(|t| self.open.contains_key(t)) {
-            Order::Taken
+            KeyOrder::Taken
         } else if self.newest.is_some_and(|newest| key <= newest) {
-            Order::Backwards
+            KeyOrder::Backwards
         } else {
-            Order::Forwards
+            KeyOrder::Forwards
         }
     }
 
@@ -97,12 +97,12 @@ mod tests {
     #[test]
     fn a_key_is_taken_while_its_message_is_open_and_anew_after() {
         let mut stamps = Stamps::new();
-        assert_eq!(stamps.order(7), Order::Forwards);
+        assert_eq!(stamps.order(7), KeyOrder::Forwards);
         stamps.open(7, 0);
-        assert_eq!((stamps.order(7), stamps.find(7)), (Order::Taken, Some(0)));
-        assert_eq!((stamps.order(6), stamps.order(8)), (Order::Backwards, Order::Forwards));
+        assert_eq!((stamps.order(7), stamps.find(7)), (KeyOrder::Taken, Some(0)));
+        assert_eq!((stamps.order(6), stamps.order(8)), (KeyOrder::Backwards, KeyOrder::Forwards));
         assert_eq!(stamps.answer(0), Some(7));
-        assert_eq!((stamps.order(7), stamps.find(7)), (Order::Backwards, Some(0)));
+        assert_eq!((stamps.order(7), stamps.find(7)), (KeyOrder::Backwards, Some(0)));
         stamps.open(7, 1);
         assert_eq!(stamps.find(7), Some(1));
         assert_eq!(stamps.refuse(1), Some(7));

@@ -40,7 +40,7 @@ impl Stop {
     }
 
     /// Waits until it is asked again.
-    pub(crate) async fn asked(&mut self) {
+    pub(crate) async fn requested(&mut self) {
         std::future::poll_fn(|context| self.poll_next(context)).await;
     }
 
@@ -48,12 +48,12 @@ impl Stop {
     pub(crate) fn poll_next(&mut self, context: &mut Context<'_>) -> Poll<()> {
         let signals = self.signals.iter_mut().flatten();
         // All are polled, so that each will wake.
-        let told = signals.filter_map(|signal| match signal.poll_recv(context) {
-            Poll::Ready(told) => told,
+        let reported = signals.filter_map(|signal| match signal.poll_recv(context) {
+            Poll::Ready(reported) => reported,
             Poll::Pending => None,
         });
-        let told = u32::try_from(told.count()).unwrap_or(u32::MAX);
-        self.times += told;
-        if told == 0 { Poll::Pending } else { Poll::Ready(()) }
+        let reported = u32::try_from(reported.count()).unwrap_or(u32::MAX);
+        self.times += reported;
+        if reported == 0 { Poll::Pending } else { Poll::Ready(()) }
     }
 }

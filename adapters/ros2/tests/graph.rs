@@ -126,10 +126,11 @@ async fn parameters_are_read_and_those_that_may_are_set() {
             .map(|(name, value)| raw::Parameter::from(Parameter { name: name.to_owned(), value }));
         let ask = SetParametersRequest { parameter: parameter.to_vec() };
         let set = timeout(LONG, setter.async_call_service(ask)).await?.unwrap();
-        let told: Vec<_> = set.results.iter().map(|set| (set.successful, &*set.reason)).collect();
+        let reported: Vec<_> =
+            set.results.iter().map(|set| (set.successful, &*set.reason)).collect();
         let range = "deadline cannot be -1.0; give seconds, more than 0 and at most 1e9";
         let fixed = "window is fixed while the node runs; restart it with another value";
-        assert_eq!(told, [(true, ""), (false, range), (false, fixed), (true, "")]);
+        assert_eq!(reported, [(true, ""), (false, range), (false, fixed), (true, "")]);
 
         let ask = GetParametersRequest { names };
         let read = timeout(LONG, reader.async_call_service(ask)).await?.unwrap();
@@ -165,7 +166,7 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
             publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
         let output: Subscription<PointStamped> =
             subscription(&mut node, "output", "geometry_msgs/PointStamped")?;
-        let asked: Subscription<CompressedImage> =
+        let requested: Subscription<CompressedImage> =
             subscription(&mut node, "local/input", "sensor_msgs/CompressedImage")?;
         let local: Publisher<PointStamped> =
             publisher(&mut node, "local/output", "geometry_msgs/PointStamped")?;
@@ -174,8 +175,8 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
         }
         timeout(LONG, camera.wait_for_subscription(&node)).await?;
         timeout(LONG, local.wait_for_subscription(&node)).await?;
-        let (mut outputs, mut asked) =
-            (Box::pin(output.async_stream()), Box::pin(asked.async_stream()));
+        let (mut outputs, mut requested) =
+            (Box::pin(output.async_stream()), Box::pin(requested.async_stream()));
 
         // The node's side of the match may come later than ours: until it did, images are lost or
         // not answered.
@@ -195,10 +196,10 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
 
         end.send(()).map_err(|()| "the server is gone")?;
         server.await??;
-        while timeout(Duration::from_millis(200), asked.next()).await.is_ok() {}
+        while timeout(Duration::from_millis(200), requested.next()).await.is_ok() {}
         send(&camera, 1000).await?;
         let image = loop {
-            let (image, _) = timeout(LONG, asked.next()).await?.ok_or("no stream")??;
+            let (image, _) = timeout(LONG, requested.next()).await?.ok_or("no stream")??;
             if image.header.stamp.sec == 1000 {
                 break image;
             }
@@ -214,9 +215,9 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
 }
 
 /// Tells when it is dropped.
-struct Told(tokio::sync::mpsc::UnboundedSender<&'static str>);
+struct DropNotice(tokio::sync::mpsc::UnboundedSender<&'static str>);
 
-impl Drop for Told {
+impl Drop for DropNotice {
     fn drop(&mut self) {
         let _ = self.0.send("ended");
     }
@@ -226,12 +227,12 @@ impl Drop for Told {
 async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("west.grpc.url:=http://{}", listener.local_addr().unwrap());
-    let (tell, mut told) = tokio::sync::mpsc::unbounded_channel();
+    let (publish_report, mut reported) = tokio::sync::mpsc::unbounded_channel();
     let infer = move |_: grpc::Request| {
-        let tell = tell.clone();
+        let publish_report = publish_report.clone();
         async move {
-            tell.send("asked").unwrap();
-            let _told = Told(tell);
+            publish_report.send("asked").unwrap();
+            let _reported = DropNotice(publish_report);
             std::future::pending().await
         }
     };
@@ -241,26 +242,28 @@ async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
         let mut node = node_in(93, "camera")?;
         let camera: Publisher<CompressedImage> =
             publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
-        let asked: Subscription<CompressedImage> =
+        let requested: Subscription<CompressedImage> =
             subscription(&mut node, "east/input", "sensor_msgs/CompressedImage")?;
         let east: Publisher<PointStamped> =
             publisher(&mut node, "east/output", "geometry_msgs/PointStamped")?;
         timeout(LONG, node.wait_for_publisher("/east/input")).await?;
         timeout(LONG, camera.wait_for_subscription(&node)).await?;
         timeout(LONG, east.wait_for_subscription(&node)).await?;
-        let mut asked = Box::pin(asked.async_stream());
+        let mut requested = Box::pin(requested.async_stream());
 
         // West is asked and never answers; east, which outranks it, does.
         let start = Instant::now();
         for sec in 1.. {
             assert!(start.elapsed() < LONG, "no call was aborted");
             send(&camera, sec).await?;
-            if let Ok(Some(Ok((image, _)))) = timeout(Duration::from_secs(1), asked.next()).await {
+            if let Ok(Some(Ok((image, _)))) =
+                timeout(Duration::from_secs(1), requested.next()).await
+            {
                 let header = Header { frame_id: "east".into(), ..image.header };
                 east.publish(PointStamped { header, point: [0.0; 3] })
                     .map_err(|e| e.to_string())?;
             }
-            let ended = async { while told.recv().await != Some("ended") {} };
+            let ended = async { while reported.recv().await != Some("ended") {} };
             if timeout(Duration::from_secs(1), ended).await.is_ok() {
                 break;
             }
@@ -277,11 +280,11 @@ async fn messages_of_another_type_are_not_taken_in() {
         let mut node = node_in(94, "camera")?;
         // RustDDS sends to a subscriber whatever the type's name there is; others do not.
         let (_stranger, image) = stranger(94).await?;
-        let asked: Subscription<CompressedImage> =
+        let requested: Subscription<CompressedImage> =
             subscription(&mut node, "local/input", "sensor_msgs/CompressedImage")?;
         // One that came before is waited for in vain; the loop below sees to it that all have met.
         let _ = timeout(Duration::from_secs(2), node.wait_for_publisher("/local/input")).await;
-        let mut asked = Box::pin(asked.async_stream());
+        let mut requested = Box::pin(requested.async_stream());
         let camera: Publisher<CompressedImage> =
             publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
         let _ = timeout(Duration::from_secs(2), camera.wait_for_subscription(&node)).await;
@@ -290,7 +293,9 @@ async fn messages_of_another_type_are_not_taken_in() {
             assert!(start.elapsed() < LONG, "local was not asked");
             send(&image, sec - 1000).await?;
             send(&camera, sec).await?;
-            if let Ok(Some(Ok((image, _)))) = timeout(Duration::from_secs(1), asked.next()).await {
+            if let Ok(Some(Ok((image, _)))) =
+                timeout(Duration::from_secs(1), requested.next()).await
+            {
                 assert!(image.header.stamp.sec >= 1000, "a message of another type was taken in");
                 // What follows it was sent after the node had met both.
                 if sec > 1003 {

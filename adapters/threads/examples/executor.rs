@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant as Clock};
 
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Priority, Timestamp};
-use fuseline_threads::{Call, Intake, Message, Shared};
+use fuseline_threads::{Call, Message, Shared, ValueOwner};
 
 const CLOUDS: usize = 2;
 const WINDOW: usize = 16;
@@ -24,7 +24,7 @@ type Work<'a> = Call<'a, &'static str, CLOUDS, WINDOW>;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let clouds = [1, 2].map(|p| Cloud::new(Priority::new(p), 31));
     let mut shared = Shared::new(WINDOW, Commit::Eager, &clouds)?;
-    let intake = Intake::new(&mut shared);
+    let intake = ValueOwner::new(&mut shared);
     let start = Clock::now();
     let (output, outputs) = channel();
     thread::scope(|scope| {
@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// Opens each frame, sends it to all sources, and asks the timer to look at it when it is due.
 fn owner<'a>(
-    mut intake: Intake<'a, &'static str, CLOUDS, WINDOW>,
+    mut intake: ValueOwner<'a, &'static str, CLOUDS, WINDOW>,
     start: Clock,
     sources: &[Sender<Work<'a>>; 3],
     timers: &Sender<(Instant, Frame<'a>)>,

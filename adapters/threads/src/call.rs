@@ -6,13 +6,13 @@ use std::sync::Arc;
 use fuseline_core::{Firing, Instant, Outcome, Source, Timestamp};
 
 use crate::cells::Cells;
-use crate::desk::Desk;
-use crate::ticket::Ticket;
+use crate::handle::SharedHandle;
+use crate::message_id::MessageId;
 
 /// An open message, to serve its timers; any number of threads may share it.
 pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
-    pub(crate) desk: &'a Desk<CLOUDS, WINDOW>,
-    pub(crate) ticket: Ticket,
+    pub(crate) handle: &'a SharedHandle<CLOUDS, WINDOW>,
+    pub(crate) message_id: MessageId,
     pub(crate) cells: Arc<Cells<T, CLOUDS>>,
 }
 
@@ -28,7 +28,7 @@ pub struct Call<'a, T, const CLOUDS: usize, const WINDOW: usize> {
 /// What a result or a failure led to.
 #[derive(Clone, PartialEq, Eq, Debug)]
 #[must_use = "a forwarded value must be sent"]
-pub struct Answered<T, const CLOUDS: usize> {
+pub struct CallOutcome<T, const CLOUDS: usize> {
     /// The message's timers that were due first.
     pub fired: Option<Firing<CLOUDS>>,
     /// What became of the result or the failure.
@@ -43,27 +43,27 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
     /// The message's timestamp.
     #[must_use]
     pub const fn timestamp(&self) -> Timestamp {
-        self.ticket.timestamp()
+        self.message_id.timestamp()
     }
 
-    /// The earliest due instant of its timers, as from [`Desk::next_due`].
+    /// The earliest due instant of its timers, as from [`SharedHandle::next_due`].
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
-        self.desk.next_due(self.ticket)
+        self.handle.next_due(self.message_id)
     }
 
     /// F5: time went by. Returns the timers that were due, if any, and the value to send downstream if they say
     /// forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn expire(&self, now: Instant) -> Option<(Firing<CLOUDS>, Option<T>)> {
-        let firing = self.desk.expire(now, self.ticket)?;
+        let firing = self.handle.expire(now, self.message_id)?;
         Some((firing, self.forwarded(&firing.outcome)))
     }
 
     /// The winner's value, if this outcome is to forward it.
     pub(crate) fn forwarded(&self, outcome: &Outcome<CLOUDS>) -> Option<T> {
         match outcome {
-            Outcome::Forwarded { by, .. } => self.cells.take(self.desk.source(*by)?),
+            Outcome::Forwarded { by, .. } => self.cells.take(self.handle.source(*by)?),
             Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting | Outcome::Missed => None,
         }
     }
@@ -77,21 +77,21 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Call<'_, T, CLOUDS, WINDOW> {
     }
 
     /// F3: the result came.
-    pub fn result(self, now: Instant, value: T) -> Answered<T, CLOUDS> {
+    pub fn result(self, now: Instant, value: T) -> CallOutcome<T, CLOUDS> {
         let Self { message, source } = self;
-        let Message { desk, ticket, cells } = &message;
+        let Message { handle, message_id, cells } = &message;
         // Before the machine knows of it: as soon as it is held, any thread may forward it.
         cells.put(source, value);
-        let (fired, outcome) = desk.result(now, *ticket, desk.priority(source));
+        let (fired, outcome) = handle.result(now, *message_id, handle.priority(source));
         let unused = matches!(outcome, Outcome::Dropped(_)).then(|| cells.take(source)).flatten();
         message.answered(fired, outcome, unused)
     }
 
     /// F4: no result will come.
-    pub fn fail(self, now: Instant) -> Answered<T, CLOUDS> {
+    pub fn fail(self, now: Instant) -> CallOutcome<T, CLOUDS> {
         let Self { message, source } = self;
         let (fired, outcome) =
-            message.desk.fail(now, message.ticket, message.desk.priority(source));
+            message.handle.fail(now, message.message_id, message.handle.priority(source));
         message.answered(fired, outcome, None)
     }
 }
@@ -102,28 +102,28 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
         fired: Option<Firing<CLOUDS>>,
         outcome: Outcome<CLOUDS>,
         unused: Option<T>,
-    ) -> Answered<T, CLOUDS> {
+    ) -> CallOutcome<T, CLOUDS> {
         // A message is forwarded once, so at most one of the two says so.
         let by_timers = fired.and_then(|firing| self.forwarded(&firing.outcome));
         let forwarded = by_timers.or_else(|| self.forwarded(&outcome));
-        Answered { fired, outcome, forwarded, unused }
+        CallOutcome { fired, outcome, forwarded, unused }
     }
 }
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> Clone for Message<'_, T, CLOUDS, WINDOW> {
     fn clone(&self) -> Self {
-        Self { desk: self.desk, ticket: self.ticket, cells: Arc::clone(&self.cells) }
+        Self { handle: self.handle, message_id: self.message_id, cells: Arc::clone(&self.cells) }
     }
 }
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for Message<'_, T, CLOUDS, WINDOW> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Message").field(&self.ticket).finish()
+        f.debug_tuple("Message").field(&self.message_id).finish()
     }
 }
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for Call<'_, T, CLOUDS, WINDOW> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Call").field(&self.message.ticket).field(&self.source).finish()
+        f.debug_tuple("Call").field(&self.message.message_id).field(&self.source).finish()
     }
 }

@@ -13,19 +13,19 @@ compile_error!(
 mod call;
 #[cfg(feature = "values")]
 mod cells;
-mod desk;
+mod handle;
+mod message_id;
 mod owner;
+mod packed;
 mod shared;
-mod ticket;
 #[cfg(feature = "values")]
 mod values;
-mod word;
 
 #[cfg(feature = "values")]
-pub use call::{Answered, Call, Message};
-pub use desk::Desk;
+pub use call::{Call, CallOutcome, Message};
+pub use handle::SharedHandle;
+pub use message_id::MessageId;
 pub use owner::Owner;
 pub use shared::Shared;
-pub use ticket::Ticket;
 #[cfg(feature = "values")]
-pub use values::Intake;
+pub use values::ValueOwner;

@@ -7,22 +7,22 @@ use fuseline_core::{
     Source, Timestamp,
 };
 
-use crate::desk::{Desk, Place};
-use crate::ticket::Ticket;
-use crate::word::Word;
+use crate::handle::{SharedHandle, WindowSlot};
+use crate::message_id::MessageId;
+use crate::packed::PackedSlot;
 
-/// Where the one owner opens timestamps and offers requests, while other threads use the [`Desk`].
+/// Where the one owner opens timestamps and offers requests, while other threads use the [`SharedHandle`].
 ///
 /// There is one at a time and it cannot be cloned: two might both write one request's due instant.
 #[derive(Debug)]
 pub struct Owner<'a, const CLOUDS: usize, const WINDOW: usize> {
-    desk: &'a Desk<CLOUDS, WINDOW>,
-    kept: &'a mut Kept<CLOUDS>,
+    handle: &'a SharedHandle<CLOUDS, WINDOW>,
+    kept: &'a mut OwnerState<CLOUDS>,
 }
 
 /// What only the owner needs.
 #[derive(Debug)]
-pub(crate) struct Kept<const CLOUDS: usize> {
+pub(crate) struct OwnerState<const CLOUDS: usize> {
     /// For their gates; the gates of the desk's copy are not used.
     clouds: Clouds<CLOUDS>,
     newest: Option<Timestamp>,
@@ -30,15 +30,18 @@ pub(crate) struct Kept<const CLOUDS: usize> {
     last: usize,
 }
 
-impl<const CLOUDS: usize> Kept<CLOUDS> {
+impl<const CLOUDS: usize> OwnerState<CLOUDS> {
     pub(crate) const fn new(clouds: Clouds<CLOUDS>) -> Self {
         Self { clouds, newest: None, last: 0 }
     }
 }
 
 impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
-    pub(crate) const fn new(desk: &'a Desk<CLOUDS, WINDOW>, kept: &'a mut Kept<CLOUDS>) -> Self {
-        Self { desk, kept }
+    pub(crate) const fn new(
+        handle: &'a SharedHandle<CLOUDS, WINDOW>,
+        kept: &'a mut OwnerState<CLOUDS>,
+    ) -> Self {
+        Self { handle, kept }
     }
 
     /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
@@ -52,23 +55,23 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         now: Instant,
         timestamp: Timestamp,
         deadline: Option<Deadline>,
-    ) -> Result<Ticket, OpenRefusal> {
+    ) -> Result<MessageId, OpenRefusal> {
         if self.kept.newest.is_some_and(|newest| timestamp <= newest) {
             return Err(OpenRefusal::Order);
         }
-        let Some((index, place, word)) = self.free_place() else {
+        let Some((index, place, packed)) = self.free_place() else {
             return Err(OpenRefusal::Full);
         };
         let entry = Entry::<CLOUDS>::open(now, deadline)?;
         if deadline.is_some() {
             place.set_due(Source::LOCAL, entry.due(Source::LOCAL));
         }
-        let word = word.opened(entry.slot());
+        let packed = packed.opened(entry.slot());
         // No exchange: nobody else writes a free place. Relaxed: others get the ticket after this.
-        place.word.store(word.bits(), Ordering::Relaxed);
+        place.packed.store(packed.bits(), Ordering::Relaxed);
         self.kept.newest = Some(timestamp);
         self.kept.last = index;
-        Ok(Ticket { timestamp, generation: word.generation(), place: index })
+        Ok(MessageId { timestamp, generation: packed.generation(), place: index })
     }
 
     /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
@@ -76,20 +79,20 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
     pub fn offer(
         &mut self,
         now: Instant,
-        ticket: Ticket,
+        message_id: MessageId,
         cloud: Priority,
         deadline: Deadline,
         backlog: u64,
     ) -> (Option<Firing<CLOUDS>>, Admission) {
-        let desk = self.desk;
-        let source = desk.clouds.source(cloud);
+        let handle = self.handle;
+        let source = handle.clouds.source(cloud);
         // F2 unknown: local has no gate (A19).
         let gated = source.and_then(|source| Some((source, self.kept.clouds.gate_mut(source)?)));
         let Some((source, gate)) = gated else {
-            return (desk.expire(now, ticket), Admission::Refused(OfferRefusal::Unknown));
+            return (handle.expire(now, message_id), Admission::Refused(OfferRefusal::Unknown));
         };
-        let answer = desk.exchange(ticket, |place, mut entry| {
-            let fired = desk.fire(now, ticket, &mut entry);
+        let answer = handle.exchange(message_id, |place, mut entry| {
+            let fired = handle.fire(now, message_id, &mut entry);
             // F2g: each look asks the gate as it was, so that an offer moves it at most once.
             let mut asked = *gate;
             let (slot, admission) = entry.slot().admit(source, &mut asked, now, deadline, backlog);
@@ -107,14 +110,14 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
     }
 
     /// The first free place after the one opened last, with its word.
-    fn free_place(&self) -> Option<(usize, &'a Place<CLOUDS>, Word<CLOUDS>)> {
-        let places = self.desk.places.iter().take(self.desk.window).enumerate();
+    fn free_place(&self) -> Option<(usize, &'a WindowSlot<CLOUDS>, PackedSlot<CLOUDS>)> {
+        let places = self.handle.places.iter().take(self.handle.window).enumerate();
         let from = self.kept.last.wrapping_add(1);
-        let free = |(index, place): (usize, &'a Place<CLOUDS>)| {
+        let free = |(index, place): (usize, &'a WindowSlot<CLOUDS>)| {
             // An exchange that changes nothing: a load might not see a retirement that is long past.
             // Acquire: what was done before it, including reads of the due instants that are now overwritten.
-            let word = Word::from_bits(place.word.fetch_or(0, Ordering::Acquire));
-            (!word.is_open()).then_some((index, place, word))
+            let packed = PackedSlot::from_bits(place.packed.fetch_or(0, Ordering::Acquire));
+            (!packed.is_open()).then_some((index, place, packed))
         };
         places.clone().skip(from).chain(places.take(from)).find_map(free)
     }

@@ -2,8 +2,8 @@
 
 use fuseline_core::{Cloud, Clouds, Commit, ConfigError};
 
-use crate::desk::Desk;
-use crate::owner::{Kept, Owner};
+use crate::handle::SharedHandle;
+use crate::owner::{Owner, OwnerState};
 
 /// One operator's machine for many threads, for up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open
 /// timestamps. The [crate](crate)'s documentation says what it guarantees.
@@ -32,8 +32,8 @@ use crate::owner::{Kept, Owner};
 /// ```
 #[derive(Debug)]
 pub struct Shared<const CLOUDS: usize, const WINDOW: usize> {
-    desk: Desk<CLOUDS, WINDOW>,
-    kept: Kept<CLOUDS>,
+    handle: SharedHandle<CLOUDS, WINDOW>,
+    kept: OwnerState<CLOUDS>,
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
@@ -44,12 +44,15 @@ impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
     pub fn new(window: usize, commit: Commit, clouds: &[Cloud]) -> Result<Self, ConfigError> {
         let window = ConfigError::check_window::<WINDOW>(window)?;
         let clouds = Clouds::new(clouds)?;
-        Ok(Self { desk: Desk::new(window, commit, clouds), kept: Kept::new(clouds) })
+        Ok(Self {
+            handle: SharedHandle::new(window, commit, clouds),
+            kept: OwnerState::new(clouds),
+        })
     }
 
     /// The one owner's half, and the desk for all threads. Splitting again leaves what is open as it is.
-    pub fn split(&mut self) -> (Owner<'_, CLOUDS, WINDOW>, &Desk<CLOUDS, WINDOW>) {
-        let Self { desk, kept } = self;
-        (Owner::new(desk, kept), desk)
+    pub fn split(&mut self) -> (Owner<'_, CLOUDS, WINDOW>, &SharedHandle<CLOUDS, WINDOW>) {
+        let Self { handle, kept } = self;
+        (Owner::new(handle, kept), handle)
     }
 }

@@ -10,26 +10,26 @@ use fuseline_core::{
 
 use crate::call::{Call, Message};
 use crate::cells::Cells;
-use crate::desk::Desk;
+use crate::handle::SharedHandle;
 use crate::owner::Owner;
 use crate::shared::Shared;
 
 /// The [`Owner`] of a machine, with the values, of type `T`, of its results.
 ///
 /// For threads that outlive the function that made the machine, use `Box::leak`.
-pub struct Intake<'a, T, const CLOUDS: usize, const WINDOW: usize> {
+pub struct ValueOwner<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     owner: Owner<'a, CLOUDS, WINDOW>,
-    desk: &'a Desk<CLOUDS, WINDOW>,
+    handle: &'a SharedHandle<CLOUDS, WINDOW>,
     /// The cells of the last message of each place.
     cells: Vec<Arc<Cells<T, CLOUDS>>>,
 }
 
-impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WINDOW> {
+impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, WINDOW> {
     /// The owner of this machine, with no value kept yet.
     pub fn new(shared: &'a mut Shared<CLOUDS, WINDOW>) -> Self {
-        let (owner, desk) = shared.split();
+        let (owner, handle) = shared.split();
         let cells = std::iter::repeat_with(|| Arc::new(Cells::new())).take(WINDOW).collect();
-        Self { owner, desk, cells }
+        Self { owner, handle, cells }
     }
 
     /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
@@ -44,14 +44,14 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WIND
         timestamp: Timestamp,
         deadline: Option<Deadline>,
     ) -> Result<(Message<'a, T, CLOUDS, WINDOW>, Call<'a, T, CLOUDS, WINDOW>), OpenRefusal> {
-        let ticket = self.owner.open(now, timestamp, deadline)?;
-        let cells = &mut self.cells[ticket.place()];
+        let message_id = self.owner.open(now, timestamp, deadline)?;
+        let cells = &mut self.cells[message_id.place()];
         match Arc::get_mut(cells) {
             Some(cells) => cells.clear(),
             // A call of the place's last message is still under way and may still fill its cell.
             None => *cells = Arc::new(Cells::new()),
         }
-        let message = Message { desk: self.desk, ticket, cells: Arc::clone(cells) };
+        let message = Message { handle: self.handle, message_id, cells: Arc::clone(cells) };
         let call = Call { message: message.clone(), source: Source::LOCAL };
         Ok((message, call))
     }
@@ -75,10 +75,11 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WIND
         Option<(Firing<CLOUDS>, Option<T>)>,
         Result<(Call<'a, T, CLOUDS, WINDOW>, Instant), OfferRefusal>,
     ) {
-        let (fired, admission) = self.owner.offer(now, message.ticket, cloud, deadline, backlog);
+        let (fired, admission) =
+            self.owner.offer(now, message.message_id, cloud, deadline, backlog);
         let fired = fired.map(|firing| (firing, message.forwarded(&firing.outcome)));
         let call = match admission {
-            Admission::Admitted { due } => match self.desk.source(cloud) {
+            Admission::Admitted { due } => match self.handle.source(cloud) {
                 Some(source) => Ok((Call { message: message.clone(), source }, due)),
                 None => Err(OfferRefusal::Unknown),
             },
@@ -88,7 +89,7 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> Intake<'a, T, CLOUDS, WIND
     }
 }
 
-impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for Intake<'_, T, CLOUDS, WINDOW> {
+impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for ValueOwner<'_, T, CLOUDS, WINDOW> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("Intake").field(&self.owner).finish()
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
-use fuseline_threads::{Intake, Shared};
+use fuseline_threads::{Shared, ValueOwner};
 
 const WEST: Priority = Priority::new(1);
 const START: Instant = Instant::START;
@@ -16,7 +16,7 @@ fn shared() -> Shared<1, 1> {
 #[test]
 fn timers_that_fire_hand_out_the_value_that_is_held() {
     let mut shared = shared();
-    let mut intake = Intake::<&str, 1, 1>::new(&mut shared);
+    let mut intake = ValueOwner::<&str, 1, 1>::new(&mut shared);
     let (message, local) = intake.open(START, Timestamp::new(0), None).expect("it is new");
     let (_, asked) = intake.offer(START, &message, WEST, Deadline::from_nanos(10), 0);
     let (_west, due) = asked.expect("the gate is open");
@@ -30,7 +30,7 @@ fn timers_that_fire_hand_out_the_value_that_is_held() {
 #[test]
 fn a_value_that_was_discarded_is_dropped_when_its_place_is_used_again() {
     let mut shared = shared();
-    let mut intake = Intake::<Arc<str>, 1, 1>::new(&mut shared);
+    let mut intake = ValueOwner::<Arc<str>, 1, 1>::new(&mut shared);
     let discarded: Arc<str> = "local".into();
     let (message, local) = intake.open(START, Timestamp::new(0), None).expect("it is new");
     let (_, asked) = intake.offer(START, &message, WEST, Deadline::from_nanos(10), 0);
@@ -46,7 +46,7 @@ fn a_value_that_was_discarded_is_dropped_when_its_place_is_used_again() {
 #[test]
 fn messages_and_calls_are_printed_by_their_tickets() {
     let mut shared = shared();
-    let mut intake = Intake::<(), 1, 1>::new(&mut shared);
+    let mut intake = ValueOwner::<(), 1, 1>::new(&mut shared);
     let (message, local) = intake.open(START, Timestamp::new(7), None).expect("it is new");
     for printed in [format!("{message:?}"), format!("{local:?}")] {
         assert!(printed.contains("Ticket") && printed.contains('7'), "{printed}");

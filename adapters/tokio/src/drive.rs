@@ -19,9 +19,9 @@
 //! - **Panics** of a call or a computation are failures (F4).
 //! - **A request that could not be sent** fails after the message was offered to every cloud (A30).
 
-mod bell;
 mod calls;
 mod timers;
+mod wake_flag;
 
 use std::future::poll_fn;
 use std::io;
@@ -36,11 +36,11 @@ use futures_util::task::AtomicWaker;
 use tokio::time::Instant;
 
 use crate::Error;
-use crate::drive::bell::Bell;
 use crate::drive::calls::Calls;
 use crate::drive::timers::Timer;
+use crate::drive::wake_flag::WakeFlag;
+use crate::error_chain::ErrorChain;
 use crate::panics::panicked;
-use crate::words::Words;
 
 pub use crate::drive::timers::Timers;
 
@@ -110,7 +110,7 @@ pub enum Incoming<M, V> {
         message: M,
     },
     /// A result or failure that is not the end of a call.
-    Word(Word<V>),
+    Completion(Completion<V>),
     /// No more messages will come: the driver ends once all are answered.
     Last,
     /// The driver ends at once.
@@ -119,7 +119,7 @@ pub enum Incoming<M, V> {
 
 /// A source's result for a message, or why there will be none.
 #[derive(Debug)]
-pub struct Word<V> {
+pub struct Completion<V> {
     /// The source's priority; 0 is local.
     pub priority: u16,
     /// The message's timestamp.
@@ -145,7 +145,7 @@ pub struct Start<R> {
 pub enum Sent<V> {
     /// A call: its end is the source's result or failure. Dropping the future must abort the call.
     Call(BoxFuture<'static, Result<V, Error>>),
-    /// It was sent; its result may come by [`Incoming::Word`].
+    /// It was sent; its result may come by [`Incoming::Completion`].
     Away,
     /// Why it could not be sent.
     Failed(Error),
@@ -167,7 +167,7 @@ pub struct Driver<T: Transport> {
     /// Who has the next turn.
     turn: usize,
     /// Of calls, transport and timer.
-    bells: [Bell; TURNS],
+    bells: [WakeFlag; TURNS],
     waker: Arc<AtomicWaker>,
     is_last: bool,
 }
@@ -184,7 +184,7 @@ pub async fn finish<V: Send + 'static, R: Send + 'static>(
 }
 
 /// Whose turn it is.
-enum Turn<M, V> {
+enum PollTurn<M, V> {
     Transport(Incoming<M, V>),
     /// The timer went off.
     Timer,
@@ -212,13 +212,13 @@ impl<T: Transport> Driver<T> {
     ) -> io::Result<Self> {
         let timer = Timer::new(timers)?;
         let waker = Arc::new(AtomicWaker::new());
-        let bells = [(); TURNS].map(|()| Bell::new(&waker));
+        let bells = [(); TURNS].map(|()| WakeFlag::new(&waker));
         Ok(Self {
             engine,
             transport,
             start: Instant::now(),
             now: 0,
-            calls: Calls::new(bells[CALLS].ring()),
+            calls: Calls::new(bells[CALLS].flag_waker()),
             timer,
             armed: None,
             unsent: Vec::new(),
@@ -247,13 +247,13 @@ impl<T: Transport> Driver<T> {
             let turn = poll_fn(|context| self.poll_turn(context)).await;
             self.now = self.clock();
             match turn {
-                Turn::Transport(Incoming::Message { timestamp, message }) => {
+                PollTurn::Transport(Incoming::Message { timestamp, message }) => {
                     self.message(timestamp, &message);
                 }
-                Turn::Transport(Incoming::Word(word)) => self.word(word),
-                Turn::Transport(Incoming::Last) => self.is_last = true,
-                Turn::Transport(Incoming::Stop) => break,
-                Turn::Timer => {
+                PollTurn::Transport(Incoming::Completion(word)) => self.word(word),
+                PollTurn::Transport(Incoming::Last) => self.is_last = true,
+                PollTurn::Transport(Incoming::Stop) => break,
+                PollTurn::Timer => {
                     self.armed = None;
                     if self.engine.next_due().is_some_and(|due| due <= self.now) {
                         self.engine.tick(self.now);
@@ -265,16 +265,18 @@ impl<T: Transport> Driver<T> {
     }
 
     /// The next party that is ready, starting after the last one. Only those that were woken are polled.
-    fn poll_turn(&mut self, context: &mut Context<'_>) -> Poll<Turn<T::Message, T::Value>> {
+    fn poll_turn(&mut self, context: &mut Context<'_>) -> Poll<PollTurn<T::Message, T::Value>> {
         let Self { calls, transport, timer, bells, armed, .. } = self;
         for _ in 0..TURNS {
             let turn = self.turn;
             self.turn = (turn + 1) % TURNS;
             let ready = bells[turn].poll(|context| match turn {
-                CALLS => calls.poll_word(context).map(|word| Turn::Transport(Incoming::Word(word))),
-                TIMER if armed.is_some() => timer.poll(context).map(|()| Turn::Timer),
+                CALLS => calls
+                    .poll_word(context)
+                    .map(|word| PollTurn::Transport(Incoming::Completion(word))),
+                TIMER if armed.is_some() => timer.poll(context).map(|()| PollTurn::Timer),
                 TIMER => Poll::Pending,
-                _ => transport.poll_incoming(context).map(Turn::Transport),
+                _ => transport.poll_incoming(context).map(PollTurn::Transport),
             });
             if ready.is_ready() {
                 return ready;
@@ -282,7 +284,7 @@ impl<T: Transport> Driver<T> {
         }
         self.waker.register(context.waker());
         // One may have rung before the waker was registered.
-        if bells.iter().any(Bell::is_rung) {
+        if bells.iter().any(WakeFlag::is_rung) {
             context.waker().wake_by_ref();
         }
         Poll::Pending
@@ -303,11 +305,11 @@ impl<T: Transport> Driver<T> {
     }
 
     /// A result or a failure came (F3, F4).
-    fn word(&mut self, Word { priority, timestamp, result }: Word<T::Value>) {
+    fn word(&mut self, Completion { priority, timestamp, result }: Completion<T::Value>) {
         let now = self.now;
         match result {
             Ok(value) => self.engine.result(now, timestamp, priority, value),
-            Err(error) => self.engine.fail(now, timestamp, priority, &Words(&*error)),
+            Err(error) => self.engine.fail(now, timestamp, priority, &ErrorChain(&*error)),
         }
     }
 
@@ -334,7 +336,7 @@ impl<T: Transport> Driver<T> {
                 return;
             }
             for (priority, timestamp, error) in self.unsent.drain(..) {
-                self.engine.fail(self.now, timestamp, priority, &Words(&*error));
+                self.engine.fail(self.now, timestamp, priority, &ErrorChain(&*error));
             }
         }
     }

@@ -1,8 +1,7 @@
 #![doc = include_str!("../README.md")]
 
-mod aside;
-mod common;
 pub mod drive;
+mod error_chain;
 #[cfg(feature = "grpc")]
 pub mod grpc;
 mod local;
@@ -14,22 +13,24 @@ mod prometheus;
 pub mod realtime;
 mod run;
 mod setup;
+mod shared;
+mod side;
 mod stream;
-mod words;
 
-pub use aside::{Aside, AsideTally};
-pub use common::Common;
 pub use drive::Timers;
 pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
-    Commit, ConfigError, DropReason, Ending, Failure, Forwarded, Hint, InForce, Item, OfferRefusal,
-    OpenRefusal, Reasons, Recording, Shortfall, Shortfalls, Source, SourceTally, Tally, Trigger,
+    CapacityError, CapacityErrors, Commit, ConfigError, CurrentDeadline, DropReason, Ending,
+    Failure, Forwarded, Hint, Item, OfferRefusal, OpenRefusal, Reasons, Recording, Source,
+    SourceTally, Tally, Trigger,
 };
 pub use local::Local;
 pub use operator::{Config, Items, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]
 pub use prometheus::prometheus;
 pub use setup::{Call, Cloud, Setup};
+pub use shared::SharedState;
+pub use side::{SideRequest, SideTally};
 pub use stream::{Reader, WriteError, Writer, stream};
 
 #[cfg(feature = "prometheus")]

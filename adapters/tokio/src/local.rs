@@ -12,7 +12,7 @@ use futures_util::future::BoxFuture;
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 
 use crate::Error;
-use crate::drive::{Sent, Word};
+use crate::drive::{Completion, Sent};
 use crate::panics::panicked;
 
 /// How messages are computed locally (priority 0). An error or a panic is a failure (F4).
@@ -96,7 +96,7 @@ pub(crate) enum Workers<I, O> {
         /// The threads end when this is dropped and their computations are done.
         jobs: mpsc::Sender<(Arc<I>, u64)>,
         /// At most one for each computation that was begun, so bounded.
-        words: UnboundedReceiver<Word<O>>,
+        error_chain: UnboundedReceiver<Completion<O>>,
     },
 }
 
@@ -111,21 +111,21 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
             Kind::Threads(computes) => computes,
         };
         let (jobs, taken) = mpsc::channel::<(Arc<I>, u64)>();
-        let (sender, words) = unbounded_channel();
+        let (sender, error_chain) = unbounded_channel();
         let taken = Arc::new(Mutex::new(taken));
         for mut compute in computes {
-            let (taken, words) = (Arc::clone(&taken), sender.clone());
+            let (taken, error_chain) = (Arc::clone(&taken), sender.clone());
             thread::Builder::new().name("fuseline-local".into()).spawn(move || {
                 loop {
                     let job = taken.lock().unwrap_or_else(PoisonError::into_inner).recv();
                     let Ok((message, timestamp)) = job else { return };
                     let result = guard(|| compute(&message, timestamp));
                     // Nobody waits for it once the operator has ended.
-                    drop(words.send(Word { priority: 0, timestamp, result }));
+                    drop(error_chain.send(Completion { priority: 0, timestamp, result }));
                 }
             })?;
         }
-        Ok(Self::Threads { jobs, words })
+        Ok(Self::Threads { jobs, error_chain })
     }
 
     /// Computes a message.
@@ -140,10 +140,10 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
     }
 
     /// The next end of a computation on a thread.
-    pub(crate) fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Word<O>> {
+    pub(crate) fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Completion<O>> {
         match self {
             Self::Future(_) => Poll::Pending,
-            Self::Threads { words, .. } => match words.poll_recv(context) {
+            Self::Threads { error_chain, .. } => match error_chain.poll_recv(context) {
                 Poll::Ready(Some(word)) => Poll::Ready(word),
                 Poll::Ready(None) | Poll::Pending => Poll::Pending,
             },

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use fuseline_engine::{
-    self as shared, Commit, ConfigError, Counting, Engine, Header, Item, Pace, Recorder, Recording,
-    Shortfalls, Tally,
+    self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header, Item, Recorder,
+    Recording, Tally, Workload,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
@@ -14,11 +14,11 @@ use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tracing::{Instrument, info_span};
 
-use crate::aside::{AsideCounts, AsideTally, Asker, Beside};
 use crate::drive::{Driver, Timers, finish};
 use crate::local::{Local, Workers};
 use crate::run::{Outbox, Streams};
 use crate::setup::{Registered, Setup};
+use crate::side::{SideCounts, SideRegistration, SideRunner, SideTally};
 use crate::stream::{Reader, stream};
 
 /// A typed operator: for each input message it forwards one result, the best that is in time.
@@ -59,7 +59,7 @@ pub struct Config {
     /// What the operator must keep up with; not checked by default. If given, an operator with too
     /// small a window or too few calls or local computations is not started: its policies and local
     /// could not do what they promise.
-    pub pace: Option<Pace>,
+    pub workload: Option<Workload>,
 }
 
 /// Where and how a run is recorded.
@@ -77,7 +77,7 @@ pub struct Running {
     task: JoinHandle<io::Result<()>>,
     stop: Mutex<Option<oneshot::Sender<()>>>,
     counting: Counting,
-    asides: Vec<Arc<AsideCounts>>,
+    sides: Vec<Arc<SideCounts>>,
 }
 
 /// Why an operator was not started.
@@ -91,10 +91,10 @@ pub enum SpawnError {
     Config(#[from] ConfigError),
     /// It could not keep up with its [pace](Config::pace).
     #[error("the operator could not keep up: {0}")]
-    Pace(#[from] Shortfalls),
+    Workload(#[from] CapacityErrors),
     /// An aside's gate could never open again.
     #[error("the gate of {name} needs a limit of at least 1 and a resume below it")]
-    Aside {
+    SideRequest {
         /// The aside's name.
         name: String,
     },
@@ -167,9 +167,9 @@ pub fn spawn<P: Operator>(
         lossy: false,
     };
     let mut engine = Engine::new(&header, &calls, bounds)?;
-    if let Some(pace) = &config.pace {
+    if let Some(workload) = &config.workload {
         let clouds = setup.clouds.iter().map(|it| (&*it.cloud.name, it.cloud.calls));
-        pace.check(config.window.into(), local.at_once, clouds)?;
+        workload.check(config.window.into(), local.at_once, clouds)?;
     }
     for Registered { priority, cloud, .. } in &mut setup.clouds {
         engine.set_linger(*priority, cloud.linger);
@@ -180,7 +180,7 @@ pub fn spawn<P: Operator>(
     if setup.hints.is_some() {
         engine.take_hints();
     }
-    let asides = asides(&config.name, setup.asides)?;
+    let sides = sides(&config.name, setup.sides)?;
     let workers = Workers::start(local.kind).map_err(SpawnError::Threads)?;
     if let Some(Trace { path, recording }) = config.trace {
         Recorder::create(&path, &header, recording)
@@ -188,14 +188,14 @@ pub fn spawn<P: Operator>(
             .map_err(|error| SpawnError::Trace { path, error })?;
     }
     let counting = engine.counts();
-    let beside = asides.iter().map(Asker::counts).collect();
+    let beside = sides.iter().map(SideRunner::counts).collect();
     let (writer, output) = stream(config.output_len);
     let (stop, stopped) = oneshot::channel();
     let streams = Streams {
         input,
         clouds: setup.clouds,
         situation: setup.situation,
-        asides,
+        sides,
         hints: setup.hints,
         workers,
         deadline: local.deadline,
@@ -211,7 +211,7 @@ pub fn spawn<P: Operator>(
         finish(engine).await
     };
     let task = runtime.spawn(task.instrument(info_span!("operator", name = config.name)));
-    Ok((Running { task, stop: Mutex::new(Some(stop)), counting, asides: beside }, output))
+    Ok((Running { task, stop: Mutex::new(Some(stop)), counting, sides: beside }, output))
 }
 
 impl Running {
@@ -223,8 +223,8 @@ impl Running {
 
     /// The counts of its asides so far, in the order of registration.
     #[must_use]
-    pub fn asides(&self) -> Vec<AsideTally> {
-        self.asides.iter().map(|counts| counts.tally()).collect()
+    pub fn sides(&self) -> Vec<SideTally> {
+        self.sides.iter().map(|counts| counts.tally()).collect()
     }
 
     /// Ends the operator at once: calls are aborted, open messages stay unanswered, the output
@@ -262,16 +262,19 @@ impl Default for Config {
             output_len: 16,
             timers: Timers::Tokio,
             trace: None,
-            pace: None,
+            workload: None,
         }
     }
 }
 
 /// The asides, ready to ask.
-fn asides<I>(operator: &str, registered: Vec<Beside<I>>) -> Result<Vec<Asker<I>>, SpawnError> {
-    let asker = |beside: Beside<I>| {
-        let name = beside.aside.name.clone();
-        Asker::new(operator, beside).ok_or(SpawnError::Aside { name })
+fn sides<I>(
+    operator: &str,
+    registered: Vec<SideRegistration<I>>,
+) -> Result<Vec<SideRunner<I>>, SpawnError> {
+    let asker = |beside: SideRegistration<I>| {
+        let name = beside.side.name.clone();
+        SideRunner::new(operator, beside).ok_or(SpawnError::SideRequest { name })
     };
     registered.into_iter().map(asker).collect()
 }

@@ -22,8 +22,8 @@ pub(crate) fn panicked(panic: &(dyn Any + Send)) -> Error {
 
 /// The panic's message, if it is text.
 pub(crate) fn reason(panic: &(dyn Any + Send)) -> &str {
-    if let Some(words) = panic.downcast_ref::<&str>() {
-        return words;
+    if let Some(error_chain) = panic.downcast_ref::<&str>() {
+        return error_chain;
     }
     panic.downcast_ref::<String>().map_or("without words", String::as_str)
 }

@@ -13,20 +13,20 @@ use futures_util::future::BoxFuture;
 use tokio::sync::oneshot;
 use tracing::error;
 
-use crate::aside::Asker;
 use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::local::Workers;
 use crate::panics::reason;
-use crate::setup::{Assess, Call, Registered, Request, TakeHint};
+use crate::setup::{Call, HintHandler, Registered, Request, SituationSource};
+use crate::side::SideRunner;
 use crate::stream::{Reader, WriteError, Writer};
 
 /// What an operator reads, asks and writes.
 pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<Registered<I, O>>,
-    pub(crate) situation: Option<Assess<I>>,
-    pub(crate) asides: Vec<Asker<I>>,
-    pub(crate) hints: Option<TakeHint<O>>,
+    pub(crate) situation: Option<SituationSource<I>>,
+    pub(crate) sides: Vec<SideRunner<I>>,
+    pub(crate) hints: Option<HintHandler<O>>,
     pub(crate) workers: Workers<I, O>,
     /// Local's deadline.
     pub(crate) deadline: Option<Duration>,
@@ -59,17 +59,17 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
 
     fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<Arc<I>, O>> {
         if let Some(stop) = &mut self.stop
-            && let Poll::Ready(told) = Pin::new(stop).poll(context)
+            && let Poll::Ready(reported) = Pin::new(stop).poll(context)
         {
             self.stop = None;
-            if told.is_ok() {
+            if reported.is_ok() {
                 // D1 one item: what was decided leaves, as far as readers have room.
                 let _ = self.output.poll_delivered(context);
                 return Poll::Ready(Incoming::Stop);
             }
         }
         if let Poll::Ready(word) = self.workers.poll_word(context) {
-            return Poll::Ready(Incoming::Word(word));
+            return Poll::Ready(Incoming::Completion(word));
         }
         // A reader that lags holds back new messages, and nothing else.
         let was_waiting = !self.is_delivered();
@@ -116,7 +116,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
     }
 
     fn taken_on(&mut self, timestamp: u64, message: &Arc<I>) {
-        self.asides.iter_mut().for_each(|aside| aside.ask(message, timestamp));
+        self.sides.iter_mut().for_each(|side| side.ask(message, timestamp));
     }
 
     fn hint(&mut self, hint: Hint<O>) {

@@ -11,15 +11,15 @@ use futures_util::future::BoxFuture;
 use tracing::error;
 
 use crate::Error;
-use crate::aside::{Answered, Aside, AsideCounts, Beside, Question};
 use crate::panics::reason;
+use crate::side::{SideCall, SideCounts, SideRegistration, SideRequest, SideResponse};
 
 /// Registers an operator's clouds, up to 15, and what goes with them.
 pub struct Setup<I, O> {
     pub(crate) clouds: Vec<Registered<I, O>>,
-    pub(crate) situation: Option<Assess<I>>,
-    pub(crate) asides: Vec<Beside<I>>,
-    pub(crate) hints: Option<TakeHint<O>>,
+    pub(crate) situation: Option<SituationSource<I>>,
+    pub(crate) sides: Vec<SideRegistration<I>>,
+    pub(crate) hints: Option<HintHandler<O>>,
 }
 
 /// A cloud's queue, bounds and deadlines, with defaults.
@@ -51,14 +51,14 @@ pub struct Call {
     pub timestamp: u64,
     /// The time left: without what was spent in the queue, with the time to linger.
     pub deadline: Duration,
-    pub(crate) bill: Bill,
+    pub(crate) byte_counter: ByteCounter,
 }
 
 /// Where the bytes that a call sends are counted.
 #[derive(Clone)]
-pub(crate) enum Bill {
+pub(crate) enum ByteCounter {
     Cloud(u16, Counting),
-    Aside(Arc<AsideCounts>),
+    SideRequest(Arc<SideCounts>),
 }
 
 /// A cloud and how to make a call to it.
@@ -69,9 +69,9 @@ pub(crate) struct Registered<I, O> {
 }
 
 /// Takes late results.
-pub(crate) type TakeHint<O> = Box<dyn FnMut(Hint<O>) + Send>;
+pub(crate) type HintHandler<O> = Box<dyn FnMut(Hint<O>) + Send>;
 /// Says what policies are to know of the vehicle.
-pub(crate) type Assess<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
+pub(crate) type SituationSource<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
 /// The message handler: what to send, if anything, and how long the cloud may take.
 pub(crate) type Offer<I, O> = Box<dyn FnMut(&I, u64) -> Option<(Request<O>, Duration)> + Send>;
 /// A request that knows its handle and its response handler.
@@ -79,7 +79,7 @@ pub(crate) type Request<O> = Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O
 
 impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
-        Self { clouds: Vec::new(), situation: None, asides: Vec::new(), hints: None }
+        Self { clouds: Vec::new(), situation: None, sides: Vec::new(), hints: None }
     }
 
     /// Registers a cloud; set its name and bounds in the [`Cloud`] returned.
@@ -155,12 +155,12 @@ impl<I, O: Send + 'static> Setup<I, O> {
     ///   [common](crate::Common) state. `Ok` counts as answered, an error as failed.
     ///
     /// Requests are gated and bounded like a cloud's.
-    pub fn use_aside<Req, Res, Fut>(
+    pub fn use_side_request<Req, Res, Fut>(
         &mut self,
         handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
         mut message_handler: impl FnMut(&I, u64) -> Option<(Req, Duration)> + Send + 'static,
         response_handler: impl Fn(Res) -> Result<(), Error> + Send + Sync + 'static,
-    ) -> &mut Aside
+    ) -> &mut SideRequest
     where
         Req: Send + 'static,
         Res: Send + 'static,
@@ -170,20 +170,20 @@ impl<I, O: Send + 'static> Setup<I, O> {
         let wonder = move |message: &I, timestamp| {
             let (request, deadline) = message_handler(message, timestamp)?;
             let handlers = Arc::clone(&handlers);
-            let question: Question = Box::new(move |call| {
+            let question: SideCall = Box::new(move |call| {
                 Box::pin(async move {
                     let response = (handlers.0)(request, call).await?;
-                    let answered: Answered = Box::new(move || (handlers.1)(response));
+                    let answered: SideResponse = Box::new(move || (handlers.1)(response));
                     Ok(answered)
                 })
             });
             Some((question, deadline))
         };
-        let name = format!("aside-{}", self.asides.len() + 1);
-        let aside = Aside { name, limit: 31, resume: 0, calls: 8 };
-        self.asides.push(Beside { aside, wonder: Box::new(wonder) });
-        let last = self.asides.len() - 1;
-        &mut self.asides[last].aside
+        let name = format!("aside-{}", self.sides.len() + 1);
+        let side = SideRequest { name, limit: 31, resume: 0, calls: 8 };
+        self.sides.push(SideRegistration { side, wonder: Box::new(wonder) });
+        let last = self.sides.len() - 1;
+        &mut self.sides[last].side
     }
 
     /// Hands on results that came too late for their messages, with their age, so that local can use
@@ -234,14 +234,14 @@ impl Call {
         priority: u16,
         counting: Counting,
     ) -> Self {
-        Self { timestamp, deadline, bill: Bill::Cloud(priority, counting) }
+        Self { timestamp, deadline, byte_counter: ByteCounter::Cloud(priority, counting) }
     }
 
     /// Counts bytes sent, the price of speculation.
     pub fn sent(&self, bytes: usize) {
-        match &self.bill {
-            Bill::Cloud(priority, counting) => counting.sent(*priority, bytes as u64),
-            Bill::Aside(counts) => counts.sent(bytes as u64),
+        match &self.byte_counter {
+            ByteCounter::Cloud(priority, counting) => counting.sent(*priority, bytes as u64),
+            ByteCounter::SideRequest(counts) => counts.sent(bytes as u64),
         }
     }
 }

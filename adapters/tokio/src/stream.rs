@@ -19,7 +19,8 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     // More than a channel can hold is no different.
     let capacity = capacity.min(Semaphore::MAX_PERMITS);
     let (sender, receiver) = mpsc::channel(capacity);
-    let joining = Arc::new(Joining { is_any: AtomicBool::new(false), readers: Mutex::default() });
+    let joining =
+        Arc::new(NewReaders { is_any: AtomicBool::new(false), readers: Mutex::default() });
     let reader = Reader { receiver, joining: Arc::downgrade(&joining), capacity };
     (Writer { readers: vec![sender], joining, count: 0 }, reader)
 }
@@ -34,31 +35,31 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
 /// so that it can only run beside the task that reads.
 #[derive(Debug)]
 pub struct Writer<T> {
-    readers: Vec<mpsc::Sender<Numbered<T>>>,
-    joining: Arc<Joining<T>>,
+    readers: Vec<mpsc::Sender<NumberedMessage<T>>>,
+    joining: Arc<NewReaders<T>>,
     count: u64,
 }
 
 /// A reading end of a stream; readers share the messages, without copies.
 #[derive(Debug)]
 pub struct Reader<T> {
-    receiver: mpsc::Receiver<Numbered<T>>,
-    joining: Weak<Joining<T>>,
+    receiver: mpsc::Receiver<NumberedMessage<T>>,
+    joining: Weak<NewReaders<T>>,
     capacity: usize,
 }
 
-type Numbered<T> = (u64, Arc<T>);
+type NumberedMessage<T> = (u64, Arc<T>);
 
 /// Readers made since the last message.
 #[derive(Debug)]
-struct Joining<T> {
+struct NewReaders<T> {
     /// Whether there are any; asked with each message.
     is_any: AtomicBool,
-    readers: Mutex<Vec<mpsc::Sender<Numbered<T>>>>,
+    readers: Mutex<Vec<mpsc::Sender<NumberedMessage<T>>>>,
 }
 
-impl<T> Joining<T> {
-    fn lock(&self) -> MutexGuard<'_, Vec<mpsc::Sender<Numbered<T>>>> {
+impl<T> NewReaders<T> {
+    fn lock(&self) -> MutexGuard<'_, Vec<mpsc::Sender<NumberedMessage<T>>>> {
         self.readers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -12,8 +12,8 @@ use fuseline_tokio::{
     WriteError, spawn, stream,
 };
 use futures_util::{FutureExt, StreamExt};
-use support::Act::{Answers, Never};
-use support::{Made, Script, line, play, play_default};
+use support::SourceAction::{Answers, Never};
+use support::{ClosureOperator, Script, line, play, play_default};
 use tokio::time::{Instant, advance, sleep};
 
 const MS: Duration = Duration::from_millis(1);
@@ -41,7 +41,7 @@ impl Drop for Dropped {
 async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
     let dropped = Arc::new(Mutex::new(Vec::new()));
     let seen = Arc::clone(&dropped);
-    let operator = Made(move |setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let start = Instant::now();
         for (priority, deadline, answers) in [(1, 500, None), (2, 10, None), (3, 500, Some(30))] {
             let dropped = Arc::clone(&dropped);
@@ -68,7 +68,7 @@ async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
 
 #[tokio::test(start_paused = true)]
 async fn a_message_handler_that_panics_asks_nothing_and_is_asked_again() {
-    let operator = Made(|setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
         let message_handler = |message: &u64, _| {
             assert_ne!(*message, 0, "as told");
             Some(((), 100 * MS))
@@ -86,7 +86,7 @@ async fn a_message_handler_that_panics_asks_nothing_and_is_asked_again() {
 /// D7.
 #[tokio::test(start_paused = true)]
 async fn a_response_handler_that_panics_or_errs_is_a_failure_when_the_response_arrives() {
-    let operator = Made(|setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
         let handle = |message, _| async move {
             sleep(50 * MS).await;
             Ok(message)
@@ -115,7 +115,7 @@ async fn a_result_whose_response_handler_takes_until_it_is_due_is_late() {
         (10, "30.000 ms: 0 local by timer from 10 ms\n"),
         (80, "100.000 ms: 0 local by timer from 10 ms\n"),
     ] {
-        let operator = Made(move |setup: &mut Setup<u64, String>| {
+        let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
             let response_handler = move |response| {
                 // The clock goes on while this holds the only thread.
                 advance(busy * MS).now_or_never();
@@ -136,11 +136,11 @@ async fn a_result_whose_response_handler_takes_until_it_is_due_is_late() {
 /// D5.
 #[tokio::test(start_paused = true)]
 async fn a_call_is_told_the_time_left_and_one_that_waited_too_long_is_never_made() {
-    let told = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&told);
-    let operator = Made(move |setup: &mut Setup<u64, String>| {
+    let reported = Arc::new(Mutex::new(Vec::new()));
+    let seen = Arc::clone(&reported);
+    let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let handle = move |(), call: Call| {
-            told.lock().unwrap().push((call.timestamp, call.deadline));
+            reported.lock().unwrap().push((call.timestamp, call.deadline));
             pending()
         };
         // The first call holds the only place for 60 ms.
@@ -163,7 +163,7 @@ async fn a_call_is_told_the_time_left_and_one_that_waited_too_long_is_never_made
 async fn a_local_computation_outlives_its_message_and_is_superseded() {
     let ended = Arc::new(AtomicU64::new(0));
     let seen = Arc::clone(&ended);
-    let operator = Made(move |setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         setup.use_cloud(|(), _| after(10, "cloud"), |_, _| Some(((), 50 * MS)), Ok, 1);
         Local::futures(2, move |_, _| {
             let ended = Arc::clone(&ended);
@@ -182,7 +182,7 @@ async fn a_local_computation_outlives_its_message_and_is_superseded() {
 
 #[tokio::test(start_paused = true)]
 async fn beyond_what_may_wait_local_fails_and_the_cloud_alone_answers() {
-    let operator = Made(|setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
         setup.use_cloud(|(), _| after(50, "cloud"), |_, _| Some(((), 100 * MS)), Ok, 1);
         let mut local = Local::future(|_, _| after(1000, "local"));
         local.waiting = Some(1);
@@ -199,7 +199,7 @@ async fn answered_messages_are_computed_unless_told_to_skip_them() {
     for (skip_answered, expected) in [(false, vec![0, 1, 2, 3]), (true, vec![0, 3])] {
         let computed = Arc::new(Mutex::new(Vec::new()));
         let seen = Arc::clone(&computed);
-        let operator = Made(move |setup: &mut Setup<u64, String>| {
+        let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
             // The cloud answers all but the last message while local computes the first.
             let message_handler = |m: &u64, _| (*m < 3).then_some(((), 50 * MS));
             setup.use_cloud(|(), _| after(10, "cloud"), message_handler, Ok, 1);
@@ -259,7 +259,7 @@ async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
     let trace = Some(Trace { path: path.clone(), recording: fuseline_tokio::Recording::default() });
     let dropped = Arc::new(Mutex::new(Vec::new()));
     let seen = Arc::clone(&dropped);
-    let operator = Made(move |setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let handle = move |(), _| {
             let guard = Dropped(Arc::clone(&dropped), 1, Instant::now());
             async move {
@@ -340,7 +340,7 @@ async fn on_several_threads_a_call_that_blocks_its_own_holds_up_no_message() {
     let blocked = Arc::new(Mutex::new(Some(blocked)));
     let dropped = Arc::new(Mutex::new(Vec::new()));
     let seen = Arc::clone(&dropped);
-    let operator = Made(move |setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let start = Instant::now();
         let handle = move |t: u64, _| {
             let blocked = blocked.lock().unwrap().take();
@@ -442,7 +442,7 @@ async fn an_output_that_nobody_reads_stops_nothing() {
 #[tokio::test]
 async fn threads_compute_as_many_messages_at_once_as_there_are() {
     let barrier = Arc::new(Barrier::new(4));
-    let operator = Made(move |_: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(move |_: &mut Setup<u64, String>| {
         Local::threads(4, move || {
             let barrier = Arc::clone(&barrier);
             let mut computed = 0;
@@ -470,7 +470,7 @@ async fn threads_compute_as_many_messages_at_once_as_there_are() {
 
 #[tokio::test]
 async fn a_thread_that_panics_goes_on_with_the_next_message() {
-    let operator = Made(|_: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(|_: &mut Setup<u64, String>| {
         Local::blocking(|message: &u64, _| {
             assert_ne!(*message, 0, "as told");
             Ok("local".into())

@@ -10,7 +10,7 @@ use fuseline_tokio::deadline::{
     Accuracy, Chosen, Constant, End, Expected, Guard, Parameters, Policy, Reason, Situation,
 };
 use fuseline_tokio::{Call, Config, Error, Local, Setup, spawn, stream};
-use support::{Made, Played, line, play};
+use support::{ClosureOperator, RunResult, line, play};
 use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);
@@ -19,12 +19,12 @@ const MS: Duration = Duration::from_millis(1);
 type Log = Arc<Mutex<Vec<String>>>;
 
 /// Answers with one deadline after the other, the last again and again, and notes everything.
-struct Noting {
+struct RecordingPolicy {
     log: Log,
     deadlines: Vec<u32>,
 }
 
-impl Policy for Noting {
+impl Policy for RecordingPolicy {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         let Situation { speed, under_way, .. } = situation;
         let speed = speed.greatest;
@@ -43,17 +43,17 @@ impl Policy for Noting {
 
 /// What a cloud does with the n-th message, in ms from when it is asked.
 #[derive(Clone, Copy)]
-enum Does {
+enum ServiceAction {
     Answers(u32),
     Fails(u32),
     Hangs,
 }
-use Does::{Answers, Fails, Hangs};
+use ServiceAction::{Answers, Fails, Hangs};
 
 /// Its value says who answered which message, asked when.
-async fn does(who: &str, does: Does, t: u64, start: Instant) -> Result<String, Error> {
-    let asked = start.elapsed().as_millis();
-    let value = format!("{who}'s of {t}, asked at {asked} ms,");
+async fn does(who: &str, does: ServiceAction, t: u64, start: Instant) -> Result<String, Error> {
+    let requested = start.elapsed().as_millis();
+    let value = format!("{who}'s of {t}, asked at {requested} ms,");
     match does {
         Answers(ms) => sleep(ms * MS).await,
         Fails(ms) => {
@@ -69,7 +69,7 @@ async fn does(who: &str, does: Does, t: u64, start: Instant) -> Result<String, E
 fn cloud(
     setup: &mut Setup<u64, String>,
     p: u16,
-    what: fn(u64) -> Does,
+    what: fn(u64) -> ServiceAction,
     deadline: Duration,
 ) -> &mut fuseline_tokio::Cloud {
     let start = Instant::now();
@@ -86,12 +86,12 @@ fn local(ms: u32) -> Local<u64, String> {
 async fn played(
     messages: &[u64],
     setup: impl FnOnce(&mut Setup<u64, String>) -> Local<u64, String>,
-) -> Played {
-    play(Made(setup), Config { window: 64, ..Config::default() }, messages).await
+) -> RunResult {
+    play(ClosureOperator(setup), Config { window: 64, ..Config::default() }, messages).await
 }
 
 fn noting(log: &Log, deadlines: &[u32]) -> Box<dyn Policy + Send> {
-    Box::new(Noting { log: Arc::clone(log), deadlines: deadlines.to_vec() })
+    Box::new(RecordingPolicy { log: Arc::clone(log), deadlines: deadlines.to_vec() })
 }
 
 #[tokio::test(start_paused = true)]
@@ -109,7 +109,7 @@ async fn a_policy_chooses_up_to_what_is_offered_and_knows_speed_and_calls_under_
          100.000 ms: 0 local's of 0, asked at 0 ms, by timer from 20 ms\n\
          210.000 ms: 2 local's of 2, asked at 60 ms, by timer from 80 ms\n"
     );
-    let told = [
+    let reported = [
         "at 11 m/s up to 150ms, []",
         "at 18 m/s up to 150ms, [30ms]",
         "at 11 m/s up to 150ms, [60ms, 30ms]",
@@ -117,11 +117,11 @@ async fn a_policy_chooses_up_to_what_is_offered_and_knows_speed_and_calls_under_
         "Censored(100ms)",
         "Censored(150ms)",
     ];
-    assert_eq!(*log.lock().unwrap(), told);
+    assert_eq!(*log.lock().unwrap(), reported);
 }
 
 /// What becomes of five messages, 200 ms apart with 100 ms each.
-fn fates(t: u64) -> Does {
+fn fates(t: u64) -> ServiceAction {
     [Answers(40), Fails(30), Answers(130), Answers(170), Hangs][usize::try_from(t).unwrap()]
 }
 
@@ -213,8 +213,8 @@ async fn a_request_that_was_never_sent_is_censored_too() {
 
 #[tokio::test(start_paused = true)]
 async fn a_policy_that_panics_asks_nothing_and_is_asked_again() {
-    struct Shaky;
-    impl Policy for Shaky {
+    struct FailingPolicy;
+    impl Policy for FailingPolicy {
         fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
             assert!(situation.speed.greatest < 20.0, "as told");
             Constant(50 * MS).decide(situation, cap)
@@ -225,7 +225,7 @@ async fn a_policy_that_panics_asks_nothing_and_is_asked_again() {
     }
     let run = played(&[0, 100], |setup| {
         setup.use_situation(|_, t| Situation::at(if t == 0 { 22.0 } else { 18.0 }));
-        cloud(setup, 1, |_| Answers(40), 100 * MS).policy = Some(Box::new(Shaky));
+        cloud(setup, 1, |_| Answers(40), 100 * MS).policy = Some(Box::new(FailingPolicy));
         local(20)
     });
     assert_eq!(
@@ -272,7 +272,7 @@ async fn an_expecting_policy_stops_waiting_for_a_cloud_that_is_gone_and_finds_it
     let expected = Expected::<_, 16>::new(loss, 0.02, Some(8)).unwrap();
     let policy = Constant(400 * MS).caps(expected);
     let (mut camera, frames) = stream(8);
-    let operator = Made(move |setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         // It is gone from message 40 to message 79.
         let what = |t| if (40..80).contains(&t) { Hangs } else { Answers(150) };
         cloud(setup, 1, what, Duration::MAX).policy = Some(Box::new(policy));

@@ -5,21 +5,21 @@ mod support;
 use std::time::Duration;
 
 use fuseline_tokio::{Call, Config, Error, Local, Setup, spawn, stream};
-use support::{Made, play};
+use support::{ClosureOperator, play};
 use tokio::time::timeout;
 
 /// D7, D10: a call that lingers is dropped when the operator ends; found by the simulator.
 #[tokio::test(start_paused = true)]
 async fn a_call_that_panics_when_it_is_dropped_at_the_end_costs_neither_items_nor_trace() {
-    struct Bomb;
-    impl Drop for Bomb {
+    struct PanicsOnDrop;
+    impl Drop for PanicsOnDrop {
         fn drop(&mut self) {
             panic!("as told");
         }
     }
-    let operator = Made(|setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
         let handle = |_: u64, _: Call| async {
-            let _bomb = Bomb;
+            let _bomb = PanicsOnDrop;
             std::future::pending::<Result<String, Error>>().await
         };
         let deadline = Duration::from_millis(30);
@@ -36,7 +36,7 @@ async fn a_call_that_panics_when_it_is_dropped_at_the_end_costs_neither_items_no
 /// D1: found by the simulator.
 #[tokio::test(start_paused = true)]
 async fn a_stop_loses_no_item_that_was_decided_and_finds_room() {
-    let operator = Made(|_: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(|_: &mut Setup<u64, String>| {
         Local::futures(2, |_, _| async { Ok("local".to_owned()) })
     });
     let (mut writer, input) = stream(2);

@@ -134,9 +134,9 @@ async fn what_no_connection_took_does_not_count_as_sent() {
 }
 
 /// Says what it serves, and echoes.
-struct Named;
+struct DescribedService;
 
-impl Infer for Named {
+impl Infer for DescribedService {
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send {
         echo(request)
     }
@@ -152,7 +152,7 @@ async fn a_server_says_what_it_serves_if_it_does() {
         let mut client = InferClient::new(remote.connect().unwrap());
         client.describe(tonic::Request::new(())).await.map(tonic::Response::into_inner)
     };
-    let cloud = Cloud::start("127.0.0.1:0", Server::default(), Named);
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), DescribedService);
     assert_eq!(describe(&cloud.http()).await.unwrap().model, "echo");
     assert_eq!(call(&cloud.http()).await.unwrap(), b"frame");
     let silent = Cloud::start("127.0.0.1:0", Server::default(), echo);
@@ -204,13 +204,13 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
 
 /// Passes on to the cloud and back, until it is told; from then on the connection stays open and nothing more
 /// of it goes on. The next one is passed on again.
-async fn passed_on(door: TcpListener, cloud: SocketAddr, told: oneshot::Receiver<()>) {
+async fn passed_on(door: TcpListener, cloud: SocketAddr, reported: oneshot::Receiver<()>) {
     let connection =
         async || (door.accept().await.unwrap().0, TcpStream::connect(cloud).await.unwrap());
     let mut silent = connection().await;
     tokio::select! {
         ended = copy_bidirectional(&mut silent.0, &mut silent.1) => panic!("{ended:?}"),
-        _ = told => {}
+        _ = reported => {}
     }
     let (mut client, mut server) = connection().await;
     copy_bidirectional(&mut client, &mut server).await.unwrap();
@@ -226,8 +226,8 @@ async fn a_connection_that_falls_silent_is_lost_once_a_ping_has_no_answer() {
         ping_deadline: Duration::from_millis(200),
         ..Remote::new(format!("http://{}", door.local_addr().unwrap()))
     };
-    let (fall_silent, told) = oneshot::channel();
-    let between = tokio::spawn(passed_on(door, cloud.address, told));
+    let (fall_silent, reported) = oneshot::channel();
+    let between = tokio::spawn(passed_on(door, cloud.address, reported));
     let mut client = InferClient::new(remote.connect().unwrap());
     assert_eq!(one(&mut client, b"first").await.unwrap(), b"first");
     fall_silent.send(()).unwrap();
@@ -256,7 +256,7 @@ async fn messages_of_many_megabytes_pass_both_ways() {
 async fn the_deadline_travels_with_the_call() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let remote = Remote::new(format!("http://{}", listener.local_addr().unwrap()));
-    let (tell, told) = mpsc::channel();
+    let (tell, reported) = mpsc::channel();
     let note = move |request: tonic::Request<()>| {
         let timeout = request.metadata().get("grpc-timeout").unwrap().to_str().unwrap().to_owned();
         tell.send(timeout).unwrap();
@@ -271,7 +271,7 @@ async fn the_deadline_travels_with_the_call() {
     let (_, mut output) =
         spawn(Vehicle { remote, deadline: LONG }, Config::default(), frames).unwrap();
     assert_eq!(ask(&mut camera, &mut output).await.0, b"cloud frame");
-    let timeout = told.recv().unwrap();
+    let timeout = reported.recv().unwrap();
     let (digits, unit) = timeout.split_at(timeout.len() - 1);
     let digits: u64 = digits.parse().unwrap();
     let seconds = match unit {
@@ -350,8 +350,8 @@ async fn garbage_is_no_request_and_an_unknown_method_is_said_to_be() {
         grpc.ready().await.unwrap();
         let path = http::uri::PathAndQuery::from_static(path);
         // A timestamp that is a string.
-        let garbage = Garbage { timestamp: "garbage".into() };
-        let codec = tonic_prost::ProstCodec::<Garbage, Reply>::default();
+        let garbage = GarbageService { timestamp: "garbage".into() };
+        let codec = tonic_prost::ProstCodec::<GarbageService, Reply>::default();
         grpc.unary(tonic::Request::new(garbage), path, codec).await.unwrap_err().code()
     };
     assert_eq!(ask("/fuseline.v1.Infer/Infer").await, Code::Internal);
@@ -361,7 +361,7 @@ async fn garbage_is_no_request_and_an_unknown_method_is_said_to_be() {
 }
 
 #[derive(Clone, PartialEq, Eq, prost::Message)]
-struct Garbage {
+struct GarbageService {
     #[prost(string, tag = "1")]
     timestamp: String,
 }
@@ -424,21 +424,21 @@ fn the_messages_are_those_of_the_proto_file() {
     assert_eq!(request.unknown_fields().count(), 0);
     let reply = decode("fuseline.v1.Reply", &Reply { payload: payload.clone() }.encode_to_vec());
     assert_eq!(*reply.get_field_by_name("payload").unwrap(), Value::Bytes(payload));
-    let said = Description {
+    let logged = Description {
         model: "M".into(),
         runtime_ms: Some(1.5),
         ap: Some(0.0),
         drive: "D".into(),
         emulated: true,
     };
-    let said = decode("fuseline.v1.Description", &said.encode_to_vec());
+    let logged = decode("fuseline.v1.Description", &logged.encode_to_vec());
     let fields: Vec<Value> = ["model", "runtime_ms", "ap", "drive", "emulated"]
-        .map(|name| said.get_field_by_name(name).unwrap().into_owned())
+        .map(|name| logged.get_field_by_name(name).unwrap().into_owned())
         .into();
     let text = |text: &str| Value::String(text.into());
     let numbers = [Value::F64(1.5), Value::F64(0.0)];
     assert_eq!(fields, [&[text("M")][..], &numbers, &[text("D"), Value::Bool(true)]].concat());
-    assert!(said.has_field_by_name("ap") && said.unknown_fields().count() == 0);
+    assert!(logged.has_field_by_name("ap") && logged.unknown_fields().count() == 0);
     let service = pool.get_service_by_name("fuseline.v1.Infer").unwrap();
     assert_eq!(
         service.methods().map(|m| m.name().to_owned()).collect::<Vec<_>>(),

@@ -5,8 +5,8 @@ mod support;
 use std::time::Duration;
 
 use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, Trigger};
-use support::Act::{Answers, Fails, Never, Panics};
-use support::{Part, Script, play, play_default};
+use support::SourceAction::{Answers, Fails, Never, Panics};
+use support::{CloudScript, Script, play, play_default};
 
 #[tokio::test(start_paused = true)]
 async fn local_alone_is_forwarded_when_it_arrives() {
@@ -111,7 +111,7 @@ async fn one_message_more_than_the_window_is_refused_full_and_downstream_learns(
 #[tokio::test(start_paused = true)]
 async fn a_slow_network_fills_the_queue_and_shuts_the_gate_until_it_is_empty() {
     let mut script = Script::new();
-    let slow = Part { priority: 1, deadline_ms: 100, act: |_| Never, limit: 2, calls: 1 };
+    let slow = CloudScript { priority: 1, deadline_ms: 100, act: |_| Never, limit: 2, calls: 1 };
     script.clouds.push(slow);
     // One call is under way, two wait, the fourth is refused. At 100 ms the first timer fires and
     // the second call starts: the queue is one long, the gate still shut. At 130 ms it is empty.
@@ -157,19 +157,19 @@ async fn every_message_of_a_long_run_with_everything_going_wrong_is_answered_onc
         let played =
             play(script, Config { window: 6, commit, ..Config::default() }, &messages).await;
         assert_eq!(played.items.lines().count(), 500);
-        let Tallied { forwarded, missed, refused } = tallied(&played.tally);
+        let CountedOutcomes { forwarded, missed, refused } = tallied(&played.tally);
         assert_eq!(forwarded + missed + refused, 500);
         assert!(forwarded > 300 && missed > 0 && refused > 0, "{:?}", played.tally);
     }
 }
 
-struct Tallied {
+struct CountedOutcomes {
     forwarded: u64,
     missed: u64,
     refused: u64,
 }
 
-fn tallied(tally: &fuseline_tokio::Tally) -> Tallied {
+fn tallied(tally: &fuseline_tokio::Tally) -> CountedOutcomes {
     let refused = tally.refused.values().sum();
-    Tallied { forwarded: tally.forwarded(), missed: tally.missed, refused }
+    CountedOutcomes { forwarded: tally.forwarded(), missed: tally.missed, refused }
 }

@@ -17,8 +17,8 @@ fn scheduling() -> (u8, u8) {
 
 #[test]
 fn a_thread_has_the_priority_that_it_asked_for_or_is_told_what_would_grant_it() {
-    let told = thread::spawn(|| (schedule(7), scheduling())).join().unwrap();
-    match told {
+    let reported = thread::spawn(|| (schedule(7), scheduling())).join().unwrap();
+    match reported {
         (Ok(()), scheduled) => assert_eq!(scheduled, (7, 1)),
         (Err(error), scheduled) => {
             let error = error.to_string();

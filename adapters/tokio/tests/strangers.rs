@@ -67,8 +67,8 @@ impl Log {
                 tokio::time::sleep(Duration::from_millis(5)).await;
             }
         };
-        let said = tokio::time::timeout(Duration::from_secs(30), soon).await;
-        assert!(said.is_ok(), "no {words:?} in the log:\n{}", self.text());
+        let logged = tokio::time::timeout(Duration::from_secs(30), soon).await;
+        assert!(logged.is_ok(), "no {words:?} in the log:\n{}", self.text());
     }
 }
 
@@ -471,7 +471,7 @@ async fn a_call_ends_with_its_deadline_though_the_client_goes_on() {
     let call = [hostile::call(), hostile::header("grpc-timeout", "50m")].concat();
     raw.frame(HEADERS, END_HEADERS, 1, &call).await;
     raw.frame(DATA, 1, 1, &hostile::request(0)).await;
-    let answer = async { while !raw.is_answered(1) && raw.heard().await {} };
+    let answer = async { while !raw.is_answered(1) && raw.received().await {} };
     let answer = tokio::time::timeout(Duration::from_secs(30), answer).await;
     assert!(answer.is_ok() && raw.is_answered(1), "the call went on");
     cloud.kill();

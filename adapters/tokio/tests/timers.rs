@@ -14,9 +14,9 @@ const MS: Duration = Duration::from_millis(1);
 const LONG: Duration = Duration::from_secs(60);
 
 /// Its cloud never answers; a message says how long that is waited for.
-struct Forsaken;
+struct UnansweredOperator;
 
-impl Operator for Forsaken {
+impl Operator for UnansweredOperator {
     type Input = Duration;
     type Output = Duration;
 
@@ -35,7 +35,7 @@ fn config() -> Config {
 /// one that had passed by then.
 async fn the_timer_goes_off_at_each_due_instant_and_not_before() {
     let (mut writer, input) = stream(8);
-    let (running, mut output) = spawn(Forsaken, config(), input).unwrap();
+    let (running, mut output) = spawn(UnansweredOperator, config(), input).unwrap();
     writer.write(60 * LONG).unwrap();
     for deadline in [30 * MS, 7 * MS, Duration::from_nanos(1), 11 * MS] {
         writer.write(deadline).unwrap();
@@ -75,6 +75,6 @@ fn a_runtime_without_io_is_told_at_the_start() {
     let runtime = Builder::new_current_thread().enable_time().build().unwrap();
     runtime.block_on(async {
         let (_, input) = stream(1);
-        let _ = spawn(Forsaken, config(), input);
+        let _ = spawn(UnansweredOperator, config(), input);
     });
 }

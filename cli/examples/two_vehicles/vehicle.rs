@@ -17,11 +17,11 @@ const PERIOD: Duration = Duration::from_millis(100);
 const DEADLINE: Duration = Duration::from_millis(500);
 
 /// The others, as far as is known.
-struct Neighbours {
+struct OtherVehicles {
     connection: Connection,
 }
 
-impl Operator for Neighbours {
+impl Operator for OtherVehicles {
     type Input = Location;
     type Output = Vec<Location>;
 
@@ -51,7 +51,7 @@ pub(crate) async fn drive(
     };
     let connection = grpc::Remote::new(url).connect()?;
     let (mut locations, input) = stream(1);
-    let (running, mut output) = spawn(Neighbours { connection }, config, input)?;
+    let (running, mut output) = spawn(OtherVehicles { connection }, config, input)?;
     let (mut period, began) = (interval(PERIOD), Instant::now());
     let mut known = Vec::new();
     for _ in 0..reports {

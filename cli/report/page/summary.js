@@ -22,7 +22,7 @@ export function showSummary(trace) {
   const [half, most, nearly] = response.map(quantile);
   by("figures").replaceChildren(
     ...[
-      ["Messages", count(messages), `${count(trace.judged)} judged`],
+      ["Messages", count(messages), `${count(trace.judged)} judged${trace.unfinished ? `, ${count(trace.unfinished)} unfinished` : ""}`],
       ["Forwarded", count(forwarded), share(forwarded, messages)],
       ["Missed", count(missed), share(missed, messages), missed > 0],
       refused > 0 && ["Refused", count(refused), share(refused, messages), true],

@@ -10,10 +10,10 @@ use fuseline_traces::{Decision, Event, Header, Input};
 use serde::Serialize;
 use serde::ser::Serializer;
 
-use crate::judging::{AnyViolation, Found, Manner};
+use crate::judging::{AnyViolation, Findings, JudgeMode};
 use crate::quantile::Quantile;
 use crate::reasons;
-use crate::reckoning::{Ending, Reckoning, Row, Totals};
+use crate::statistics::{Ending, Row, Totals, TraceStatistics};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;
@@ -25,14 +25,14 @@ pub(crate) struct Columns {
     events: Vec<Event>,
     /// The sources in the order of their first mention: local, the header's, strangers.
     sources: BTreeMap<u64, usize>,
-    reckoning: Reckoning,
+    statistics: TraceStatistics,
     /// How often requests had so long.
     deadlines: BTreeMap<u64, u64>,
 }
 
 /// One trace as the page has it.
 #[derive(Serialize)]
-pub(crate) struct Told {
+pub(crate) struct PageTrace {
     file: String,
     operator: Option<String>,
     window: u16,
@@ -42,17 +42,20 @@ pub(crate) struct Told {
     sources: Vec<Source>,
     conforms: bool,
     judged: u64,
+    /// If the run is known to have ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unfinished: Option<u64>,
     lines: u64,
     violations: Vec<Violation>,
     more: u64,
     #[serde(rename = "account")]
     totals: Sums,
     /// How long requests had, the commonest first.
-    deadlines: Vec<Exact>,
+    deadlines: Vec<ExactNumber>,
     /// The instant from which `at` counts.
-    origin: Exact,
+    origin: ExactNumber,
     /// The timestamps, ascending, each as its difference from the one before.
-    timestamps: Vec<Exact>,
+    timestamps: Vec<ExactNumber>,
     /// What became of each: the place of the source whose result was forwarded, or a number below 0.
     outcome: Vec<i64>,
     /// What became of their requests: for each timestamp a digit a source, the fate's column, or 0.
@@ -100,7 +103,7 @@ enum Response {
 
 #[derive(Serialize)]
 struct Source {
-    p: Exact,
+    p: ExactNumber,
     name: Option<String>,
     /// Whether the header tells it; local is.
     known: bool,
@@ -120,14 +123,17 @@ struct Violation {
 
 /// A number that is told as a text where a script could not hold it.
 #[derive(Clone, Copy)]
-struct Exact(u64);
+struct ExactNumber(u64);
 
 impl Columns {
     pub(crate) fn new(header: &Header, is_observed: bool) -> Self {
         let mut columns = Self {
             events: Vec::new(),
             sources: BTreeMap::new(),
-            reckoning: Reckoning::new(header.clouds.iter().map(|cloud| cloud.p), is_observed),
+            statistics: TraceStatistics::new(
+                header.clouds.iter().map(|cloud| cloud.p),
+                is_observed,
+            ),
             deadlines: BTreeMap::new(),
         };
         columns.source(0);
@@ -146,7 +152,7 @@ impl Columns {
         if let Event::Decision(Decision::Request { at, due, .. }) = event {
             *self.deadlines.entry(due.saturating_sub(at)).or_default() += 1;
         }
-        self.reckoning.event(&event);
+        self.statistics.event(&event);
         self.events.push(event);
     }
 
@@ -156,22 +162,28 @@ impl Columns {
     }
 
     /// The columns with the verdict.
-    pub(crate) fn told(&self, header: &Header, manner: Manner, verdict: &Found) -> Told {
+    pub(crate) fn page_trace(
+        &self,
+        header: &Header,
+        mode: JudgeMode,
+        verdict: &Findings,
+    ) -> PageTrace {
         let mut timestamps: Vec<u64> = self.events.iter().filter_map(Event::t).collect();
         timestamps.sort_unstable();
         timestamps.dedup();
         let place = |t: u64| timestamps.binary_search(&t).unwrap_or_default();
         let origin = self.events.iter().map(instant).min().unwrap_or_default();
         let (summary, violations) = (verdict.summary(), verdict.violations());
-        let mut told = Told {
+        let mut page_trace = PageTrace {
             file: summary.file.to_owned(),
             operator: header.operator.clone(),
             window: header.window,
             commit: header.commit.as_str(),
-            observed: manner.map(|slack| [slack.tolerance, slack.lateness]),
+            observed: mode.map(|slack| [slack.tolerance, slack.lateness]),
             sources: self.named(header),
             conforms: summary.conforms,
             judged: summary.judged,
+            unfinished: summary.unfinished,
             lines: summary.lines,
             more: summary.violations - violations.len() as u64,
             violations: violations
@@ -180,7 +192,7 @@ impl Columns {
                 .collect(),
             totals: self.sums(),
             deadlines: self.deadlines(),
-            origin: Exact(origin),
+            origin: ExactNumber(origin),
             timestamps: differences(&timestamps),
             outcome: timestamps.iter().map(|t| self.outcome(*t)).collect(),
             fates: self.fates(&timestamps),
@@ -192,16 +204,16 @@ impl Columns {
         };
         let (mut at, mut t) = (origin, 0);
         for event in &self.events {
-            told.at.push(i128::from(instant(event)) - i128::from(at));
+            page_trace.at.push(i128::from(instant(event)) - i128::from(at));
             at = instant(event);
             let next = event.t().map_or(t, |t| i64::try_from(place(t)).unwrap_or(i64::MAX));
-            told.t.push(next - t);
+            page_trace.t.push(next - t);
             t = next;
             let source = priority(event).and_then(|p| self.sources.get(&p));
-            told.p.push(source.map_or(0, |source| source + 1));
-            more_of(event, &mut told.x);
+            page_trace.p.push(source.map_or(0, |source| source + 1));
+            more_of(event, &mut page_trace.x);
         }
-        told
+        page_trace
     }
 
     /// The place of a source that the trace mentions.
@@ -211,7 +223,7 @@ impl Columns {
 
     fn sums(&self) -> Sums {
         let Totals { messages, forwarded, missed, refused, open, response, rows } =
-            self.reckoning.totals();
+            self.statistics.totals();
         let line = |Row { p, counts, response }| {
             let response = response.map(Response::new);
             Line { place: self.place(p), counts, response }
@@ -222,14 +234,14 @@ impl Columns {
         Sums { messages, forwarded, missed, refused, open, response, rows }
     }
 
-    fn deadlines(&self) -> Vec<Exact> {
+    fn deadlines(&self) -> Vec<ExactNumber> {
         let mut counted: Vec<(&u64, &u64)> = self.deadlines.iter().collect();
         counted.sort_by_key(|(deadline, count)| (Reverse(**count), **deadline));
-        counted.into_iter().take(DEADLINES).map(|(deadline, _)| Exact(*deadline)).collect()
+        counted.into_iter().take(DEADLINES).map(|(deadline, _)| ExactNumber(*deadline)).collect()
     }
 
     fn outcome(&self, t: u64) -> i64 {
-        match self.reckoning.outcome(t) {
+        match self.statistics.outcome(t) {
             Ending::Forwarded { p } => i64::try_from(self.place(p)).unwrap_or(i64::MAX),
             Ending::Missed => -1,
             Ending::Open => -2,
@@ -242,9 +254,13 @@ impl Columns {
             self.sources.iter().map(|(p, place)| (*place, *p)).collect();
         sources.sort_unstable();
         let fates = timestamps.iter().flat_map(|t| {
-            sources.iter().map(|(_, p)| self.reckoning.fate(*t, *p).unwrap_or_default())
+            sources.iter().map(|(_, p)| self.statistics.request_outcome(*t, *p).unwrap_or_default())
         });
-        fates.filter_map(|fate| char::from_digit(u32::try_from(fate).ok()?, 10)).collect()
+        fates
+            .filter_map(|request_outcome| {
+                char::from_digit(u32::try_from(request_outcome).ok()?, 10)
+            })
+            .collect()
     }
 
     fn named(&self, header: &Header) -> Vec<Source> {
@@ -252,7 +268,10 @@ impl Columns {
         for (&p, &place) in &self.sources {
             let cloud = header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
             let name = cloud.and_then(|cloud| cloud.name.clone());
-            named.push((place, Source { p: Exact(p), name, known: p == 0 || cloud.is_some() }));
+            named.push((
+                place,
+                Source { p: ExactNumber(p), name, known: p == 0 || cloud.is_some() },
+            ));
         }
         named.sort_unstable_by_key(|(place, _)| *place);
         named.into_iter().map(|(_, source)| source).collect()
@@ -280,7 +299,7 @@ impl Violation {
     }
 }
 
-impl Serialize for Exact {
+impl Serialize for ExactNumber {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         if self.0 <= EXACT {
             serializer.serialize_u64(self.0)
@@ -291,9 +310,9 @@ impl Serialize for Exact {
 }
 
 /// Ascending numbers, each as its difference from the one before.
-fn differences(numbers: &[u64]) -> Vec<Exact> {
+fn differences(numbers: &[u64]) -> Vec<ExactNumber> {
     let before = std::iter::once(&0).chain(numbers);
-    numbers.iter().zip(before).map(|(number, before)| Exact(number - before)).collect()
+    numbers.iter().zip(before).map(|(number, before)| ExactNumber(number - before)).collect()
 }
 
 const fn instant(event: &Event) -> u64 {

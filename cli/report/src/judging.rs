@@ -1,15 +1,15 @@
 //! Either judge, line by line, and what it found.
 
-use fuseline_traces::observed::{self, Disorder, Slack};
+use fuseline_traces::observed::{self, Slack, TimeOrderError};
 use fuseline_traces::{Event, Header, Judge, Verdict, Violation};
 use serde::Serialize;
 
 /// How a trace is judged: strictly, or as observed within this.
-pub type Manner = Option<Slack>;
+pub type JudgeMode = Option<Slack>;
 
 /// A judge of one trace.
 #[derive(Debug)]
-pub enum Judging {
+pub enum TraceJudge {
     /// Every decision is the one that the rules demand.
     Strict(Judge),
     /// The rules can explain each timestamp.
@@ -19,7 +19,7 @@ pub enum Judging {
 /// What one of the judges found.
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
-pub enum Found {
+pub enum Findings {
     /// The strict judge.
     Strict(Verdict),
     /// That of observed traces.
@@ -35,6 +35,8 @@ pub struct Summary<'a> {
     pub conforms: bool,
     /// Timestamps judged.
     pub judged: u64,
+    /// Timestamps that local owed a result when the run ended, if it is known to have ended.
+    pub unfinished: Option<u64>,
     /// Lines, the header's too.
     pub lines: u64,
     /// All violations, those that are not told too.
@@ -60,13 +62,23 @@ pub struct AnyViolation<'a> {
     pub story: &'a [String],
 }
 
-impl Judging {
+impl TraceJudge {
     /// A judge of the trace `name`.
     #[must_use]
-    pub fn new(manner: Manner, name: &str, header: &Header) -> Self {
-        match manner {
+    pub fn new(mode: JudgeMode, name: &str, header: &Header) -> Self {
+        match mode {
             None => Self::Strict(Judge::new(name, header)),
             Some(slack) => Self::Observed(observed::Judge::new(name, header, slack)),
+        }
+    }
+
+    /// The same, for an operator that opens a timestamp each `period`, in nanoseconds (J1). The strict judge compares
+    /// decisions alone and takes no notice of it.
+    #[must_use]
+    pub fn with_period(self, period: u64) -> Self {
+        match self {
+            Self::Strict(_) => self,
+            Self::Observed(judge) => Self::Observed(judge.with_period(period)),
         }
     }
 
@@ -74,7 +86,7 @@ impl Judging {
     ///
     /// # Errors
     /// If an observed trace is further out of order than its tolerance.
-    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), Disorder> {
+    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), TimeOrderError> {
         match self {
             Self::Strict(judge) => judge.line(line, event),
             Self::Observed(judge) => judge.line(line, event)?,
@@ -82,38 +94,48 @@ impl Judging {
         Ok(())
     }
 
-    /// The violations found so far, without the first `told` of them.
+    /// The violations found so far, without the first `page_trace` of them.
     #[must_use]
-    pub fn since(&self, told: usize) -> Vec<AnyViolation<'_>> {
+    pub fn since(&self, page_trace: usize) -> Vec<AnyViolation<'_>> {
         match self {
             Self::Strict(judge) => {
-                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
+                judge.so_far().violations.iter().skip(page_trace).map(AnyViolation::from).collect()
             }
             Self::Observed(judge) => {
-                judge.so_far().violations.iter().skip(told).map(AnyViolation::from).collect()
+                judge.so_far().violations.iter().skip(page_trace).map(AnyViolation::from).collect()
             }
         }
     }
 
     /// The verdict on the whole: what is not there is missing. Violations stand by their lines.
     #[must_use]
-    pub fn finish(self) -> Found {
+    pub fn finish(self) -> Findings {
         match self {
-            Self::Strict(judge) => Found::Strict(judge.finish()),
-            Self::Observed(judge) => Found::observed(judge.finish()),
+            Self::Strict(judge) => Findings::Strict(judge.finish()),
+            Self::Observed(judge) => Findings::observed(judge.finish()),
+        }
+    }
+
+    /// The verdict on the whole trace of a run that is known to have ended: all that it owed is overdue. Violations stand by
+    /// their lines.
+    #[must_use]
+    pub fn finish_ended(self) -> Findings {
+        match self {
+            Self::Strict(judge) => Findings::Strict(judge.finish_ended()),
+            Self::Observed(judge) => Findings::observed(judge.finish_ended()),
         }
     }
 
     /// The verdict on a trace that may go on, or was cut short: what is not there may still have come. Violations stand as
     /// they were found. Also whether decisions of the last input were missing, which are not judged.
     #[must_use]
-    pub fn finish_early(self) -> (Found, bool) {
+    pub fn finish_early(self) -> (Findings, bool) {
         match self {
             Self::Strict(judge) => {
                 let (verdict, is_cut) = without_last(judge);
-                (Found::Strict(verdict), is_cut)
+                (Findings::Strict(verdict), is_cut)
             }
-            Self::Observed(judge) => (Found::Observed(judge.finish_early()), false),
+            Self::Observed(judge) => (Findings::Observed(judge.finish_early()), false),
         }
     }
 }
@@ -131,7 +153,7 @@ fn without_last(judge: Judge) -> (Verdict, bool) {
     (verdict, is_cut)
 }
 
-impl Found {
+impl Findings {
     fn observed(mut verdict: observed::Verdict) -> Self {
         verdict.violations.sort_by_key(|violation| violation.line);
         Self::Observed(verdict)
@@ -141,17 +163,11 @@ impl Found {
     #[must_use]
     pub const fn summary(&self) -> Summary<'_> {
         match self {
-            Self::Strict(Verdict { file, conforms, judged, lines, violations, more }) => Summary {
-                file: file.as_str(),
-                conforms: *conforms,
-                judged: *judged,
-                lines: *lines,
-                violations: violations.len() as u64 + *more,
-            },
-            Self::Observed(observed::Verdict {
+            Self::Strict(Verdict {
                 file,
                 conforms,
                 judged,
+                unfinished,
                 lines,
                 violations,
                 more,
@@ -159,6 +175,23 @@ impl Found {
                 file: file.as_str(),
                 conforms: *conforms,
                 judged: *judged,
+                unfinished: *unfinished,
+                lines: *lines,
+                violations: violations.len() as u64 + *more,
+            },
+            Self::Observed(observed::Verdict {
+                file,
+                conforms,
+                judged,
+                unfinished,
+                lines,
+                violations,
+                more,
+            }) => Summary {
+                file: file.as_str(),
+                conforms: *conforms,
+                judged: *judged,
+                unfinished: *unfinished,
                 lines: *lines,
                 violations: violations.len() as u64 + *more,
             },
@@ -187,6 +220,6 @@ impl<'a> From<&'a observed::Violation> for AnyViolation<'a> {
     fn from(violation: &'a observed::Violation) -> Self {
         let observed::Violation { line, t, rule, found, expected, late, story } = violation;
         let rule = (rule.id(), rule.sentence());
-        Self { line: *line, t: Some(*t), rule, found, expected, late: *late, story }
+        Self { line: *line, t: *t, rule, found, expected, late: *late, story }
     }
 }

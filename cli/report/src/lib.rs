@@ -5,10 +5,10 @@ mod judging;
 mod page;
 mod quantile;
 mod reasons;
-mod reckoning;
-mod sheet;
+mod statistics;
+mod trace_page;
 
-pub use judging::{AnyViolation, Found, Judging, Manner, Summary};
-pub use quantile::{Arrival, PERCENT, Quantile, quantiles};
-pub use reckoning::{COLUMNS, Ending, Forwarded, Message, Reckoning, Row, Totals};
-pub use sheet::{MOST_EVENTS, Page, PageError, Sheet};
+pub use judging::{AnyViolation, Findings, JudgeMode, Summary, TraceJudge};
+pub use quantile::{Arrival, NEVER, PERCENT, Quantile, Response, quantiles, quantiles_among};
+pub use statistics::{COLUMNS, Ending, Forwarded, Message, Row, Totals, TraceStatistics};
+pub use trace_page::{MOST_EVENTS, Page, PageError, TracePage};

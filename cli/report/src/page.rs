@@ -4,9 +4,9 @@ use std::io::{self, Write};
 
 use serde::Serialize;
 
-use crate::columns::Told;
+use crate::columns::PageTrace;
 use crate::reasons::{Reason, drops, refusals};
-use crate::reckoning::COLUMNS;
+use crate::statistics::COLUMNS;
 
 /// The text; each mark in it is replaced by what it names.
 const PAGE: &str = include_str!("../page/page.html");
@@ -22,11 +22,11 @@ pub(crate) struct Data<'a> {
     columns: [(&'static str, &'static str); COLUMNS.len()],
     refusals: Vec<Reason>,
     drops: [Reason; 5],
-    traces: &'a [Told],
+    traces: &'a [PageTrace],
 }
 
 impl<'a> Data<'a> {
-    pub(crate) fn new(traces: &'a [Told]) -> Self {
+    pub(crate) fn new(traces: &'a [PageTrace]) -> Self {
         Self { columns: COLUMNS, refusals: refusals(), drops: drops(), traces }
     }
 }

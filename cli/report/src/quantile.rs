@@ -10,7 +10,8 @@ use serde::{Serialize, Serializer};
 pub enum Arrival {
     /// At this time.
     At(Duration),
-    /// Unknown, but not before: the call was ended then.
+    /// Unknown, but later than this, if ever: the call was ended then, before its result was there.
+    /// What the trace has at that instant came first.
     After(Duration),
     /// No result will come, as was known then; at once if the source was not asked.
     Failed(Duration),
@@ -18,7 +19,19 @@ pub enum Arrival {
     Never,
 }
 
-/// A response time among all messages; one without output never ends.
+/// A response time, as far as it is known.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Response {
+    /// It is no less.
+    pub least: Duration,
+    /// It is no greater; [`NEVER`] where it may not end.
+    pub most: Duration,
+}
+
+/// The response time of a message without output.
+pub const NEVER: Duration = Duration::MAX;
+
+/// A quantile of response times; that of a message without output never ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Quantile {
     /// Exactly this.
@@ -46,36 +59,77 @@ impl Serialize for Quantile {
     }
 }
 
-impl Arrival {
-    /// By when it was there, to sort by; at the same instant an unknown one comes first, since it may be the later one.
+impl Response {
+    /// A response time that is known; none never ends.
     #[must_use]
-    pub const fn key(self) -> (Duration, u8) {
-        match self {
-            Self::After(bound) => (bound, 0),
-            Self::At(at) => (at, 1),
+    pub fn exactly(at: Option<Duration>) -> Self {
+        let at = at.unwrap_or(NEVER);
+        Self { least: at, most: at }
+    }
+}
+
+impl From<Arrival> for Response {
+    fn from(arrival: Arrival) -> Self {
+        match arrival {
+            Arrival::At(at) => Self::exactly(Some(at)),
+            Arrival::After(bound) => Self { least: bound, most: NEVER },
             // No output however long one waits.
-            Self::Failed(_) | Self::Never => (Duration::MAX, 2),
+            Arrival::Failed(_) | Arrival::Never => Self::exactly(None),
         }
     }
 }
 
-/// Those of [`PERCENT`], by nearest ranks; none without responses. Sorts them.
-///
-/// An unknown response that may exceed its place makes all later ones lower bounds.
-pub fn quantiles(responses: &mut [Arrival]) -> [Option<Quantile>; 3] {
-    responses.sort_unstable_by_key(|arrival| arrival.key());
-    let unknown = responses
-        .iter()
-        .position(|arrival| matches!(arrival, Arrival::After(_)))
-        .unwrap_or(responses.len());
+/// Those of [`PERCENT`], by nearest ranks; none without responses.
+#[must_use]
+pub fn quantiles(responses: &[Response]) -> [Option<Quantile>; 3] {
+    quantiles_among(responses, &[])
+}
+
+/// The same, where it is not known which of the `possible` responses belong to the others. Bounds
+/// hold whichever do; there are none if none surely does and none is possible.
+#[must_use]
+pub fn quantiles_among(sure: &[Response], possible: &[Response]) -> [Option<Quantile>; 3] {
+    let sorted = |responses: &[Response], time: fn(&Response) -> Duration| {
+        let mut times: Vec<Duration> = responses.iter().map(time).collect();
+        times.sort_unstable();
+        times
+    };
+    let least = [sure, possible].map(|responses| sorted(responses, |response| response.least));
+    let most = [sure, possible].map(|responses| sorted(responses, |response| response.most));
     PERCENT.map(|percent| {
-        let place = (responses.len() * percent).div_ceil(100).checked_sub(1)?;
-        Some(match *responses.get(place)? {
-            Arrival::At(at) if place < unknown => Quantile::Exactly(at),
-            Arrival::At(bound) | Arrival::After(bound) => Quantile::AtLeast(bound),
-            Arrival::Failed(_) | Arrival::Never => Quantile::Never,
+        let (least, most) = (lowest(&least, percent)?, greatest(&most, percent)?);
+        Some(match least {
+            NEVER => Quantile::Never,
+            least if least == most && !sure.is_empty() => Quantile::Exactly(least),
+            least => Quantile::AtLeast(least),
         })
     })
+}
+
+/// The lowest that a quantile can be: those possible belong if they are no greater, which lowers it.
+fn lowest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Duration> {
+    let reaches = |time: &Duration| {
+        let [sure_below, possible_below] =
+            [sure, possible].map(|times| times.partition_point(|other| other <= time));
+        let below = sure_below + possible_below;
+        below * 100 >= percent * (sure.len() + possible_below) && below > 0
+    };
+    let first =
+        |times: &[Duration]| times.get(times.partition_point(|time| !reaches(time))).copied();
+    [first(sure), first(possible)].into_iter().flatten().min()
+}
+
+/// The greatest that a quantile can be: those possible belong if they are no less, which raises it.
+fn greatest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Duration> {
+    let is_reached = |time: &Duration| {
+        let [sure_below, possible_below] =
+            [sure, possible].map(|times| times.partition_point(|other| other < time));
+        sure_below * 100 < percent * (sure.len() + possible.len() - possible_below)
+    };
+    let last = |times: &[Duration]| {
+        times.partition_point(is_reached).checked_sub(1).and_then(|place| times.get(place)).copied()
+    };
+    [last(sure), last(possible)].into_iter().flatten().max()
 }
 
 #[cfg(test)]
@@ -86,24 +140,52 @@ mod tests {
         Duration::from_millis(millis)
     }
 
-    const fn at(millis: u64) -> Arrival {
-        Arrival::At(ms(millis))
+    fn at(millis: u64) -> Response {
+        Arrival::At(ms(millis)).into()
+    }
+
+    fn after(millis: u64) -> Response {
+        Arrival::After(ms(millis)).into()
+    }
+
+    #[expect(clippy::unnecessary_wraps, reason = "as quantiles are given")]
+    fn exactly(millis: u64) -> Option<Quantile> {
+        Some(Quantile::Exactly(ms(millis)))
+    }
+
+    #[expect(clippy::unnecessary_wraps, reason = "as quantiles are given")]
+    fn at_least(millis: u64) -> Option<Quantile> {
+        Some(Quantile::AtLeast(ms(millis)))
     }
 
     #[test]
     fn an_unknown_response_makes_all_quantiles_above_it_lower_bounds() {
-        let mut responses = [at(100), Arrival::After(ms(200)), at(300)];
-        let quantiles = quantiles(&mut responses).map(Option::unwrap);
-        assert_eq!(quantiles[0], Quantile::AtLeast(ms(200)));
-        assert_eq!(quantiles[2], Quantile::AtLeast(ms(300)));
+        let quantiles = quantiles(&[at(100), after(200), at(300)]);
+        assert_eq!([quantiles[0], quantiles[2]], [at_least(200), at_least(300)]);
+    }
+
+    #[test]
+    fn a_response_between_known_times_leaves_what_is_beyond_them_exact() {
+        let between = Response { least: ms(50), most: ms(80) };
+        let responses: Vec<Response> = (100..198).map(at).chain([between, after(900)]).collect();
+        assert_eq!(quantiles(&responses), [exactly(148), exactly(188), exactly(197)]);
+    }
+
+    #[test]
+    fn responses_that_may_belong_leave_bounds_that_hold_with_and_without_them() {
+        let among = |sure: &[Response], possible: &[Response]| quantiles_among(sure, possible)[0];
+        assert_eq!(among(&[at(100), at(200)], &[at(50)]), exactly(100));
+        assert_eq!(among(&[at(100), at(200)], &[at(50), at(60)]), at_least(60));
+        assert_eq!(among(&[at(100); 9], &[at(50), at(700)]), exactly(100));
+        assert_eq!(among(&[], &[at(50), at(700)]), at_least(50));
+        assert_eq!(among(&[], &[]), None);
     }
 
     #[test]
     fn quantiles_are_nearest_ranks() {
-        let mut responses: Vec<Arrival> = (1..=200).rev().map(at).collect();
-        let exactly = |millis| Some(Quantile::Exactly(ms(millis)));
-        assert_eq!(quantiles(&mut responses), [exactly(100), exactly(180), exactly(198)]);
-        assert_eq!(quantiles(&mut responses[..1]), [exactly(1); 3]);
-        assert_eq!(quantiles(&mut []), [None; 3]);
+        let responses: Vec<Response> = (1..=200).rev().map(at).collect();
+        assert_eq!(quantiles(&responses), [exactly(100), exactly(180), exactly(198)]);
+        assert_eq!(quantiles(&responses[199..]), [exactly(1); 3]);
+        assert_eq!(quantiles(&[]), [None; 3]);
     }
 }

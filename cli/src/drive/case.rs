@@ -6,7 +6,7 @@ use std::path::Path;
 
 use fuseline_testkit::{Generator, Run};
 use fuseline_traces::corpus::CASES;
-use fuseline_traces::unpack;
+use fuseline_traces::{Commit, unpack};
 use sha2::{Digest, Sha256};
 
 use crate::fault::Fault;
@@ -24,13 +24,55 @@ pub(super) struct Case {
 /// All cases: the fixed ones are all driven, the generated ones up to the first difference.
 pub(super) struct Suite {
     pub(super) fixed: Vec<Case>,
-    pub(super) generator: Generator,
+    pub(super) generator: Generate,
+    /// How many generated ones there are; with a time instead, as many as were begun in it.
     pub(super) generated: u64,
 }
 
+/// What generated runs have in common. Every other one is wide: it has more clouds and more inputs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Generate {
+    pub(super) seed: u64,
+    /// The commit rule, if it is to be but one.
+    pub(super) commit: Option<Commit>,
+    /// The most clouds, if they are not those of each kind.
+    pub(super) clouds: Option<u8>,
+}
+
+impl Generate {
+    /// The most clouds of a run.
+    pub(super) fn most_clouds(self) -> u8 {
+        self.clouds.unwrap_or(WIDE_CLOUDS)
+    }
+
+    fn with(self, clouds: u8) -> Generator {
+        let Self { seed, commit, .. } = self;
+        Generator { seed, commit, clouds: self.clouds.unwrap_or(clouds) }
+    }
+
+    fn run(self, kind: Kind, number: u64) -> Run {
+        match kind {
+            Kind::Narrow => self.with(CLOUDS).run(number),
+            Kind::Wide => self.with(WIDE_CLOUDS).wide(number),
+        }
+    }
+}
+
+/// The kinds of generated runs.
+#[derive(Clone, Copy)]
+enum Kind {
+    Narrow,
+    Wide,
+}
+
+/// The most clouds of a generated run that is not wide, by default.
+const CLOUDS: u8 = 4;
+/// The same of one that is.
+const WIDE_CLOUDS: u8 = 15;
+
 impl Suite {
     /// The corpus, and this many generated runs.
-    pub(super) fn whole(generator: Generator, generated: u64) -> Result<Self, Fault> {
+    pub(super) fn whole(generator: Generate, generated: u64) -> Result<Self, Fault> {
         let case = |case: &fuseline_traces::corpus::Example| {
             let run = Run::read(case.name, case.trace.as_bytes())?;
             Ok(Case { id: case.name.to_owned(), name: case.name.to_owned(), run })
@@ -40,15 +82,19 @@ impl Suite {
     }
 
     /// The cases with these names: files, cases of the corpus, generated ones.
-    pub(super) fn of(names: &[String], generator: Generator) -> Result<Self, Fault> {
+    pub(super) fn of(names: &[String], generator: Generate) -> Result<Self, Fault> {
         let case = |name: &String| -> Result<Case, Fault> {
             let (id, name) = (name.clone(), name.clone());
             if let Some(case) = CASES.iter().find(|case| case.name == name) {
                 let run = Run::read(&name, case.trace.as_bytes())?;
                 return Ok(Case { id, name, run });
             }
-            if let Some((seed, number)) = generated(&name) {
-                return Ok(Case { id, name, run: Generator { seed, ..generator }.run(number) });
+            if let Some((kind, seed, number)) = generated(&name) {
+                return Ok(Case {
+                    id,
+                    name,
+                    run: Generate { seed, ..generator }.run(kind, number),
+                });
             }
             let (file, text) = open(Path::new(&name))?;
             let text = unpack(BufReader::new(text))
@@ -64,10 +110,17 @@ impl Suite {
         self.fixed.len() as u64 + self.generated
     }
 
-    /// A generated case.
+    /// The name of a generated case.
+    pub(super) fn id(&self, number: u64) -> String {
+        let letter = if number.is_multiple_of(2) { 'g' } else { 'w' };
+        format!("{letter}-{}-{}", self.generator.seed, number / 2)
+    }
+
+    /// A generated case: every other one is wide.
     pub(super) fn case(&self, number: u64) -> Case {
-        let id = format!("g-{}-{number}", self.generator.seed);
-        Case { name: id.clone(), id, run: self.generator.run(number) }
+        let (id, kind) =
+            (self.id(number), [Kind::Narrow, Kind::Wide][usize::from(number % 2 == 1)]);
+        Case { name: id.clone(), id, run: self.generator.run(kind, number / 2) }
     }
 
     /// A digest of the cases, of the generated ones up to a thousand, in hexadecimal.
@@ -90,10 +143,16 @@ impl Suite {
     }
 }
 
-/// The seed and the number in `g-SEED-NUMBER`.
-fn generated(name: &str) -> Option<(u64, u64)> {
-    let (seed, number) = name.strip_prefix("g-")?.split_once('-')?;
-    Some((seed.parse().ok()?, number.parse().ok()?))
+/// The kind, the seed and the number in `g-SEED-NUMBER` or `w-SEED-NUMBER`.
+fn generated(name: &str) -> Option<(Kind, u64, u64)> {
+    let (letter, rest) = name.split_once('-')?;
+    let kind = match letter {
+        "g" => Kind::Narrow,
+        "w" => Kind::Wide,
+        _ => return None,
+    };
+    let (seed, number) = rest.split_once('-')?;
+    Some((kind, seed.parse().ok()?, number.parse().ok()?))
 }
 
 /// A file's name without its folder and what follows the first dot.

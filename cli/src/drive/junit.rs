@@ -18,9 +18,10 @@ pub(super) fn xml(report: &Report) -> Result<String, SerializeError> {
             suite.add_test_case(case(report, id, *mark));
         }
         None if report.suite.generated > 0 => {
-            let (seed, all) = (report.suite.generator.seed, report.suite.generated);
+            let (driven, all) = (&report.suite, report.suite.generated);
             let mark = if report.passed == all { Mark::Passes } else { Mark::NotRun };
-            suite.add_test_case(case(report, &format!("g-{seed}-0 to g-{seed}-{}", all - 1), mark));
+            let span = format!("{} to {}", driven.id(0), driven.id(all - 1));
+            suite.add_test_case(case(report, &span, mark));
         }
         None => {}
     }

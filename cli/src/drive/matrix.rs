@@ -59,10 +59,10 @@ impl Matrix {
 fn rows(report: &Report) -> Vec<Row> {
     let row = |case: &str, mark: Mark| Row { case: case.to_owned(), mark, word: mark.word() };
     let mut rows: Vec<_> = report.fixed.iter().map(|(id, mark)| row(id, *mark)).collect();
-    let (seed, all, passed) = (report.suite.generator.seed, report.suite.generated, report.passed);
+    let (suite, all, passed) = (&report.suite, report.suite.generated, report.passed);
     let span = |from: u64, to: u64| match to - from {
-        1 => format!("g-{seed}-{from}"),
-        _ => format!("g-{seed}-{from} to g-{seed}-{}", to - 1),
+        1 => suite.id(from),
+        _ => format!("{} to {}", suite.id(from), suite.id(to - 1)),
     };
     let of = |from: u64, to: u64, mark: Mark| {
         let count =
@@ -99,7 +99,7 @@ fn suite(report: &Report) -> String {
         env!("CARGO_PKG_VERSION"),
         generator.seed,
         generator.commit.map_or("both", fuseline_traces::Commit::as_str),
-        generator.clouds
+        generator.most_clouds()
     )
 }
 
@@ -128,7 +128,7 @@ fn verdict(report: &Report) -> &'static str {
 fn markdown(report: &Report) -> String {
     let name = &report.name;
     let mut text = format!("# `{name}` {}\n\n{}.\n", verdict(report), suite(report));
-    for found in report.told() {
+    for found in report.reported() {
         let _ = write!(text, "\n```text\n{}\n```\n", found.text());
     }
     if let Some(how) = &report.at_end {
@@ -173,7 +173,7 @@ fn html(report: &Report) -> String {
          <p class=\"dim\">{}.</p>\n",
         escaped(&suite(report))
     );
-    for found in report.told() {
+    for found in report.reported() {
         let _ = writeln!(text, "<pre>{}</pre>", escaped(&found.text()));
     }
     if let Some(how) = &report.at_end {

@@ -1,6 +1,7 @@
 //! `fuseline drive`: another implementation, driven through cases and judged.
 
 mod case;
+mod extent;
 mod junit;
 mod matrix;
 mod peer;
@@ -19,14 +20,15 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
-use fuseline_testkit::{Generator, Reach};
+use fuseline_testkit::Coverage;
 use fuseline_traces::Commit;
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use thiserror::Error;
 
-use self::case::{Case, Suite};
-use self::report::{Found, Mark, Report};
-use self::shrink::{Finding, What, shrink};
+use self::case::{Case, Generate, Suite};
+use self::extent::Extent;
+use self::report::{Mark, Report, ReportedFinding};
+use self::shrink::{Finding, FindingKind, shrink};
 use self::trial::{Bench, Stop};
 use crate::complain::complain;
 use crate::exit::Exit;
@@ -39,15 +41,17 @@ use crate::sink::Sink;
 
 /// How often progress is printed when there is no terminal.
 const TELL: Duration = Duration::from_secs(10);
-/// The most clouds of a generated run, by default.
-const CLOUDS: u8 = 4;
+/// How long generated runs are driven, unless options say so.
+const BUDGET: Duration = Duration::from_secs(30);
 
 #[derive(clap::Args)]
 #[command(after_help = "\
 The command is started once. On its standard input it gets a trace's header, then one input a line;
 after each line, the header too, it answers with its decisions, one a line, and then {\"ev\":\"done\"}.
 A further header begins the next run. It ends, with code 0, when its input ends. The corpus comes first, then
-generated runs up to the first difference, which is told in a smallest run. What each line means is
+generated runs up to the first difference, which is told in a smallest run: for 30 seconds, unless --for or
+--cases says otherwise. Every other one is wide: up to 15 clouds, priorities up to 65535, some of them over a
+thousand inputs. The verdict says how far they went; nothing beyond was driven. What each line means is
 in SPEC.md; traces/examples has templates in Python and C++. An answer is waited for until it is there:
 flush the output after each.
 
@@ -56,24 +60,28 @@ started or Ctrl-C came before a difference.
 
 Examples:
   fuseline drive -- fuseline impl
+  fuseline drive --for 5m -- ./my-arbiter
   fuseline drive --cases 10000 --save found -- python3 traces/examples/arbiter.py
   fuseline drive --run found/g-1-17.jsonl -- ./my-arbiter
   fuseline drive --junit drive.xml --matrix drive.html -- ./my-arbiter")]
 pub(crate) struct Args {
-    /// How many generated runs follow the corpus.
-    #[arg(long, value_name = "N", default_value = "1000")]
-    cases: u64,
+    /// How many generated runs follow the corpus; else they end with --for.
+    #[arg(long, value_name = "N", conflicts_with = "budget")]
+    cases: Option<u64>,
+    /// How long generated runs may begin, such as 30s or 5m; 30s if neither this nor --cases is given.
+    #[arg(long = "for", id = "budget", value_name = "TIME", value_parser = budget)]
+    budget: Option<Duration>,
     /// Decides which runs are generated.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
     /// The commit rules of generated runs.
     #[arg(long, value_name = "RULE", default_value = "both")]
     commit: Rules,
-    /// The most clouds of a generated run, up to 15.
-    #[arg(long, value_name = "N", default_value_t = CLOUDS, value_parser = clap::value_parser!(u8).range(..=15))]
-    clouds: u8,
-    /// Drive these instead: trace files, cases of the corpus, generated cases such as g-1-17.
-    #[arg(long, value_name = "CASE", num_args = 1.., conflicts_with_all = ["cases", "seed"])]
+    /// The most clouds of a generated run, up to 15; 15 in wide runs and 4 in the others if not given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=15))]
+    clouds: Option<u8>,
+    /// Drive these instead: trace files, cases of the corpus, generated cases such as g-1-17 or w-1-17.
+    #[arg(long, value_name = "CASE", num_args = 1.., conflicts_with_all = ["cases", "budget", "seed"])]
     run: Vec<String>,
     /// How long an answer may take, in seconds.
     #[arg(long, value_name = "S", default_value = "5", value_parser = wait, allow_negative_numbers = true)]
@@ -112,6 +120,11 @@ fn wait(text: &str) -> Result<Duration, &'static str> {
     seconds(text, 0.001..=3600.0).ok_or("it must be seconds, from 0.001 to 3600")
 }
 
+fn budget(text: &str) -> Result<Duration, &'static str> {
+    let budget = humantime::parse_duration(text).ok().filter(|budget| !budget.is_zero());
+    budget.ok_or("it must be above 0 with a unit, such as 30s or 5m")
+}
+
 /// Why a command cannot be driven.
 #[derive(Debug, Error)]
 enum DriveError {
@@ -132,9 +145,9 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
         Rules::Patient => Some(Commit::Patient),
         Rules::Both => None,
     };
-    let generator = Generator { seed: args.seed, commit, clouds: args.clouds };
+    let generator = Generate { seed: args.seed, commit, clouds: args.clouds };
     let suite = if args.run.is_empty() {
-        Suite::whole(generator, args.cases)?
+        Suite::whole(generator, args.cases.unwrap_or(u64::MAX))?
     } else {
         Suite::of(&args.run, generator)?
     };
@@ -153,7 +166,8 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     let report = driver.finish();
     for found in &report.found {
         if let Some(path) = &found.saved {
-            fs::write(path, found.finding.told.trace()).map_err(|source| create(path, source))?;
+            fs::write(path, found.finding.reported.trace())
+                .map_err(|source| create(path, source))?;
         }
     }
     if let Some(output) = &outputs.junit {
@@ -169,7 +183,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     if args.json {
         writeln!(out, "{}", report.json()).map_err(Fault::Output)?;
     } else {
-        report.tell(&mut out).map_err(Fault::Output)?;
+        report.print_report(&mut out).map_err(Fault::Output)?;
     }
     Ok(report.exit())
 }
@@ -216,7 +230,7 @@ fn create(path: &Path, source: io::Error) -> Fault {
 type Key = (bool, usize);
 
 /// Whether driving more cases makes sense.
-enum Driven {
+enum DriveProgress {
     All,
     Enough,
 }
@@ -228,18 +242,26 @@ struct Driver<'a> {
     bar: ProgressBar,
     since: Instant,
     /// When progress was last printed, if there is no bar.
-    told: Instant,
+    reported: Instant,
     report: Report,
+    /// How long generated runs may begin, if their number is not given.
+    budget: Option<Duration>,
 }
 
 impl<'a> Driver<'a> {
     fn new(args: &'a Args, suite: Suite) -> Self {
         let bench = Bench::new(args.command.clone(), args.wait, Interrupt::watch());
+        let is_timed = args.run.is_empty() && args.cases.is_none();
+        let budget = is_timed.then(|| args.budget.unwrap_or(BUDGET));
         let bar = if io::stderr().is_terminal() {
-            let style =
-                ProgressStyle::with_template("{wide_bar} {human_pos} of {human_len} runs, {eta}");
-            ProgressBar::new(suite.len())
-                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+            let (bar, words) = if budget.is_some() {
+                (ProgressBar::no_length(), "{spinner} {human_pos} runs, {elapsed}")
+            } else {
+                let words = "{wide_bar} {human_pos} of {human_len} runs, {eta}";
+                (ProgressBar::new(suite.len()), words)
+            };
+            let style = ProgressStyle::with_template(words);
+            bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         } else {
             ProgressBar::hidden()
         };
@@ -256,10 +278,12 @@ impl<'a> Driver<'a> {
             was_interrupted: false,
             inputs: 0,
             took: Duration::ZERO,
-            reach: Reach::default(),
+            reach: Coverage::default(),
+            extent: Extent::default(),
+            budget,
         };
         let now = Instant::now();
-        Self { args, bench, bar, since: now, told: now, report }
+        Self { args, bench, bar, since: now, reported: now, report, budget }
     }
 
     /// All fixed cases, and the generated ones up to the first difference.
@@ -269,10 +293,20 @@ impl<'a> Driver<'a> {
         if let Some((_, case, finding)) = first {
             self.find(case, finding);
         }
-        if let Driven::Enough = driven? {
+        if let DriveProgress::Enough = driven? {
             return Ok(());
         }
+        self.generated()?;
+        self.report.at_end = self.bench.end()?;
+        Ok(())
+    }
+
+    /// The generated cases up to the first difference, or until their time is over.
+    fn generated(&mut self) -> Result<(), Stop> {
         for number in 0..self.report.suite.generated {
+            if self.budget.is_some_and(|budget| self.since.elapsed() >= budget) {
+                break;
+            }
             let case = self.report.suite.case(number);
             if let Some(finding) = self.run(&case)? {
                 self.report.failed = Some((case.id.clone(), Mark::of(&finding)));
@@ -281,42 +315,45 @@ impl<'a> Driver<'a> {
             }
             self.report.passed += 1;
         }
-        self.report.at_end = self.bench.end()?;
         Ok(())
     }
 
     /// The fixed cases; `first` becomes the difference that tells most.
     ///
     /// A command that does not answer at all is not waited for case after case.
-    fn fixed(&mut self, first: &mut Option<(Key, Case, Finding)>) -> Result<Driven, Stop> {
+    fn fixed(&mut self, first: &mut Option<(Key, Case, Finding)>) -> Result<DriveProgress, Stop> {
         for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
             let Some(finding) = self.run(&case)? else {
                 self.report.fixed[place].1 = Mark::Passes;
                 continue;
             };
             self.report.fixed[place].1 = Mark::of(&finding);
-            let is_slow = matches!(&finding.what, What::Misbehaves(how) if how.is_slow());
-            let key = (!is_telling(&case, &finding), finding.told.events.len());
+            let is_slow = matches!(&finding.what, FindingKind::Misbehaves(how) if how.is_slow());
+            let key = (!is_telling(&case, &finding), finding.reported.events.len());
             if first.as_ref().is_none_or(|(least, _, _)| key < *least) {
                 *first = Some((key, case, finding));
             }
             if is_slow {
-                return Ok(Driven::Enough);
+                return Ok(DriveProgress::Enough);
             }
         }
-        Ok(Driven::All)
+        Ok(DriveProgress::All)
     }
 
     fn run(&mut self, case: &Case) -> Result<Option<Finding>, Stop> {
         let finding = Finding::of(self.bench.try_run(&case.run)?);
         if finding.is_none() {
             self.report.reach.watch(&case.run);
+            self.report.extent.add(&case.run);
         }
         self.bar.inc(1);
-        if self.bar.is_hidden() && self.told.elapsed() >= TELL {
-            self.told = Instant::now();
+        if self.bar.is_hidden() && self.reported.elapsed() >= TELL {
+            self.reported = Instant::now();
             let [so_far, all] = [self.report.runs(), self.report.suite.len()].map(HumanCount);
-            complain(format_args!("{so_far} of {all} runs"));
+            match self.budget {
+                Some(_) => complain(format_args!("{so_far} runs")),
+                None => complain(format_args!("{so_far} of {all} runs")),
+            }
         }
         self.report.inputs = self.bench.inputs;
         self.report.took = self.since.elapsed();
@@ -329,7 +366,7 @@ impl<'a> Driver<'a> {
         let saved = self.args.save.as_ref().map(|dir| smallest(dir, &case.id));
         let replay = self.replay(&case.name, saved.as_deref());
         let of = case.run.inputs.len();
-        self.report.found.push(Found { case: case.id, of, finding, saved, replay });
+        self.report.found.push(ReportedFinding { case: case.id, of, finding, saved, replay });
     }
 
     /// The command line that shows it again.
@@ -341,8 +378,8 @@ impl<'a> Driver<'a> {
         {
             words.extend(["--commit".into(), rule.get_name().into()]);
         }
-        if saved.is_none() && self.args.clouds != CLOUDS {
-            words.extend(["--clouds".into(), self.args.clouds.to_string().into()]);
+        if let Some(clouds) = self.args.clouds.filter(|_| saved.is_none()) {
+            words.extend(["--clouds".into(), clouds.to_string().into()]);
         }
         let case = saved.map_or_else(|| name.into(), Into::into);
         words.extend(["--run".into(), case, "--".into()]);
@@ -350,8 +387,12 @@ impl<'a> Driver<'a> {
         quoted(&words)
     }
 
-    fn finish(self) -> Report {
+    fn finish(mut self) -> Report {
         self.bar.finish_and_clear();
+        if self.budget.is_some() {
+            let failed = u64::from(self.report.failed.is_some());
+            self.report.suite.generated = self.report.passed + failed;
+        }
         self.report
     }
 }
@@ -359,10 +400,10 @@ impl<'a> Driver<'a> {
 /// Whether a case is one of the rule that it shows broken.
 fn is_telling(case: &Case, finding: &Finding) -> bool {
     match finding.what {
-        What::Breaks(rule) => {
+        FindingKind::Breaks(rule) => {
             case.id.split('-').next().is_some_and(|id| id.eq_ignore_ascii_case(rule.id()))
         }
-        What::Misbehaves(_) => false,
+        FindingKind::Misbehaves(_) => false,
     }
 }
 

@@ -43,15 +43,15 @@ pub(super) struct Peer {
 
 /// Why there is no answer.
 #[derive(Debug)]
-pub(super) enum Trouble {
+pub(super) enum PeerError {
     /// Ctrl-C.
     Interrupted,
-    Misbehaved(Misbehaviour),
+    Misbehaved(ProtocolViolation),
 }
 
 /// A way to break the protocol.
 #[derive(Debug, Error)]
-pub(super) enum Misbehaviour {
+pub(super) enum ProtocolViolation {
     #[error(
         "it did not answer within {} s; an output that is not flushed after each answer looks so",
         .0.as_secs_f64()
@@ -77,7 +77,7 @@ pub(super) enum Misbehaviour {
     Failed(ExitStatus),
 }
 
-impl Misbehaviour {
+impl ProtocolViolation {
     /// Whether trying again would only wait as long again.
     pub(super) const fn is_slow(&self) -> bool {
         matches!(self, Self::Silent(_) | Self::Closed)
@@ -87,7 +87,7 @@ impl Misbehaviour {
 /// `{"ev":"done"}`, however it is spaced.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Done<'a> {
+struct DoneLine<'a> {
     ev: &'a str,
     #[serde(default, rename = "x")]
     _x: Option<IgnoredAny>,
@@ -131,7 +131,7 @@ impl Peer {
         line: &[u8],
         most: usize,
         answer: &mut Vec<Decision>,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), PeerError> {
         self.quiet()?;
         let until = Instant::now() + self.wait;
         self.send(line, until)?;
@@ -141,7 +141,7 @@ impl Peer {
                 break;
             }
             if lines == most {
-                return Err(Misbehaviour::Endless(most).into());
+                return Err(ProtocolViolation::Endless(most).into());
             }
             answer.push(decision(line)?);
         }
@@ -149,7 +149,7 @@ impl Peer {
     }
 
     /// Checks that the command has written nothing that was not asked for.
-    pub(super) fn quiet(&mut self) -> Result<(), Trouble> {
+    pub(super) fn quiet(&mut self) -> Result<(), PeerError> {
         if self.taken == self.read.len() {
             self.read.clear();
             self.taken = 0;
@@ -158,19 +158,19 @@ impl Peer {
         }
         match self.read.get(self.taken..) {
             None | Some([]) => Ok(()),
-            Some(rest) => Err(Misbehaviour::Unasked(shown(first_line(rest))).into()),
+            Some(rest) => Err(ProtocolViolation::Unasked(shown(first_line(rest))).into()),
         }
     }
 
     /// Ends the input and waits until the command ends, with code 0; nobody asks for what it writes
     /// then.
-    pub(super) fn end(mut self) -> Result<(), Trouble> {
+    pub(super) fn end(mut self) -> Result<(), PeerError> {
         self.quiet()?;
         self.input = None;
         let until = Instant::now() + self.wait;
         while !self.has_ended() {
             if Instant::now() >= until {
-                return Err(Misbehaviour::Lingers(self.wait).into());
+                return Err(ProtocolViolation::Lingers(self.wait).into());
             }
             self.pause(PollFlags::IN, Duration::from_millis(2))?;
             self.quiet()?;
@@ -180,12 +180,12 @@ impl Peer {
         // What it wrote before it ended is there now: a line too many is seen however it was timed.
         self.quiet()?;
         match self.reap() {
-            Some(status) if !status.success() => Err(Misbehaviour::Failed(status).into()),
+            Some(status) if !status.success() => Err(ProtocolViolation::Failed(status).into()),
             Some(_) | None => Ok(()),
         }
     }
 
-    fn send(&mut self, mut line: &[u8], until: Instant) -> Result<(), Trouble> {
+    fn send(&mut self, mut line: &[u8], until: Instant) -> Result<(), PeerError> {
         while let (Some(input), [_, ..]) = (&mut self.input, line) {
             match input.write(line) {
                 Ok(written) => line = line.get(written..).unwrap_or_default(),
@@ -198,14 +198,14 @@ impl Peer {
     }
 
     /// The next line, without its end.
-    fn line(&mut self, until: Instant) -> Result<&[u8], Trouble> {
+    fn line(&mut self, until: Instant) -> Result<&[u8], PeerError> {
         let mut looked = self.taken;
         loop {
             let fresh = self.read.get(looked..).unwrap_or_default();
             let end = fresh.iter().position(|byte| *byte == b'\n').map(|end| looked + end);
             looked = end.unwrap_or(self.read.len());
             if looked - self.taken > LINE {
-                return Err(Misbehaviour::TooLong.into());
+                return Err(ProtocolViolation::TooLong.into());
             }
             if let Some(end) = end {
                 let start = std::mem::replace(&mut self.taken, end + 1);
@@ -220,22 +220,22 @@ impl Peer {
     }
 
     /// Waits until it can be read from or written to.
-    fn until(&mut self, until: Instant, flags: PollFlags) -> Result<(), Trouble> {
+    fn until(&mut self, until: Instant, flags: PollFlags) -> Result<(), PeerError> {
         loop {
             let left = until.saturating_duration_since(Instant::now());
             if self.pause(flags, left.min(SLICE))? {
                 return Ok(());
             }
             if left.is_zero() {
-                return Err(Misbehaviour::Silent(self.wait).into());
+                return Err(ProtocolViolation::Silent(self.wait).into());
             }
         }
     }
 
     /// Waits at most this long; says whether it can be read from or written to.
-    fn pause(&self, flags: PollFlags, most: Duration) -> Result<bool, Trouble> {
+    fn pause(&self, flags: PollFlags, most: Duration) -> Result<bool, PeerError> {
         if self.interrupt.came() {
-            return Err(Trouble::Interrupted);
+            return Err(PeerError::Interrupted);
         }
         let most = Timespec { tv_sec: 0, tv_nsec: most.subsec_nanos().into() };
         let mut ends = [match (&self.input, &self.output) {
@@ -260,15 +260,15 @@ impl Peer {
     }
 
     /// How what closed its output ended.
-    fn gone(&mut self) -> Misbehaviour {
+    fn gone(&mut self) -> ProtocolViolation {
         let until = Instant::now() + ENDING;
         while !self.has_ended() {
             if Instant::now() >= until {
-                return Misbehaviour::Closed;
+                return ProtocolViolation::Closed;
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        self.reap().map_or(Misbehaviour::Closed, Misbehaviour::Ended)
+        self.reap().map_or(ProtocolViolation::Closed, ProtocolViolation::Ended)
     }
 
     /// How the command ended, which it has; what it started is ended too.
@@ -310,8 +310,8 @@ impl Drop for Peer {
     }
 }
 
-impl From<Misbehaviour> for Trouble {
-    fn from(misbehaviour: Misbehaviour) -> Self {
+impl From<ProtocolViolation> for PeerError {
+    fn from(misbehaviour: ProtocolViolation) -> Self {
         Self::Misbehaved(misbehaviour)
     }
 }
@@ -322,19 +322,19 @@ fn is_passing(error: &io::Error) -> bool {
 }
 
 fn is_done(line: &[u8]) -> bool {
-    line == DONE || serde_json::from_slice::<Done>(line).is_ok_and(|done| done.ev == "done")
+    line == DONE || serde_json::from_slice::<DoneLine>(line).is_ok_and(|done| done.ev == "done")
 }
 
 /// The decision in a line.
-fn decision(line: &[u8]) -> Result<Decision, Misbehaviour> {
+fn decision(line: &[u8]) -> Result<Decision, ProtocolViolation> {
     match parse(line) {
         Ok(Line::Event(Event::Decision(decision))) => Ok(decision),
         Ok(Line::Event(Event::Input(_)) | Line::Header(_)) => {
-            Err(Misbehaviour::NoDecision(shown(line)))
+            Err(ProtocolViolation::NoDecision(shown(line)))
         }
         Err(error) => {
             let (column, message) = (error.column, error.message);
-            Err(Misbehaviour::Garbage { line: shown(line), column, message })
+            Err(ProtocolViolation::Garbage { line: shown(line), column, message })
         }
     }
 }

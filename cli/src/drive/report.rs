@@ -6,18 +6,19 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use fuseline_report::AnyViolation;
-use fuseline_testkit::Reach;
+use fuseline_testkit::Coverage;
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
 use serde_json::{Map, Value, json};
 use textwrap::{Options, WordSplitter};
 
 use super::case::Suite;
-use super::peer::Misbehaviour;
-use super::shrink::{Finding, What};
+use super::extent::Extent;
+use super::peer::ProtocolViolation;
+use super::shrink::{Finding, FindingKind};
 use super::words;
 use crate::exit::Exit;
-use crate::verdict::{BAD, GOOD, plain, tell_violation};
+use crate::verdict::{BAD, GOOD, plain, print_violation};
 
 /// How many failed cases are named.
 const NAMED: usize = 5;
@@ -42,13 +43,16 @@ pub(super) struct Report {
     /// The generated run that did not pass.
     pub(super) failed: Option<(String, Mark)>,
     /// The first thing wrong in the fixed cases and in the generated ones.
-    pub(super) found: Vec<Found>,
+    pub(super) found: Vec<ReportedFinding>,
     /// What the command did when its input ended.
-    pub(super) at_end: Option<Misbehaviour>,
+    pub(super) at_end: Option<ProtocolViolation>,
     pub(super) was_interrupted: bool,
     pub(super) inputs: u64,
     pub(super) took: Duration,
-    pub(super) reach: Reach,
+    pub(super) reach: Coverage,
+    pub(super) extent: Extent,
+    /// How long generated runs could begin, if their number was not given.
+    pub(super) budget: Option<Duration>,
 }
 
 /// What became of a case.
@@ -61,7 +65,7 @@ pub(super) enum Mark {
 }
 
 /// A finding, in its smallest run.
-pub(super) struct Found {
+pub(super) struct ReportedFinding {
     pub(super) case: String,
     /// How many inputs its case has.
     pub(super) of: usize,
@@ -74,8 +78,8 @@ pub(super) struct Found {
 impl Mark {
     pub(super) fn of(finding: &Finding) -> Self {
         match &finding.what {
-            What::Breaks(rule) => Self::Breaks(*rule),
-            What::Misbehaves(_) => Self::Misbehaves,
+            FindingKind::Breaks(rule) => Self::Breaks(*rule),
+            FindingKind::Misbehaves(_) => Self::Misbehaves,
         }
     }
 
@@ -90,7 +94,7 @@ impl Mark {
     }
 }
 
-impl Found {
+impl ReportedFinding {
     /// The file or the case that shows it.
     pub(super) fn place(&self) -> String {
         self.saved.as_ref().map_or_else(|| self.case.clone(), |saved| saved.display().to_string())
@@ -98,50 +102,50 @@ impl Found {
 
     pub(super) fn verdict(&self) -> Option<Verdict> {
         match self.finding.what {
-            What::Breaks(_) => self.finding.told.verdict(&self.place()),
-            What::Misbehaves(_) => None,
+            FindingKind::Breaks(_) => self.finding.reported.verdict(&self.place()),
+            FindingKind::Misbehaves(_) => None,
         }
     }
 
     /// What is wrong in its smallest run, in lines without colours.
     pub(super) fn text(&self) -> String {
-        plain(|out| self.tell(out))
+        plain(|out| self.print_report(out))
     }
 
-    fn tell(&self, out: &mut impl Write) -> io::Result<()> {
-        let told = &self.finding.told;
-        let small = told.inputs().count();
+    fn print_report(&self, out: &mut impl Write) -> io::Result<()> {
+        let reported = &self.finding.reported;
+        let small = reported.inputs().count();
         let of = if small < self.of { format!(" of {}", self.of) } else { String::new() };
         writeln!(out, "\nThe smallest run found, {}{of}, from {}:", inputs(small), self.case)?;
         match &self.finding.what {
-            What::Breaks(_) => {
+            FindingKind::Breaks(_) => {
                 if let Some(verdict) = self.verdict()
                     && let Some(violation) = verdict.violations.first()
                 {
-                    tell_violation(&AnyViolation::from(violation), &verdict.file, out)?;
-                    self.tell_story(out, "in words")?;
-                    writeln!(out, "{INDENT}  found: {}", words::told(&violation.found))?;
-                    writeln!(out, "{INDENT}  expected: {}", words::told(&violation.expected))?;
+                    print_violation(&AnyViolation::from(violation), &verdict.file, out)?;
+                    self.print_story(out, "in words")?;
+                    writeln!(out, "{INDENT}  found: {}", words::reported(&violation.found))?;
+                    writeln!(out, "{INDENT}  expected: {}", words::reported(&violation.expected))?;
                 }
             }
-            What::Misbehaves(how) => {
+            FindingKind::Misbehaves(how) => {
                 writeln!(out, "\n{}: {BAD}{how}{BAD:#}", self.place())?;
-                writeln!(out, "  sent last {}", told.last())?;
-                self.tell_story(out, "in words")?;
+                writeln!(out, "  sent last {}", reported.last())?;
+                self.print_story(out, "in words")?;
             }
         }
         writeln!(out, "  replay    {}", self.replay)
     }
 
     /// The smallest run in words, its last input's decisions left out.
-    fn tell_story(&self, out: &mut impl Write, lead: &str) -> io::Result<()> {
-        let events = &self.finding.told.events;
+    fn print_story(&self, out: &mut impl Write, lead: &str) -> io::Result<()> {
+        let events = &self.finding.reported.events;
         let last = events.iter().rposition(|event| matches!(event, Event::Input(_)));
-        let told = events.get(..last.map_or(0, |last| last + 1)).unwrap_or_default();
-        if told.len() > LINES {
+        let reported = events.get(..last.map_or(0, |last| last + 1)).unwrap_or_default();
+        if reported.len() > LINES {
             return Ok(());
         }
-        for (i, event) in told.iter().enumerate() {
+        for (i, event) in reported.iter().enumerate() {
             let at = match event {
                 Event::Input(input) => format!("at {}: ", input.at()),
                 Event::Decision(_) => "  ".to_owned(),
@@ -176,7 +180,7 @@ impl Report {
     }
 
     /// The findings, one of each kind.
-    pub(super) fn told(&self) -> impl Iterator<Item = &Found> {
+    pub(super) fn reported(&self) -> impl Iterator<Item = &ReportedFinding> {
         let first = self.found.first();
         self.found
             .iter()
@@ -188,7 +192,7 @@ impl Report {
     }
 
     /// Prints it for people.
-    pub(super) fn tell(&self, out: &mut impl Write) -> io::Result<()> {
+    pub(super) fn print_report(&self, out: &mut impl Write) -> io::Result<()> {
         let word = match self.exit() {
             Exit::Conforms => format!("{GOOD}conforms{GOOD:#}"),
             Exit::Differs => format!("{BAD}does not conform{BAD:#}"),
@@ -196,20 +200,21 @@ impl Report {
         };
         let stopped = if self.was_interrupted { ", interrupted" } else { "" };
         writeln!(out, "{}: {word}{stopped}\n", self.name)?;
-        tell_fact(out, "  fixed     ", &self.fixed_line())?;
+        print_fact(out, "  fixed     ", &self.fixed_line())?;
         if self.suite.generated > 0 {
-            tell_fact(out, "  generated ", &self.generated_line())?;
+            print_fact(out, "  generated ", &self.generated_line())?;
         }
         if self.exit() == Exit::Conforms {
             let shares = self.reach.shares().into_iter();
             let reached: Vec<_> = shares
                 .map(|share| format!("{} of {} {}", share.reached, share.all, share.kind))
                 .collect();
-            tell_fact(out, "  reached   ", &reached.join(", "))?;
+            print_fact(out, "  reached   ", &reached.join(", "))?;
+            print_fact(out, "  up to     ", &self.extent.to_string())?;
         }
-        tell_fact(out, "  driven    ", &self.pace())?;
-        for found in self.told() {
-            found.tell(out)?;
+        print_fact(out, "  driven    ", &self.pace())?;
+        for found in self.reported() {
+            found.print_report(out)?;
         }
         if let Some(how) = &self.at_end {
             writeln!(out, "\nAfter the last case: {BAD}{how}{BAD:#}")?;
@@ -249,6 +254,17 @@ impl Report {
 
     fn generated_line(&self) -> String {
         let (passed, all) = (HumanCount(self.passed), HumanCount(self.suite.generated));
+        if let Some(budget) = self.budget {
+            let seed = self.suite.generator.seed;
+            return match &self.failed {
+                Some((id, _)) => format!("{passed} runs pass, then {id} does not"),
+                None if self.was_interrupted => format!("{passed} runs pass until then"),
+                None => {
+                    let budget = humantime::format_duration(budget);
+                    format!("{passed} runs pass, as many as begin in {budget} (seed {seed})")
+                }
+            };
+        }
         match &self.failed {
             Some((id, _)) => format!("{passed} of {all} runs pass, then {id} does not"),
             None if self.passed < self.suite.generated => {
@@ -280,16 +296,16 @@ impl Report {
             let verdict = found.verdict();
             let violation = verdict.as_ref().and_then(|verdict| verdict.violations.first());
             let how = match &found.finding.what {
-                What::Misbehaves(how) => Some(how.to_string()),
-                What::Breaks(_) => None,
+                FindingKind::Misbehaves(how) => Some(how.to_string()),
+                FindingKind::Breaks(_) => None,
             };
             json!({
                 "case": found.case,
-                "inputs": found.finding.told.inputs().count(),
+                "inputs": found.finding.reported.inputs().count(),
                 "of": found.of,
                 "violation": violation,
                 "misbehaviour": how,
-                "trace": String::from_utf8_lossy(&found.finding.told.trace()),
+                "trace": String::from_utf8_lossy(&found.finding.reported.trace()),
                 "saved": found.saved,
                 "replay": found.replay,
             })
@@ -304,7 +320,7 @@ impl Report {
                 "hash": format!("sha256:{}", self.suite.hash()),
                 "seed": generator.seed,
                 "commit": generator.commit.map_or("both", fuseline_traces::Commit::as_str),
-                "clouds": generator.clouds,
+                "clouds": generator.most_clouds(),
             },
             "fixed": self.fixed.iter().map(|(id, mark)| json!({"case": id, "result": mark.word()}))
                 .collect::<Vec<_>>(),
@@ -315,6 +331,7 @@ impl Report {
             },
             "found": found.collect::<Vec<_>>(),
             "at_end": self.at_end.as_ref().map(ToString::to_string),
+            "extent": self.extent,
             "inputs": self.inputs,
             "seconds": self.took.as_secs_f64(),
             "reached": self.reach.counts().map(|(mark, count)| (mark, count.into())).collect::<Map<_, _>>(),
@@ -322,7 +339,7 @@ impl Report {
     }
 }
 
-fn tell_fact(out: &mut impl Write, lead: &str, fact: &str) -> io::Result<()> {
+fn print_fact(out: &mut impl Write, lead: &str, fact: &str) -> io::Result<()> {
     let options = Options::new(WIDTH).initial_indent(lead).subsequent_indent(INDENT);
     let options = options.word_splitter(WordSplitter::NoHyphenation);
     writeln!(out, "{}", textwrap::fill(fact, options))

@@ -2,9 +2,9 @@
 
 use fuseline_report::AnyViolation;
 
-use crate::drive::report::{Found, Report};
+use crate::drive::report::{Report, ReportedFinding};
 use crate::exit::Exit;
-use crate::results::{Judged, Problem};
+use crate::results::{Problem, Subject};
 
 /// What a command breaks that answers otherwise than it must.
 const PROTOCOL: (&str, &str) = (
@@ -13,15 +13,15 @@ const PROTOCOL: (&str, &str) = (
 );
 
 /// The report as one verdict.
-pub(super) fn judged(report: &Report) -> Judged {
-    let mut problems: Vec<Problem> = report.told().map(problem).collect();
+pub(super) fn judged(report: &Report) -> Subject {
+    let mut problems: Vec<Problem> = report.reported().map(problem).collect();
     problems.extend(report.at_end.as_ref().map(|how| Problem {
         rule: PROTOCOL,
         file: report.name.clone(),
         line: None,
         text: how.to_string(),
     }));
-    Judged {
+    Subject {
         name: report.name.clone(),
         judge: "drive",
         conforms: report.exit() == Exit::Conforms,
@@ -30,7 +30,7 @@ pub(super) fn judged(report: &Report) -> Judged {
     }
 }
 
-fn problem(found: &Found) -> Problem {
+fn problem(found: &ReportedFinding) -> Problem {
     let verdict = found.verdict();
     let first = verdict.as_ref().and_then(|verdict| verdict.violations.first());
     let first = first.map(AnyViolation::from);

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use fuseline_testkit::Run;
 use fuseline_traces::{Cloud, Header, Input, Rule};
 
-use super::peer::Misbehaviour;
-use super::trial::{Bench, Comparison, Stop, Told};
+use super::peer::ProtocolViolation;
+use super::trial::{Bench, Comparison, Stop, Transcript};
 
 /// The most runs that are tried.
 const TRIES: u32 = 4000;
@@ -17,15 +17,15 @@ const LONGEST: Duration = Duration::from_secs(20);
 
 /// What a run shows, with what was sent and answered.
 pub(super) struct Finding {
-    pub(super) told: Told,
-    pub(super) what: What,
+    pub(super) reported: Transcript,
+    pub(super) what: FindingKind,
 }
 
 /// What is wrong with a command.
-pub(super) enum What {
+pub(super) enum FindingKind {
     /// It breaks a rule.
     Breaks(Rule),
-    Misbehaves(Misbehaviour),
+    Misbehaves(ProtocolViolation),
 }
 
 impl Finding {
@@ -33,32 +33,33 @@ impl Finding {
     pub(super) fn of(outcome: Comparison) -> Option<Self> {
         match outcome {
             Comparison::Same => None,
-            Comparison::Differs(told) => {
-                let verdict = told.verdict("")?;
+            Comparison::Differs(reported) => {
+                let verdict = reported.verdict("")?;
                 let rule = verdict.violations.first()?.rule;
-                Some(Self { told, what: What::Breaks(rule) })
+                Some(Self { reported, what: FindingKind::Breaks(rule) })
             }
-            Comparison::Misbehaves(told, how) => Some(Self { told, what: What::Misbehaves(how) }),
+            Comparison::Misbehaves(reported, how) => {
+                Some(Self { reported, what: FindingKind::Misbehaves(how) })
+            }
         }
     }
 
     /// Whether another run shows the same.
     pub(super) fn is_as(&self, other: &Self) -> bool {
         match (&self.what, &other.what) {
-            (What::Breaks(one), What::Breaks(two)) => one == two,
-            (What::Misbehaves(one), What::Misbehaves(two)) => {
+            (FindingKind::Breaks(one), FindingKind::Breaks(two)) => one == two,
+            (FindingKind::Misbehaves(one), FindingKind::Misbehaves(two)) => {
                 discriminant(one) == discriminant(two)
             }
-            (What::Breaks(_), What::Misbehaves(_)) | (What::Misbehaves(_), What::Breaks(_)) => {
-                false
-            }
+            (FindingKind::Breaks(_), FindingKind::Misbehaves(_))
+            | (FindingKind::Misbehaves(_), FindingKind::Breaks(_)) => false,
         }
     }
 }
 
 /// The smallest run found that shows what `first` shows; what stops the command ends the search.
 pub(super) fn shrink(bench: &mut Bench, first: Finding) -> Finding {
-    if matches!(&first.what, What::Misbehaves(how) if how.is_slow()) {
+    if matches!(&first.what, FindingKind::Misbehaves(how) if how.is_slow()) {
         return first;
     }
     let mut search = Search { bench, best: first, tries: 0, since: Instant::now() };
@@ -76,18 +77,18 @@ struct Search<'a> {
 impl Search<'_> {
     /// Tries everything once; says whether that made it smaller.
     fn pass(&mut self) -> Result<bool, Stop> {
-        let before = cost(&self.best.told.run());
+        let before = cost(&self.best.reported.run());
         self.remove()?;
         self.simplify_header()?;
         self.simplify_inputs()?;
-        Ok(cost(&self.best.told.run()) < before && !self.is_over())
+        Ok(cost(&self.best.reported.run()) < before && !self.is_over())
     }
 
     /// Keeps a run as the best so far if it is smaller and shows the same.
     fn attempt(&mut self, run: &Run) -> Result<bool, Stop> {
         let mut taken = BTreeSet::new();
         let is_header = run.header.clouds.iter().all(|cloud| taken.insert(cloud.p));
-        if self.is_over() || !is_header || cost(run) >= cost(&self.best.told.run()) {
+        if self.is_over() || !is_header || cost(run) >= cost(&self.best.reported.run()) {
             return Ok(false);
         }
         self.tries += 1;
@@ -104,23 +105,24 @@ impl Search<'_> {
 
     /// Leaves out all of a timestamp, all of a source, and stretches, shorter and shorter ones.
     fn remove(&mut self) -> Result<(), Stop> {
-        let timestamps: BTreeSet<_> = self.best.told.inputs().map(|input| input.t()).collect();
+        let timestamps: BTreeSet<_> = self.best.reported.inputs().map(|input| input.t()).collect();
         for t in timestamps {
-            let mut run = self.best.told.run();
+            let mut run = self.best.reported.run();
             run.inputs.retain(|input| input.t() != t);
             self.attempt(&run)?;
         }
-        let sources: BTreeSet<_> = self.best.told.inputs().map(|input| source(&input)).collect();
+        let sources: BTreeSet<_> =
+            self.best.reported.inputs().map(|input| source(&input)).collect();
         for p in sources.into_iter().flatten() {
-            let mut run = self.best.told.run();
+            let mut run = self.best.reported.run();
             run.inputs.retain(|input| source(input) != Some(p));
             self.attempt(&run)?;
         }
-        let mut stretch = (self.best.told.inputs().count() / 2).max(1);
+        let mut stretch = (self.best.reported.inputs().count() / 2).max(1);
         loop {
             let mut from = 0;
-            while from < self.best.told.inputs().count() {
-                let mut run = self.best.told.run();
+            while from < self.best.reported.inputs().count() {
+                let mut run = self.best.reported.run();
                 let to = (from + stretch).min(run.inputs.len());
                 run.inputs.drain(from..to);
                 if !self.attempt(&run)? {
@@ -136,19 +138,19 @@ impl Search<'_> {
 
     /// Leaves out clouds, and makes the others and the window plain.
     fn simplify_header(&mut self) -> Result<(), Stop> {
-        for i in (0..self.best.told.header.clouds.len()).rev() {
-            let mut run = self.best.told.run();
+        for i in (0..self.best.reported.header.clouds.len()).rev() {
+            let mut run = self.best.reported.run();
             run.header.clouds.remove(i);
             self.attempt(&run)?;
         }
         for window in [1, 2, 4, 16] {
-            let mut run = self.best.told.run();
+            let mut run = self.best.reported.run();
             run.header.window = window;
             self.attempt(&run)?;
         }
-        for i in 0..self.best.told.header.clouds.len() {
+        for i in 0..self.best.reported.header.clouds.len() {
             for limit in [1, 2, 31] {
-                let mut run = self.best.told.run();
+                let mut run = self.best.reported.run();
                 let p = run.header.clouds[i].p;
                 run.header.clouds[i] = Cloud { p, name: None, limit, resume: limit - 1 };
                 self.attempt(&run)?;
@@ -159,11 +161,11 @@ impl Search<'_> {
 
     /// Numbers timestamps and clouds from 1, in their order.
     fn rename(&mut self) -> Result<(), Stop> {
-        let mut run = self.best.told.run();
+        let mut run = self.best.reported.run();
         let names: BTreeSet<u64> = run.inputs.iter().filter_map(Input::t).collect();
         run.inputs.iter_mut().filter_map(timestamp).for_each(|t| *t = rank(&names, *t));
         self.attempt(&run)?;
-        let mut run = self.best.told.run();
+        let mut run = self.best.reported.run();
         let names: BTreeSet<u64> =
             run.header.clouds.iter().map(|cloud| u64::from(cloud.p)).collect();
         for cloud in &mut run.header.clouds {
@@ -177,9 +179,9 @@ impl Search<'_> {
 
     /// Makes the numbers of each input small, and leaves out limits.
     fn simplify_inputs(&mut self) -> Result<(), Stop> {
-        for i in 0..self.best.told.inputs().count() {
+        for i in 0..self.best.reported.inputs().count() {
             for field in 0..4 {
-                let run = self.best.told.run();
+                let run = self.best.reported.run();
                 let before = i.checked_sub(1).and_then(|i| run.inputs.get(i)).map_or(0, Input::at);
                 for small in [
                     None,
@@ -190,7 +192,7 @@ impl Search<'_> {
                     Some(before),
                     Some(before.saturating_add(10)),
                 ] {
-                    let mut run = self.best.told.run();
+                    let mut run = self.best.reported.run();
                     let Some(input) = run.inputs.get_mut(i) else { return Ok(()) };
                     if replace(input, field, small) && self.attempt(&run)? {
                         break;

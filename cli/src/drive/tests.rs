@@ -1,23 +1,33 @@
 use super::*;
 
 fn suite(cases: u64) -> Suite {
-    Suite::whole(Generator { seed: 1, commit: None, clouds: CLOUDS }, cases).unwrap()
+    Suite::whole(Generate { seed: 1, commit: None, clouds: None }, cases).unwrap()
 }
 
 #[test]
 fn a_generated_case_is_the_same_for_ever() {
-    let Case { id, run, .. } = suite(0).case(17);
-    assert_eq!(id, "g-1-17");
-    let again = Suite::of(&[id], Generator { seed: 9, commit: None, clouds: CLOUDS }).unwrap();
-    assert_eq!(again.fixed[0].run, run);
+    for (number, name) in [(34, "g-1-17"), (35, "w-1-17")] {
+        let Case { id, run, .. } = suite(0).case(number);
+        assert_eq!(id, name);
+        let again = Suite::of(&[id], Generate { seed: 9, commit: None, clouds: None }).unwrap();
+        assert_eq!(again.fixed[0].run, run);
+    }
 }
 
 #[test]
 fn no_change_makes_another_run_of_a_number() {
-    let generator = Generator { seed: 1, commit: None, clouds: CLOUDS };
+    let generator = Generate { seed: 1, commit: None, clouds: None };
     let names = [0, 1, 2, 17, 25, 125, 999].map(|number| format!("g-1-{number}"));
     let hash = Suite::of(&names, generator).unwrap().hash();
     assert_eq!(&hash[..16], "792ff89fa9374f71");
+}
+
+#[test]
+fn no_change_makes_another_wide_run_of_a_number() {
+    let generator = Generate { seed: 1, commit: None, clouds: None };
+    let names = [0, 1, 4, 17, 499].map(|number| format!("w-1-{number}"));
+    let hash = Suite::of(&names, generator).unwrap().hash();
+    assert_eq!(&hash[..16], "b41be5a67f046b3f");
 }
 
 #[test]

@@ -6,9 +6,11 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use fuseline_testkit::Run;
-use fuseline_traces::{Decision, Demands, Event, Header, Input, Reference, Verdict, judge};
+use fuseline_traces::{
+    Decision, Event, ExpectedDecisions, Header, Input, Reference, Verdict, judge,
+};
 
-use super::peer::{Misbehaviour, Peer, Trouble};
+use super::peer::{Peer, PeerError, ProtocolViolation};
 use crate::interrupt::Interrupt;
 
 /// How many lines more than the rules demand are read.
@@ -31,14 +33,14 @@ pub(super) enum Comparison {
     /// Every decision is what the rules demand.
     Same,
     /// The trace up to the input whose decisions are not.
-    Differs(Told),
+    Differs(Transcript),
     /// The trace up to what was sent last.
-    Misbehaves(Told, Misbehaviour),
+    Misbehaves(Transcript, ProtocolViolation),
 }
 
 /// What was sent and answered.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Told {
+pub(super) struct Transcript {
     pub(super) header: Header,
     pub(super) events: Vec<Event>,
 }
@@ -58,19 +60,19 @@ impl Bench {
 
     /// Drives the command through a run, up to the first input whose decisions differ.
     pub(super) fn try_run(&mut self, run: &Run) -> Result<Comparison, Stop> {
-        let mut told = Told { header: run.header.clone(), events: Vec::new() };
-        match self.compare(run, &mut told) {
+        let mut reported = Transcript { header: run.header.clone(), events: Vec::new() };
+        match self.compare(run, &mut reported) {
             Ok(true) => Ok(Comparison::Same),
-            Ok(false) => Ok(Comparison::Differs(told)),
+            Ok(false) => Ok(Comparison::Differs(reported)),
             Err(Interrupted::Stop(stop)) => Err(stop),
-            Err(Interrupted::Trouble(trouble)) => {
+            Err(Interrupted::PeerError(peer_error)) => {
                 // It is started afresh for the next run.
                 self.peer = None;
-                match trouble {
-                    Trouble::Interrupted => Err(Stop::Interrupted),
-                    Trouble::Misbehaved(how) => {
+                match peer_error {
+                    PeerError::Interrupted => Err(Stop::Interrupted),
+                    PeerError::Misbehaved(how) => {
                         self.misbehaved = true;
-                        Ok(Comparison::Misbehaves(told, how))
+                        Ok(Comparison::Misbehaves(reported, how))
                     }
                 }
             }
@@ -78,15 +80,15 @@ impl Bench {
     }
 
     /// Ends the command's input and sees that it ends too.
-    pub(super) fn end(&mut self) -> Result<Option<Misbehaviour>, Stop> {
+    pub(super) fn end(&mut self) -> Result<Option<ProtocolViolation>, Stop> {
         match self.peer.take().map_or(Ok(()), Peer::end) {
             Ok(()) => Ok(None),
-            Err(Trouble::Misbehaved(how)) => Ok(Some(how)),
-            Err(Trouble::Interrupted) => Err(Stop::Interrupted),
+            Err(PeerError::Misbehaved(how)) => Ok(Some(how)),
+            Err(PeerError::Interrupted) => Err(Stop::Interrupted),
         }
     }
 
-    fn compare(&mut self, run: &Run, told: &mut Told) -> Result<bool, Interrupted> {
+    fn compare(&mut self, run: &Run, reported: &mut Transcript) -> Result<bool, Interrupted> {
         let peer = match &mut self.peer {
             Some(peer) => peer,
             none => {
@@ -96,12 +98,13 @@ impl Bench {
                 none.insert(started.map_err(|error| Interrupted::Stop(Stop::Start(error)))?)
             }
         };
-        let (mut line, mut answer, mut demands) = (Vec::new(), Vec::new(), Demands::new());
+        let (mut line, mut answer, mut demands) =
+            (Vec::new(), Vec::new(), ExpectedDecisions::new());
         let mut reference = Reference::new(&run.header);
         run.header.write(&mut line);
         line.push(b'\n');
         peer.ask(&line, MORE, &mut answer)?;
-        told.events.extend(answer.iter().copied().map(Event::Decision));
+        reported.events.extend(answer.iter().copied().map(Event::Decision));
         let mut same = answer.is_empty();
         for input in &run.inputs {
             if !same {
@@ -113,10 +116,10 @@ impl Bench {
             input.write(&mut line);
             line.push(b'\n');
             reference.apply(input, &mut demands);
-            told.events.push(Event::Input(*input));
-            let asked = peer.ask(&line, demands.len() + MORE, &mut answer);
-            told.events.extend(answer.iter().copied().map(Event::Decision));
-            asked?;
+            reported.events.push(Event::Input(*input));
+            let requested = peer.ask(&line, demands.len() + MORE, &mut answer);
+            reported.events.extend(answer.iter().copied().map(Event::Decision));
+            requested?;
             self.inputs += 1;
             same = are_demanded(&answer, &demands);
         }
@@ -125,7 +128,7 @@ impl Bench {
     }
 }
 
-impl Told {
+impl Transcript {
     /// The trace as JSON Lines.
     pub(super) fn trace(&self) -> Vec<u8> {
         let mut out = Vec::new();
@@ -165,16 +168,16 @@ impl Told {
 
 /// What ends a run before its end.
 enum Interrupted {
-    Trouble(Trouble),
+    PeerError(PeerError),
     Stop(Stop),
 }
 
-impl From<Trouble> for Interrupted {
-    fn from(trouble: Trouble) -> Self {
-        Self::Trouble(trouble)
+impl From<PeerError> for Interrupted {
+    fn from(peer_error: PeerError) -> Self {
+        Self::PeerError(peer_error)
     }
 }
 
-fn are_demanded(answer: &[Decision], demands: &Demands) -> bool {
+fn are_demanded(answer: &[Decision], demands: &ExpectedDecisions) -> bool {
     answer.iter().eq(demands.iter().map(|(decision, _)| decision))
 }

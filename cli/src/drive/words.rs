@@ -11,7 +11,7 @@ pub(super) fn event(event: &Event) -> String {
 }
 
 /// A decision as a judge writes it, in words.
-pub(super) fn told(line: &str) -> String {
+pub(super) fn reported(line: &str) -> String {
     match parse(line.as_bytes()) {
         Ok(Line::Event(Event::Decision(decision))) => self::decision(&decision),
         // It says that there is none.

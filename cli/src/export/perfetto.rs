@@ -73,7 +73,7 @@ impl<W: Write> Tracks<W> {
             is_first: true,
         };
         let operator = header.operator.as_deref().unwrap_or("operator");
-        tracks.told("process_name", OUTPUTS, "name", operator)?;
+        tracks.reported("process_name", OUTPUTS, "name", operator)?;
         tracks.track(OUTPUTS, "outputs")?;
         let sources: Vec<Option<u64>> = tracks.sources.keys().copied().collect();
         for p in sources.into_iter().flatten() {
@@ -84,12 +84,12 @@ impl<W: Write> Tracks<W> {
 
     /// Adds a track of this name below the others.
     fn track(&mut self, number: u32, name: &str) -> io::Result<()> {
-        self.told("thread_name", number, "name", name)?;
-        self.told("thread_sort_index", number, "sort_index", number)
+        self.reported("thread_name", number, "name", name)?;
+        self.reported("thread_sort_index", number, "sort_index", number)
     }
 
     /// Says something about a track.
-    fn told(
+    fn reported(
         &mut self,
         what: &str,
         number: u32,

@@ -49,8 +49,8 @@ fn ctrl_c_leaves_nothing_half_written_of_a_second_output() {
             child.env(CATCHES, "");
         }
         let mut child = child.spawn().unwrap();
-        let mut told = BufReader::new(child.stdout.take().unwrap()).lines();
-        assert!(told.any(|line| line.unwrap().ends_with("begun")));
+        let mut reported = BufReader::new(child.stdout.take().unwrap()).lines();
+        assert!(reported.any(|line| line.unwrap().ends_with("begun")));
         let names = || {
             let names = fs::read_dir(folder.path()).unwrap();
             names.map(|entry| entry.unwrap().file_name()).collect::<Vec<_>>()

@@ -13,7 +13,7 @@ use crate::plot::png::FONT;
 use crate::plot::{Theme, pieces};
 
 /// A sheet to draw on.
-pub(crate) type Sheet<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(crate) type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// A chart; its axes are linear unless told.
 pub(crate) type Chart<'a, 'b, X = RangedCoordf64, Y = RangedCoordf64> =
     ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;
@@ -23,14 +23,14 @@ pub(crate) const DRAWN: &str = "a drawing in memory";
 
 /// A line of words.
 #[derive(Clone, Copy)]
-pub(crate) struct Label {
+pub(crate) struct TextLine {
     size: f64,
     colour: RGBColor,
     is_bold: bool,
     pos: Pos,
 }
 
-impl Label {
+impl TextLine {
     pub(crate) const fn new(size: f64, colour: RGBColor) -> Self {
         let pos = Pos { h_pos: HPos::Left, v_pos: VPos::Center };
         Self { size, colour, is_bold: false, pos }
@@ -55,8 +55,8 @@ impl Label {
     }
 
     /// Writes it there.
-    pub(crate) fn put(&self, sheet: &Sheet<'_>, text: &str, at: (i32, i32)) {
-        sheet.draw_text(text, &self.style(), at).expect(DRAWN);
+    pub(crate) fn put(&self, canvas: &Canvas<'_>, text: &str, at: (i32, i32)) {
+        canvas.draw_text(text, &self.style(), at).expect(DRAWN);
     }
 }
 
@@ -64,18 +64,18 @@ impl Label {
 const FAMILY: &str = "Inter, system-ui, sans-serif";
 
 /// Draws on a sheet of this size with a title and a line below it.
-pub(crate) fn sheet(
+pub(crate) fn canvas(
     theme: &Theme,
     (width, height): (u32, u32),
     (title, below): (&str, &str),
-    draw: impl FnOnce(&Sheet<'_>),
+    draw: impl FnOnce(&Canvas<'_>),
 ) -> String {
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
         root.fill(&theme.ground).expect(DRAWN);
-        Label::new(19.0, theme.ink).bold().put(&root, title, (24, 30));
-        Label::new(13.0, theme.soft).put(&root, below, (24, 54));
+        TextLine::new(19.0, theme.ink).bold().put(&root, title, (24, 30));
+        TextLine::new(13.0, theme.soft).put(&root, below, (24, 54));
         draw(&root);
         root.present().expect(DRAWN);
     }
@@ -119,27 +119,27 @@ pub(crate) struct Line {
 
 impl Axes {
     /// A chart with a grid and its axes named.
-    pub(crate) fn chart<'a, 'b>(&self, theme: &Theme, sheet: &'a Sheet<'b>) -> Chart<'a, 'b> {
-        self.scaled(theme, sheet, (self.x.clone(), self.y.clone()))
+    pub(crate) fn chart<'a, 'b>(&self, theme: &Theme, canvas: &'a Canvas<'b>) -> Chart<'a, 'b> {
+        self.scaled(theme, canvas, (self.x.clone(), self.y.clone()))
     }
 
     /// The same with scales of the caller's; they have the ranges.
     pub(crate) fn scaled<'a, 'b, X: Scale, Y: Scale>(
         &self,
         theme: &Theme,
-        sheet: &'a Sheet<'b>,
+        canvas: &'a Canvas<'b>,
         (x, y): (X, Y),
     ) -> Chart<'a, 'b, X::CoordDescType, Y::CoordDescType>
     where
         X::CoordDescType: ValueFormatter<f64>,
         Y::CoordDescType: ValueFormatter<f64>,
     {
-        let mut chart = ChartBuilder::on(sheet)
+        let mut chart = ChartBuilder::on(canvas)
             .x_label_area_size(46)
             .y_label_area_size(58)
             .build_cartesian_2d(x, y)
             .expect(DRAWN);
-        let soft = Label::new(13.0, theme.soft);
+        let soft = TextLine::new(13.0, theme.soft);
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
@@ -149,8 +149,8 @@ impl Axes {
             .y_labels(8)
             .x_label_formatter(&|value| plain(*value))
             .y_label_formatter(&|value| plain(*value))
-            .label_style(Label { pos: Pos::default(), ..soft }.style())
-            .axis_desc_style(Label { pos: Pos::default(), colour: theme.ink, ..soft }.style())
+            .label_style(TextLine { pos: Pos::default(), ..soft }.style())
+            .axis_desc_style(TextLine { pos: Pos::default(), colour: theme.ink, ..soft }.style())
             .x_desc(self.x_name)
             .y_desc(self.y_name)
             .draw()
@@ -177,7 +177,7 @@ impl Line {
     }
 
     /// Draws keys of lines in a row, from a place on.
-    pub(crate) fn keys(lines: &[Self], theme: &Theme, sheet: &Sheet<'_>, (mut x, y): (i32, i32)) {
+    pub(crate) fn keys(lines: &[Self], theme: &Theme, canvas: &Canvas<'_>, (mut x, y): (i32, i32)) {
         for line in lines {
             let style = line.colour.stroke_width(line.width.max(3));
             let ends = if line.is_dashed {
@@ -186,9 +186,9 @@ impl Line {
                 vec![[(x, y), (x + 21, y)]]
             };
             for end in ends {
-                sheet.draw(&PathElement::new(end.to_vec(), style)).expect(DRAWN);
+                canvas.draw(&PathElement::new(end.to_vec(), style)).expect(DRAWN);
             }
-            Label::new(13.0, theme.ink).put(sheet, &line.name, (x + 28, y));
+            TextLine::new(13.0, theme.ink).put(canvas, &line.name, (x + 28, y));
             x += 28 + 22 + width(&line.name);
         }
     }

@@ -56,20 +56,20 @@ fn fault(path: &Path, source: io::Error) -> Fault {
 }
 
 /// What a command's page holds.
-pub(crate) struct Shown<'a> {
+pub(crate) struct PageContent<'a> {
     pub(crate) title: &'a str,
     pub(crate) words: &'a [&'a str],
     pub(crate) plots: Vec<Plot>,
     /// What the terminal was told.
-    pub(crate) told: &'a str,
+    pub(crate) reported: &'a str,
 }
 
 /// Writes the plots, as SVG and PNG on both grounds, and `index.html`.
 ///
 /// # Errors
 /// If one cannot be written.
-pub(crate) fn show(folder: &Folder, shown: &Shown<'_>) -> Result<(), Fault> {
-    let Shown { title, words, plots, told } = shown;
+pub(crate) fn show(folder: &Folder, shown: &PageContent<'_>) -> Result<(), Fault> {
+    let PageContent { title, words, plots, reported } = shown;
     for plot in plots {
         for theme in [LIGHT, DARK] {
             let (svg, name) = (plot.svg(&theme), format!("{}{}", plot.name, theme.suffix));
@@ -77,6 +77,6 @@ pub(crate) fn show(folder: &Folder, shown: &Shown<'_>) -> Result<(), Fault> {
             folder.put(&format!("{name}.png"), &png(&svg))?;
         }
     }
-    let page = Page { title, words, plots, table: &strip_str(told).to_string() };
+    let page = Page { title, words, plots, table: &strip_str(reported).to_string() };
     folder.put("index.html", page.html().as_bytes())
 }

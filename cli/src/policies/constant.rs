@@ -5,7 +5,7 @@ use std::time::Duration;
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
-use fuseline_report::{Arrival, Forwarded};
+use fuseline_report::{Arrival, Forwarded, Response};
 
 /// The one timestamp of each run.
 const T: u64 = 0;
@@ -41,6 +41,97 @@ impl Constant {
         let (p, at) = machine.emitted?;
         let source = places().position(|place| place == p)?;
         Some(Forwarded { source, response: Duration::from_nanos(at) })
+    }
+}
+
+impl Constant {
+    /// The response and whose result may be there before `in_time`, whatever the unknown arrivals
+    /// are.
+    ///
+    /// With one deadline for all, the best source whose result is there before it goes, once all
+    /// better ones have failed or are due; without such a result local goes, whenever it comes.
+    pub(super) fn bounds(
+        &self,
+        arrivals: &[Arrival],
+        in_time: Duration,
+    ) -> (Response, Vec<Option<usize>>) {
+        let mut by_rank: Vec<usize> = (0..arrivals.len()).collect();
+        by_rank.sort_by_key(|source| {
+            source.checked_sub(1).map_or(0, |cloud| u64::from(self.priorities[cloud]))
+        });
+        let mut outcomes = Outcomes { response: None, sources: Vec::new(), in_time };
+        // When all better ones have ended, at the least and at the most.
+        let (mut least, mut most) = (Duration::ZERO, Duration::ZERO);
+        while let Some(source) = by_rank.pop() {
+            let (came, ended) = match arrivals[source] {
+                Arrival::At(at) if at < self.deadline => {
+                    outcomes.add(source, Response::exactly(Some(at)), least, most);
+                    return outcomes.all();
+                }
+                Arrival::After(bound) if bound < self.deadline => {
+                    (Some(Response { least: bound, most: self.deadline }), (bound, self.deadline))
+                }
+                Arrival::Failed(at) if at < self.deadline => (None, (at, at)),
+                Arrival::At(_) | Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => {
+                    (None, (self.deadline, self.deadline))
+                }
+            };
+            if source == 0 {
+                // Nothing else is there: local's result, or none.
+                match arrivals[0] {
+                    Arrival::At(_) | Arrival::After(_) => {
+                        outcomes.add(0, arrivals[0].into(), least, most);
+                    }
+                    Arrival::Failed(_) | Arrival::Never => {}
+                }
+                if !matches!(arrivals[0], Arrival::At(_)) {
+                    outcomes.none();
+                }
+                return outcomes.all();
+            }
+            if let Some(came) = came {
+                outcomes.add(source, came, least, most);
+            }
+            (least, most) = (least.max(ended.0), most.max(ended.1));
+        }
+        outcomes.none();
+        outcomes.all()
+    }
+}
+
+/// What may become of a message.
+struct Outcomes {
+    response: Option<Response>,
+    sources: Vec<Option<usize>>,
+    in_time: Duration,
+}
+
+impl Outcomes {
+    /// The result of `source` may go, once it is there and the better ones have ended.
+    fn add(&mut self, source: usize, came: Response, least: Duration, most: Duration) {
+        self.widen(Response { least: came.least.max(least), most: came.most.max(most) });
+        if came.least < self.in_time {
+            self.sources.push(Some(source));
+        }
+        if came.most > self.in_time || came.least >= self.in_time {
+            self.sources.push(None);
+        }
+    }
+
+    /// There may be no output.
+    fn none(&mut self) {
+        self.widen(Response::exactly(None));
+        self.sources.push(None);
+    }
+
+    fn widen(&mut self, other: Response) {
+        let Response { least, most } = self.response.unwrap_or(other);
+        self.response =
+            Some(Response { least: least.min(other.least), most: most.max(other.most) });
+    }
+
+    fn all(self) -> (Response, Vec<Option<usize>>) {
+        (self.response.unwrap_or(Response::exactly(None)), self.sources)
     }
 }
 

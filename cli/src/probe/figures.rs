@@ -53,7 +53,7 @@ pub(crate) struct Figures {
 
 /// Quantiles as they are told.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct Told {
+pub(crate) struct QuantileRow {
     pub(crate) p50: Option<Quantile>,
     pub(crate) p90: Option<Quantile>,
     pub(crate) p99: Option<Quantile>,
@@ -110,9 +110,9 @@ impl Spread {
         steps.map(point).collect()
     }
 
-    pub(crate) fn told(&self) -> Told {
+    pub(crate) fn reported(&self) -> QuantileRow {
         let [p50, p90, p99, max] = [50, 90, 99, 100].map(|percent| self.quantile(percent));
-        Told { p50, p90, p99, max }
+        QuantileRow { p50, p90, p99, max }
     }
 }
 

@@ -4,12 +4,12 @@ use std::io::Write;
 use std::time::Duration;
 
 use crate::probe::figures::Figures;
-use crate::probe::pace::{Pace, Turn};
-use crate::probe::row::{Fate, Row, Rows};
+use crate::probe::pace::{SendPacing, SlotAction};
+use crate::probe::row::{RequestOutcome, Row, Rows};
 
 /// Slots, requests and their ends, in the order in which they happen. Times are since the beginning.
 pub(crate) struct Log<W: Write> {
-    pub(crate) pace: Pace,
+    pub(crate) pace: SendPacing,
     pub(crate) figures: Figures,
     pub(crate) latest: Option<Duration>,
     rows: Rows<W>,
@@ -33,28 +33,33 @@ impl<W: Write> Log<W> {
         period: Duration,
         (runtime, deadline): (Duration, Duration),
     ) -> Self {
-        let (pace, figures) = (Pace::default(), Figures::new());
+        let (pace, figures) = (SendPacing::default(), Figures::new());
         Self { pace, figures, latest: None, rows, period, runtime, deadline, pause: None }
     }
 
     /// A slot was due and is here; gives the number of its row if a request is to be sent.
     pub(crate) fn slot(&mut self, due: Duration, now: Duration, utc_ms: i64) -> Option<u64> {
-        let row = Row { sent: now, queued: self.pace.queued(), utc_ms, fate: Fate::Unanswered };
+        let row = Row {
+            sent: now,
+            queued: self.pace.queued(),
+            utc_ms,
+            request_outcome: RequestOutcome::Unanswered,
+        };
         let counts = &mut self.figures.counts;
         counts.slots += 1;
         match self.pace.slot() {
-            Turn::Send => {
+            SlotAction::Send => {
                 counts.sent += 1;
                 Some(self.rows.add(row))
             }
-            Turn::Pause => {
+            SlotAction::Pause => {
                 counts.pauses += 1;
                 counts.skipped += 1;
-                self.rows.add(Row { fate: Fate::Lost, ..row });
+                self.rows.add(Row { request_outcome: RequestOutcome::Lost, ..row });
                 self.pause = Some(Pause { first: due, skipped: 1 });
                 None
             }
-            Turn::Skip => {
+            SlotAction::Skip => {
                 self.skip(1);
                 None
             }
@@ -92,7 +97,7 @@ impl<W: Write> Log<W> {
             counts.failed += 1;
             slots.add_never();
         }
-        self.rows.settle(number, round_trip.map_or(Fate::Lost, Fate::Answered));
+        self.rows.settle(number, round_trip.map_or(RequestOutcome::Lost, RequestOutcome::Answered));
         if self.pace.ended() {
             self.resume(now);
         }

@@ -142,15 +142,15 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
         }
         Ok(())
     });
-    tell(&summary, args.json).map_err(Fault::Output)?;
+    print_report(&summary, args.json).map_err(Fault::Output)?;
     if let Some((path, _)) = folder.filter(|_| !args.json && !summary.plots.is_empty()) {
-        let told = summary::plotted(path, &summary.plots);
-        Sink::new(anstream::stdout()).write_all(told.as_bytes()).map_err(Fault::Output)?;
+        let reported = summary::plotted(path, &summary.plots);
+        Sink::new(anstream::stdout()).write_all(reported.as_bytes()).map_err(Fault::Output)?;
     }
     wrote
 }
 
-fn tell(summary: &Summary, is_json: bool) -> io::Result<()> {
+fn print_report(summary: &Summary, is_json: bool) -> io::Result<()> {
     let mut out = Sink::new(anstream::stdout());
     if is_json {
         serde_json::to_writer(&mut out, summary)?;

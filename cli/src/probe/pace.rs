@@ -5,7 +5,7 @@ pub(crate) const QUEUED: usize = 30;
 
 /// What happens at a slot.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Turn {
+pub(crate) enum SlotAction {
     /// A request is sent.
     Send,
     /// A pause begins: nothing is sent until nothing is unanswered.
@@ -16,23 +16,23 @@ pub(crate) enum Turn {
 
 /// What is unanswered, and whether that has stopped the sending.
 #[derive(Debug, Default)]
-pub(crate) struct Pace {
+pub(crate) struct SendPacing {
     queued: usize,
     is_paused: bool,
 }
 
-impl Pace {
+impl SendPacing {
     /// A slot is due.
-    pub(crate) const fn slot(&mut self) -> Turn {
+    pub(crate) const fn slot(&mut self) -> SlotAction {
         if self.is_paused {
-            return Turn::Skip;
+            return SlotAction::Skip;
         }
         if self.queued > QUEUED {
             self.is_paused = true;
-            return Turn::Pause;
+            return SlotAction::Pause;
         }
         self.queued += 1;
-        Turn::Send
+        SlotAction::Send
     }
 
     /// A request was answered or failed; says whether that ends a pause.
@@ -62,22 +62,25 @@ mod tests {
 
     #[test]
     fn thirty_one_may_be_unanswered_and_then_all_must_be_answered() {
-        let mut pace = Pace::default();
-        assert!((0..31).all(|_| pace.slot() == Turn::Send));
-        assert_eq!((pace.slot(), pace.slot(), pace.queued()), (Turn::Pause, Turn::Skip, 31));
+        let mut pace = SendPacing::default();
+        assert!((0..31).all(|_| pace.slot() == SlotAction::Send));
+        assert_eq!(
+            (pace.slot(), pace.slot(), pace.queued()),
+            (SlotAction::Pause, SlotAction::Skip, 31)
+        );
         for _ in 0..30 {
             assert!(!pace.ended());
-            assert_eq!(pace.slot(), Turn::Skip);
+            assert_eq!(pace.slot(), SlotAction::Skip);
         }
         assert!(pace.ended());
-        assert_eq!((pace.slot(), pace.queued(), pace.is_paused()), (Turn::Send, 1, false));
+        assert_eq!((pace.slot(), pace.queued(), pace.is_paused()), (SlotAction::Send, 1, false));
     }
 
     #[test]
     fn with_thirty_unanswered_the_next_is_sent() {
-        let mut pace = Pace::default();
-        (0..31).for_each(|_| assert_eq!(pace.slot(), Turn::Send));
+        let mut pace = SendPacing::default();
+        (0..31).for_each(|_| assert_eq!(pace.slot(), SlotAction::Send));
         assert!(!pace.ended());
-        assert_eq!((pace.slot(), pace.slot()), (Turn::Send, Turn::Pause));
+        assert_eq!((pace.slot(), pace.slot()), (SlotAction::Send, SlotAction::Pause));
     }
 }

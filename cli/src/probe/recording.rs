@@ -25,7 +25,7 @@ pub(crate) struct Recording {
 
 /// A row as far as plots need it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Seen {
+pub(crate) struct PlotRow {
     /// In seconds.
     pub(crate) sent: f64,
     /// In milliseconds; none if there was no answer.
@@ -77,7 +77,7 @@ impl Recording {
     ///
     /// # Errors
     /// If it cannot be read, or is no recording.
-    pub(crate) fn each(&mut self, most: u64, mut look: impl FnMut(Seen)) -> Result<(), Fault> {
+    pub(crate) fn each(&mut self, most: u64, mut look: impl FnMut(PlotRow)) -> Result<(), Fault> {
         let name = || self.name.clone();
         let fault = |source| RecordingError::Csv { name: name(), source };
         self.file.rewind().map_err(|source| Fault::Open { name: name(), source })?;
@@ -122,11 +122,11 @@ impl Cells {
         Ok(())
     }
 
-    fn seen(&self) -> Seen {
+    fn seen(&self) -> PlotRow {
         let round_trip = Some(self.rtt_ms).filter(|ms| *ms >= 0.0);
         // What is sent has fewer unanswered before it.
         let is_pause = round_trip.is_none() && self.queued.is_some_and(|it| it > QUEUED as u64);
-        Seen { sent: self.sent_ms / 1000.0, round_trip, place: self.lat.zip(self.lon), is_pause }
+        PlotRow { sent: self.sent_ms / 1000.0, round_trip, place: self.lat.zip(self.lon), is_pause }
     }
 }
 

@@ -21,12 +21,12 @@ pub(crate) struct Row {
     pub(crate) queued: usize,
     /// The time of day, in milliseconds since 1970.
     pub(crate) utc_ms: i64,
-    pub(crate) fate: Fate,
+    pub(crate) request_outcome: RequestOutcome,
 }
 
 /// What became of it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Fate {
+pub(crate) enum RequestOutcome {
     /// It is under way.
     Unanswered,
     /// It was answered after so long.
@@ -65,10 +65,10 @@ impl<W: Write> Rows<W> {
     }
 
     /// Says what became of the request in that row.
-    pub(crate) fn settle(&mut self, number: u64, fate: Fate) {
+    pub(crate) fn settle(&mut self, number: u64, request_outcome: RequestOutcome) {
         let place = number.checked_sub(self.first).and_then(|place| usize::try_from(place).ok());
         if let Some(row) = place.and_then(|place| self.waiting.get_mut(place)) {
-            row.fate = fate;
+            row.request_outcome = request_outcome;
         }
     }
 
@@ -78,7 +78,7 @@ impl<W: Write> Rows<W> {
     /// If it cannot be written.
     pub(crate) fn write(&mut self, now: Duration) -> Result<(), csv::Error> {
         while let Some(row) = self.waiting.front().copied() {
-            if row.fate == Fate::Unanswered || row.sent + HELD > now {
+            if row.request_outcome == RequestOutcome::Unanswered || row.sent + HELD > now {
                 break;
             }
             self.waiting.pop_front();
@@ -104,9 +104,9 @@ impl<W: Write> Rows<W> {
         let sent =
             self.last_sent.map_or(row.sent.as_micros(), |last| row.sent.as_micros().max(last + 1));
         self.last_sent = Some(sent);
-        let rtt = match row.fate {
-            Fate::Answered(rtt) => milliseconds(rtt.as_micros()),
-            Fate::Unanswered | Fate::Lost => "-1".to_owned(),
+        let rtt = match row.request_outcome {
+            RequestOutcome::Answered(rtt) => milliseconds(rtt.as_micros()),
+            RequestOutcome::Unanswered | RequestOutcome::Lost => "-1".to_owned(),
         };
         let fix = self.fixes.nearest(row.utc_ms);
         let cell = |value: Option<f64>, decimals: usize| {
@@ -133,9 +133,9 @@ mod tests {
     use super::*;
     use crate::probe::position::Fix;
 
-    fn row(sent_us: u64, fate: Fate) -> Row {
+    fn row(sent_us: u64, request_outcome: RequestOutcome) -> Row {
         let utc_ms = 1_000_000 + i64::try_from(sent_us / 1000).unwrap();
-        Row { sent: Duration::from_micros(sent_us), queued: 3, utc_ms, fate }
+        Row { sent: Duration::from_micros(sent_us), queued: 3, utc_ms, request_outcome }
     }
 
     fn text(rows: &Rows<Vec<u8>>) -> String {
@@ -146,13 +146,13 @@ mod tests {
     fn rows_are_written_in_the_order_of_sending_once_they_are_known() {
         let mut rows = Rows::new(Vec::new(), Fixes::default()).unwrap();
         let late = Duration::from_secs(9);
-        let first = rows.add(row(5, Fate::Unanswered));
-        let second = rows.add(row(33_333, Fate::Unanswered));
-        rows.add(row(66_666, Fate::Lost));
-        rows.settle(second, Fate::Answered(Duration::from_micros(68_001)));
+        let first = rows.add(row(5, RequestOutcome::Unanswered));
+        let second = rows.add(row(33_333, RequestOutcome::Unanswered));
+        rows.add(row(66_666, RequestOutcome::Lost));
+        rows.settle(second, RequestOutcome::Answered(Duration::from_micros(68_001)));
         rows.write(late).unwrap();
         assert_eq!(text(&rows).lines().count(), 1);
-        rows.settle(first, Fate::Answered(Duration::from_millis(2)));
+        rows.settle(first, RequestOutcome::Answered(Duration::from_millis(2)));
         rows.write(late).unwrap();
         let expected = "sent_ms,rtt_ms,lat,lon,speed_mps,queued,utc_ms\n\
                         0.005,2.000,,,,3,1000000\n\
@@ -164,11 +164,11 @@ mod tests {
     #[test]
     fn times_rise_strictly_and_what_is_left_is_lost() {
         let mut rows = Rows::new(Vec::new(), Fixes::default()).unwrap();
-        rows.add(row(7, Fate::Lost));
-        rows.add(row(7, Fate::Unanswered));
+        rows.add(row(7, RequestOutcome::Lost));
+        rows.add(row(7, RequestOutcome::Unanswered));
         rows.finish().unwrap();
-        let told = text(&rows);
-        let sent: Vec<&str> = told.lines().skip(1).map(|it| &it[..9]).collect();
+        let reported = text(&rows);
+        let sent: Vec<&str> = reported.lines().skip(1).map(|it| &it[..9]).collect();
         assert_eq!(sent, ["0.007,-1,", "0.008,-1,"]);
     }
 
@@ -176,7 +176,7 @@ mod tests {
     fn a_row_waits_for_the_position_after_it() {
         let fixes = Fixes::default();
         let mut rows = Rows::new(Vec::new(), fixes.clone()).unwrap();
-        rows.add(row(900_000, Fate::Lost));
+        rows.add(row(900_000, RequestOutcome::Lost));
         rows.write(Duration::from_millis(2399)).unwrap();
         assert_eq!(text(&rows).lines().count(), 1);
         for (second, lat) in [(0, 1.0), (1, 2.0)] {

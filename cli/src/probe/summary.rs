@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use serde::{Deserialize, Serialize};
 
-use crate::probe::figures::{Counts, Figures, Told};
+use crate::probe::figures::{Counts, Figures, QuantileRow};
 use crate::probe::options::Args;
 use fuseline_report::Quantile;
 
@@ -53,9 +53,9 @@ pub(crate) struct Summary {
     counts: Counts,
     paused_ms: f64,
     /// Round trips of answers.
-    answers_ms: Told,
+    answers_ms: QuantileRow,
     /// The same over all slots.
-    slots_ms: Told,
+    slots_ms: QuantileRow,
     /// The paper's.
     paper_ms: Paper,
     csv: String,
@@ -73,8 +73,8 @@ impl Summary {
             deadline_ms: args.deadline,
             counts: figures.counts,
             paused_ms: figures.paused.as_secs_f64() * 1000.0,
-            answers_ms: figures.answers.told(),
-            slots_ms: figures.slots.told(),
+            answers_ms: figures.answers.reported(),
+            slots_ms: figures.slots.reported(),
             paper_ms: *PAPER,
             csv: args.csv.display().to_string(),
             plots: Vec::new(),
@@ -105,7 +105,7 @@ impl fmt::Display for Summary {
         }
         let mut table = Table::new();
         table.load_style(STYLE).set_header(["round trip", "p50", "p90", "p99", "max", "in time"]);
-        for (name, Told { p50, p90, p99, max }, of) in
+        for (name, QuantileRow { p50, p90, p99, max }, of) in
             [("answers", self.answers_ms, answered), ("slots", self.slots_ms, slots - missed)]
         {
             let cells = [p50, p90, p99, max].map(quantile);

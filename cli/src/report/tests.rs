@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use fuseline_engine::{Engine, Local, Recorder, Recording, SourceTally, Tally};
-use fuseline_report::{Page, Reckoning, Row};
+use fuseline_report::{Page, Row, TraceStatistics};
 use fuseline_testkit::{Generator, Run};
 use fuseline_traces::{Events, Input};
 use serde_json::Value;
@@ -46,14 +46,14 @@ fn operate(run: &Run) -> (Tally, Vec<u8>) {
     (engine.counts().tally(), std::fs::read(path).unwrap())
 }
 
-fn reckon(trace: &[u8]) -> Reckoning {
+fn reckon(trace: &[u8]) -> TraceStatistics {
     let mut reader = Events::new("trace", trace).unwrap();
     let clouds = reader.header().clouds.iter().map(|cloud| cloud.p);
-    let mut reckoning = Reckoning::new(clouds, false);
+    let mut statistics = TraceStatistics::new(clouds, false);
     while let Some(event) = reader.next_event().unwrap() {
-        reckoning.event(&event);
+        statistics.event(&event);
     }
-    reckoning
+    statistics
 }
 
 /// A row as the operator counted it; what it does not count apart is told by the sums.
@@ -90,8 +90,8 @@ fn run_and_page_tell_what_the_operator_counted() {
     for number in 0..500 {
         let run = generator.run(number);
         let (tally, trace) = operate(&run);
-        let reckoning = reckon(&trace);
-        let totals = reckoning.totals();
+        let statistics = reckon(&trace);
+        let totals = statistics.totals();
         assert_eq!(totals.missed, tally.missed);
         assert_eq!(totals.forwarded, tally.forwarded());
         assert_eq!(totals.refused, tally.refused.values().sum::<u64>());
@@ -106,7 +106,7 @@ fn run_and_page_tell_what_the_operator_counted() {
         let shown: Vec<&str> = table.lines().filter(|line| line.contains("source-")).collect();
         assert_eq!(shown.len(), totals.rows.len());
         let page = data(&trace);
-        let told = &page["traces"][0]["account"];
+        let reported = &page["traces"][0]["account"];
         for (row, line) in totals.rows.iter().zip(shown) {
             let mut counts = row.counts.to_vec();
             if !table.contains(" open ") {
@@ -115,9 +115,9 @@ fn run_and_page_tell_what_the_operator_counted() {
             assert_eq!(&numbers(line)[..], &counts[..]);
             let place = page["traces"][0]["sources"].as_array().unwrap();
             let place = place.iter().position(|source| source["p"] == row.p).unwrap();
-            let told = told["rows"].as_array().unwrap();
-            let told = told.iter().find(|row| row["place"] == place).unwrap();
-            assert_eq!(&told["counts"], &serde_json::json!(row.counts));
+            let reported = reported["rows"].as_array().unwrap();
+            let reported = reported.iter().find(|row| row["place"] == place).unwrap();
+            assert_eq!(&reported["counts"], &serde_json::json!(row.counts));
         }
         for (word, count) in [
             ("messages", totals.messages),
@@ -126,7 +126,7 @@ fn run_and_page_tell_what_the_operator_counted() {
             ("refused", totals.refused),
             ("open", totals.open),
         ] {
-            assert_eq!(&told[word], &Value::from(count));
+            assert_eq!(&reported[word], &Value::from(count));
         }
     }
 }
@@ -135,11 +135,11 @@ fn run_and_page_tell_what_the_operator_counted() {
 fn data(trace: &[u8]) -> Value {
     let mut page = Page::default();
     let mut events = Events::new("trace", trace).unwrap();
-    let mut sheet = page.begin(None, "trace", events.header());
+    let mut canvas = page.begin(None, "trace", events.header());
     while let Some(event) = events.next_event().unwrap() {
-        sheet.event(events.line(), event).unwrap();
+        canvas.event(events.line(), event).unwrap();
     }
-    assert!(sheet.finish().summary().conforms);
+    assert!(canvas.finish().summary().conforms);
     let mut html = Vec::new();
     page.write(&mut html).unwrap();
     let html = String::from_utf8(html).unwrap();

@@ -4,9 +4,9 @@ use std::io::{self, Write};
 
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
-use crate::results::Judged;
+use crate::results::Subject;
 
-pub(super) fn write(judged: &[Judged], out: &mut dyn Write) -> io::Result<()> {
+pub(super) fn write(judged: &[Subject], out: &mut dyn Write) -> io::Result<()> {
     let mut suite = TestSuite::new("traces");
     suite.add_test_cases(judged.iter().map(case));
     let mut report = Report::new("fuseline check");
@@ -14,7 +14,7 @@ pub(super) fn write(judged: &[Judged], out: &mut dyn Write) -> io::Result<()> {
     report.serialize(out).map_err(io::Error::other)
 }
 
-fn case(judged: &Judged) -> TestCase {
+fn case(judged: &Subject) -> TestCase {
     let status = match &judged.verdict {
         Err(why) => {
             let mut status = TestCaseStatus::non_success(NonSuccessKind::Error);

@@ -8,15 +8,15 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::{AnyViolation, Found};
+use fuseline_report::{AnyViolation, Findings};
 use fuseline_traces::Rule;
 
 use crate::fault::Fault;
 use crate::output::Output;
-use crate::verdict::{plain, tell_summary, tell_violation};
+use crate::verdict::{plain, print_summary, print_violation};
 
 /// A rule's identifier and its sentence.
-type Named = (&'static str, &'static str);
+type RuleText = (&'static str, &'static str);
 
 /// The options that name the files.
 #[derive(clap::Args)]
@@ -32,10 +32,10 @@ pub(crate) struct Files {
 /// Where the files go, and how each is written.
 pub(crate) struct Outputs(Vec<(Output, Format)>);
 
-type Format = fn(&[Judged], &mut dyn Write) -> io::Result<()>;
+type Format = fn(&[Subject], &mut dyn Write) -> io::Result<()>;
 
 /// What was judged: a trace, or a command that was driven.
-pub(crate) struct Judged {
+pub(crate) struct Subject {
     /// The trace's name, or the command's.
     pub(crate) name: String,
     /// What judged it.
@@ -48,7 +48,7 @@ pub(crate) struct Judged {
 
 /// Something that breaks a rule.
 pub(crate) struct Problem {
-    pub(crate) rule: Named,
+    pub(crate) rule: RuleText,
     pub(crate) file: String,
     /// From 1; none if it is about the whole.
     pub(crate) line: Option<u64>,
@@ -88,31 +88,31 @@ impl Outputs {
 
     /// # Errors
     /// If a file cannot be written.
-    pub(crate) fn write(&self, judged: &[Judged]) -> Result<(), Fault> {
+    pub(crate) fn write(&self, judged: &[Subject]) -> Result<(), Fault> {
         self.0.iter().try_for_each(|(output, put)| {
             output.write(|out| put(judged, out).map_err(Fault::Output))
         })
     }
 }
 
-impl Judged {
+impl Subject {
     /// A trace that was judged.
-    pub(crate) fn found(found: &Found) -> Self {
+    pub(crate) fn found(found: &Findings) -> Self {
         let summary = found.summary();
         let problem = |violation: &AnyViolation<'_>| Problem {
             rule: violation.rule,
             file: summary.file.to_owned(),
             line: Some(violation.line),
-            text: plain(|out| tell_violation(violation, summary.file, out)),
+            text: plain(|out| print_violation(violation, summary.file, out)),
         };
         Self {
             name: summary.file.to_owned(),
             judge: match found {
-                Found::Strict(_) => "strict",
-                Found::Observed(_) => "observed",
+                Findings::Strict(_) => "strict",
+                Findings::Observed(_) => "observed",
             },
             conforms: summary.conforms,
-            verdict: Ok(plain(|out| tell_summary(&summary, out))),
+            verdict: Ok(plain(|out| print_summary(&summary, out))),
             problems: found.violations().iter().map(problem).collect(),
         }
     }
@@ -125,7 +125,7 @@ impl Judged {
 }
 
 /// All rules that a trace is judged by, and those that were broken besides.
-fn rules(judged: &[Judged]) -> BTreeMap<&'static str, &'static str> {
+fn rules(judged: &[Subject]) -> BTreeMap<&'static str, &'static str> {
     let broken = judged.iter().flat_map(|judged| &judged.problems).map(|problem| problem.rule);
     Rule::ALL.into_iter().map(|rule| (rule.id(), rule.sentence())).chain(broken).collect()
 }

@@ -6,13 +6,13 @@ use std::io::{self, Write};
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 use serde_json::{Value, json};
 
-use crate::results::{Judged, Problem, rules};
+use crate::results::{Problem, Subject, rules};
 
 /// What a path's characters become in a URI, but for those that may stand there.
 const PATH: &AsciiSet =
     &NON_ALPHANUMERIC.remove(b'/').remove(b'-').remove(b'_').remove(b'.').remove(b'~');
 
-pub(super) fn write(judged: &[Judged], out: &mut dyn Write) -> io::Result<()> {
+pub(super) fn write(judged: &[Subject], out: &mut dyn Write) -> io::Result<()> {
     let rules = rules(judged);
     let places: BTreeMap<&str, usize> = rules.keys().copied().zip(0..).collect();
     let problems = judged.iter().flat_map(|judged| &judged.problems);
@@ -52,7 +52,7 @@ fn result(problem: &Problem, places: &BTreeMap<&str, usize>) -> Value {
 }
 
 /// Why a trace was not judged.
-fn notification(judged: &Judged) -> Option<Value> {
+fn notification(judged: &Subject) -> Option<Value> {
     let why = judged.verdict.as_ref().err()?;
     let locations = [location(&judged.name, None)];
     Some(json!({ "level": "error", "message": { "text": why }, "locations": locations }))

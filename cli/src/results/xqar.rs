@@ -5,20 +5,20 @@ use std::io::{self, Write};
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, Event};
 
-use crate::results::{Judged, Named, Problem, rules};
+use crate::results::{Problem, RuleText, Subject, rules};
 
 /// Of the format.
 const VERSION: &str = "1.0.0";
 /// Who states the rules, the standard, and its version; the rule's name follows.
 const RULE: &str = "fuseline.spec:fuseline:1.0:";
 
-pub(super) fn write(judged: &[Judged], out: &mut dyn Write) -> io::Result<()> {
-    let rules: Vec<Named> = rules(judged).into_iter().collect();
+pub(super) fn write(judged: &[Subject], out: &mut dyn Write) -> io::Result<()> {
+    let rules: Vec<RuleText> = rules(judged).into_iter().collect();
     let mut xml = Writer::new_with_indent(&mut *out, b' ', 2);
     xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
     let results = xml.create_element("CheckerResults").with_attribute(("version", VERSION));
     results.write_inner_content(|xml| {
-        let number = |holds: fn(&Judged) -> bool| judged.iter().filter(|it| holds(it)).count();
+        let number = |holds: fn(&Subject) -> bool| judged.iter().filter(|it| holds(it)).count();
         let (conform, read) = (number(|it| it.conforms), number(|it| it.verdict.is_ok()));
         let summary =
             format!("{conform} of {} conform, {} not read", judged.len(), judged.len() - read);
@@ -41,8 +41,8 @@ pub(super) fn write(judged: &[Judged], out: &mut dyn Write) -> io::Result<()> {
 /// One for each input, since a location tells no file.
 fn checker<W: Write>(
     xml: &mut Writer<W>,
-    judged: &Judged,
-    rules: &[Named],
+    judged: &Subject,
+    rules: &[RuleText],
     issues: &mut u64,
 ) -> io::Result<()> {
     let (status, summary) = match &judged.verdict {

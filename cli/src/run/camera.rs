@@ -17,7 +17,7 @@ use crate::emulation::{REPLY_BYTES, REQUEST_BYTES};
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
 use crate::run::deadlines::Deadlines;
-use crate::run::driven::Driven;
+use crate::run::driven::RunMetadata;
 use crate::run::error::RunError;
 use crate::run::live::{Live, unrecorded};
 use crate::run::network::Network;
@@ -117,7 +117,7 @@ pub(crate) fn start(plan: &Plan, network: Network) -> Result<Camera<'_>, Fault> 
 
 impl Camera<'_> {
     /// Feeds the operator until the plan is done or the user ends it.
-    pub(crate) async fn drive(mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> Driven {
+    pub(crate) async fn drive(mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> RunMetadata {
         let interrupted = self.shoot(live, interrupt).await;
         self.catch_up(live).await;
         // Without frames to come the operator ends once all is answered.
@@ -134,7 +134,7 @@ impl Camera<'_> {
         };
         live.show(&tally);
         let begun = self.begun.iter().map(|begun| begun.load(Ordering::Relaxed)).collect();
-        Driven { begun, tally, interrupted, unrecorded }
+        RunMetadata { begun, tally, interrupted, unrecorded }
     }
 
     /// Writes a frame every period; says whether the user ended it.

@@ -12,15 +12,15 @@ use crate::seconds::seconds;
 
 /// One cloud as asked for.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Wanted {
+pub(crate) struct CloudOptions {
     pub(crate) name: String,
     pub(crate) priority: u16,
-    pub(crate) place: Place,
+    pub(crate) place: CloudAddress,
 }
 
 /// Where a cloud is.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) enum Place {
+pub(crate) enum CloudAddress {
     /// In this process, behind a recorded network.
     Emulated { model: Model, drive: String, start: Duration },
     /// A server elsewhere; what it runs is given only for the report.
@@ -43,7 +43,7 @@ pub(crate) struct Remote {
 
 /// `west=VALUE`.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Named<T> {
+pub(crate) struct NamedValue<T> {
     pub(crate) cloud: String,
     pub(crate) value: T,
 }
@@ -90,15 +90,15 @@ pub(crate) const DEFAULTS: [&str; 2] = [
     "name=east,priority=2,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=150",
 ];
 
-impl Wanted {
+impl CloudOptions {
     /// The files that its keys name, if they are given.
     pub(crate) fn files(&self) -> Vec<&Path> {
         match &self.place {
-            Place::Emulated { drive, .. } => {
+            CloudAddress::Emulated { drive, .. } => {
                 let file = drive.rsplit_once(':').map_or(&**drive, |(file, _)| file);
                 vec![Path::new(drive), Path::new(file)]
             }
-            Place::Remote { remote: Remote { ca, cert, key, token, .. }, .. } => {
+            CloudAddress::Remote { remote: Remote { ca, cert, key, token, .. }, .. } => {
                 [ca, cert, key, token].into_iter().flatten().map(PathBuf::as_path).collect()
             }
         }
@@ -111,20 +111,20 @@ impl Wanted {
 /// # Errors
 /// If a cloud is not there or elsewhere, or two have one name.
 pub(crate) fn adjust(
-    clouds: &mut [Wanted],
-    drives: &[Named<String>],
-    starts: &[Named<Duration>],
+    clouds: &mut [CloudOptions],
+    drives: &[NamedValue<String>],
+    starts: &[NamedValue<Duration>],
 ) -> Result<(), CloudsError> {
     for (i, cloud) in clouds.iter().enumerate() {
         if clouds[..i].iter().any(|other| other.name == cloud.name) {
             return Err(CloudsError::SameName(cloud.name.clone()));
         }
     }
-    for Named { cloud, value } in drives {
+    for NamedValue { cloud, value } in drives {
         let (drive, start) = find("drive", clouds, cloud)?;
         (*drive, *start) = (value.clone(), Duration::ZERO);
     }
-    for Named { cloud, value } in starts {
+    for NamedValue { cloud, value } in starts {
         *find("start", clouds, cloud)?.1 = *value;
     }
     Ok(())
@@ -133,21 +133,21 @@ pub(crate) fn adjust(
 /// The drive and start of the cloud of that name.
 fn find<'a>(
     option: &'static str,
-    clouds: &'a mut [Wanted],
+    clouds: &'a mut [CloudOptions],
     cloud: &str,
 ) -> Result<(&'a mut String, &'a mut Duration), CloudsError> {
     let names: Vec<&str> = clouds.iter().map(|cloud| cloud.name.as_str()).collect();
     let clouds_text = names.join(", ");
     match clouds.iter_mut().find(|wanted| wanted.name == cloud).map(|wanted| &mut wanted.place) {
-        Some(Place::Emulated { drive, start, .. }) => Ok((drive, start)),
-        Some(Place::Remote { .. }) => {
+        Some(CloudAddress::Emulated { drive, start, .. }) => Ok((drive, start)),
+        Some(CloudAddress::Remote { .. }) => {
             Err(CloudsError::Elsewhere { option, cloud: cloud.to_owned() })
         }
         None => Err(CloudsError::Unknown { option, cloud: cloud.to_owned(), clouds: clouds_text }),
     }
 }
 
-impl FromStr for Wanted {
+impl FromStr for CloudOptions {
     type Err = CloudError;
 
     /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150`, or with
@@ -197,7 +197,7 @@ impl Keys {
         })
     }
 
-    fn wanted(self) -> Result<Wanted, CloudError> {
+    fn wanted(self) -> Result<CloudOptions, CloudError> {
         let name = self.name.ok_or(CloudError::Missing("name"))?;
         if name.is_empty() || name == "local" {
             let wanted = "a name other than local";
@@ -219,7 +219,7 @@ impl Keys {
             }
             let path = |value: Option<String>| value.map(PathBuf::from);
             let [ca, cert, key, token] = [self.ca, self.cert, self.key, self.token].map(path);
-            Place::Remote { model, remote: Remote { url, ca, cert, key, token } }
+            CloudAddress::Remote { model, remote: Remote { url, ca, cert, key, token } }
         } else {
             let remote =
                 [("ca", self.ca), ("cert", self.cert), ("key", self.key), ("token", self.token)];
@@ -229,13 +229,13 @@ impl Keys {
             let model = model.ok_or(CloudError::Missing("model or url"))?;
             let drive = self.drive.ok_or(CloudError::Missing("drive or url"))?;
             let start = start(self.start.as_deref().unwrap_or("0"))?;
-            Place::Emulated { model, drive, start }
+            CloudAddress::Emulated { model, drive, start }
         };
-        Ok(Wanted { name, priority, place })
+        Ok(CloudOptions { name, priority, place })
     }
 }
 
-impl<T> Named<T> {
+impl<T> NamedValue<T> {
     /// Reads `west=VALUE`.
     fn parse(
         text: &str,
@@ -247,7 +247,7 @@ impl<T> Named<T> {
     }
 }
 
-impl FromStr for Named<String> {
+impl FromStr for NamedValue<String> {
     type Err = CloudError;
 
     fn from_str(text: &str) -> Result<Self, CloudError> {
@@ -255,7 +255,7 @@ impl FromStr for Named<String> {
     }
 }
 
-impl FromStr for Named<Duration> {
+impl FromStr for NamedValue<Duration> {
     type Err = CloudError;
 
     fn from_str(text: &str) -> Result<Self, CloudError> {
@@ -277,14 +277,14 @@ mod tests {
     use super::*;
 
     fn fault(text: &str) -> String {
-        text.parse::<Wanted>().unwrap_err().to_string()
+        text.parse::<CloudOptions>().unwrap_err().to_string()
     }
 
-    fn emulated(model: &str, drive: &str, start: Duration) -> Place {
-        Place::Emulated { model: model.parse().unwrap(), drive: drive.into(), start }
+    fn emulated(model: &str, drive: &str, start: Duration) -> CloudAddress {
+        CloudAddress::Emulated { model: model.parse().unwrap(), drive: drive.into(), start }
     }
 
-    fn defaults() -> Vec<Wanted> {
+    fn defaults() -> Vec<CloudOptions> {
         DEFAULTS.iter().map(|text| text.parse().unwrap()).collect()
     }
 
@@ -295,7 +295,7 @@ mod tests {
     #[test]
     fn an_emulated_cloud_has_a_model_and_a_drive() {
         let text = "name=a,priority=7,model=DINO-SWIN-Tiny,drive=vnperf/highway:sprint,start=1.5";
-        let cloud: Wanted = text.parse().unwrap();
+        let cloud: CloudOptions = text.parse().unwrap();
         assert_eq!((cloud.name.as_str(), cloud.priority), ("a", 7));
         let start = Duration::from_millis(1500);
         assert_eq!(cloud.place, emulated("DINO-SWIN-Tiny", "vnperf/highway:sprint", start));
@@ -303,14 +303,15 @@ mod tests {
 
     #[test]
     fn a_remote_cloud_has_a_url() {
-        let cloud: Wanted = "name=a,priority=1,url=https://h:1,ca=ca.pem,token=t".parse().unwrap();
+        let cloud: CloudOptions =
+            "name=a,priority=1,url=https://h:1,ca=ca.pem,token=t".parse().unwrap();
         let remote = Remote {
             url: "https://h:1".into(),
             ca: Some("ca.pem".into()),
             token: Some("t".into()),
             ..Remote::default()
         };
-        assert_eq!(cloud.place, Place::Remote { model: None, remote });
+        assert_eq!(cloud.place, CloudAddress::Remote { model: None, remote });
     }
 
     #[test]

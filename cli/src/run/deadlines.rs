@@ -32,7 +32,7 @@ struct State {
 }
 
 /// One cloud's part.
-struct Seat {
+struct CloudDeadline {
     deadlines: Deadlines,
     place: usize,
 }
@@ -82,7 +82,7 @@ impl Deadlines {
 
     /// The policy of the cloud in this place: gives what was chosen for the latest message.
     pub(crate) fn of(&self, place: usize) -> Box<dyn Policy + Send> {
-        Box::new(Seat { deadlines: self.clone(), place })
+        Box::new(CloudDeadline { deadlines: self.clone(), place })
     }
 
     /// How long calls must linger to be seen until the longest deadline.
@@ -96,7 +96,7 @@ impl Deadlines {
     }
 }
 
-impl Policy for Seat {
+impl Policy for CloudDeadline {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         let state = &mut *self.deadlines.state();
         match state.chosen.get(self.place) {

@@ -3,7 +3,7 @@
 use fuseline_tokio::Tally;
 
 /// What a run's trace does not tell.
-pub(crate) struct Driven {
+pub(crate) struct RunMetadata {
     /// Calls begun to each cloud.
     pub(crate) begun: Vec<u64>,
     /// What the operator counted.

@@ -105,8 +105,8 @@ impl<'a> Live<'a> {
         let elapsed = elapsed.min(span).as_secs();
         // All that came, as in the tables.
         let messages = counted(tally.messages + refused, "message");
-        let told = format!("{messages}, {missed} missed, {refused} refused");
-        format!("{elapsed} s of {}: {told}", secs(span))
+        let reported = format!("{messages}, {missed} missed, {refused} refused");
+        format!("{elapsed} s of {}: {reported}", secs(span))
     }
 
     fn source(&self, i: usize, elapsed: Duration, tally: &SourceTally) -> String {

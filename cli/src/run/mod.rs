@@ -27,7 +27,7 @@ use crate::run::live::Live;
 use crate::run::network::Network;
 use crate::run::plan::Plan;
 use crate::run::report::Reading;
-use crate::run::table::Introduction;
+use crate::run::table::PlanSummary;
 use crate::sink::Sink;
 use crate::verdict;
 
@@ -46,7 +46,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     runtime.block_on(network.ask(&mut plan));
     let camera = runtime.block_on(async { camera::start(&plan, network) })?;
     if !args.json {
-        writeln!(out, "{}", Introduction(&plan)).map_err(Fault::Output)?;
+        writeln!(out, "{}", PlanSummary(&plan)).map_err(Fault::Output)?;
     }
     let mut live = Live::new(&plan);
     let driven = runtime.block_on(camera.drive(&mut live, &interrupt));
@@ -61,7 +61,8 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
             .map_err(io::Error::from)
             .and_then(|()| writeln!(out))
     } else {
-        writeln!(out, "{report}").and_then(|()| verdict::tell(&report.trace, &mut out, 0, false))
+        writeln!(out, "{report}")
+            .and_then(|()| verdict::print_report(&report.trace, &mut out, 0, false))
     }
     .map_err(Fault::Output)?;
     if let Some(page) = plan.page.as_ref().filter(|_| driven.unrecorded.is_none()) {

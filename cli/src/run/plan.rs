@@ -13,7 +13,7 @@ use crate::fault::Fault;
 use crate::input::is_standard;
 use crate::models::Model;
 use crate::output;
-use crate::run::cloud::{self, CloudsError, Named, Place, Remote, Wanted};
+use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, Remote};
 use crate::run::served::Served;
 use crate::seconds::seconds;
 
@@ -84,13 +84,13 @@ pub(crate) struct Args {
     /// and start for an emulated cloud, or url, ca, cert, key and token (the last four are files)
     /// for a server elsewhere.
     #[arg(long = "cloud", value_name = "KEY=VALUE,…", default_values = cloud::DEFAULTS)]
-    clouds: Vec<Wanted>,
+    clouds: Vec<CloudOptions>,
     /// Another drive for a cloud; repeatable.
     #[arg(long = "drive", value_name = "CLOUD=DRIVE")]
-    drives: Vec<Named<String>>,
+    drives: Vec<NamedValue<String>>,
     /// Where a cloud's drive begins, in seconds; repeatable.
     #[arg(long = "start", value_name = "CLOUD=S")]
-    starts: Vec<Named<Duration>>,
+    starts: Vec<NamedValue<Duration>>,
     /// The trace's file, written from the start of the run.
     #[arg(long, value_name = "FILE", default_value = "fuseline-trace.jsonl")]
     trace: PathBuf,
@@ -252,13 +252,13 @@ impl DeadlinePolicy {
 }
 
 impl Cloud {
-    fn new(wanted: Wanted, seed: u64) -> Result<Self, CloudsError> {
-        let Wanted { name, priority, place } = wanted;
+    fn new(wanted: CloudOptions, seed: u64) -> Result<Self, CloudsError> {
+        let CloudOptions { name, priority, place } = wanted;
         let (known, server) = match place {
-            Place::Remote { model, remote } => {
-                (Served::told(model.as_ref()), Server::Remote(remote))
+            CloudAddress::Remote { model, remote } => {
+                (Served::reported(model.as_ref()), Server::Remote(remote))
             }
-            Place::Emulated { model, drive, start } => {
+            CloudAddress::Emulated { model, drive, start } => {
                 let emulation = Emulation::new(model, &drive, start, seed)
                     .map_err(|source| CloudsError::Emulation { cloud: name.clone(), source })?;
                 (Served::from(&emulation), Server::Emulated(emulation))
@@ -277,22 +277,22 @@ impl Cloud {
 }
 
 /// The file for the trace, which is none of those that the clouds are told with.
-fn trace(path: &Path, clouds: &[Wanted]) -> Result<PathBuf, Fault> {
+fn trace(path: &Path, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
     if is_standard(path) {
         return Err(PlanError::Stdout.into());
     }
-    let read: Vec<&Path> = clouds.iter().flat_map(Wanted::files).collect();
+    let read: Vec<&Path> = clouds.iter().flat_map(CloudOptions::files).collect();
     output::file(path, &read)?;
     Ok(path.to_owned())
 }
 
 /// The page, which is neither the trace nor standard output.
-fn page(page: &Path, trace: &Path, clouds: &[Wanted]) -> Result<PathBuf, Fault> {
+fn page(page: &Path, trace: &Path, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
     let absolute = [page, trace].map(|path| std::path::absolute(path).ok());
     if is_standard(page) || absolute[0].is_some() && absolute[0] == absolute[1] {
         return Err(PlanError::Page(page.display().to_string()).into());
     }
-    let read: Vec<&Path> = clouds.iter().flat_map(Wanted::files).chain([trace]).collect();
+    let read: Vec<&Path> = clouds.iter().flat_map(CloudOptions::files).chain([trace]).collect();
     output::file(page, &read)?;
     Ok(page.to_owned())
 }

@@ -6,14 +6,16 @@ use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
 
-use fuseline_report::{Arrival, COLUMNS, Found, Message, Quantile, Reckoning, Row, Totals};
+use fuseline_report::{
+    Arrival, COLUMNS, Findings, Message, Quantile, Row, Totals, TraceStatistics,
+};
 use fuseline_tokio::{SourceTally, grpc};
 use fuseline_traces::{Events, Judge, Verdict};
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
-use crate::policies::{Constant, Policy, Score};
-use crate::run::driven::Driven;
+use crate::policies::{Constant, Figure, Policy, PolicyScore};
+use crate::run::driven::RunMetadata;
 use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::queue::Queues;
 use crate::run::served::Served;
@@ -51,10 +53,13 @@ pub(crate) struct Report {
     /// How long after its due instant a timer was served at most; none if none fired.
     pub(crate) timer_lag_ms: Option<f64>,
     /// Messages that some cloud would not have answered by the longest deadline.
-    pub(crate) outage_messages: usize,
+    pub(crate) outage_messages: Figure<u64>,
+    /// Messages that the policies are compared over: all that ended.
+    #[serde(skip)]
+    pub(crate) compared: u64,
     /// Fusion first.
     pub(crate) policies: Vec<PolicyReport>,
-    pub(crate) trace: Found,
+    pub(crate) trace: Findings,
 }
 
 /// One source's part in a run.
@@ -89,20 +94,23 @@ pub(crate) struct SourceReport {
 #[derive(Debug, Serialize)]
 pub(crate) struct PolicyReport {
     pub(crate) policy: String,
-    /// None if it is not known.
-    pub(crate) mean_ap: Option<f64>,
-    pub(crate) in_time: u64,
+    /// None if a model has no figure.
+    pub(crate) mean_ap: Option<Figure<f64>>,
+    pub(crate) in_time: Figure<u64>,
     /// p50, p90 and p99; null without messages.
     #[serde(serialize_with = "quantiles")]
     pub(crate) response_ms: [Option<Quantile>; 3],
     /// The median of those in outages; null without such.
     pub(crate) outage_response_ms: Option<Quantile>,
     pub(crate) sent_bytes: u64,
+    /// Whether it may have sent more: calls that it would have made were never begun, or were ended
+    /// before they were answered.
+    pub(crate) sent_is_at_least: bool,
 }
 
 /// What the trace shows and what the judge says of it.
 pub(crate) struct Reading {
-    pub(crate) reckoning: Reckoning,
+    pub(crate) statistics: TraceStatistics,
     pub(crate) queues: Queues,
     pub(crate) verdict: Verdict,
 }
@@ -119,18 +127,18 @@ impl Reading {
         let mut judge = Judge::new(name, reader.header());
         let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
         let mut queues = Queues::new(priorities.iter().copied(), plan.calls);
-        let mut reckoning = Reckoning::new(priorities, false);
+        let mut statistics = TraceStatistics::new(priorities, false);
         while let Some(event) = reader.next_event()? {
             judge.line(reader.line(), &event);
-            reckoning.event(&event);
+            statistics.event(&event);
             queues.event(&event);
         }
-        Ok(Self { reckoning, queues, verdict: judge.finish() })
+        Ok(Self { statistics, queues, verdict: judge.finish() })
     }
 
     /// Puts everything together.
-    pub(crate) fn report(self, plan: &Plan, driven: &Driven) -> Report {
-        let totals = self.reckoning.totals();
+    pub(crate) fn report(self, plan: &Plan, driven: &RunMetadata) -> Report {
+        let totals = self.statistics.totals();
         let messages = self.messages(plan);
         let source = |row: &Row, i: usize| {
             let cloud = i.checked_sub(1).and_then(|i| plan.clouds.get(i));
@@ -168,11 +176,12 @@ impl Reading {
             missed: totals.missed,
             refused: totals.refused,
             open: totals.open,
-            timer_lag_ms: self.reckoning.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
-            outage_messages: messages.iter().filter(|it| it.is_in_outage(plan.deadline())).count(),
+            timer_lag_ms: self.statistics.timer_lag().map(|lag| lag.as_secs_f64() * 1000.0),
+            outage_messages: outages(&messages, plan.deadline()),
+            compared: messages.len() as u64,
             policies: policies(&messages, plan, &totals, driven),
             totals,
-            trace: Found::Strict(self.verdict),
+            trace: Findings::Strict(self.verdict),
         }
     }
 
@@ -187,7 +196,7 @@ impl Reading {
             let reply = emulation.reply_after(Duration::from_nanos(sent), t);
             Some(reply.map_or(Arrival::Never, |reply| Arrival::At(waited + reply)))
         };
-        self.reckoning.messages(planned)
+        self.statistics.messages(planned)
     }
 }
 
@@ -196,7 +205,7 @@ fn policies(
     messages: &[Message],
     plan: &Plan,
     totals: &Totals,
-    driven: &Driven,
+    driven: &RunMetadata,
 ) -> Vec<PolicyReport> {
     let aps: Vec<Option<f64>> =
         [plan.local.ap].into_iter().chain(plan.clouds.iter().map(|it| it.served.ap)).collect();
@@ -210,8 +219,19 @@ fn policies(
             (row.requests() * sent).checked_div(begun.unwrap_or(0)).unwrap_or(0)
         })
         .collect();
+    // What was answered was sent whole; of the rest the means may lack a part.
+    let is_whole = |i: usize| {
+        let (row, begun) = (&totals.rows[i], driven.begun.get(i - 1).copied());
+        begun == Some(row.requests()) && row.answered() == row.requests()
+    };
     let report = |(policy, name): (Policy, String)| {
-        let Score { ap, in_time, quantiles, outage } = policy.score(messages, &aps, deadline);
+        let sent_is_at_least = match policy {
+            Policy::Fusion | Policy::LocalOnly => false,
+            Policy::CloudOnly(source) => !is_whole(source),
+            // It makes each call of which fusion may have cancelled some before they were sent.
+            Policy::Constant(_) | Policy::FirstWins => !(1..totals.rows.len()).all(is_whole),
+        };
+        let PolicyScore { ap, in_time, quantiles, outage } = policy.score(messages, &aps, deadline);
         PolicyReport {
             policy: name,
             mean_ap: ap,
@@ -219,9 +239,21 @@ fn policies(
             response_ms: quantiles,
             outage_response_ms: outage,
             sent_bytes: policy.needs(&needed).unwrap_or_else(|| sent.iter().sum()),
+            sent_is_at_least,
         }
     };
     compared(plan).into_iter().map(report).collect()
+}
+
+/// How many messages are in outages.
+fn outages(messages: &[Message], deadline: Duration) -> Figure<u64> {
+    messages.iter().fold(Figure::exactly(0), |sum, message| {
+        let is_lost = message.is_in_outage(deadline);
+        sum.add(match is_lost {
+            Some(is_lost) => Figure::exactly(u64::from(is_lost)),
+            None => Figure { at_least: 0, at_most: 1 },
+        })
+    })
 }
 
 /// The policies to compare, with their names.

@@ -31,7 +31,7 @@ pub(crate) struct Served {
 
 impl Served {
     /// What the user said of a server elsewhere, before it was asked.
-    pub(crate) fn told(model: Option<&Model>) -> Self {
+    pub(crate) fn reported(model: Option<&Model>) -> Self {
         let Some(model) = model else { return Self::default() };
         let (name, runtime) = (Some(model.to_string()), Some(model.runtime));
         Self { model: name, runtime, ap: model.ap, ..Self::default() }
@@ -39,14 +39,14 @@ impl Served {
 
     /// What this vehicle computes itself.
     pub(crate) fn local(model: &Model) -> Self {
-        Self { emulated: true, ..Self::told(Some(model)) }
+        Self { emulated: true, ..Self::reported(Some(model)) }
     }
 
     /// Asks the server; returns a warning where the user said otherwise.
     pub(crate) async fn ask(&mut self, connection: Connection) -> Option<String> {
         let mut client = InferClient::new(connection);
         let description = match timeout(PATIENCE, client.describe(Request::new(()))).await {
-            Ok(Ok(said)) => said.into_inner(),
+            Ok(Ok(printed)) => printed.into_inner(),
             Ok(Err(status)) if status.code() == Code::Unimplemented => {
                 self.unsaid = Some("it does not know this call".to_owned());
                 return None;
@@ -60,24 +60,25 @@ impl Served {
                 return None;
             }
         };
-        let said = Self::from(description);
-        let told = std::mem::replace(self, said).model?;
+        let printed = Self::from(description);
+        let reported = std::mem::replace(self, printed).model?;
         let is = self.model.as_deref().unwrap_or("a model without a name");
-        (is != told)
-            .then(|| format!("its server serves {is}, not {told}; the tables show what it serves"))
+        (is != reported).then(|| {
+            format!("its server serves {is}, not {reported}; the tables show what it serves")
+        })
     }
 }
 
 impl From<&Emulation> for Served {
     fn from(emulation: &Emulation) -> Self {
         let drive = Some(emulation.drive.name().to_owned());
-        Self { drive, emulated: true, ..Self::told(Some(&emulation.model)) }
+        Self { drive, emulated: true, ..Self::reported(Some(&emulation.model)) }
     }
 }
 
 impl From<Description> for Served {
-    fn from(said: Description) -> Self {
-        let Description { model, runtime_ms, ap, drive, emulated } = said;
+    fn from(printed: Description) -> Self {
+        let Description { model, runtime_ms, ap, drive, emulated } = printed;
         let text =
             |text: String| Some(crate::fault::one_line(&text)).filter(|text| !text.is_empty());
         // What no time is, is none.

@@ -6,6 +6,7 @@ use std::time::Duration;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
+use crate::policies::Figure;
 use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
 use crate::run::report::{PolicyReport, Report, SourceReport, share};
 use fuseline_report::{COLUMNS, Quantile, Row, Totals};
@@ -22,9 +23,9 @@ const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// The plan of a run, in words.
-pub(crate) struct Introduction<'a>(pub(crate) &'a Plan);
+pub(crate) struct PlanSummary<'a>(pub(crate) &'a Plan);
 
-impl fmt::Display for Introduction<'_> {
+impl fmt::Display for PlanSummary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plan = self.0;
         let at_most = match plan.policy {
@@ -114,12 +115,15 @@ impl fmt::Display for Report {
              more, counts 0.",
             self.deadline_ms
         )?;
-        if self.outage_messages > 0 {
-            writeln!(
-                f,
-                "Outages are the {} that some cloud would not have answered by then.",
-                counted(self.outage_messages as u64, "message")
-            )?;
+        let Figure { at_least, at_most } = self.outage_messages;
+        if at_most > 0 {
+            let outages = counted(at_most, "message");
+            let outages = match at_least {
+                _ if at_least == at_most => format!("the {outages}"),
+                0 => format!("at most {outages}"),
+                _ => format!("{at_least} to {outages}"),
+            };
+            writeln!(f, "Outages are {outages} that some cloud would not have answered by then.")?;
         }
         let refused: u64 = self.totals.rows.iter().map(Row::refused).sum();
         if self.refused + refused > 0 {
@@ -134,9 +138,13 @@ impl fmt::Display for Report {
             )?;
         }
         if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
+            writeln!(f, "? is not known: a model has no figure.")?;
+        }
+        if self.policies.iter().any(PolicyReport::has_bounds) {
             writeln!(
                 f,
-                "? is not known: a model has no figure, or calls were ended or never made."
+                "≥, ≤, – between figures, and ? in time are bounds: calls were ended before their \
+                 results came,\nor never made, so that it is not known what they would have given."
             )?;
         }
         if let Some(lag) = self.timer_lag_ms {
@@ -193,32 +201,82 @@ impl Report {
     fn policy_row(&self, policy: &PolicyReport) -> Vec<String> {
         let mut row = vec![
             policy.policy.clone(),
-            policy.mean_ap.map_or_else(|| "?".to_owned(), |ap| format!("{ap:.1}")),
-            percent(policy.in_time, self.messages),
+            policy.mean_ap.map_or_else(|| "?".to_owned(), mean_ap),
+            in_time(policy.in_time, self.compared),
         ];
         let responses = policy.response_ms.iter().chain([&policy.outage_response_ms]);
         row.extend(responses.map(|quantile| match quantile {
             Some(Quantile::Exactly(at)) => millis(*at),
-            Some(Quantile::AtLeast(at)) => format!("≥ {}", millis(*at)),
+            Some(Quantile::AtLeast(at)) => format!("≥ {} ms", at.as_millis()),
             Some(Quantile::Never) => "never".to_owned(),
             None => "–".to_owned(),
         }));
-        row.push(megabytes(policy.sent_bytes));
+        let bound = if policy.sent_is_at_least { "≥ " } else { "" };
+        row.push(format!("{bound}{}", megabytes(policy.sent_bytes)));
         row
     }
+}
+
+impl PolicyReport {
+    /// Whether some figure is a bound.
+    fn has_bounds(&self) -> bool {
+        let mut responses = self.response_ms.iter().chain([&self.outage_response_ms]);
+        self.mean_ap.is_some_and(|ap| ap.exact().is_none())
+            || self.in_time.exact().is_none()
+            || self.sent_is_at_least
+            || responses.any(|quantile| matches!(quantile, Some(Quantile::AtLeast(_))))
+    }
+}
+
+/// Bounds are rounded outwards.
+fn mean_ap(ap: Figure<f64>) -> String {
+    match ap.exact() {
+        Some(ap) => format!("{ap:.1}"),
+        None => range(ap.at_least, ap.at_most, ""),
+    }
+}
+
+/// A part of all messages; `?` where it may be any.
+fn in_time(count: Figure<u64>, messages: u64) -> String {
+    if let Some(exact) = count.exact() {
+        return percent(exact, messages);
+    }
+    if count.at_least == 0 && count.at_most == messages {
+        return "?".to_owned();
+    }
+    let Figure { at_least, at_most } = count.map(|count| 100.0 * share(count, messages));
+    if count.at_most == messages {
+        return format!("≥ {:.1} %", outwards(at_least, f64::floor));
+    }
+    range(at_least, at_most, " %")
+}
+
+/// What is between two bounds.
+fn range(at_least: f64, at_most: f64, unit: &str) -> String {
+    let (least, most) = (outwards(at_least, f64::floor), outwards(at_most, f64::ceil));
+    if at_least > 0.0 {
+        format!("{least:.1}–{most:.1}{unit}")
+    } else {
+        format!("≤ {most:.1}{unit}")
+    }
+}
+
+/// To a tenth, so that the bound still holds.
+fn outwards(bound: f64, round: fn(f64) -> f64) -> f64 {
+    round(bound * 10.0) / 10.0
 }
 
 /// Who answered, and what became of the requests, in the reckoning's words; `name` calls a source.
 pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&Row) -> String) -> Table {
     // Most traces end with all decided.
     let is_open = totals.rows.iter().any(|row| row.counts[OPEN] > 0);
-    let told: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
-    let words = told.iter().map(|i| COLUMNS[*i].0);
+    let reported: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
+    let words = reported.iter().map(|i| COLUMNS[*i].0);
     let mut table = Table::new();
     table.load_style(STYLE);
     table.set_header(["source", "share"].into_iter().chain(words));
     for row in &totals.rows {
-        let counts = told.iter().map(|i| row.counts[*i].to_string());
+        let counts = reported.iter().map(|i| row.counts[*i].to_string());
         let share = percent(row.forwarded(), totals.messages);
         table.add_row([name(row), share].into_iter().chain(counts));
     }
@@ -235,12 +293,12 @@ fn outages(plan: &Plan) -> String {
         Some((cloud.name.clone(), long.collect::<Vec<_>>()))
     };
     let known: Vec<(String, Vec<Outage>)> = plan.clouds.iter().filter_map(of).collect();
-    let mut told: Vec<String> = known
+    let mut reported: Vec<String> = known
         .iter()
         .filter(|(_, outages)| !outages.is_empty())
         .map(|(name, outages)| format!("{name} {}", spans(outages)))
         .collect();
-    if told.is_empty() {
+    if reported.is_empty() {
         return String::new();
     }
     if known.len() == plan.clouds.len() && known.len() > 1 {
@@ -248,10 +306,10 @@ fn outages(plan: &Plan) -> String {
         let all = all.reduce(|one, other| Outage::common(&one, &other)).unwrap_or_default();
         if !all.is_empty() {
             let all_of_them = if known.len() == 2 { "both" } else { "all" };
-            told.push(format!("{all_of_them} {}", spans(&all)));
+            reported.push(format!("{all_of_them} {}", spans(&all)));
         }
     }
-    format!("These drives leave no reply in time: {}.\n", told.join(", "))
+    format!("These drives leave no reply in time: {}.\n", reported.join(", "))
 }
 
 fn spans(outages: &[Outage]) -> String {

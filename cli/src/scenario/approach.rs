@@ -5,9 +5,9 @@ use std::time::Duration;
 use fuseline_deadline::{Guard, Hazard, Invalid, Parameters};
 use serde::Serialize;
 
-use crate::scenario::braking::{Aftermath, Brakes};
+use crate::scenario::braking::{Brakes, DriveOutcome};
 use crate::scenario::operator::{CLOUD, Message, Operator, Request, UNLIMITED};
-use crate::scenario::planner::{Planner, Sight};
+use crate::scenario::planner::{FrameStatus, Planner};
 
 /// The vehicle, its camera and what it computes with, in metres and seconds.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
@@ -148,7 +148,7 @@ impl Drive<'_> {
         &self,
         operator: &mut Operator,
         response: impl Fn(u64) -> Option<u64>,
-    ) -> (Aftermath, Option<u64>) {
+    ) -> (DriveOutcome, Option<u64>) {
         let (start, period) = (self.start(), self.vehicle.period());
         let mut planner = Planner::new(self.vehicle.frames as usize);
         let mut local = Local { vehicle: self.vehicle, frees: 0 };
@@ -184,15 +184,15 @@ impl Drive<'_> {
         response: impl Fn(u64) -> Option<u64>,
     ) -> Message {
         let cloud = |deadline| Some(Request { deadline, response: response(at) });
-        let asked = |local: Option<u64>, request| Message { at, local, request };
+        let requested = |local: Option<u64>, request| Message { at, local, request };
         match self.approach {
-            Approach::Local => asked(local.take(at), None),
-            Approach::Cloud => asked(None, cloud(UNLIMITED)),
+            Approach::Local => requested(local.take(at), None),
+            Approach::Cloud => requested(None, cloud(UNLIMITED)),
             Approach::First => {
                 let local = local.take(at);
-                asked(local, cloud(local.unwrap_or(UNLIMITED)))
+                requested(local, cloud(local.unwrap_or(UNLIMITED)))
             }
-            Approach::Ours => asked(local.take(at), cloud(whole(self.deadline))),
+            Approach::Ours => requested(local.take(at), cloud(whole(self.deadline))),
         }
     }
 
@@ -203,10 +203,14 @@ impl Drive<'_> {
         operator.take_outputs().into_iter().find_map(|output| {
             let gap = start - self.speed * figure(output.t) * period;
             let sight = match output.source {
-                None => Sight::Missed,
+                None => FrameStatus::Missed,
                 Some(source) => {
                     let range = if source == CLOUD { range_cloud } else { range_local };
-                    if self.vehicle.reports(range, gap) { Sight::Obstacle } else { Sight::Clear }
+                    if self.vehicle.reports(range, gap) {
+                        FrameStatus::Obstacle
+                    } else {
+                        FrameStatus::Clear
+                    }
                 }
             };
             let frame = usize::try_from(output.t).unwrap_or(usize::MAX);

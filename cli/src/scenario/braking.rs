@@ -11,7 +11,7 @@ pub(crate) struct Brakes {
 
 /// How a drive towards an obstacle at rest ends.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) enum Aftermath {
+pub(crate) enum DriveOutcome {
     /// The vehicle stands, with so many metres left.
     Stops {
         /// In metres, above 0.
@@ -26,20 +26,20 @@ pub(crate) enum Aftermath {
 
 impl Brakes {
     /// How it ends if the decision falls `decided` after the gap was `start`, or never. What reaches a gap of 0, hits.
-    pub(crate) fn end(&self, speed: f64, start: f64, decided: Option<f64>) -> Aftermath {
+    pub(crate) fn end(&self, speed: f64, start: f64, decided: Option<f64>) -> DriveOutcome {
         let gap = decided.map_or(0.0, |decided| start - speed * (decided + self.delay));
         if gap <= 0.0 {
-            return Aftermath::Hits { impact: speed };
+            return DriveOutcome::Hits { impact: speed };
         }
         let left = gap - speed * speed / (2.0 * self.deceleration);
         if left > 0.0 {
-            return Aftermath::Stops { gap: left };
+            return DriveOutcome::Stops { gap: left };
         }
-        Aftermath::Hits { impact: (-2.0 * self.deceleration * left).max(0.0).sqrt() }
+        DriveOutcome::Hits { impact: (-2.0 * self.deceleration * left).max(0.0).sqrt() }
     }
 }
 
-impl Aftermath {
+impl DriveOutcome {
     /// Whether it is a collision.
     pub(crate) const fn hits(self) -> bool {
         matches!(self, Self::Hits { .. })

@@ -12,7 +12,7 @@ use crate::sink::Sink;
 
 /// What a scenario leaves.
 #[derive(clap::Args)]
-pub(crate) struct Leave {
+pub(crate) struct OutputOptions {
     /// Print one JSON object with every figure and the parameters in force.
     #[arg(long)]
     pub(crate) json: bool,
@@ -24,7 +24,7 @@ pub(crate) struct Leave {
     pub(crate) output: Option<PathBuf>,
 }
 
-impl Leave {
+impl OutputOptions {
     /// The folders for traces and for plots, as far as they are wanted.
     ///
     /// # Errors
@@ -37,7 +37,7 @@ impl Leave {
     ///
     /// # Errors
     /// If standard output cannot be written.
-    pub(crate) fn tell(&self, object: &impl Serialize, words: &str) -> Result<(), Fault> {
+    pub(crate) fn print_report(&self, object: &impl Serialize, words: &str) -> Result<(), Fault> {
         let mut out = Sink::new(anstream::stdout());
         let wrote = if self.json {
             let wrote = serde_json::to_writer(&mut out, object).map_err(io::Error::from);

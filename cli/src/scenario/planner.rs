@@ -2,7 +2,7 @@
 
 /// What is known of a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Sight {
+pub(crate) enum FrameStatus {
     /// Its output has not come.
     Unknown,
     /// It has no output.
@@ -18,7 +18,7 @@ pub(crate) enum Sight {
 #[derive(Clone, Debug)]
 pub(crate) struct Planner {
     wanted: usize,
-    seen: Vec<Sight>,
+    seen: Vec<FrameStatus>,
 }
 
 impl Planner {
@@ -28,15 +28,15 @@ impl Planner {
     }
 
     /// Takes what came of timestamp `t`; whether it decides to brake by that.
-    pub(crate) fn take(&mut self, t: usize, sight: Sight) -> bool {
+    pub(crate) fn take(&mut self, t: usize, sight: FrameStatus) -> bool {
         if self.seen.len() <= t {
-            self.seen.resize(t + 1, Sight::Unknown);
+            self.seen.resize(t + 1, FrameStatus::Unknown);
         }
         self.seen[t] = sight;
         let (before, from) = self.seen.split_at(t);
         match sight {
-            Sight::Unknown | Sight::Clear => false,
-            Sight::Missed | Sight::Obstacle => {
+            FrameStatus::Unknown | FrameStatus::Clear => false,
+            FrameStatus::Missed | FrameStatus::Obstacle => {
                 reports(before.iter().rev()) + reports(from.iter()) >= self.wanted
             }
         }
@@ -44,18 +44,19 @@ impl Planner {
 }
 
 /// How many report before one does not.
-fn reports<'a>(sights: impl Iterator<Item = &'a Sight>) -> usize {
-    let row = sights.take_while(|sight| matches!(sight, Sight::Missed | Sight::Obstacle));
-    row.filter(|sight| **sight == Sight::Obstacle).count()
+fn reports<'a>(sights: impl Iterator<Item = &'a FrameStatus>) -> usize {
+    let row =
+        sights.take_while(|sight| matches!(sight, FrameStatus::Missed | FrameStatus::Obstacle));
+    row.filter(|sight| **sight == FrameStatus::Obstacle).count()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const SOME: Sight = Sight::Obstacle;
+    const SOME: FrameStatus = FrameStatus::Obstacle;
 
-    fn decides(outputs: &[(usize, Sight)]) -> Vec<bool> {
+    fn decides(outputs: &[(usize, FrameStatus)]) -> Vec<bool> {
         let mut planner = Planner::new(3);
         outputs.iter().map(|(t, sight)| planner.take(*t, *sight)).collect()
     }
@@ -68,17 +69,18 @@ mod tests {
 
     #[test]
     fn a_late_output_of_an_older_timestamp_that_sees_nothing_takes_nothing_back() {
-        let outputs = [(1, SOME), (2, SOME), (0, Sight::Clear), (3, SOME)];
+        let outputs = [(1, SOME), (2, SOME), (0, FrameStatus::Clear), (3, SOME)];
         assert_eq!(decides(&outputs), [false, false, false, true]);
-        let between = [(0, SOME), (1, Sight::Clear), (2, SOME), (3, SOME), (4, SOME)];
+        let between = [(0, SOME), (1, FrameStatus::Clear), (2, SOME), (3, SOME), (4, SOME)];
         assert_eq!(decides(&between), [false, false, false, false, true]);
     }
 
     #[test]
     fn timestamps_without_output_are_passed_over_once_that_is_known() {
-        let outputs = [(0, SOME), (2, SOME), (3, SOME), (1, Sight::Missed)];
+        let outputs = [(0, SOME), (2, SOME), (3, SOME), (1, FrameStatus::Missed)];
         assert_eq!(decides(&outputs), [false, false, false, true]);
-        let early = [(0, Sight::Missed), (1, SOME), (2, Sight::Missed), (3, SOME), (4, SOME)];
+        let early =
+            [(0, FrameStatus::Missed), (1, SOME), (2, FrameStatus::Missed), (3, SOME), (4, SOME)];
         assert_eq!(decides(&early), [false, false, false, false, true]);
     }
 }

@@ -19,18 +19,18 @@ const NAME: usize = 64;
 ///
 /// The last is the one of the greatest common time, so that reports may overtake each other. What is
 /// older than the greatest age, since it came here, is forgotten.
-pub(crate) struct Sharing {
+pub(crate) struct LocationService {
     most: usize,
     age: Duration,
-    reports: Mutex<BTreeMap<String, Kept>>,
+    reports: Mutex<BTreeMap<String, StoredReport>>,
 }
 
-struct Kept {
+struct StoredReport {
     location: Location,
     came: Instant,
 }
 
-impl Sharing {
+impl LocationService {
     /// Nobody yet, and never more than `most` vehicles.
     pub(crate) const fn new(most: usize, age: Duration) -> Self {
         Self { most, age, reports: Mutex::new(BTreeMap::new()) }
@@ -48,14 +48,14 @@ impl Sharing {
         let name = location.vehicle.clone();
         let is_newer = reports.get(&name).is_none_or(|kept| kept.location.time_s < location.time_s);
         if is_newer {
-            reports.insert(name.clone(), Kept { location, came: now });
+            reports.insert(name.clone(), StoredReport { location, came: now });
         }
         let others = reports.iter().filter(|(vehicle, _)| **vehicle != name);
         Ok(Locations { others: others.map(|(_, kept)| kept.location.clone()).collect() })
     }
 }
 
-impl Infer for Sharing {
+impl Infer for LocationService {
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send {
         let location = Location::decode(request.payload)
             .map_err(|_| Status::invalid_argument("the payload is no fuseline.v1.Location"));
@@ -90,47 +90,52 @@ mod tests {
         Location { vehicle: vehicle.to_owned(), time_s, x_m: time_s, ..Location::default() }
     }
 
-    fn told(sharing: &Sharing, vehicle: &str, time_s: f64, now: Instant) -> Vec<(String, f64)> {
-        let told = sharing.share(at(vehicle, time_s), now).unwrap();
-        told.others.into_iter().map(|other| (other.vehicle, other.time_s)).collect()
+    fn reported(
+        sharing: &LocationService,
+        vehicle: &str,
+        time_s: f64,
+        now: Instant,
+    ) -> Vec<(String, f64)> {
+        let reported = sharing.share(at(vehicle, time_s), now).unwrap();
+        reported.others.into_iter().map(|other| (other.vehicle, other.time_s)).collect()
     }
 
     #[test]
     fn each_is_told_the_last_reports_of_the_others() {
-        let (sharing, now) = (Sharing::new(9, AGE), Instant::now());
-        assert_eq!(told(&sharing, "ego", 1.0, now), []);
-        assert_eq!(told(&sharing, "runner", 1.1, now), [("ego".to_owned(), 1.0)]);
-        assert_eq!(told(&sharing, "ego", 1.2, now), [("runner".to_owned(), 1.1)]);
+        let (sharing, now) = (LocationService::new(9, AGE), Instant::now());
+        assert_eq!(reported(&sharing, "ego", 1.0, now), []);
+        assert_eq!(reported(&sharing, "runner", 1.1, now), [("ego".to_owned(), 1.0)]);
+        assert_eq!(reported(&sharing, "ego", 1.2, now), [("runner".to_owned(), 1.1)]);
         // One that was overtaken changes nothing.
-        assert_eq!(told(&sharing, "ego", 1.1, now), [("runner".to_owned(), 1.1)]);
-        assert_eq!(told(&sharing, "runner", 1.2, now), [("ego".to_owned(), 1.2)]);
+        assert_eq!(reported(&sharing, "ego", 1.1, now), [("runner".to_owned(), 1.1)]);
+        assert_eq!(reported(&sharing, "runner", 1.2, now), [("ego".to_owned(), 1.2)]);
     }
 
     #[test]
     fn what_is_too_old_is_forgotten() {
-        let (sharing, now) = (Sharing::new(9, AGE), Instant::now());
-        told(&sharing, "ego", 1.0, now);
-        assert_eq!(told(&sharing, "runner", 1.0, now + AGE).len(), 1);
-        assert_eq!(told(&sharing, "runner", 2.0, now + AGE + Duration::from_nanos(1)), []);
+        let (sharing, now) = (LocationService::new(9, AGE), Instant::now());
+        reported(&sharing, "ego", 1.0, now);
+        assert_eq!(reported(&sharing, "runner", 1.0, now + AGE).len(), 1);
+        assert_eq!(reported(&sharing, "runner", 2.0, now + AGE + Duration::from_nanos(1)), []);
     }
 
     #[test]
     fn there_are_never_more_vehicles_than_allowed() {
-        let (sharing, now) = (Sharing::new(2, AGE), Instant::now());
-        told(&sharing, "a", 1.0, now);
-        told(&sharing, "b", 1.0, now);
+        let (sharing, now) = (LocationService::new(2, AGE), Instant::now());
+        reported(&sharing, "a", 1.0, now);
+        reported(&sharing, "b", 1.0, now);
         let refused = sharing.share(at("c", 1.0), now).unwrap_err();
         assert_eq!(
             (refused.code(), refused.message()),
             (Code::ResourceExhausted, "2 vehicles share already")
         );
-        assert_eq!(told(&sharing, "b", 2.0, now).len(), 1);
-        assert_eq!(told(&sharing, "c", 1.0, now + AGE * 2), []);
+        assert_eq!(reported(&sharing, "b", 2.0, now).len(), 1);
+        assert_eq!(reported(&sharing, "c", 1.0, now + AGE * 2), []);
     }
 
     #[tokio::test]
     async fn what_no_vehicle_says_is_refused() {
-        let (sharing, now) = (Sharing::new(9, AGE), Instant::now());
+        let (sharing, now) = (LocationService::new(9, AGE), Instant::now());
         for wrong in [at("", 1.0), at(&"x".repeat(65), 1.0), at("ego", f64::NAN)] {
             assert_eq!(sharing.share(wrong, now).unwrap_err().code(), Code::InvalidArgument);
         }

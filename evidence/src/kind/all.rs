@@ -200,7 +200,7 @@ pub const KINDS: &[Kind] = &[
         title: "cases that `fuseline drive` sends",
         applies: |_| false,
         concerns: is_of_machine,
-        run: Run::Driven {
+        run: Run::DrivePrinted {
             arguments: &["run", "-p", "fuseline-tests", "--example", "machine"],
             by: &["drive", "--json", "--cases", "200", "--"],
         },
@@ -298,13 +298,13 @@ pub const KINDS: &[Kind] = &[
                 "--test",
                 "logs",
                 "--test",
-                "pace",
+                "workload",
                 "--test",
                 "probes",
                 "--test",
                 "recording",
                 "--test",
-                "asides",
+                "side",
                 "--test",
                 "behaviour",
                 "--test",
@@ -379,12 +379,56 @@ pub const KINDS: &[Kind] = &[
         cites: cited_by_test,
     },
     Kind {
+        name: "judge",
+        title: "tests of the judges",
+        applies: |_| false,
+        concerns: |fault| JUDGES.iter().any(|at| fault.file.starts_with(at)),
+        run: Run::Cargo {
+            arguments: &[
+                "test",
+                "-p",
+                "fuseline-traces",
+                "--lib",
+                "--test",
+                "corpus",
+                "--test",
+                "judge",
+                "--test",
+                "observed",
+                "--test",
+                "streaming",
+                "--no-fail-fast",
+            ],
+            variables: &[],
+        },
+        sources: &[
+            TRACES,
+            NO_LIST_OF_TRACES,
+            CORPUS,
+            "traces/tests/corpus.rs",
+            "traces/tests/judge.rs",
+            "traces/tests/observed.rs",
+            "traces/tests/streaming.rs",
+        ],
+        read: read_tests,
+        cites: cited_by_test,
+    },
+    Kind {
         name: "simulation",
         title: "checks of simulated operators",
         applies: |_| false,
         concerns: |fault| is_simulated(&fault.file),
         run: Run::Cargo {
-            arguments: &["test", "-p", "fuseline-simulate", "--test", "checks"],
+            arguments: &[
+                "test",
+                "-p",
+                "fuseline-system-tests",
+                "--no-default-features",
+                "--features",
+                "simulate",
+                "--test",
+                "checks",
+            ],
             variables: QUICK,
         },
         sources: &[
@@ -400,11 +444,9 @@ pub const KINDS: &[Kind] = &[
             NO_OBSERVED,
             NO_PACKED,
             NO_ROWS,
-            "tests/simulate/seeds.toml",
-            "tests/simulate/src",
-            "!tests/simulate/src/lib.rs",
-            "!tests/simulate/src/main.rs",
-            "tests/simulate/tests/checks.rs",
+            "tests/system/simulate/seeds.toml",
+            "tests/system/src/simulate",
+            "tests/system/tests/checks.rs",
         ],
         read: read_tests,
         cites: cited_by_test,
@@ -447,6 +489,8 @@ pub const KINDS: &[Kind] = &[
                 "--test",
                 "convert",
                 "--test",
+                "ended",
+                "--test",
                 "locations",
                 "--test",
                 "outputs",
@@ -482,6 +526,7 @@ pub const KINDS: &[Kind] = &[
             "cli/examples/two_vehicles",
             "cli/tests/common",
             "cli/tests/convert.rs",
+            "cli/tests/ended.rs",
             "cli/tests/locations.rs",
             "cli/tests/outputs.rs",
             "cli/tests/report.rs",
@@ -503,13 +548,16 @@ const GRPC: &str = "adapters/tokio/src/grpc/";
 /// What writes a trace as a run goes on.
 const RECORDER: &str = "traces/src/record.rs";
 
+/// What judges traces.
+const JUDGES: [&str; 2] = ["traces/src/judge.rs", "traces/src/observed/"];
+
 /// Whether simulated operators go through this file.
 fn is_simulated(file: &str) -> bool {
     let around = ["adapters/engine/", "adapters/tokio/", RECORDER];
     let others = [
         "adapters/tokio/src/grpc",
-        "adapters/tokio/src/common.rs",
-        "adapters/engine/src/pace.rs",
+        "adapters/tokio/src/shared.rs",
+        "adapters/engine/src/workload.rs",
         ARBITER,
     ];
     around.iter().any(|at| file.starts_with(at)) && !others.iter().any(|at| file.starts_with(at))

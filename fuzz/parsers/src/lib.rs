@@ -5,7 +5,7 @@ use std::alloc::System;
 use std::sync::{LazyLock, Mutex, PoisonError};
 
 use cap::Cap;
-use fuseline_parsers::{Ends, MEMORY, Parser};
+use fuseline_system_tests::parsers::{Ends, MEMORY, Parser};
 
 /// Printed once reading ended in every way in which it can.
 const REACHED: &str = "fuseline-fuzz: everything was reached";

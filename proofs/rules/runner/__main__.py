@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import random
 import secrets
 import sys
 
@@ -43,6 +44,10 @@ def main() -> int:
             return 2
         names = {one.name for one in stated}
         seeded = [fault for fault in seeded if names & set(fault.breaks)]
+    if options.sample:
+        stated = random.Random(options.seed).sample(stated, min(options.sample, len(stated)))
+        names = {one.name for one in stated}
+        seeded = [fault for fault in seeded if names & set(fault.breaks)]
     run = told.Run(stated, seeded, solver.versions(), options.seed)
     try:
         return _run(options, run, rules, promises)
@@ -62,6 +67,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--only", metavar="PART", help="obligations with this in their name, without the core"
     )
+    parser.add_argument(
+        "--sample", metavar="N", type=int, help="only so many obligations, drawn anew"
+    )
     parser.add_argument("--json", action="store_true", help="tell what was found as JSON")
     parser.add_argument("--record", action="store_true", help="also write record.json")
     parser.add_argument(
@@ -71,7 +79,7 @@ def _options() -> argparse.Namespace:
         "--seconds", type=int, default=120, help="for one question; 120 unless given"
     )
     options = parser.parse_args()
-    if options.record and options.only:
+    if options.record and (options.only or options.sample):
         parser.error("--record is about all obligations")
     return options
 

@@ -1,4 +1,4 @@
-"""What the shipped core does, asked of the program beside this folder."""
+"""What the shipped core does, asked of the program `proofs/runner/src/bin/rules`."""
 
 from __future__ import annotations
 
@@ -33,8 +33,11 @@ def ask(lines: list[str]) -> list[str]:
 
 @functools.cache
 def _built() -> Path:
-    """The program, built anew if something changed."""
-    command = ["cargo", "build", "--locked", "--quiet", "-p", "fuseline-rules"]
+    """The program, built anew if something changed, unless the checks built it with all others."""
+    if built_by_checks := os.environ.get("FUSELINE_BUILT"):
+        return Path(built_by_checks) / "fuseline-rules"
+    command = ["cargo", "build", "--locked", "--quiet", "-p", "fuseline-prove"]
+    command += ["--bin", "fuseline-rules"]
     built = subprocess.run(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, check=False)
     if built.returncode:
         raise Unbuilt(built.stderr)

@@ -12,14 +12,14 @@ use crate::error::Error;
 /// What no harness can catch, each with the reason.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Beyond {
+pub(crate) struct Exemptions {
     /// By the beginnings of their files' names.
     files: BTreeMap<String, String>,
     /// By their own names.
     faults: BTreeMap<String, String>,
 }
 
-impl Beyond {
+impl Exemptions {
     /// Those among these faults.
     ///
     /// # Errors

@@ -22,14 +22,14 @@ pub(crate) enum Error {
         why: String,
     },
     /// A tool failed where it must not.
-    #[error("{tool} failed for {what}:\n{said}")]
+    #[error("{tool} failed for {what}:\n{tool_output}")]
     Tool {
         /// Which.
         tool: &'static str,
         /// On what.
         what: String,
         /// What it said.
-        said: String,
+        tool_output: String,
     },
     /// The seeded faults cannot be read, or one cannot be seeded.
     #[error(transparent)]

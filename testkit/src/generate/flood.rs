@@ -9,7 +9,7 @@ const LEAVING: usize = 200;
 
 /// Which of the open timestamps leave a full window.
 #[derive(Clone, Copy)]
-pub(super) enum Leaving {
+pub(super) enum DepartureOrder {
     Newest,
     Oldest,
     /// Every other one.
@@ -17,7 +17,7 @@ pub(super) enum Leaving {
     Any,
 }
 
-impl Leaving {
+impl DepartureOrder {
     pub(super) const ALL: [Self; 4] = [Self::Newest, Self::Oldest, Self::Alternate, Self::Any];
 }
 
@@ -25,7 +25,7 @@ impl Writer {
     /// Opens many timestamps at one instant, with an offer each, so that many are due together.
     pub(super) fn flood(&mut self, count: u64, header: &Header) {
         for i in 0..count {
-            let (at, t) = (self.scene.now(), self.next_t);
+            let (at, t) = (self.context.now(), self.next_t);
             let deadline = i.is_multiple_of(3).then_some(20 + i % 7);
             self.open(at, t, deadline);
             let p = self.cloud(header);
@@ -37,26 +37,26 @@ impl Writer {
     }
 
     /// Fills the window, lets many leave it and fills it again, so that what they had is used again.
-    pub(super) fn refill(&mut self, leaving: Leaving, header: &Header) {
-        let room = self.scene.window().saturating_sub(self.scene.open().len());
+    pub(super) fn refill(&mut self, leaving: DepartureOrder, header: &Header) {
+        let room = self.context.window().saturating_sub(self.context.open().len());
         self.flood(room as u64, header);
-        let mut open: Vec<u64> = self.scene.open().iter().copied().collect();
+        let mut open: Vec<u64> = self.context.open().iter().copied().collect();
         match leaving {
-            Leaving::Newest => open.reverse(),
-            Leaving::Oldest => {}
-            Leaving::Alternate => open = open.into_iter().step_by(2).collect(),
-            Leaving::Any => self.draw.shuffle(&mut open),
+            DepartureOrder::Newest => open.reverse(),
+            DepartureOrder::Oldest => {}
+            DepartureOrder::Alternate => open = open.into_iter().step_by(2).collect(),
+            DepartureOrder::Any => self.draw.shuffle(&mut open),
         }
         open.truncate(LEAVING);
         for t in &open {
-            let at = self.scene.now();
+            let at = self.context.now();
             self.fail_above(*t, 0);
             self.push(Input::Result { at, t: *t, p: 0 });
         }
         self.flood(open.len() as u64 + 1, header);
         if self.draw.one_in(2) {
             // Of those that wait some are retired by their timers.
-            let at = self.scene.next_due().unwrap_or(self.scene.now());
+            let at = self.context.next_due().unwrap_or(self.context.now());
             self.push(Input::Tick { at });
         }
     }

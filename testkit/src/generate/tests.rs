@@ -46,11 +46,11 @@ fn a_shortened_run_keeps_what_the_fault_needs_and_no_more() {
 #[test]
 fn a_flood_fills_the_greatest_window_and_hundreds_leave_it_again_and_again() {
     let run = GENERATOR.run(FLOODS / 2);
-    let mut scene = Scene::new(&run.header);
+    let mut context = RunContext::new(&run.header);
     let (mut fills, mut least) = (0, 0);
     for input in &run.inputs {
-        scene.apply(input);
-        let open = scene.open().len();
+        context.apply(input);
+        let open = context.open().len();
         least = open.min(least);
         // Full, after fewer by a hundred.
         if open == usize::from(GREATEST) && least + 100 < open {

@@ -5,14 +5,14 @@ use fuseline_traces::Reference;
 use super::*;
 
 /// The ledger of an operator that says what it is told to.
-struct Liar {
+struct FaultyOperator {
     header: Header,
     ledger: Ledger,
     /// Honest answers come from it; of lies it does not hear.
     reference: Reference,
 }
 
-impl Liar {
+impl FaultyOperator {
     /// An operator with clouds 2 and 5.
     fn new(commit: Commit) -> Self {
         let cloud = |p| Cloud { p, name: None, limit: 1, resume: 0 };
@@ -52,19 +52,20 @@ impl Liar {
 
     fn enter(&mut self, input: &Input, fired: &[Decision], own: &[Decision]) -> Vec<Promise> {
         let next_due = self.reference.next_due();
-        let violations = self.ledger.enter(Terms::from(&self.header), input, fired, own, next_due);
+        let violations =
+            self.ledger.enter(OperatorConfig::from(&self.header), input, fired, own, next_due);
         violations.into_iter().map(|violation| violation.promise).collect()
     }
 }
 
 #[test]
 fn a_second_output_breaks_p1() {
-    let mut liar = Liar::new(Commit::Eager);
+    let mut liar = FaultyOperator::new(Commit::Eager);
     liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     let again = Input::Result { at: 1, t: 0, p: 0 };
     assert!(liar.lie(&again, &[Decision::Emit { at: 1, t: 0, p: 0 }]).contains(&Promise::P1));
-    let mut liar = Liar::new(Commit::Eager);
+    let mut liar = FaultyOperator::new(Commit::Eager);
     liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     assert!(liar.fire(2, &[Decision::Miss { at: 2, t: 0 }]).contains(&Promise::P1));
@@ -73,7 +74,7 @@ fn a_second_output_breaks_p1() {
 #[test]
 fn forwarding_at_the_due_instant_breaks_p2_and_before_it_does_not() {
     for (at, breaks) in [(2, false), (3, true)] {
-        let mut liar = Liar::with_request(Commit::Eager);
+        let mut liar = FaultyOperator::with_request(Commit::Eager);
         let emit = [Decision::Emit { at, t: 0, p: 5 }];
         let broken = liar.lie(&Input::Result { at, t: 0, p: 5 }, &emit);
         assert_eq!(broken.contains(&Promise::P2), breaks, "at {at}");
@@ -82,7 +83,7 @@ fn forwarding_at_the_due_instant_breaks_p2_and_before_it_does_not() {
 
 #[test]
 fn forwarding_less_than_the_best_breaks_p3() {
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     liar.honest(&Input::Offer { at: 0, t: 0, p: 2, deadline: 3, backlog: 0 });
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     liar.honest(&Input::Result { at: 1, t: 0, p: 2 });
@@ -92,25 +93,25 @@ fn forwarding_less_than_the_best_breaks_p3() {
 
 #[test]
 fn forwarding_what_never_came_breaks_p3() {
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     let emit = [Decision::Emit { at: 1, t: 0, p: 2 }];
     assert!(liar.lie(&Input::Result { at: 1, t: 0, p: 0 }, &emit).contains(&Promise::P3));
 }
 
 #[test]
 fn holding_the_best_breaks_p4() {
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     let hold = [Decision::Hold { at: 1, t: 0, p: 5 }];
     assert!(liar.lie(&Input::Result { at: 1, t: 0, p: 5 }, &hold).contains(&Promise::P4));
 }
 
 #[test]
 fn missing_or_keeping_local_beyond_the_latest_due_instant_breaks_p5() {
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     let timer = Decision::Timer { at: 3, t: 0, p: 5 };
     assert!(liar.fire(3, &[timer, Decision::Miss { at: 3, t: 0 }]).contains(&Promise::P5));
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     assert!(!liar.fire(2, &[]).contains(&Promise::P5));
     assert!(liar.fire(3, &[timer]).contains(&Promise::P5));
@@ -118,7 +119,7 @@ fn missing_or_keeping_local_beyond_the_latest_due_instant_breaks_p5() {
 
 #[test]
 fn a_failed_request_binds_p5_until_its_due_instant() {
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     assert!(!liar.lie(&Input::Fail { at: 1, t: 0, p: 5 }, &[]).contains(&Promise::P5));
     assert!(!liar.fire(2, &[]).contains(&Promise::P5));
@@ -127,7 +128,7 @@ fn a_failed_request_binds_p5_until_its_due_instant() {
 
 #[test]
 fn holding_local_without_a_request_breaks_p6() {
-    let mut liar = Liar::new(Commit::Eager);
+    let mut liar = FaultyOperator::new(Commit::Eager);
     liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
     let hold = [Decision::Hold { at: 1, t: 0, p: 0 }];
     assert!(liar.lie(&Input::Result { at: 1, t: 0, p: 0 }, &hold).contains(&Promise::P6));
@@ -135,14 +136,14 @@ fn holding_local_without_a_request_breaks_p6() {
 
 #[test]
 fn waiting_for_nothing_breaks_p7() {
-    let mut liar = Liar::new(Commit::Eager);
+    let mut liar = FaultyOperator::new(Commit::Eager);
     liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
     assert!(liar.lie(&Input::Fail { at: 1, t: 0, p: 0 }, &[]).contains(&Promise::P7));
 }
 
 #[test]
 fn outliving_the_limit_breaks_p7() {
-    let mut liar = Liar::new(Commit::Eager);
+    let mut liar = FaultyOperator::new(Commit::Eager);
     liar.honest(&Input::Open { at: 0, t: 0, deadline: Some(2) });
     assert!(!liar.fire(1, &[]).contains(&Promise::P7));
     assert!(liar.fire(2, &[Decision::Timer { at: 2, t: 0, p: 0 }]).contains(&Promise::P7));
@@ -150,22 +151,22 @@ fn outliving_the_limit_breaks_p7() {
 
 #[test]
 fn a_timer_that_is_not_owed_or_not_kept_breaks_p8() {
-    let mut liar = Liar::with_request(Commit::Patient);
+    let mut liar = FaultyOperator::with_request(Commit::Patient);
     liar.honest(&Input::Offer { at: 0, t: 0, p: 2, deadline: 2, backlog: 0 });
     // Patient: a held result owes no timer, and the machine keeps it.
     let hold = [Decision::Hold { at: 1, t: 0, p: 2 }];
     assert!(liar.lie(&Input::Result { at: 1, t: 0, p: 2 }, &hold).contains(&Promise::P8));
     // Early.
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     assert!(liar.fire(2, &[Decision::Timer { at: 2, t: 0, p: 5 }]).contains(&Promise::P8));
     // Overdue.
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     assert!(liar.fire(3, &[]).contains(&Promise::P8));
 }
 
 #[test]
 fn an_open_beyond_the_window_breaks_p9() {
-    let mut liar = Liar::new(Commit::Eager);
+    let mut liar = FaultyOperator::new(Commit::Eager);
     liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
     assert!(liar.lie(&Input::Open { at: 0, t: 1, deadline: None }, &[]).contains(&Promise::P9));
 }
@@ -176,21 +177,21 @@ fn no_outcome_two_outcomes_and_a_false_reason_break_p11() {
     let hold = Decision::Hold { at: 1, t: 0, p: 5 };
     let drop = |why| Decision::Drop { at: 1, t: 0, p: 5, why };
     for own in [vec![], vec![hold, drop(DropReason::Late)]] {
-        let mut liar = Liar::with_request(Commit::Eager);
+        let mut liar = FaultyOperator::with_request(Commit::Eager);
         assert!(liar.lie(&result, &own).contains(&Promise::P11), "{own:?}");
     }
     for why in DropReason::ALL {
-        let mut liar = Liar::with_request(Commit::Eager);
+        let mut liar = FaultyOperator::with_request(Commit::Eager);
         assert!(liar.lie(&result, &[drop(why)]).contains(&Promise::P11), "{why}");
     }
     for why in OfferRefusal::ALL {
-        let mut liar = Liar::with_request(Commit::Eager);
+        let mut liar = FaultyOperator::with_request(Commit::Eager);
         let offer = Input::Offer { at: 0, t: 0, p: 2, deadline: 1, backlog: 0 };
         let refuse = [Decision::RefuseOffer { at: 0, t: 0, p: 2, why }];
         assert!(liar.lie(&offer, &refuse).contains(&Promise::P11), "{why}");
     }
     for why in OpenRefusal::ALL {
-        let mut liar = Liar::new(Commit::Eager);
+        let mut liar = FaultyOperator::new(Commit::Eager);
         let refuse = [Decision::RefuseOpen { at: 0, t: 0, why }];
         let open = Input::Open { at: 0, t: 0, deadline: None };
         assert!(liar.lie(&open, &refuse).contains(&Promise::P11), "{why}");
@@ -201,16 +202,16 @@ fn no_outcome_two_outcomes_and_a_false_reason_break_p11() {
 fn outliving_local_and_the_requests_breaks_p12() {
     let timer = |at, p| Decision::Timer { at, t: 0, p };
     // Local came, and the last request is due.
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     assert!(!liar.fire(2, &[]).contains(&Promise::P12));
     assert!(liar.fire(3, &[timer(3, 5)]).contains(&Promise::P12));
     // The last request was due before, and local fails.
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     assert!(!liar.fire(3, &[timer(3, 5)]).contains(&Promise::P12));
     assert!(liar.lie(&Input::Fail { at: 4, t: 0, p: 0 }, &[]).contains(&Promise::P12));
     // Local's result came, and it is missed.
-    let mut liar = Liar::with_request(Commit::Eager);
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     let missed = [timer(3, 5), Decision::Miss { at: 3, t: 0 }];
     assert!(liar.fire(3, &missed).contains(&Promise::P12));
@@ -218,7 +219,7 @@ fn outliving_local_and_the_requests_breaks_p12() {
 
 #[test]
 fn a_failed_request_binds_p12_until_its_due_instant_and_a_deadline_of_local_does_not() {
-    let mut liar = Liar::new(Commit::Eager);
+    let mut liar = FaultyOperator::new(Commit::Eager);
     liar.honest(&Input::Open { at: 0, t: 0, deadline: Some(9) });
     liar.honest(&Input::Offer { at: 0, t: 0, p: 5, deadline: 3, backlog: 0 });
     assert!(!liar.lie(&Input::Fail { at: 1, t: 0, p: 5 }, &[]).contains(&Promise::P12));

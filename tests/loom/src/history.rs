@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use fuseline_core::{Deadline, Instant, Priority, Timestamp};
-use fuseline_threads::{Desk, Owner, Ticket};
+use fuseline_threads::{MessageId, Owner, SharedHandle};
 
 use crate::input::{Answer, Input, Timed};
 use crate::sequential::Sequential;
@@ -32,11 +32,11 @@ pub struct History {
 
 /// What one thread needs to make calls.
 #[derive(Debug)]
-pub struct Member<'a, const CLOUDS: usize, const WINDOW: usize> {
+pub struct ThreadHandle<'a, const CLOUDS: usize, const WINDOW: usize> {
     history: &'a History,
-    desk: &'a Desk<CLOUDS, WINDOW>,
+    handle: &'a SharedHandle<CLOUDS, WINDOW>,
     owner: Option<Owner<'a, CLOUDS, WINDOW>>,
-    tickets: BTreeMap<u64, Ticket>,
+    tickets: BTreeMap<u64, MessageId>,
 }
 
 impl History {
@@ -90,22 +90,22 @@ impl History {
     }
 }
 
-impl<'a, const CLOUDS: usize, const WINDOW: usize> Member<'a, CLOUDS, WINDOW> {
+impl<'a, const CLOUDS: usize, const WINDOW: usize> ThreadHandle<'a, CLOUDS, WINDOW> {
     /// The owner.
     #[must_use]
     pub const fn owner(
         history: &'a History,
-        desk: &'a Desk<CLOUDS, WINDOW>,
+        handle: &'a SharedHandle<CLOUDS, WINDOW>,
         owner: Owner<'a, CLOUDS, WINDOW>,
     ) -> Self {
-        Self { history, desk, owner: Some(owner), tickets: BTreeMap::new() }
+        Self { history, handle, owner: Some(owner), tickets: BTreeMap::new() }
     }
 
     /// Another thread with the tickets that this one has.
     #[must_use]
     pub fn other(&self) -> Self {
-        let (history, desk, tickets) = (self.history, self.desk, self.tickets.clone());
-        Self { history, desk, owner: None, tickets }
+        let (history, handle, tickets) = (self.history, self.handle, self.tickets.clone());
+        Self { history, handle, owner: None, tickets }
     }
 
     /// Makes these calls, one after the other, each after a `pause`. A call on what this thread has no ticket for is
@@ -123,23 +123,27 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Member<'a, CLOUDS, WINDOW> {
 
     fn call(&mut self, (now, input): Timed) -> Option<Answer> {
         let now = Instant::from_nanos(now);
-        let ticket = self.tickets.get(&input.timestamp()).copied();
+        let message_id = self.tickets.get(&input.timestamp()).copied();
         Some(match input {
             Input::Open { t, deadline } => {
                 let deadline = deadline.map(Deadline::from_nanos);
                 let opened = self.owner.as_mut()?.open(now, Timestamp::new(t), deadline);
-                self.tickets.extend(opened.map(|ticket| (t, ticket)));
+                self.tickets.extend(opened.map(|message_id| (t, message_id)));
                 Answer::Opened(opened.map(drop))
             }
             Input::Offer { p, deadline, backlog, .. } => {
                 let deadline = Deadline::from_nanos(deadline);
                 let owner = self.owner.as_mut()?;
-                Answer::offered(owner.offer(now, ticket?, priority(p), deadline, backlog))
+                Answer::offered(owner.offer(now, message_id?, priority(p), deadline, backlog))
             }
-            Input::Result { p, .. } => Answer::closed(self.desk.result(now, ticket?, priority(p))),
-            Input::Fail { p, .. } => Answer::closed(self.desk.fail(now, ticket?, priority(p))),
-            Input::Tick { .. } => Answer::ticked(self.desk.expire(now, ticket?)),
-            Input::NextDue { .. } => Answer::due(self.desk.next_due(ticket?)),
+            Input::Result { p, .. } => {
+                Answer::closed(self.handle.result(now, message_id?, priority(p)))
+            }
+            Input::Fail { p, .. } => {
+                Answer::closed(self.handle.fail(now, message_id?, priority(p)))
+            }
+            Input::Tick { .. } => Answer::ticked(self.handle.expire(now, message_id?)),
+            Input::NextDue { .. } => Answer::due(self.handle.next_due(message_id?)),
         })
     }
 }

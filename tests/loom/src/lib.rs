@@ -7,10 +7,10 @@ mod sequential;
 #[cfg(loom)]
 mod turn;
 
-pub use history::{Call, History, Member};
+pub use history::{Call, History, ThreadHandle};
 pub use input::{
     Answer, Fired, Input, Timed, fail, limited, next_due, offer, open, queued, result, tick,
 };
 pub use sequential::Sequential;
 #[cfg(loom)]
-pub use turn::Turn;
+pub use turn::CallOrder;

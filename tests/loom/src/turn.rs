@@ -10,9 +10,9 @@ use loom::sync::atomic::{AtomicU64, Ordering};
 /// exchange by another could come the other way round if the other one loads before it exchanges. Being relaxed, it
 /// orders nothing else.
 #[derive(Clone, Default, Debug)]
-pub struct Turn(Arc<AtomicU64>);
+pub struct CallOrder(Arc<AtomicU64>);
 
-impl Turn {
+impl CallOrder {
     /// Takes it.
     pub fn take(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);

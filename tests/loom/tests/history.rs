@@ -5,7 +5,9 @@ use std::sync::Barrier;
 use std::thread;
 
 use fuseline_core::{Cloud, Commit, ConfigError, Gate, Priority};
-use fuseline_loom::{Answer, Call, History, Input, Member, Sequential, Timed, open, result, tick};
+use fuseline_loom::{
+    Answer, Call, History, Input, Sequential, ThreadHandle, Timed, open, result, tick,
+};
 use fuseline_threads::Shared;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -21,7 +23,7 @@ fn sequential(commit: Commit) -> Sequential {
     Sequential::new(commit, WINDOW, vec![Gate::new(GATE.0, GATE.1).unwrap(); CLOUDS])
 }
 
-fn make(mut member: Member<CLOUDS, WINDOW>, part: &Part) {
+fn make(mut member: ThreadHandle<CLOUDS, WINDOW>, part: &Part) {
     let (calls, pauses): (Vec<Timed>, Vec<u8>) = part.iter().copied().unzip();
     let mut pauses = pauses.into_iter();
     member.make(&calls, || match pauses.next() {
@@ -36,8 +38,8 @@ fn race(commit: Commit, before: &[Timed], threads: &[Part]) -> History {
         [1, 2].map(|p| Cloud { priority: Priority::new(p), limit: GATE.0, resume: GATE.1 });
     let mut shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, commit, &clouds).unwrap();
     let history = History::default();
-    let (intake, desk) = shared.split();
-    let mut owner = Member::owner(&history, desk, intake);
+    let (intake, handle) = shared.split();
+    let mut owner = ThreadHandle::owner(&history, handle, intake);
     owner.make(before, || {});
     let start = Barrier::new(threads.len());
     thread::scope(|scope| {
@@ -101,8 +103,8 @@ proptest! {
 fn a_history_that_no_order_explains_is_found() {
     let history = History::default();
     let mut shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, Commit::Eager, &[]).unwrap();
-    let (intake, desk) = shared.split();
-    let mut owner = Member::owner(&history, desk, intake);
+    let (intake, handle) = shared.split();
+    let mut owner = ThreadHandle::owner(&history, handle, intake);
     owner.make(&[open(0, 0), result(1, 0, 0), tick(2, 0)], || {});
     assert!(history.is_explained_by(&sequential(Commit::Eager)));
 

@@ -10,8 +10,8 @@ use fuseline_core::{
     Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
 };
 use fuseline_loom::{
-    Answer, History, Member, Sequential, Timed, Turn, fail, limited, next_due, offer, open, queued,
-    result, tick,
+    Answer, CallOrder, History, Sequential, ThreadHandle, Timed, fail, limited, next_due, offer,
+    open, queued, result, tick,
 };
 use fuseline_threads::Shared;
 use loom::model::Builder;
@@ -43,10 +43,10 @@ impl Race {
         // Loom's threads cannot borrow.
         let (shared, history) =
             (Box::leak(Box::new(shared)), &*Box::leak(Box::<History>::default()));
-        let (intake, desk) = shared.split();
-        let mut owner = Member::owner(history, desk, intake);
+        let (intake, handle) = shared.split();
+        let mut owner = ThreadHandle::owner(history, handle, intake);
         owner.make(self.before, || {});
-        let turn = Turn::default();
+        let turn = CallOrder::default();
         let others: Vec<_> = self.threads[1..]
             .iter()
             .map(|calls| {
@@ -246,19 +246,19 @@ fn p1_a_forwarder_sees_what_was_done_before_the_result_was_held() {
         explore(move || {
             let shared = Box::leak(Box::new(Shared::<1, 1>::new(1, commit, &CLOUD).unwrap()));
             let value = Arc::new(AtomicU64::new(0));
-            let (mut intake, desk) = shared.split();
-            let ticket = intake.open(at(0), Timestamp::new(0), None).unwrap();
-            let (_, admission) = intake.offer(at(0), ticket, P1, Deadline::from_nanos(10), 0);
+            let (mut intake, handle) = shared.split();
+            let message_id = intake.open(at(0), Timestamp::new(0), None).unwrap();
+            let (_, admission) = intake.offer(at(0), message_id, P1, Deadline::from_nanos(10), 0);
             assert_eq!(admission, Admission::Admitted { due: at(10) });
-            let (theirs, turn) = (Arc::clone(&value), Turn::default());
+            let (theirs, turn) = (Arc::clone(&value), CallOrder::default());
             let their_turn = turn.clone();
             let other = thread::spawn(move || {
                 their_turn.take();
                 theirs.store(7, Ordering::Relaxed);
-                desk.result(at(9), ticket, Priority::LOCAL).1
+                handle.result(at(9), message_id, Priority::LOCAL).1
             });
             turn.take();
-            let fired = desk.expire(at(10), ticket).expect("nobody else ticks");
+            let fired = handle.expire(at(10), message_id).expect("nobody else ticks");
             let by_timer = matches!(fired.outcome, Outcome::Forwarded { .. });
             if by_timer {
                 assert_eq!(value.load(Ordering::Relaxed), 7);
@@ -279,14 +279,14 @@ fn f1_an_open_sees_what_was_done_before_its_place_was_retired() {
         explore(move || {
             let shared = Box::leak(Box::new(Shared::<1, 1>::new(1, commit, &CLOUD).unwrap()));
             let value = Arc::new(AtomicU64::new(0));
-            let (mut intake, desk) = shared.split();
-            let ticket = intake.open(at(0), Timestamp::new(0), None).unwrap();
-            let (theirs, turn) = (Arc::clone(&value), Turn::default());
+            let (mut intake, handle) = shared.split();
+            let message_id = intake.open(at(0), Timestamp::new(0), None).unwrap();
+            let (theirs, turn) = (Arc::clone(&value), CallOrder::default());
             let their_turn = turn.clone();
             let other = thread::spawn(move || {
                 their_turn.take();
                 theirs.store(7, Ordering::Relaxed);
-                desk.result(at(9), ticket, Priority::LOCAL).1
+                handle.result(at(9), message_id, Priority::LOCAL).1
             });
             turn.take();
             if intake.open(at(9), Timestamp::new(1), None).is_ok() {

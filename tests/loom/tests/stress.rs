@@ -8,7 +8,7 @@ use std::thread;
 use fuseline_core::{
     Cloud, Commit, Deadline, Firing, Instant, OpenRefusal, Outcome, Priority, Timestamp,
 };
-use fuseline_threads::{Answered, Call, Intake, Message, Shared};
+use fuseline_threads::{Call, CallOutcome, Message, Shared, ValueOwner};
 
 const MESSAGES: u64 = 20_000;
 const CLOUDS: usize = 2;
@@ -65,7 +65,7 @@ impl Answers {
         }
     }
 
-    fn reply(&self, t: Timestamp, reply: &Answered<Value, CLOUDS>) {
+    fn reply(&self, t: Timestamp, reply: &CallOutcome<Value, CLOUDS>) {
         let is_dropped = matches!(reply.outcome, Outcome::Dropped(_));
         assert!(is_dropped || reply.unused.is_none());
         if let Some(firing) = &reply.fired {
@@ -104,7 +104,7 @@ fn timer<'a>(messages: mpsc::Receiver<Message<'a, Value<'a>, CLOUDS, WINDOW>>, a
 }
 
 fn owner<'a>(
-    mut intake: Intake<'a, Value<'a>, CLOUDS, WINDOW>,
+    mut intake: ValueOwner<'a, Value<'a>, CLOUDS, WINDOW>,
     sources: &[mpsc::Sender<Call<'a, Value<'a>, CLOUDS, WINDOW>>; 3],
     timers: &mpsc::Sender<Message<'a, Value<'a>, CLOUDS, WINDOW>>,
     answers: &Answers,
@@ -143,7 +143,7 @@ fn p1_thousands_of_messages_are_each_answered_once() {
         let answers = Answers { clock: AtomicU64::new(0), forwarded: zeros(), missed: zeros() };
         let clouds = [1, 2].map(|p| Cloud::new(Priority::new(p), 1));
         let mut shared = Shared::new(WINDOW, commit, &clouds).unwrap();
-        let intake = Intake::new(&mut shared);
+        let intake = ValueOwner::new(&mut shared);
         thread::scope(|scope| {
             let (answers, alive) = (&answers, &alive);
             let (timers, messages) = mpsc::channel();

@@ -3,8 +3,8 @@
 #![cfg(loom)]
 
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
-use fuseline_loom::Turn;
-use fuseline_threads::{Answered, Intake, Shared};
+use fuseline_loom::CallOrder;
+use fuseline_threads::{CallOutcome, Shared, ValueOwner};
 use loom::model::Builder;
 use loom::thread;
 
@@ -18,9 +18,9 @@ fn explore(run: impl Fn(Commit) + Sync + Send + Copy + 'static) {
     }
 }
 
-fn intake(commit: Commit) -> Intake<'static, &'static str, 1, 1> {
+fn intake(commit: Commit) -> ValueOwner<'static, &'static str, 1, 1> {
     let shared = Shared::new(1, commit, &[Cloud::new(CLOUD, 1)]).unwrap();
-    Intake::new(Box::leak(Box::new(shared)))
+    ValueOwner::new(Box::leak(Box::new(shared)))
 }
 
 const fn at(nanos: u64) -> Instant {
@@ -32,7 +32,7 @@ fn is_forwarded<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>) -> bool {
 }
 
 /// Who forwards has a value, and who was dropped has its own back.
-fn is_complete(reply: &Answered<&'static str, 1>) -> bool {
+fn is_complete(reply: &CallOutcome<&'static str, 1>) -> bool {
     let fired = reply.fired.is_some_and(|firing| is_forwarded(&firing.outcome));
     let is_dropped = matches!(reply.outcome, Outcome::Dropped(_));
     (fired || is_forwarded(&reply.outcome)) == reply.forwarded.is_some()
@@ -46,7 +46,7 @@ fn p1_the_timer_forwards_the_value_that_was_held() {
         let mut intake = intake(commit);
         let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
         let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
-        let turn = Turn::default();
+        let turn = CallOrder::default();
         let their_turn = turn.clone();
         let other = thread::spawn(move || {
             their_turn.take();
@@ -71,7 +71,7 @@ fn p3_local_and_a_cloud_race_with_their_values() {
         let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
         let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
         let (call, _) = call.unwrap();
-        let turn = Turn::default();
+        let turn = CallOrder::default();
         let their_turn = turn.clone();
         let other = thread::spawn(move || {
             their_turn.take();
@@ -93,7 +93,7 @@ fn f3_a_stale_value_races_the_reuse_of_its_place() {
         let mut intake = intake(commit);
         let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
         let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
-        let turn = Turn::default();
+        let turn = CallOrder::default();
         let their_turn = turn.clone();
         let stale = thread::spawn(move || {
             their_turn.take();

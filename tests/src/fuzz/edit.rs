@@ -10,17 +10,17 @@ use super::bytes::Bytes;
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Edit {
     /// What is done.
-    pub op: Op,
+    pub op: EditKind,
     /// To which of the trace's events, in turn; where an op needs a decision, to the next one.
     pub place: u16,
-    /// The decision that [`Op::Rewrite`] and [`Op::Insert`] write: by how much its kind, `at`, `t`,
+    /// The decision that [`EditKind::Rewrite`] and [`EditKind::Insert`] write: by how much its kind, `at`, `t`,
     /// `p`, reason and due instant differ from those of the event that is there; all 0 is the same.
     pub by: [i8; 6],
 }
 
 /// What an edit does.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub enum Op {
+pub enum EditKind {
     /// Nothing.
     #[default]
     Keep,
@@ -36,7 +36,7 @@ pub enum Op {
     Insert,
 }
 
-impl Op {
+impl EditKind {
     /// All of them.
     pub const ALL: [Self; 6] =
         [Self::Keep, Self::Remove, Self::Repeat, Self::Swap, Self::Rewrite, Self::Insert];
@@ -44,7 +44,7 @@ impl Op {
 
 impl Edit {
     pub(super) fn read(bytes: &mut Bytes<'_>) -> Self {
-        let op = Op::ALL[usize::from(bytes.byte()) % Op::ALL.len()];
+        let op = EditKind::ALL[usize::from(bytes.byte()) % EditKind::ALL.len()];
         let place = bytes.short();
         Self { op, place, by: std::array::from_fn(|_| bytes.byte().cast_signed()) }
     }
@@ -68,22 +68,23 @@ impl Edit {
         let mut from_here = (place..events.len()).chain(0..place);
         let decision = from_here.find(|place| matches!(events[*place], Event::Decision(_)));
         match (self.op, decision) {
-            (Op::Remove, Some(place)) => drop(edited.remove(place)),
-            (Op::Repeat, Some(place)) => edited.insert(place, events[place]),
-            (Op::Rewrite, Some(place)) => edited[place] = self.written(&events[place]),
-            (Op::Insert, _) => {
+            (EditKind::Remove, Some(place)) => drop(edited.remove(place)),
+            (EditKind::Repeat, Some(place)) => edited.insert(place, events[place]),
+            (EditKind::Rewrite, Some(place)) => edited[place] = self.written(&events[place]),
+            (EditKind::Insert, _) => {
                 let place = usize::from(self.place) % (events.len() + 1);
                 let near = events.get(place).or(events.last());
                 edited.splice(place..place, near.map(|near| self.written(near)));
             }
-            (Op::Swap, _) => {
+            (EditKind::Swap, _) => {
                 let both_inputs =
                     edited[place..].iter().take(2).all(|event| matches!(event, Event::Input(_)));
                 if !both_inputs && place + 1 < edited.len() {
                     edited.swap(place, place + 1);
                 }
             }
-            (Op::Keep, _) | (Op::Remove | Op::Repeat | Op::Rewrite, None) => {}
+            (EditKind::Keep, _)
+            | (EditKind::Remove | EditKind::Repeat | EditKind::Rewrite, None) => {}
         }
         edited
     }
@@ -91,7 +92,7 @@ impl Edit {
     /// A decision that differs from an event by so much.
     fn written(&self, near: &Event) -> Event {
         let [kind, at, t, p, why, due] = self.by;
-        let was = Words::of(near);
+        let was = LineFields::of(near);
         let more = |value: u64, by: i8| value.wrapping_add_signed(by.into());
         let (at, t, p) = (more(was.at, at), more(was.t, t), more(was.p, p));
         let turned = |place: usize, by: i8, all: usize| place.wrapping_add_signed(by.into()) % all;
@@ -114,7 +115,7 @@ impl Edit {
 
 /// What stands in a line; 0 where it has no such key.
 #[derive(Default)]
-struct Words {
+struct LineFields {
     kind: usize,
     at: u64,
     t: u64,
@@ -123,7 +124,7 @@ struct Words {
     due: u64,
 }
 
-impl Words {
+impl LineFields {
     fn of(event: &Event) -> Self {
         let words = |kind, at, t, p| Self { kind, at, t, p, ..Self::default() };
         match *event {

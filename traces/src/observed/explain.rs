@@ -43,7 +43,7 @@ pub(super) struct Timer {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Source {
     /// The earliest instant of its request.
-    pub(super) asked: Time,
+    pub(super) requested: Time,
     pub(super) timer: Option<Timer>,
     /// The earliest instant at which a result may have come.
     pub(super) result: Option<Time>,
@@ -55,7 +55,7 @@ pub(super) struct Source {
 
 /// All that was observed of one timestamp, but what came out of it.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Facts {
+pub(super) struct ObservedFacts {
     pub(super) is_eager: bool,
     /// The earliest instant of its open.
     pub(super) open: Time,
@@ -94,12 +94,12 @@ enum Role {
 
 /// What a source is just before the retirement, and until when it was pending.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Course {
+struct SourceTimeline {
     is_held: bool,
     until: Time,
 }
 
-impl Facts {
+impl ObservedFacts {
     /// Whether some explanation has this output, by a step at an instant of `when`.
     pub(super) fn yields(&self, output: Output, when: Span) -> bool {
         self.steps(output, when).next().is_some()
@@ -126,7 +126,7 @@ impl Facts {
             let when = Span { from, to: step.to.min(when.to) };
             self.instants(when).filter(move |at| {
                 let roles = |q| self.role(cause, output, q);
-                self.turns(*at).any(|turn| self.is_course(*at, turn, roles))
+                self.turns(*at).any(|turn| self.is_timeline(*at, turn, roles))
             })
         })
     }
@@ -134,12 +134,12 @@ impl Facts {
     /// Whether some explanation leaves the timestamp open.
     pub(super) fn stays_open(&self) -> bool {
         let end = NEVER - 1;
-        self.turns(end).any(|turn| self.is_course(end, turn, |_| Role::Any))
+        self.turns(end).any(|turn| self.is_timeline(end, turn, |_| Role::Any))
     }
 
     /// The earliest instant at which everything was asked, as it must be before the retirement.
     fn ready(&self) -> Time {
-        self.sources.iter().map(|source| source.asked).fold(self.open, Time::max)
+        self.sources.iter().map(|source| source.requested).fold(self.open, Time::max)
     }
 
     /// The steps that may end in this output (F3, F6).
@@ -209,7 +209,7 @@ impl Facts {
     }
 
     /// Whether all sources can be what they must be just before a retirement `at` then, the turn being at `turn`.
-    fn is_course(&self, at: Time, turn: Time, role: impl Fn(usize) -> Role) -> bool {
+    fn is_timeline(&self, at: Time, turn: Time, role: impl Fn(usize) -> Role) -> bool {
         // By the time that they are pending, from the highest source down.
         let mut pending: Vec<Span> = Vec::with_capacity(self.sources.len());
         for (q, source) in self.sources.iter().enumerate().rev() {
@@ -218,16 +218,18 @@ impl Facts {
             let possible = courses
                 .into_iter()
                 .flatten()
-                .filter(|course| !course.is_held || covers(&pending, course.until, at));
-            let Some(course) = possible.max_by_key(|course| course.until) else { return false };
-            pending.push(Span { from: source.asked, to: course.until });
+                .filter(|timeline| !timeline.is_held || covers(&pending, timeline.until, at));
+            let Some(timeline) = possible.max_by_key(|timeline| timeline.until) else {
+                return false;
+            };
+            pending.push(Span { from: source.requested, to: timeline.until });
         }
         // P7: something always is pending.
         covers(&pending, self.open, at)
     }
 
     /// The courses of a source that are possible, each as late as it may be.
-    fn courses(&self, q: usize, at: Time, turn: Time, role: Role) -> [Option<Course>; 4] {
+    fn courses(&self, q: usize, at: Time, turn: Time, role: Role) -> [Option<SourceTimeline>; 4] {
         let source = &self.sources[q];
         let within = |span: Span| (span.from <= span.to).then_some(span.to);
         let before = |span: Span| within(Span { to: span.to.min(at), ..span });
@@ -249,12 +251,12 @@ impl Facts {
             Role::NotHeld => [stays, None, before(source.fails()), before(fired)],
             Role::Any => [stays, held, before(source.fails()), before(fired)],
         };
-        let course = |is_held| move |until| Course { is_held, until };
+        let timeline = |is_held| move |until| SourceTimeline { is_held, until };
         [
-            stays.map(course(false)),
-            held.map(course(true)),
-            failed.map(course(false)),
-            fired.map(course(false)),
+            stays.map(timeline(false)),
+            held.map(timeline(true)),
+            failed.map(timeline(false)),
+            fired.map(timeline(false)),
         ]
     }
 }
@@ -286,14 +288,16 @@ impl Source {
     /// When its timer may be served, its result perhaps in hand.
     fn serves(&self) -> Span {
         match self.timer {
-            Some(timer) => Span { from: self.asked.max(timer.served.from), to: timer.served.to },
+            Some(timer) => {
+                Span { from: self.requested.max(timer.served.from), to: timer.served.to }
+            }
             None => Span { from: NEVER, to: 0 },
         }
     }
 
     /// From an event on, while what else came can still come after it.
     fn closes(&self, from: Option<Time>, by: Time) -> Span {
-        let from = from.map_or(NEVER, |from| from.max(self.asked));
+        let from = from.map_or(NEVER, |from| from.max(self.requested));
         Span { from, to: self.last.min(by) }
     }
 }

@@ -6,10 +6,11 @@ use std::io::BufRead;
 
 use rangemap::RangeInclusiveSet;
 
-use super::open::{OpenStory, WholeStory};
+use super::gap::{Gap, Gaps, Opened};
+use super::open::{OpenMessageHistory, WholeMessageHistory};
 use super::story::Slack;
-use super::verdict::{Verdict, Violation};
-use super::violation::{Unplaced, of_again, of_refused, of_story};
+use super::verdict::{BrokenRule, Verdict, Violation};
+use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
 use crate::event::{Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
@@ -36,7 +37,7 @@ pub struct Judge {
     records_opens: bool,
     /// The greatest instant so far.
     greatest: u64,
-    open: BTreeMap<u64, OpenStory>,
+    open: BTreeMap<u64, OpenMessageHistory>,
     /// When each can be judged, or could before it got another line.
     ripening: BinaryHeap<Reverse<(u64, u64)>>,
     /// Of those open, the ones that broke the rules.
@@ -45,6 +46,8 @@ pub struct Judge {
     ended: RangeInclusiveSet<u64>,
     /// Those that were refused whenever they were opened.
     refused: RangeInclusiveSet<u64>,
+    /// If a period is known.
+    gaps: Option<Gaps>,
     recent: VecDeque<(u64, Event)>,
     verdict: Verdict,
 }
@@ -57,7 +60,7 @@ pub enum JudgeError {
     Read(#[from] ReadError),
     /// Its lines are out of order.
     #[error(transparent)]
-    Disorder(#[from] Disorder),
+    TimeOrderError(#[from] TimeOrderError),
 }
 
 /// A line that stands further out of order than the tolerance explains.
@@ -66,7 +69,7 @@ pub enum JudgeError {
     "{file}:{line}:1: at {at} after a line at {greatest}, more than twice the tolerance of {tolerance} ns; sort the \
      lines, or give a greater tolerance"
 )]
-pub struct Disorder {
+pub struct TimeOrderError {
     /// The name that the trace was given.
     pub file: String,
     /// The line, counted from 1.
@@ -108,11 +111,13 @@ impl Judge {
             overdue: VecDeque::new(),
             ended: RangeInclusiveSet::new(),
             refused: RangeInclusiveSet::new(),
+            gaps: None,
             recent: VecDeque::new(),
             verdict: Verdict {
                 file: file.into(),
                 conforms: true,
                 judged: 0,
+                unfinished: None,
                 lines: 1,
                 violations: Vec::new(),
                 more: 0,
@@ -120,17 +125,25 @@ impl Judge {
         }
     }
 
+    /// The same judge, for an operator that opens a timestamp each `period`, in nanoseconds (J1); to be called before
+    /// the first line.
+    #[must_use]
+    pub fn with_period(mut self, period: u64) -> Self {
+        self.gaps = Some(Gaps::new(period, self.slack));
+        self
+    }
+
     /// Judges the next line, which has this number.
     ///
     /// # Errors
     /// If its instant is more than twice the tolerance before one that was read.
-    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), Disorder> {
+    pub fn line(&mut self, line: u64, event: &Event) -> Result<(), TimeOrderError> {
         let at = at(event);
         let before = self.slack.tolerance.saturating_mul(2);
         let since = self.greatest.saturating_sub(before);
         if at < since {
             let (file, tolerance) = (self.verdict.file.clone(), self.slack.tolerance);
-            return Err(Disorder { file, line, at, greatest: self.greatest, tolerance });
+            return Err(TimeOrderError { file, line, at, greatest: self.greatest, tolerance });
         }
         if self.recent.len() == RECENT {
             self.recent.pop_front();
@@ -140,8 +153,15 @@ impl Judge {
         if let Some(t) = event.t() {
             self.take(t, line, event, since);
         }
+        if let Some(gaps) = &mut self.gaps {
+            gaps.sees(at);
+            if let Event::Input(Input::Open { t, .. }) = *event {
+                gaps.opens(Opened { at, line, t });
+            }
+        }
         if at > self.greatest {
             self.greatest = at;
+            self.settle(Some(at));
             self.ripen();
         }
         Ok(())
@@ -157,17 +177,30 @@ impl Judge {
     #[must_use]
     pub fn finish(self) -> Verdict {
         let end = self.greatest;
-        self.finish_at(end)
+        self.finish_at(end, end)
+    }
+
+    /// Ends the trace of a run that is known to have ended: nothing more was to come, so all that it owed is overdue (A44).
+    #[must_use]
+    pub fn finish_ended(mut self) -> Verdict {
+        self.verdict.unfinished = Some(0);
+        let last = self.greatest;
+        self.finish_at(u64::MAX, last)
     }
 
     /// Ends a trace that goes on, or was cut short: what may come yet is not missing.
     #[must_use]
     pub fn finish_early(self) -> Verdict {
         let end = self.certain();
-        self.finish_at(end)
+        self.finish_at(end, end)
     }
 
-    fn finish_at(mut self, end: u64) -> Verdict {
+    /// Ends the trace: timers and outputs were to come by `end`, opens by `last`.
+    fn finish_at(mut self, end: u64, last: u64) -> Verdict {
+        self.settle(None);
+        if let Some(gap) = self.gaps.as_ref().and_then(|gaps| gaps.ends(last)) {
+            self.tell_gap(self.verdict.lines, gap.after, gap);
+        }
         while let Some((t, open)) = self.open.pop_first() {
             self.close(t, &open, &self.whole(t, &open), end);
         }
@@ -261,22 +294,25 @@ impl Judge {
     }
 
     /// Whether a timestamp is not open, nothing having come out: it was refused, never opened, or retired before.
-    fn is_not_open(&self, t: u64, whole: &WholeStory) -> bool {
+    fn is_not_open(&self, t: u64, whole: &WholeMessageHistory) -> bool {
         Self::is_refused(whole) || whole.is_none() || self.ended.contains(&t)
     }
 
-    fn is_refused(whole: &WholeStory) -> bool {
+    fn is_refused(whole: &WholeMessageHistory) -> bool {
         !whole.is_opened() && whole.was_refused
     }
 
-    fn whole(&self, t: u64, open: &OpenStory) -> WholeStory {
+    fn whole(&self, t: u64, open: &OpenMessageHistory) -> WholeMessageHistory {
         open.whole(self.slack, self.refused.contains(&t))
     }
 
     /// Judges a timestamp; `end` is the greatest instant that its trace is known to have.
-    fn close(&mut self, t: u64, open: &OpenStory, whole: &WholeStory, end: u64) {
+    fn close(&mut self, t: u64, open: &OpenMessageHistory, whole: &WholeMessageHistory, end: u64) {
         if open.is_overdue {
             self.overdue.retain(|overdue| *overdue != t);
+        }
+        if let Some(gaps) = &mut self.gaps {
+            open.refused(t, self.slack).into_iter().for_each(|opened| gaps.refuses(opened));
         }
         let unplaced = if self.ended.contains(&t) {
             of_again(t, whole)
@@ -286,34 +322,77 @@ impl Judge {
         } else if whole.is_none() {
             None
         } else {
-            self.verdict.judged += u64::from(whole.is_told_of());
             self.ended.insert(t..=t);
             self.refused.remove(t..=t);
-            of_story(t, whole, self.header.commit, self.slack, end)
+            let unplaced = of_story(t, whole, self.header.commit, self.slack, end);
+            match &mut self.verdict.unfinished {
+                // P7: what breaks nothing and is open to the end of time waits for local.
+                Some(unfinished) if unplaced.is_none() && !open.has_come_out() => *unfinished += 1,
+                _ => self.verdict.judged += u64::from(whole.is_reported_of()),
+            }
+            unplaced
         };
-        if let Some(unplaced) = unplaced {
+        if let Some(mut unplaced) = unplaced {
+            if self.verdict.unfinished.is_some() && !open.has_come_out() {
+                // It never came.
+                unplaced.late = None;
+            }
             self.tell(t, open, unplaced);
         }
     }
 
-    fn tell(&mut self, t: u64, open: &OpenStory, unplaced: Unplaced) {
+    /// J1: goes through the opens that no line can change any more in a trace that has come to `greatest`; at its end
+    /// through all.
+    fn settle(&mut self, greatest: Option<u64>) {
+        while let Some(gaps) = &mut self.gaps
+            && let Some(opened) = gaps.next()
+        {
+            let Opened { line, t, .. } = opened;
+            // One that is done with has told what was refused.
+            let open = self.open.get(&t).filter(|open| open.has_open(line));
+            let may_change = |open: &OpenMessageHistory| {
+                greatest.is_some_and(|it| open.opens_by(self.slack) >= it)
+            };
+            if open.is_some_and(may_change) {
+                break;
+            }
+            let is_accepted =
+                open.is_none_or(|open| !open.refused(t, self.slack).contains(&opened));
+            if let Some(gap) = gaps.settle(is_accepted) {
+                self.tell_gap(line, Some(t), gap);
+            }
+        }
+    }
+
+    fn tell_gap(&mut self, line: u64, t: Option<u64>, gap: Gap) {
+        let (found, expected, late) = (gap.found(), gap.expected(), Some(gap.excess()));
+        let story = t.map_or_else(Vec::new, |t| self.story(t));
+        self.violate(Violation { line, t, rule: BrokenRule::J1, found, expected, late, story });
+    }
+
+    fn tell(&mut self, t: u64, open: &OpenMessageHistory, unplaced: UnlocatedViolation) {
+        let UnlocatedViolation { line, rule, found, expected, late } = unplaced;
+        let line = line.unwrap_or(open.line);
+        let story = self.story(t);
+        self.violate(Violation { line, t: Some(t), rule, found, expected, late, story });
+    }
+
+    fn violate(&mut self, violation: Violation) {
         self.verdict.conforms = false;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
-            return;
+        } else {
+            self.verdict.violations.push(violation);
         }
-        let Unplaced { line, rule, found, expected, late } = unplaced;
-        let line = line.unwrap_or(open.line);
-        let story = self.story(t);
-        self.verdict.violations.push(Violation { line, t, rule, found, expected, late, story });
     }
 
     /// The last lines of a timestamp.
     fn story(&self, t: u64) -> Vec<String> {
-        let told: Vec<_> = self.recent.iter().filter(|(_, event)| event.t() == Some(t)).collect();
-        let left_out = told.len().saturating_sub(STORY);
+        let reported: Vec<_> =
+            self.recent.iter().filter(|(_, event)| event.t() == Some(t)).collect();
+        let left_out = reported.len().saturating_sub(STORY);
         let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
-        let lines = told.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
+        let lines = reported.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
         lead.into_iter().chain(lines).collect()
     }
 }

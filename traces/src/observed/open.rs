@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use super::story::{Slack, Story};
+use super::gap::Opened;
+use super::story::{MessageHistory, Slack};
 use crate::event::{Decision, Event, Input};
 use crate::reason::DropReason;
 
@@ -13,13 +14,13 @@ const STRANGER: u64 = u64::MAX;
 
 /// What was observed of a timestamp so far.
 #[derive(Debug, Default)]
-pub(super) struct OpenStory {
+pub(super) struct OpenMessageHistory {
     opens: Vec<Open>,
     /// When an open was refused.
     refusals: Vec<u64>,
     /// The clouds asked, when, and with which due instant.
     requests: Vec<(u64, u64, u64)>,
-    came: BTreeSet<Came>,
+    came: BTreeSet<Arrival>,
     /// The lines that tell of results and failures that were none.
     dropped: BTreeSet<Dropped>,
     /// What came out and when, with the line.
@@ -44,7 +45,7 @@ struct Open {
 
 /// A result or a failure.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-struct Came {
+struct Arrival {
     p: u64,
     at: u64,
     is_result: bool,
@@ -60,8 +61,8 @@ struct Dropped {
 
 /// All that was observed of a timestamp, put together.
 #[derive(Debug)]
-pub(super) struct WholeStory {
-    pub(super) story: Story,
+pub(super) struct WholeMessageHistory {
+    pub(super) story: MessageHistory,
     /// The lines of what came out.
     pub(super) lines: Vec<u64>,
     /// The line of an open beside the first.
@@ -71,7 +72,7 @@ pub(super) struct WholeStory {
     pub(super) was_refused: bool,
 }
 
-impl OpenStory {
+impl OpenMessageHistory {
     /// Takes a line of the timestamp; `records_opens` tells whether an open stands before it in the trace.
     pub(super) fn take(
         &mut self,
@@ -170,25 +171,31 @@ impl OpenStory {
 
     /// Puts together what was observed, without what was refused and what came of that; `was_refused` tells whether an open of it was
     /// refused long ago.
-    pub(super) fn whole(&self, slack: Slack, was_refused: bool) -> WholeStory {
+    pub(super) fn whole(&self, slack: Slack, was_refused: bool) -> WholeMessageHistory {
         let reach = slack.tolerance.saturating_mul(2).saturating_add(slack.lateness);
         let opens = self.accepted(reach);
         let outputs: Vec<(Option<u64>, u64)> =
             self.outputs.iter().map(|(p, at, _)| (*p, *at)).collect();
-        let asked = self.requests.iter().map(|(_, at, _)| *at);
-        let known = opens.iter().map(|open| open.at).chain(asked);
+        let requested = self.requests.iter().map(|(_, at, _)| *at);
+        let known = opens.iter().map(|open| open.at).chain(requested);
         let known = known.chain(outputs.iter().map(|(_, at)| *at)).min();
         // A43: what came before the timestamp was open, after it was skipped or beside its being refused.
         let before = |at: u64| known.is_none_or(|known| at.saturating_add(reach) < known);
         let is_refused = was_refused || self.refusals.iter().any(|refused| before(*refused));
-        let is_none = |came: &Came| (came.is_superseded || is_refused) && before(came.at);
+        let is_none = |came: &Arrival| (came.is_superseded || is_refused) && before(came.at);
         let (mut results, mut failures) = (Vec::new(), Vec::new());
         for came in self.came.iter().filter(|came| !is_none(came)) {
             (if came.is_result { &mut results } else { &mut failures }).push((came.p, came.at));
         }
         let open = opens.first().map(|open| (open.at, open.deadline));
-        WholeStory {
-            story: Story { open, requests: self.requests.clone(), results, failures, outputs },
+        WholeMessageHistory {
+            story: MessageHistory {
+                open,
+                requests: self.requests.clone(),
+                results,
+                failures,
+                outputs,
+            },
             lines: self.outputs.iter().map(|(.., line)| *line).collect(),
             second_open: opens.get(1).map(|open| open.line),
             stranger: self.stranger,
@@ -198,6 +205,27 @@ impl OpenStory {
                     known.is_none_or(|known| known.saturating_add(reach) >= *refused)
                 }),
         }
+    }
+
+    /// Whether this line is an open of it.
+    pub(super) fn has_open(&self, line: u64) -> bool {
+        self.opens.iter().any(|open| open.line == line)
+    }
+
+    /// Until when a line may come that changes which of its opens were refused.
+    pub(super) fn opens_by(&self, slack: Slack) -> u64 {
+        let opens = self.opens.iter().map(|open| open.at);
+        let last = opens.chain(self.refusals.iter().copied()).max().unwrap_or(0);
+        let margin = slack.tolerance.saturating_mul(4).saturating_add(slack.lateness);
+        last.saturating_add(margin)
+    }
+
+    /// Its opens that were refused; `t` is the timestamp.
+    pub(super) fn refused(&self, t: u64, slack: Slack) -> Vec<Opened> {
+        let reach = slack.tolerance.saturating_mul(2).saturating_add(slack.lateness);
+        let accepted = self.accepted(reach);
+        let refused = self.opens.iter().filter(|open| !accepted.contains(open));
+        refused.map(|open| Opened { at: open.at, line: open.line, t }).collect()
     }
 
     /// A42: the opens that were not refused. A refusal takes away the nearest open, if two errors of the clock and the lateness
@@ -220,7 +248,7 @@ impl OpenStory {
         let mut drops = self.dropped.range(first..=last).peekable();
         let is_superseded = drops.peek().is_some();
         if !drops.any(|dropped| dropped.is_unknown) {
-            self.came.insert(Came { p, at, is_result, is_superseded });
+            self.came.insert(Arrival { p, at, is_result, is_superseded });
         }
     }
 
@@ -230,8 +258,8 @@ impl OpenStory {
         for (is_result, is_superseded) in
             [(false, false), (false, true), (true, false), (true, true)]
         {
-            if self.came.remove(&Came { p, at, is_result, is_superseded }) && !is_unknown {
-                self.came.insert(Came { p, at, is_result, is_superseded: true });
+            if self.came.remove(&Arrival { p, at, is_result, is_superseded }) && !is_unknown {
+                self.came.insert(Arrival { p, at, is_result, is_superseded: true });
             }
         }
     }
@@ -244,21 +272,21 @@ impl OpenStory {
     }
 }
 
-impl WholeStory {
+impl WholeMessageHistory {
     /// Whether an open of it was not refused.
     pub(super) const fn is_opened(&self) -> bool {
         self.story.open.is_some()
     }
 
     /// Whether it has a result, a failure or an output.
-    pub(super) const fn is_told_of(&self) -> bool {
-        let Story { results, failures, outputs, .. } = &self.story;
+    pub(super) const fn is_reported_of(&self) -> bool {
+        let MessageHistory { results, failures, outputs, .. } = &self.story;
         !(results.is_empty() && failures.is_empty() && outputs.is_empty())
     }
 
     /// Whether nothing is left of it.
     pub(super) const fn is_none(&self) -> bool {
         let is_asked = !self.story.requests.is_empty() || self.stranger.is_some();
-        !(self.is_opened() || is_asked || self.is_told_of())
+        !(self.is_opened() || is_asked || self.is_reported_of())
     }
 }

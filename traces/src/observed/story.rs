@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::explain::{Facts, LAST, NEVER, Output, Source, Span, Time, Timer};
+use super::explain::{LAST, NEVER, ObservedFacts, Output, Source, Span, Time, Timer};
 use crate::event::Commit;
 
 /// How far a recorded instant may be off, and how late an implementation may act, in nanoseconds.
@@ -16,7 +16,7 @@ pub struct Slack {
 
 /// What was observed of one timestamp.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub struct Story {
+pub struct MessageHistory {
     /// When it was opened, and with which deadline.
     pub open: Option<(u64, Option<u64>)>,
     /// The clouds' priorities, when each was asked, and its due instant.
@@ -31,7 +31,7 @@ pub struct Story {
 
 /// An output that the rules allow, and between which instants.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Allowed {
+pub struct AllowedOutput {
     /// Whose result goes; none for a miss.
     pub p: Option<u64>,
     /// The first instant at which it may be recorded.
@@ -40,7 +40,7 @@ pub struct Allowed {
     pub to: u64,
 }
 
-impl Story {
+impl MessageHistory {
     /// Whether some explanation of it fits, in a trace whose greatest instant is `end`.
     ///
     /// Nothing is forwarded that has no explanation, and nothing that has one is refused: see `explain` for the way, and the tests
@@ -73,7 +73,7 @@ impl Story {
     /// What the rules can bring out of the rest of it, and between which instants it may be recorded; none at all if the rest
     /// contradicts itself.
     #[must_use]
-    pub fn allowed(&self, commit: Commit, slack: Slack, end: u64) -> Vec<Allowed> {
+    pub fn allowed(&self, commit: Commit, slack: Slack, end: u64) -> Vec<AllowedOutput> {
         let Some((facts, priorities)) = self.facts(commit, slack, end) else { return Vec::new() };
         let [tolerance, lateness] = [slack.tolerance, slack.lateness].map(Time::from);
         let within = |at: Time| u64::try_from(at).unwrap_or(u64::MAX);
@@ -85,13 +85,13 @@ impl Story {
                 Output::Miss => None,
             };
             let from = within(from.saturating_sub(tolerance));
-            Some(Allowed { p, from, to: within(to + lateness + tolerance) })
+            Some(AllowedOutput { p, from, to: within(to + lateness + tolerance) })
         });
         outputs.collect()
     }
 
     /// As intervals, with the priorities of the sources; none if two requests or an order contradict each other.
-    fn facts(&self, commit: Commit, slack: Slack, end: u64) -> Option<(Facts, Vec<u64>)> {
+    fn facts(&self, commit: Commit, slack: Slack, end: u64) -> Option<(ObservedFacts, Vec<u64>)> {
         let (tolerance, lateness, end) =
             (Time::from(slack.tolerance), Time::from(slack.lateness), Time::from(end));
         let span = |at: u64| {
@@ -107,7 +107,7 @@ impl Story {
         let deadline =
             self.open.and_then(|(at, deadline)| Some(Time::from(at) + Time::from(deadline?)));
         let local = Source {
-            asked: open,
+            requested: open,
             timer: deadline.map(timer),
             result: None,
             failure: None,
@@ -115,12 +115,12 @@ impl Story {
         };
         let mut sources = BTreeMap::from([(0, local)]);
         for (p, at, due) in &self.requests {
-            let asked = span(*at);
-            if asked.to < open {
+            let requested = span(*at);
+            if requested.to < open {
                 return None;
             }
             let timer = Some(timer(Time::from(*due)));
-            let source = Source { asked: asked.from.max(open), timer, ..local };
+            let source = Source { requested: requested.from.max(open), timer, ..local };
             if sources.insert(*p, source).is_some() {
                 return None;
             }
@@ -128,7 +128,7 @@ impl Story {
         let events = self.results.iter().map(|event| (event, true));
         for ((p, at), is_result) in events.chain(self.failures.iter().map(|event| (event, false))) {
             let came = span(*at);
-            if came.to < sources.get(p).map_or(open, |source| source.asked) {
+            if came.to < sources.get(p).map_or(open, |source| source.requested) {
                 return None;
             }
             // Of a cloud without a request: a drop.
@@ -139,7 +139,7 @@ impl Story {
         }
         let priorities: BTreeSet<u64> = sources.keys().copied().collect();
         let is_eager = commit == Commit::Eager;
-        let facts = Facts { is_eager, open, sources: sources.into_values().collect() };
+        let facts = ObservedFacts { is_eager, open, sources: sources.into_values().collect() };
         Some((facts, priorities.into_iter().collect()))
     }
 }

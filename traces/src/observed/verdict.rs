@@ -15,6 +15,10 @@ pub struct Verdict {
     pub conforms: bool,
     /// How many timestamps were judged: those that have a result, a failure, an emit or a miss, and were not refused.
     pub judged: u64,
+    /// Of a run that is known to have ended: how many timestamps were open at its end that local owed a result and that
+    /// had no timer. They are not among those judged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unfinished: Option<u64>,
     /// How many lines the trace has, the header's too.
     pub lines: u64,
     /// What does not conform, up to 100.
@@ -24,13 +28,13 @@ pub struct Verdict {
     pub more: u64,
 }
 
-/// A timestamp of which no explanation fits.
+/// A timestamp of which no explanation fits, or a gap between opens.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Violation {
     /// The line of what came out; if nothing did, the timestamp's last line.
     pub line: u64,
-    /// The timestamp.
-    pub t: u64,
+    /// The timestamp; of a gap the one opened after it, or before the end; none if none was opened.
+    pub t: Option<u64>,
     /// The rule or promise that is broken.
     pub rule: BrokenRule,
     /// What came out.
@@ -45,7 +49,7 @@ pub struct Violation {
     pub story: Vec<String>,
 }
 
-/// A rule or promise of SPEC.md that an observed timestamp can break.
+/// A rule or promise of SPEC.md that an observed trace can break.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum BrokenRule {
     /// A rule, or P1.
@@ -62,6 +66,8 @@ pub enum BrokenRule {
     P6,
     /// No stall.
     P7,
+    /// No gap between opens.
+    J1,
 }
 
 impl BrokenRule {
@@ -76,6 +82,7 @@ impl BrokenRule {
             Self::P5 => "P5",
             Self::P6 => "P6",
             Self::P7 => "P7",
+            Self::J1 => "J1",
         }
     }
 
@@ -98,6 +105,10 @@ impl BrokenRule {
             Self::P7 => {
                 "An open timestamp waits for local or has an armed timer. One opened with a deadline \
                  is retired by the latest due instant ever armed for it."
+            }
+            Self::J1 => {
+                "Two opens, one after the other in time, are at most a period, the lateness and twice \
+                 the tolerance apart, and so are the last one and the end of the trace."
             }
         }
     }

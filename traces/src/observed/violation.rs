@@ -1,14 +1,14 @@
 //! What is wrong with a timestamp that has no explanation.
 
-use super::open::WholeStory;
-use super::story::{Allowed, Slack, Story};
+use super::open::WholeMessageHistory;
+use super::story::{AllowedOutput, MessageHistory, Slack};
 use super::verdict::BrokenRule;
 use crate::event::{Commit, Decision};
 use crate::rule::Rule;
 
 /// What is wrong, in the words of a verdict.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Unplaced {
+pub(super) struct UnlocatedViolation {
     /// The line; none for the timestamp's last.
     pub(super) line: Option<u64>,
     pub(super) rule: BrokenRule,
@@ -18,21 +18,21 @@ pub(super) struct Unplaced {
 }
 
 /// What comes for a timestamp that was retired before: it must be dropped or refused.
-pub(super) fn of_again(t: u64, whole: &WholeStory) -> Option<Unplaced> {
+pub(super) fn of_again(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
     if let Some(line) = whole.lines.first() {
         let found = outputs(t, &whole.story);
         let expected = "nothing more: it was forwarded or missed before".to_owned();
-        return Some(Unplaced::new(Rule::P1, *line, found, expected));
+        return Some(UnlocatedViolation::new(Rule::P1, *line, found, expected));
     }
     of_open_or_request(t, whole, "it was opened before, and retired")
 }
 
 /// What comes for a timestamp of which each open was refused (A42).
-pub(super) fn of_refused(t: u64, whole: &WholeStory) -> Option<Unplaced> {
+pub(super) fn of_refused(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
     if let Some(line) = whole.lines.first() {
         let found = outputs(t, &whole.story);
         let expected = "nothing: its open was refused".to_owned();
-        return Some(Unplaced::new(Rule::F1, *line, found, expected));
+        return Some(UnlocatedViolation::new(Rule::F1, *line, found, expected));
     }
     of_open_or_request(t, whole, "its open was refused")
 }
@@ -40,18 +40,23 @@ pub(super) fn of_refused(t: u64, whole: &WholeStory) -> Option<Unplaced> {
 /// What no explanation fits.
 pub(super) fn of_story(
     t: u64,
-    whole: &WholeStory,
+    whole: &WholeMessageHistory,
     commit: Commit,
     slack: Slack,
     end: u64,
-) -> Option<Unplaced> {
+) -> Option<UnlocatedViolation> {
     if let Some(line) = whole.second_open {
         let found = format!("a second open of timestamp {t}");
-        return Some(Unplaced::new(Rule::F1, line, found, "a refusal: order".to_owned()));
+        return Some(UnlocatedViolation::new(Rule::F1, line, found, "a refusal: order".to_owned()));
     }
     if let Some((line, p)) = whole.stranger {
         let found = format!("a request to p {p}");
-        return Some(Unplaced::new(Rule::F2, line, found, "a refusal: no such cloud".to_owned()));
+        return Some(UnlocatedViolation::new(
+            Rule::F2,
+            line,
+            found,
+            "a refusal: no such cloud".to_owned(),
+        ));
     }
     let line = whole.lines.last().copied();
     let story = &whole.story;
@@ -61,32 +66,48 @@ pub(super) fn of_story(
     let allowed = story.allowed(commit, slack, end);
     let found = outputs(t, story);
     if story.outputs.len() > 1 {
-        let unplaced = Unplaced::new(Rule::P1, 0, found, told(t, &allowed));
-        return Some(Unplaced { line, ..unplaced });
+        let unplaced = UnlocatedViolation::new(Rule::P1, 0, found, reported(t, &allowed));
+        return Some(UnlocatedViolation { line, ..unplaced });
     }
-    let without = Story { outputs: Vec::new(), ..story.clone() };
+    let without = MessageHistory { outputs: Vec::new(), ..story.clone() };
     if allowed.is_empty() && !without.is_explained(commit, slack, end) {
         return Some(of_contradiction(t, story, commit, slack, end));
     }
     let (rule, late) = of_output(story, &allowed, slack, end);
-    Some(Unplaced { line, rule, found, expected: told(t, &allowed), late })
+    Some(UnlocatedViolation { line, rule, found, expected: reported(t, &allowed), late })
 }
 
-fn of_open_or_request(t: u64, whole: &WholeStory, why: &str) -> Option<Unplaced> {
+fn of_open_or_request(
+    t: u64,
+    whole: &WholeMessageHistory,
+    why: &str,
+) -> Option<UnlocatedViolation> {
     let expected = format!("a refusal: {why}");
     let (rule, found) = if whole.is_opened() {
         (Rule::F1, format!("a second open of timestamp {t}"))
     } else {
-        let asked = whole.story.requests.first().map(|(p, ..)| *p);
-        let p = asked.or(whole.stranger.map(|(_, p)| p))?;
+        let requested = whole.story.requests.first().map(|(p, ..)| *p);
+        let p = requested.or(whole.stranger.map(|(_, p)| p))?;
         (Rule::F2, format!("a request to p {p}"))
     };
-    Some(Unplaced { line: None, rule: BrokenRule::Rule(rule), found, expected, late: None })
+    Some(UnlocatedViolation {
+        line: None,
+        rule: BrokenRule::Rule(rule),
+        found,
+        expected,
+        late: None,
+    })
 }
 
 /// The lines contradict each other, whatever came out.
-fn of_contradiction(t: u64, story: &Story, commit: Commit, slack: Slack, end: u64) -> Unplaced {
-    let explains = |story: &Story| !story.allowed(commit, slack, end).is_empty();
+fn of_contradiction(
+    t: u64,
+    story: &MessageHistory,
+    commit: Commit,
+    slack: Slack,
+    end: u64,
+) -> UnlocatedViolation {
+    let explains = |story: &MessageHistory| !story.allowed(commit, slack, end).is_empty();
     for i in 0..story.requests.len() {
         let mut without = story.clone();
         let (p, at, due) = without.requests.remove(i);
@@ -99,7 +120,7 @@ fn of_contradiction(t: u64, story: &Story, commit: Commit, slack: Slack, end: u6
             };
             let found = Decision::Request { at, t, p, due }.to_string();
             let rule = BrokenRule::Rule(Rule::F2);
-            return Unplaced { line: None, rule, found, expected, late: None };
+            return UnlocatedViolation { line: None, rule, found, expected, late: None };
         }
     }
     let found = outputs(t, story);
@@ -107,13 +128,13 @@ fn of_contradiction(t: u64, story: &Story, commit: Commit, slack: Slack, end: u6
         "an open first, and each request before what comes of it; no order of these lines \
                     within the tolerance has that"
             .to_owned();
-    Unplaced { line: None, rule: BrokenRule::Rule(Rule::F1), found, expected, late: None }
+    UnlocatedViolation { line: None, rule: BrokenRule::Rule(Rule::F1), found, expected, late: None }
 }
 
 /// The rule or promise that an output breaks, or that there is none; and by how much it came too late.
 fn of_output(
-    story: &Story,
-    allowed: &[Allowed],
+    story: &MessageHistory,
+    allowed: &[AllowedOutput],
     slack: Slack,
     end: u64,
 ) -> (BrokenRule, Option<u64>) {
@@ -169,10 +190,10 @@ fn of_output(
 }
 
 /// What came out, as it stands in the trace.
-fn outputs(t: u64, story: &Story) -> String {
-    let told: Vec<String> =
+fn outputs(t: u64, story: &MessageHistory) -> String {
+    let reported: Vec<String> =
         story.outputs.iter().map(|(p, at)| output(t, *p, *at).to_string()).collect();
-    if told.is_empty() { "nothing came out".to_owned() } else { told.join(" and ") }
+    if reported.is_empty() { "nothing came out".to_owned() } else { reported.join(" and ") }
 }
 
 const fn output(t: u64, p: Option<u64>, at: u64) -> Decision {
@@ -183,10 +204,10 @@ const fn output(t: u64, p: Option<u64>, at: u64) -> Decision {
 }
 
 /// What is allowed, with its instants.
-fn told(t: u64, allowed: &[Allowed]) -> String {
-    let told: Vec<String> = allowed
+fn reported(t: u64, allowed: &[AllowedOutput]) -> String {
+    let reported: Vec<String> = allowed
         .iter()
-        .map(|Allowed { p, from, to }| {
+        .map(|AllowedOutput { p, from, to }| {
             let what = p.map_or_else(|| "miss".to_owned(), |p| format!("emit p {p}"));
             match *to {
                 u64::MAX => format!("{what}, at {from} or later"),
@@ -194,13 +215,13 @@ fn told(t: u64, allowed: &[Allowed]) -> String {
             }
         })
         .collect();
-    if told.is_empty() {
+    if reported.is_empty() {
         return format!("nothing yet of timestamp {t}");
     }
-    told.join("; or ")
+    reported.join("; or ")
 }
 
-impl Unplaced {
+impl UnlocatedViolation {
     fn new(rule: Rule, line: u64, found: String, expected: String) -> Self {
         Self { line: Some(line), rule: BrokenRule::Rule(rule), found, expected, late: None }
     }

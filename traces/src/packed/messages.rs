@@ -226,14 +226,15 @@ fn after_text(bytes: &[u8]) -> Option<&[u8]> {
 /// A message with its log time as `at`, if it has none.
 fn dated(data: &[u8], log_time: u64) -> Cow<'_, [u8]> {
     #[derive(Deserialize)]
-    struct Dated {
+    struct TimedMessage {
         at: Option<IgnoredAny>,
         fuseline: Option<IgnoredAny>,
         ev: Option<IgnoredAny>,
     }
-    let told = serde_json::from_slice::<Dated>(data);
-    let is_undated =
-        told.is_ok_and(|told| told.at.is_none() && told.fuseline.is_none() && told.ev.is_some());
+    let reported = serde_json::from_slice::<TimedMessage>(data);
+    let is_undated = reported.is_ok_and(|reported| {
+        reported.at.is_none() && reported.fuseline.is_none() && reported.ev.is_some()
+    });
     let Some(rest) = data.trim_ascii_start().strip_prefix(b"{").filter(|_| is_undated) else {
         return Cow::Borrowed(data);
     };

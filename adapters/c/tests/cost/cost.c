@@ -24,7 +24,7 @@ static void act(const fuseline_answer *a) {
 
 static uint64_t in_c(uint64_t messages) {
   const fuseline_cloud clouds[] = {{1, 31, 30}, {2, 31, 30}, {3, 31, 30}};
-  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, FUSELINE_COMMIT_EAGER, 16, 3, clouds};
+  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, FUSELINE_COMMIT_EAGER, 16, 3, clouds, 1000};
   fuseline_machine *machine = NULL;
   fuseline_answer a;
   uint64_t t, p;

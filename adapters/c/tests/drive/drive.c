@@ -75,7 +75,7 @@ static void answered(const fuseline_answer *a, const struct line *line) {
 
 static fuseline_status start(const struct line *line) {
   fuseline_cloud clouds[LINE_CLOUDS];
-  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C15W1024, 0, 0, 0, NULL};
+  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C15W1024, 0, 0, 0, NULL, UINT64_MAX};
   uint32_t i;
   for (i = 0; i < line->clouds_len; ++i) {
     clouds[i].priority = line->clouds[i].p;

@@ -18,14 +18,15 @@ using fuseline::Priority;
 using fuseline::Timestamp;
 
 struct Virtual {
-  using duration = fuseline::Duration;
+  using duration = std::chrono::duration<std::uint64_t, std::nano>;
   using rep = duration::rep;
   using period = duration::period;
   using time_point = std::chrono::time_point<Virtual>;
+  static constexpr bool is_steady = true;
   static time_point now() noexcept { return time_point(at); }
   static duration at;
 };
-fuseline::Duration Virtual::at{};
+Virtual::duration Virtual::at{};
 
 // Whose result it is, so that a value that is forwarded for another is seen.
 struct Value {
@@ -37,7 +38,7 @@ using Owned = std::unique_ptr<Value>;
 said said_lines;
 
 void line_of(const char* ev, const Answer& answer, const std::uint64_t* p) {
-  say_head(&said_lines, ev, answer.at().time_since_epoch().count(), answer.timestamp().count);
+  say_head(&said_lines, ev, answer.at().ns(), answer.timestamp().count);
   if (p != nullptr) say_member(&said_lines, "p", *p);
 }
 
@@ -97,8 +98,8 @@ class Driver {
     const auto commit = line_.is_patient != 0 ? fuseline::Commit::patient : fuseline::Commit::eager;
     Virtual::at = {};
     sink_.at = 0;
-    operator_ = std::make_unique<Operator>(sink_, static_cast<std::uint32_t>(line_.window), commit, clouds.data(),
-                                           line_.clouds_len);
+    operator_ = std::make_unique<Operator>(sink_, static_cast<std::uint32_t>(line_.window), commit,
+                                           Virtual::duration::max(), clouds.data(), line_.clouds_len);
     return static_cast<bool>(*operator_);
   }
 
@@ -106,10 +107,10 @@ class Driver {
     if (!operator_) return false;
     const Timestamp t{line_.t};
     const Priority p{line_.p};
-    Virtual::at = fuseline::Duration(line_.at);
+    Virtual::at = Virtual::duration(line_.at);
     sink_.at = line_.at > sink_.at ? line_.at : sink_.at;
-    std::optional<fuseline::Duration> limit;
-    if (line_.has_deadline != 0) limit = fuseline::Duration(line_.deadline);
+    std::optional<fuseline::Deadline> limit;
+    if (line_.has_deadline != 0) limit = Virtual::duration(line_.deadline);
     std::optional<Answer> answer;
     switch (line_.kind) {
       case LINE_OPEN: answer = operator_->open(t, limit); break;
@@ -137,7 +138,7 @@ class Driver {
     }
     line_of(ev, answer, line_.kind == LINE_OPEN ? nullptr : &line_.p);
     if (answer.is(FUSELINE_OUTCOME_ADMITTED)) {
-      say_member(&said_lines, "due", answer.due().time_since_epoch().count());
+      say_member(&said_lines, "due", answer.due().ns());
     }
     if (answer.why() != FUSELINE_REASON_NONE) say_why(&said_lines, fuseline_reason_name(answer.why()));
     say_end(&said_lines);

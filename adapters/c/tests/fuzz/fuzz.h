@@ -59,7 +59,7 @@ static int same(const void *a, const void *b, size_t len) {
 static fuseline_cloud clouds[16];
 
 static fuseline_config valid(unsigned commit) {
-  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, 0, 4, 3, clouds};
+  fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C3W16, 0, 4, 3, clouds, UINT64_MAX};
   unsigned i;
   for (i = 0; i < 16U; ++i) {
     clouds[i].priority = i + 1U;
@@ -72,7 +72,7 @@ static fuseline_config valid(unsigned commit) {
 
 /* Makes a valid configuration, or the size of the storage, wrong, and gives the status that is due for it. */
 static fuseline_status spoil(fuseline_config *config, size_t *size, size_t needed) {
-  switch (byte() % 11U) {
+  switch (byte() % 12U) {
     case 0: config->abi += 1U + byte(); return FUSELINE_STATUS_ABI;
     case 1: config->layout ^= 1U << (byte() % 32U); return FUSELINE_STATUS_ABI;
     case 2: config->capacity = 5U + byte(); return FUSELINE_STATUS_CAPACITY;
@@ -83,6 +83,7 @@ static fuseline_status spoil(fuseline_config *config, size_t *size, size_t neede
     case 7: clouds[1].priority = clouds[byte() % 2U * 2U].priority; return FUSELINE_STATUS_TWICE;
     case 8: clouds[byte() % 3U].resume = 4U + number() % 1000U; return FUSELINE_STATUS_GATE;
     case 9: *size = byte() % needed; return FUSELINE_STATUS_SIZE;
+    case 10: config->greatest_deadline = 0; return FUSELINE_STATUS_DEADLINE;
     default: config->clouds = NULL; return FUSELINE_STATUS_NULL;
   }
 }

@@ -1,6 +1,6 @@
 /*
  * The same for the machine for many threads, called by one thread: two machines get the same calls, one of them is misused
- * in between. Also tickets that are old, and tickets that no machine gave: both machines answer alike, as of nothing open.
+ * in between. Also message ids that are old, and message ids that no machine or the other one gave: both machines answer alike, as of nothing open.
  */
 #include "fuzz.h"
 
@@ -9,39 +9,51 @@ typedef FUSELINE_SHARED_STORAGE(3, 16) storage_type;
 
 static storage_type misused, clean, other;
 static fuseline_shared *machine, *twin;
-static fuseline_ticket tickets[TICKETS];
+static fuseline_message_id message_ids[TICKETS], twins[TICKETS];
 static unsigned opened;
 
-static fuseline_status call(fuseline_shared *m, unsigned kind, const uint64_t *n, fuseline_ticket *ticket, fuseline_answer *fired,
+static fuseline_status call(fuseline_shared *m, unsigned kind, const uint64_t *n, fuseline_message_id *message_id, fuseline_answer *fired,
                             fuseline_answer *a) {
   switch (kind % 6U) {
-    case 0: return fuseline_shared_open(m, n[0], n[1], ticket, a);
-    case 1: return fuseline_shared_open_within(m, n[0], n[1], n[2], ticket, a);
-    case 2: return fuseline_shared_offer(m, n[0], *ticket, n[2] % 5U, n[3], n[3] % 6U, fired, a);
-    case 3: return fuseline_shared_result(m, n[0], *ticket, n[2] % 5U, fired, a);
-    case 4: return fuseline_shared_fail(m, n[0], *ticket, n[2] % 5U, fired, a);
-    default: return fuseline_shared_expire(m, n[0], *ticket, fired, a);
+    case 0: return fuseline_shared_open(m, n[0], n[1], message_id, a);
+    case 1: return fuseline_shared_open_within(m, n[0], n[1], n[2], message_id, a);
+    case 2: return fuseline_shared_offer(m, n[0], *message_id, n[2] % 5U, n[3], n[3] % 6U, fired, a);
+    case 3: return fuseline_shared_result(m, n[0], *message_id, n[2] % 5U, fired, a);
+    case 4: return fuseline_shared_fail(m, n[0], *message_id, n[2] % 5U, fired, a);
+    default: return fuseline_shared_expire(m, n[0], *message_id, fired, a);
   }
 }
 
 static void both(void) {
   unsigned kind = byte(), i;
-  uint64_t n[4], due = 0, twins = 0;
+  uint64_t n[4], due = 0, its_due = 0;
   fuseline_answer a[2], b[2];
-  fuseline_ticket mine = tickets[byte() % TICKETS], its;
+  fuseline_status status;
+  const unsigned which = byte() % TICKETS;
+  fuseline_message_id mine = message_ids[which], its = twins[which];
   for (i = 0; i < 4U; ++i) n[i] = number();
-  if (byte() % 8U == 0U) mine.opaque[byte() % 3U] ^= (uint64_t)1 << (byte() % 64U);
-  its = mine;
+  if (byte() % 8U == 0U) {
+    const unsigned word = byte() % 3U;
+    const uint64_t bit = (uint64_t)1 << (byte() % 64U);
+    mine.opaque[word] ^= bit;
+    its.opaque[word] ^= bit;
+  }
   memset(a, 0x11, sizeof a);
   memset(b, 0x11, sizeof b);
   ++inputs;
-  HOLDS(call(machine, kind, n, &mine, &a[0], &a[1]) == FUSELINE_STATUS_DONE);
-  HOLDS(call(twin, kind, n, &its, &b[0], &b[1]) == FUSELINE_STATUS_DONE);
+  status = call(machine, kind, n, &mine, &a[0], &a[1]);
+  HOLDS(status == FUSELINE_STATUS_DONE || (status == FUSELINE_STATUS_MESSAGE_ID && kind % 6U >= 2U));
+  HOLDS(call(twin, kind, n, &its, &b[0], &b[1]) == status);
   HOLDS(memcmp(a, b, sizeof a) == 0);
-  HOLDS(memcmp(&mine, &its, sizeof mine) == 0);
-  if (kind % 6U < 2U && a[1].outcome == FUSELINE_OUTCOME_ACCEPTED) tickets[opened++ % TICKETS] = mine;
-  HOLDS(fuseline_shared_next_due(machine, mine, &due) == fuseline_shared_next_due(twin, its, &twins));
-  HOLDS(due == twins);
+  HOLDS(mine.opaque[0] == its.opaque[0] && mine.opaque[1] == its.opaque[1]);
+  /* The one's message id names nothing to the other. */
+  HOLDS(call(twin, 5U, n, &mine, &b[0], &b[1]) == FUSELINE_STATUS_MESSAGE_ID);
+  if (kind % 6U < 2U && a[1].outcome == FUSELINE_OUTCOME_ACCEPTED) {
+    twins[opened % TICKETS] = its;
+    message_ids[opened++ % TICKETS] = mine;
+  }
+  HOLDS(fuseline_shared_next_due(machine, mine, &due) == fuseline_shared_next_due(twin, its, &its_due));
+  HOLDS(due == its_due);
 }
 
 static void wrong_call(void) {
@@ -53,7 +65,7 @@ static void wrong_call(void) {
   unsigned kind = byte();
   fuseline_shared *m = machine;
   fuseline_answer fired, *a = &place.answer;
-  fuseline_ticket ticket = tickets[byte() % TICKETS];
+  fuseline_message_id message_id = message_ids[byte() % TICKETS];
   fuseline_status expected = FUSELINE_STATUS_FOREIGN;
   storage_type was = misused;
   memset(&place, 0x33, sizeof place);
@@ -72,7 +84,7 @@ static void wrong_call(void) {
       break;
   }
   ++wrong_uses;
-  HOLDS(call(m, kind, n, &ticket, &fired, a) == expected);
+  HOLDS(call(m, kind, n, &message_id, &fired, a) == expected);
   HOLDS(memcmp(&place, &before, sizeof place) == 0);
   HOLDS(same(&was, &misused, sizeof was));
 }
@@ -96,7 +108,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
   bytes = data;
   left = size;
   opened = 0;
-  memset(tickets, 0, sizeof tickets);
+  memset(message_ids, 0, sizeof message_ids);
+  memset(twins, 0, sizeof twins);
   config = valid(byte());
   HOLDS(fuseline_shared_init(&misused, sizeof misused, &config, &machine) == FUSELINE_STATUS_DONE);
   HOLDS(fuseline_shared_init(&clean, sizeof clean, &config, &twin) == FUSELINE_STATUS_DONE);

@@ -31,7 +31,7 @@ static_assert(kRoom >= kOpens * (kLife + 2), "a message's place is used again on
 struct Message {
   std::uint64_t opened = 0;
   bool is_open = false;
-  fuseline_ticket ticket{};
+  fuseline_message_id message_id{};
   std::atomic<bool> is_asked[kSources];
   // Each its source's alone.
   bool has_answered[kSources];
@@ -97,8 +97,8 @@ class Caller {
     fuseline_answer answer;
     const std::uint64_t deadline = chance(who_, t, 1) % 3 == 0 ? 0 : 1 + chance(who_, t, 2) % (kLife - 2);
     const fuseline_status status =
-        deadline > 0 ? fuseline_shared_open_within(machine, now, t, deadline, &message.ticket, &answer)
-                     : fuseline_shared_open(machine, now, t, &message.ticket, &answer);
+        deadline > 0 ? fuseline_shared_open_within(machine, now, t, deadline, &message.message_id, &answer)
+                     : fuseline_shared_open(machine, now, t, &message.message_id, &answer);
     done(status);
     message.opened = now;
     message.is_open = answer.outcome == FUSELINE_OUTCOME_ACCEPTED;
@@ -112,7 +112,7 @@ class Caller {
   void offer(Message& message, std::uint64_t t, unsigned p) {
     fuseline_answer fired, answer;
     const std::uint64_t deadline = 1 + chance(who_, t, p) % kLongest;
-    done(fuseline_shared_offer(machine, now, message.ticket, p, deadline, 0, &fired, &answer));
+    done(fuseline_shared_offer(machine, now, message.message_id, p, deadline, 0, &fired, &answer));
     if (answer.outcome == FUSELINE_OUTCOME_ADMITTED) {
       fact("request", t, "p", p, "due", answer.due);
       message.is_asked[p].store(true, std::memory_order_release);
@@ -128,7 +128,7 @@ class Caller {
       message.values[p] = value_of(t, p);
     }
     fact("result", t, "p", p);
-    done(fuseline_shared_result(machine, now, message.ticket, p, &fired, &answer));
+    done(fuseline_shared_result(machine, now, message.message_id, p, &fired, &answer));
     heard(message, fired);
     heard(message, answer);
   }
@@ -136,14 +136,14 @@ class Caller {
   void fail(Message& message, std::uint64_t t, unsigned p) {
     fuseline_answer fired, answer;
     fact("fail", t, "p", p);
-    done(fuseline_shared_fail(machine, now, message.ticket, p, &fired, &answer));
+    done(fuseline_shared_fail(machine, now, message.message_id, p, &fired, &answer));
     heard(message, fired);
     heard(message, answer);
   }
 
   void expire(Message& message) {
     fuseline_answer fired, answer;
-    done(fuseline_shared_expire(machine, now, message.ticket, &fired, &answer));
+    done(fuseline_shared_expire(machine, now, message.message_id, &fired, &answer));
     heard(message, fired);
   }
 
@@ -224,7 +224,7 @@ int main(int argc, char** argv) {
   if (argc > 2) messages = std::strtoull(argv[2], nullptr, 10);
   const fuseline_cloud clouds[] = {{1, 31, 30}, {2, 31, 30}, {3, 31, 30}};
   const std::uint32_t commit = is_patient ? FUSELINE_COMMIT_PATIENT : FUSELINE_COMMIT_EAGER;
-  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C7W64, commit, kWindow, kSources - 1, clouds};
+  const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C7W64, commit, kWindow, kSources - 1, clouds, UINT64_MAX};
   if (fuseline_shared_init(storage, sizeof storage, &config, &machine) != FUSELINE_STATUS_DONE) return 2;
 
   std::vector<Caller> callers;

@@ -14,7 +14,7 @@ use embassy_time::{Duration, MockDriver};
 use fuseline_core::{Cloud, Commit, Deadline, Fusion, Instant, Priority, Timestamp};
 use fuseline_cortex_m::console::Console;
 use fuseline_cortex_m::line::Decisions;
-use fuseline_embassy::{Arrival, Told, operate};
+use fuseline_embassy::{Arrival, Report, operate};
 
 use core::fmt::{self, Write};
 
@@ -31,10 +31,10 @@ fn main() -> ! {
     let header =
         r#"{"fuseline":1,"window":4,"commit":"eager","clouds":[{"p":1,"limit":31,"resume":30}]}"#;
     let mut written = writeln!(console, "{header}");
-    let tell = |at: Instant, told: Told<1>| {
-        written = written.and_then(|()| say(&mut console, at.as_nanos(), &told));
+    let write_answer = |at: Instant, reported: Report<1>| {
+        written = written.and_then(|()| say(&mut console, at.as_nanos(), &reported));
     };
-    block_on(select(operate(&mut fusion, INBOX.receiver(), tell), messages()));
+    block_on(select(operate(&mut fusion, INBOX.receiver(), write_answer), messages()));
     end(if written.is_ok() && fusion.is_empty() { EXIT_SUCCESS } else { EXIT_FAILURE })
 }
 
@@ -73,10 +73,10 @@ async fn pass(millis: u64) {
 }
 
 /// The lines of a trace that what is told makes.
-fn say(out: &mut Console, at: u64, told: &Told<1>) -> fmt::Result {
-    match *told {
-        Told::Took(None) => writeln!(out, r#"{{"ev":"tick","at":{at}}}"#),
-        Told::Took(Some(Arrival::Message(t, limit))) => {
+fn say(out: &mut Console, at: u64, reported: &Report<1>) -> fmt::Result {
+    match *reported {
+        Report::Took(None) => writeln!(out, r#"{{"ev":"tick","at":{at}}}"#),
+        Report::Took(Some(Arrival::Message(t, limit))) => {
             let t = t.as_u64();
             write!(out, r#"{{"ev":"open","at":{at},"t":{t}"#)?;
             if let Some(limit) = limit {
@@ -84,23 +84,23 @@ fn say(out: &mut Console, at: u64, told: &Told<1>) -> fmt::Result {
             }
             out.write_str("}\n")
         }
-        Told::Took(Some(Arrival::Request(t, p, deadline, backlog))) => {
+        Report::Took(Some(Arrival::Request(t, p, deadline, backlog))) => {
             let (t, p, deadline) = (t.as_u64(), p.as_u16(), deadline.as_nanos());
             write!(out, r#"{{"ev":"offer","at":{at},"t":{t},"p":{p},"deadline":{deadline}"#)?;
             writeln!(out, r#","backlog":{backlog}}}"#)
         }
-        Told::Took(Some(Arrival::Result(t, p))) => {
+        Report::Took(Some(Arrival::Result(t, p))) => {
             writeln!(out, r#"{{"ev":"result","at":{at},"t":{},"p":{}}}"#, t.as_u64(), p.as_u16())
         }
-        Told::Took(Some(Arrival::Failure(t, p))) => {
+        Report::Took(Some(Arrival::Failure(t, p))) => {
             writeln!(out, r#"{{"ev":"fail","at":{at},"t":{},"p":{}}}"#, t.as_u64(), p.as_u16())
         }
-        Told::Fired(firing) => Decisions { out, at }.firing(&firing),
-        Told::Opened(t, opening) => Decisions { out, at }.opening(t.as_u64(), opening),
-        Told::Offered(t, p, admission) => {
+        Report::Fired(firing) => Decisions { out, at }.firing(&firing),
+        Report::Opened(t, opening) => Decisions { out, at }.opening(t.as_u64(), opening),
+        Report::Offered(t, p, admission) => {
             Decisions { out, at }.admission(t.as_u64(), p.as_u16().into(), admission)
         }
-        Told::Concluded(t, p, outcome) => {
+        Report::Concluded(t, p, outcome) => {
             Decisions { out, at }.outcome(t.as_u64(), p.as_u16().into(), &outcome)
         }
     }

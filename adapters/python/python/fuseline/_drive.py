@@ -45,6 +45,8 @@ class Driver(Generic[M, V]):
     ) -> None:
         self.engine = engine
         self.is_over = False
+        #: Whether an input is being decided about or carried out, and whether it is the last one.
+        self._is_deciding = self._is_last = False
         #: The error that ended the recording early, if one did.
         self.unrecorded: OSError | None = None
         self._local = local
@@ -64,12 +66,18 @@ class Driver(Generic[M, V]):
         """A message came."""
         # One instant for the open and all offers: equal deadlines end together.
         now = self._clock()
-        self.engine.open(now, t, message)
-        self._act(now)
+        self._decide(self.engine.open, now, t, message)
 
     def stop(self) -> None:
-        """End at once: calls are aborted, and the trace is whole up to here."""
+        """End at once: calls are aborted, and the trace is whole up to here.
+
+        A handler or a policy may call it in the midst of an input: then that is the last one, and
+        no call begins of it.
+        """
         if self.is_over:
+            return
+        if self._is_deciding:
+            self._is_last = True
             return
         self.is_over = True
         for timer in (self._timer, self._gather):
@@ -78,8 +86,9 @@ class Driver(Generic[M, V]):
         for lane in self.engine.lanes.values():
             for flight in (*lane.flying.values(), *lane.lingering.values()):
                 flight.is_aborted = True
-                flight.task.cancel()
-                self._ending.add(flight.task)
+                if flight.task is not None:
+                    flight.task.cancel()
+                    self._ending.add(flight.task)
         self._local._stop()
         self._record()
 
@@ -99,6 +108,17 @@ class Driver(Generic[M, V]):
             return self._now
         self._now = now
         return now
+
+    def _decide(self, apply: Callable[..., None], now: int, *of: Any) -> None:
+        """Apply an input, and do what the engine says."""
+        self._is_deciding = True
+        try:
+            apply(now, *of)
+            self._act(now)
+        finally:
+            self._is_deciding = False
+            if self._is_last:
+                self.stop()
 
     def _act(self, now: int) -> None:
         """Do what the engine says."""
@@ -143,11 +163,12 @@ class Driver(Generic[M, V]):
         now = self._clock()
         due = self.engine.next_due()
         if due is not None and due <= now:
-            self.engine.tick(now)
-        self._act(now)
+            self._decide(self.engine.tick, now)
+        else:
+            self._act(now)
 
     def _begin(self, lane: Lane[Any], flight: Flight[Any], now: int) -> None:
-        if self.is_over:
+        if self.is_over or self._is_last:
             return
         if lane.p == 0:
             task = self._loop.create_task(self._compute(lane, flight))
@@ -200,8 +221,7 @@ class Driver(Generic[M, V]):
         if flight.is_aborted or self.is_over:
             return
         now = self._clock()
-        self.engine.result(now, flight.t, lane, value)
-        self._act(now)
+        self._decide(self.engine.result, now, flight.t, lane, value)
 
     def _failed(self, lane: Lane[Any], flight: Flight[Any], error: BaseException) -> None:
         """D7: an error of a call or of local is a failure, and no other message notices."""
@@ -209,8 +229,7 @@ class Driver(Generic[M, V]):
         if not flight.is_aborted and not self.is_over:
             now = self._clock()
             why = "cancelled" if is_cancelled else words(error)
-            self.engine.fail(now, flight.t, lane, why)
-            self._act(now)
+            self._decide(self.engine.fail, now, flight.t, lane, why)
         elif is_cancelled:
             raise error
         if not isinstance(error, Exception) and not is_cancelled:

@@ -253,11 +253,13 @@ class Operator(Generic[M, V]):
         if self._is_handling:
             raise RuntimeError("a handler must not write to its own operator")
         t = self._count
-        self._count += 1
         self._is_handling = True
         try:
             if self._situation is not None:
                 driver.engine.situation = self._assess(message, t)
+                if self._is_last:
+                    raise Closed("the situation's handler ended the operator")
+            self._count += 1
             driver.open(t, message)
         finally:
             self._is_handling = False
@@ -297,7 +299,11 @@ class Operator(Generic[M, V]):
         self._end_if_idle()
 
     def stop(self) -> None:
-        """End at once: calls are aborted, open messages stay unanswered, the items end."""
+        """End at once: calls are aborted, open messages stay unanswered, the items end.
+
+        Handlers and policies may call it too: the message or result that they are called about is
+        the last that happens.
+        """
         if self._is_over or self._driver is None:
             return
         self._is_last = self._is_over = True

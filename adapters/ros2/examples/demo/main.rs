@@ -65,7 +65,7 @@ struct DiagnosticStatus {
 }
 
 /// A process of this demo; killed with it.
-struct Part(Child);
+struct ChildProcess(Child);
 
 fn main() -> Result<(), Any> {
     let args: Vec<String> = env::args().skip(1).collect();
@@ -98,10 +98,10 @@ fn main() -> Result<(), Any> {
 async fn direct() -> Result<(), Any> {
     let folder = tempfile::tempdir()?;
     let trace = folder.path().join("run.jsonl");
-    let _router = is_over_zenoh().then(|| Part::start(&["router"])).transpose()?;
+    let _router = is_over_zenoh().then(|| ChildProcess::start(&["router"])).transpose()?;
     let fusion = fusion(folder.path(), &trace)?;
-    let _local = Part::start(&[LOCAL.name])?;
-    let mut west = Some(Part::start(&[WEST.name])?);
+    let _local = ChildProcess::start(&[LOCAL.name])?;
+    let mut west = Some(ChildProcess::start(&[WEST.name])?);
     let mut node = node_in(domain(), "camera")?;
     let camera: Publisher<CompressedImage> =
         publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
@@ -117,7 +117,7 @@ async fn direct() -> Result<(), Any> {
     println!(" second  inputs  west  local   p50     west in /diagnostics");
 
     let mut frames = interval(Duration::from_secs(1) / RATE_HZ);
-    let (mut book, mut second) = (Book::new(), 0);
+    let (mut book, mut second) = (ImageLog::new(), 0);
     loop {
         tokio::select! {
             _ = frames.tick() => {
@@ -130,7 +130,7 @@ async fn direct() -> Result<(), Any> {
                         west = None;
                         println!("{:>39}west is killed", "");
                     } else if second == RETURNS {
-                        west = Some(Part::start(&[WEST.name])?);
+                        west = Some(ChildProcess::start(&[WEST.name])?);
                         println!("{:>39}west is started again", "");
                     }
                 }
@@ -158,7 +158,7 @@ async fn direct() -> Result<(), Any> {
 }
 
 /// The node, with a parameter file as users have it.
-fn fusion(folder: &Path, trace: &Path) -> Result<Part, Any> {
+fn fusion(folder: &Path, trace: &Path) -> Result<ChildProcess, Any> {
     let parameters = folder.join("fusion.yaml");
     fs::write(&parameters, PARAMETERS)?;
     let file = parameters.to_string_lossy();
@@ -166,11 +166,11 @@ fn fusion(folder: &Path, trace: &Path) -> Result<Part, Any> {
     let domain = format!("domain_id:={}", domain());
     let middleware = if is_over_zenoh() { "middleware:=zenoh" } else { "middleware:=dds" };
     let ours = ["-p", &trace, "-p", &domain, "-p", "localhost_only:=true", "-p", middleware];
-    Part::start(&[&["node", "--ros-args", "--params-file", &*file][..], &ours].concat())
+    ChildProcess::start(&[&["node", "--ros-args", "--params-file", &*file][..], &ours].concat())
 }
 
 /// What was sent, what came, and what was said of west.
-struct Book {
+struct ImageLog {
     start: Instant,
     /// When each image was taken, by its stamp, and how many outputs it has.
     images: BTreeMap<(i32, u32), (Instant, u32)>,
@@ -181,7 +181,7 @@ struct Book {
     state: String,
 }
 
-impl Book {
+impl ImageLog {
     fn new() -> Self {
         let (start, images, took, state) =
             (Instant::now(), BTreeMap::new(), Vec::new(), String::new());
@@ -258,7 +258,7 @@ async fn model(model: &Model) -> Result<(), Any> {
     }
 }
 
-impl Part {
+impl ChildProcess {
     fn start(args: &[&str]) -> Result<Self, Any> {
         let mut command = Command::new(env::current_exe()?);
         command.args(args);
@@ -278,7 +278,7 @@ impl Part {
     }
 }
 
-impl Drop for Part {
+impl Drop for ChildProcess {
     fn drop(&mut self) {
         // It may have ended by itself.
         drop((self.0.kill(), self.0.wait()));

@@ -14,24 +14,24 @@ use node::{Node, payload};
 use tokio::time::{Instant, sleep, sleep_until};
 
 use super::*;
-use crate::lifecycle::{Done, Task};
+use crate::lifecycle::{Task, TransitionResult};
 use crate::settings::Change;
 
 const MS: Duration = Duration::from_millis(1);
 
 /// What a source does with a message, in milliseconds from when it is asked.
 #[derive(Clone, Copy)]
-enum Act {
+enum SourceAction {
     Answers(u64),
     Fails(u64),
     Panics(u64),
     /// Nothing comes.
     Loses,
 }
-use Act::{Answers, Fails, Loses, Panics};
+use SourceAction::{Answers, Fails, Loses, Panics};
 
 /// What a source does with each message.
-type Plan = fn(u64) -> Act;
+type Plan = fn(u64) -> SourceAction;
 
 /// What happens, for either transport: the timestamp of a message is its place.
 #[derive(Clone)]
@@ -44,11 +44,16 @@ struct Script {
 }
 
 /// The value names who computed it, for which message, and when it was asked.
-fn value(source: &str, t: u64, asked: Duration) -> String {
-    format!("{source}'s of {t}, asked at {} ms", asked.as_millis())
+fn value(source: &str, t: u64, requested: Duration) -> String {
+    format!("{source}'s of {t}, asked at {} ms", requested.as_millis())
 }
 
-async fn compute(act: Act, source: String, t: u64, start: Instant) -> Result<String, Error> {
+async fn compute(
+    act: SourceAction,
+    source: String,
+    t: u64,
+    start: Instant,
+) -> Result<String, Error> {
     let value = value(&source, t, start.elapsed());
     match act {
         Answers(ms) => sleep(Duration::from_millis(ms)).await,
@@ -202,8 +207,8 @@ async fn local_is_asked_again_after_all_that_it_was_asked_got_lost() {
     let tally = node.tally();
     assert!(tally.sources[0].lost >= 4, "{}", tally.sources[0].lost);
     // The node said so, and that it is well at the end.
-    let said = node.said();
-    let locals = said.diagnostics.iter().flatten().filter(|it| it.name == "/node: local");
+    let reported_lines = node.reported_lines();
+    let locals = reported_lines.diagnostics.iter().flatten().filter(|it| it.name == "/node: local");
     let messages: Vec<_> = locals.map(|status| status.message.clone()).collect();
     assert!(messages.iter().any(|it| it.contains("nothing from")), "{messages:?}");
     assert_eq!(messages.last().unwrap(), "in time");
@@ -241,8 +246,8 @@ async fn a_message_with_the_stamp_of_an_open_one_is_not_taken_in() {
             "120 ms: 1 local's of 7, asked at 100 ms by F3"
         ]
     );
-    let said = node.said();
-    let values = &said.diagnostics.last().unwrap()[0].values;
+    let reported_lines = node.reported_lines();
+    let values = &reported_lines.diagnostics.last().unwrap()[0].values;
     let count = values.iter().find(|value| value.key == "duplicate_stamp").unwrap();
     assert_eq!(count.value, "1");
 }
@@ -331,15 +336,15 @@ async fn d16_a_managed_node_takes_in_what_comes_while_it_is_active_and_answers_i
     let node = Node::start_with(|_| Answers(300), &[], &["-p", "lifecycle:=true"]);
     node.feed(0, [10]).await;
     node.until(20).await;
-    assert_eq!(node.tell(Task::Activate).await.await, Ok(Done::Success));
+    assert_eq!(node.publish_report(Task::Activate).await.await, Ok(TransitionResult::Success));
     node.feed(1, [30]).await;
     node.until(40).await;
-    assert_eq!(node.tell(Task::Deactivate).await.await, Ok(Done::Success));
+    assert_eq!(node.publish_report(Task::Deactivate).await.await, Ok(TransitionResult::Success));
     node.feed(2, [50]).await;
     node.until(60).await;
-    let closed = node.tell(Task::CleanUp).await;
+    let closed = node.publish_report(Task::CleanUp).await;
     node.feed(3, [70]).await;
-    assert_eq!(closed.await, Ok(Done::Success));
+    assert_eq!(closed.await, Ok(TransitionResult::Success));
     assert_eq!(node.start.elapsed(), 330 * MS);
     assert_eq!(node.lines(), ["330 ms: 0 local's of 1, asked at 30 ms by F3"]);
 }

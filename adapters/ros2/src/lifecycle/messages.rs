@@ -35,19 +35,19 @@ pub(super) struct TransitionEvent {
 
 /// `srv/ChangeState_Request`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub(super) struct ChangeState {
+pub(super) struct ChangeStateRequest {
     pub(super) transition: Transition,
 }
 
 /// `srv/ChangeState_Response`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub(super) struct Changed {
+pub(super) struct ChangeStateResponse {
     pub(super) success: bool,
 }
 
 /// A request without content: ROS sends one byte.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub(super) struct Nothing {
+pub(super) struct EmptyRequest {
     structure_needs_at_least_one_member: u8,
 }
 
@@ -69,9 +69,9 @@ pub(super) struct AvailableTransitions {
     pub(super) available_transitions: Vec<TransitionDescription>,
 }
 
-impl Message for ChangeState {}
-impl Message for Changed {}
-impl Message for Nothing {}
+impl Message for ChangeStateRequest {}
+impl Message for ChangeStateResponse {}
+impl Message for EmptyRequest {}
 impl Message for CurrentState {}
 impl Message for AvailableStates {}
 impl Message for AvailableTransitions {}

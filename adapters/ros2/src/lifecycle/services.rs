@@ -7,85 +7,87 @@ use tokio::task::JoinSet;
 use tracing::{info, warn};
 
 use super::messages::{
-    AvailableStates, AvailableTransitions, ChangeState, Changed, CurrentState, Nothing,
-    TransitionEvent,
+    AvailableStates, AvailableTransitions, ChangeStateRequest, ChangeStateResponse, CurrentState,
+    EmptyRequest, TransitionEvent,
 };
-use super::{Done, Order, Orders, STATES, State, TRANSITIONS, Transition};
+use super::{
+    LifecycleRequest, LifecycleRequests, STATES, State, TRANSITIONS, Transition, TransitionResult,
+};
+use crate::backend::{MessagePublisher, NodeBackend, TOLD, TypeName};
 use crate::error::NodeError;
-use crate::home::{Home, TOLD, Teller, TypeName};
 use crate::names::NodeName;
-use crate::service::{Asked, Reply, Requests};
+use crate::service::{PendingRequest, Reply, Requests};
 
 /// Serves the node's lifecycle in `tasks`: it begins unconfigured. What the node is told comes by the orders.
 ///
 /// # Errors
 /// ROS refuses a service or the topic.
 pub(crate) fn serve(
-    home: &mut Home,
+    backend: &mut NodeBackend,
     node: &NodeName,
     tasks: &mut JoinSet<()>,
-) -> Result<Orders, NodeError> {
+) -> Result<LifecycleRequests, NodeError> {
     // One at a time is under way.
-    let (teller, told) = mpsc::channel(1);
+    let (message_publisher, reported) = mpsc::channel(1);
     let ty = |name| TypeName { package: "lifecycle_msgs", name };
     let services = Services {
-        change: home.serve("change_state", ty("ChangeState"), tasks)?,
-        state: home.serve("get_state", ty("GetState"), tasks)?,
-        states: home.serve("get_available_states", ty("GetAvailableStates"), tasks)?,
-        ways: home.serve("get_available_transitions", ty("GetAvailableTransitions"), tasks)?,
-        graph: home.serve("get_transition_graph", ty("GetAvailableTransitions"), tasks)?,
-        events: home.teller(
+        change: backend.serve("change_state", ty("ChangeState"), tasks)?,
+        state: backend.serve("get_state", ty("GetState"), tasks)?,
+        states: backend.serve("get_available_states", ty("GetAvailableStates"), tasks)?,
+        ways: backend.serve("get_available_transitions", ty("GetAvailableTransitions"), tasks)?,
+        graph: backend.serve("get_transition_graph", ty("GetAvailableTransitions"), tasks)?,
+        events: backend.message_publisher(
             &format!("{}/transition_event", node.full()),
             ty("TransitionEvent"),
             TOLD,
         )?,
     };
-    tasks.spawn(services.run(teller));
-    Ok(Orders { told, is_active: false, last: None })
+    tasks.spawn(services.run(message_publisher));
+    Ok(LifecycleRequests { reported, is_active: false, last: None })
 }
 
 struct Services {
-    change: Requests<ChangeState, Changed>,
-    state: Requests<Nothing, CurrentState>,
-    states: Requests<Nothing, AvailableStates>,
-    ways: Requests<Nothing, AvailableTransitions>,
-    graph: Requests<Nothing, AvailableTransitions>,
-    events: Teller<TransitionEvent>,
+    change: Requests<ChangeStateRequest, ChangeStateResponse>,
+    state: Requests<EmptyRequest, CurrentState>,
+    states: Requests<EmptyRequest, AvailableStates>,
+    ways: Requests<EmptyRequest, AvailableTransitions>,
+    graph: Requests<EmptyRequest, AvailableTransitions>,
+    events: MessagePublisher<TransitionEvent>,
 }
 
 /// A change of state that the node works on.
-struct UnderWay {
-    reply: Reply<Changed>,
-    done: oneshot::Receiver<Done>,
+struct PendingTransition {
+    reply: Reply<ChangeStateResponse>,
+    done: oneshot::Receiver<TransitionResult>,
 }
 
 impl Services {
-    async fn run(mut self, teller: mpsc::Sender<Order>) {
+    async fn run(mut self, message_publisher: mpsc::Sender<LifecycleRequest>) {
         let mut state = State::Unconfigured;
-        let mut under_way: Option<UnderWay> = None;
+        let mut under_way: Option<PendingTransition> = None;
         let described = |ways: Vec<Transition>| AvailableTransitions {
             available_transitions: ways.into_iter().map(Into::into).collect(),
         };
         loop {
             tokio::select! {
                 how = done(&mut under_way) => {
-                    if let Some(UnderWay { reply, .. }) = under_way.take() {
+                    if let Some(PendingTransition { reply, .. }) = under_way.take() {
                         state = self.end(state, how);
-                        reply.send(Changed { success: how == Done::Success });
+                        reply.send(ChangeStateResponse { success: how == TransitionResult::Success });
                     }
                 }
-                Some(asked) = self.change.recv() => {
-                    let begun = self.begin(&mut state, asked, &teller);
+                Some(requested) = self.change.recv() => {
+                    let begun = self.begin(&mut state, requested, &message_publisher);
                     under_way = begun.or(under_way);
                 }
-                Some(asked) = self.state.recv() => {
-                    asked.answer(|_| CurrentState { current_state: state.into() });
+                Some(requested) = self.state.recv() => {
+                    requested.answer(|_| CurrentState { current_state: state.into() });
                 }
-                Some(asked) = self.states.recv() => asked.answer(|_| AvailableStates {
+                Some(requested) = self.states.recv() => requested.answer(|_| AvailableStates {
                     available_states: STATES.map(Into::into).to_vec(),
                 }),
-                Some(asked) = self.ways.recv() => asked.answer(|_| described(state.ways().collect())),
-                Some(asked) = self.graph.recv() => asked.answer(|_| described(TRANSITIONS.to_vec())),
+                Some(requested) = self.ways.recv() => requested.answer(|_| described(state.ways().collect())),
+                Some(requested) = self.graph.recv() => requested.answer(|_| described(TRANSITIONS.to_vec())),
                 else => break,
             }
         }
@@ -95,32 +97,32 @@ impl Services {
     fn begin(
         &self,
         state: &mut State,
-        asked: Asked<ChangeState, Changed>,
-        teller: &mpsc::Sender<Order>,
-    ) -> Option<UnderWay> {
-        let Asked { request: ChangeState { transition }, reply } = asked;
-        let begun = state.asked(transition.id, &transition.label).and_then(|(way, task)| {
-            let (order, done) = Order::new(task);
-            teller.try_send(order).ok().map(|()| (way, done))
+        requested: PendingRequest<ChangeStateRequest, ChangeStateResponse>,
+        message_publisher: &mpsc::Sender<LifecycleRequest>,
+    ) -> Option<PendingTransition> {
+        let PendingRequest { request: ChangeStateRequest { transition }, reply } = requested;
+        let begun = state.requested(transition.id, &transition.label).and_then(|(way, task)| {
+            let (order, done) = LifecycleRequest::new(task);
+            message_publisher.try_send(order).ok().map(|()| (way, done))
         });
         let Some((way, done)) = begun else {
             let (id, label) = (transition.id, transition.label);
             warn!(id, label, state = state.label(), "there is no such transition from here");
-            reply.send(Changed { success: false });
+            reply.send(ChangeStateResponse { success: false });
             return None;
         };
         self.goes(way);
         *state = way.to;
-        Some(UnderWay { reply, done })
+        Some(PendingTransition { reply, done })
     }
 
     /// Where what is under way ends. After an error everything is closed, and the node begins anew.
-    fn end(&self, mut state: State, how: Done) -> State {
+    fn end(&self, mut state: State, how: TransitionResult) -> State {
         let mut next = how;
         while let Some(way) = state.ended(next) {
             self.goes(way);
             state = way.to;
-            next = Done::Success;
+            next = TransitionResult::Success;
         }
         state
     }
@@ -134,10 +136,10 @@ impl Services {
 }
 
 /// How what is under way went; never, if nothing is.
-async fn done(under_way: &mut Option<UnderWay>) -> Done {
+async fn done(under_way: &mut Option<PendingTransition>) -> TransitionResult {
     match under_way {
         // The node ended without a word.
-        Some(under_way) => (&mut under_way.done).await.unwrap_or(Done::Error),
+        Some(under_way) => (&mut under_way.done).await.unwrap_or(TransitionResult::Error),
         None => std::future::pending().await,
     }
 }

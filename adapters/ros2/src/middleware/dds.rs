@@ -1,8 +1,13 @@
 //! Ends of topics over DDS: serialized messages in and out.
 
-use std::net::{IpAddr, Ipv4Addr};
-use std::sync::Arc;
+mod domain;
+mod recent;
+mod rejoin;
+mod wall_clock;
+
+use std::future::ready;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use futures_util::{StreamExt, pin_mut};
 use rustdds::dds::statusevents::{DataReaderStatus, DataWriterStatus, StatusEvented};
@@ -11,15 +16,17 @@ use rustdds::discovery::SubscriptionBuiltinTopicData;
 use rustdds::no_key::{DataWriter, DeserializedCacheChange, SimpleDataReader};
 use rustdds::policy::{Deadline, Durability, History, Reliability, ResourceLimits};
 use rustdds::{
-    DomainParticipant, DomainParticipantBuilder, Duration, Publisher, QosPolicies,
-    QosPolicyBuilder, Subscriber, Timestamp, Topic, TopicKind,
+    DomainParticipant, Duration, GUID, QosPolicies, QosPolicyBuilder, Timestamp, Topic, TopicKind,
 };
-use tokio::task::JoinSet;
 use tokio::time::Instant;
 use tracing::warn;
 
-use super::end::{End, dds_type};
-use super::{Publish, Sample, Unread};
+use self::domain::JoinedParticipant;
+pub(crate) use self::domain::{Domain, DomainHandle, InUse, NewEntity};
+pub(crate) use self::recent::RecentIds;
+use super::end::{Endpoint, dds_type};
+use super::{DecodeError, Publish, Sample};
+use crate::error::NodeError;
 use crate::raw::{Cdr, Payload};
 use crate::settings::Qos;
 
@@ -35,20 +42,23 @@ const UNACKNOWLEDGED: i32 = 1024;
 /// ten seconds and more. Nothing watches it, and it suits any deadline that a subscriber requests.
 const REPAIRS: Deadline = Deadline(Duration::from_millis(5));
 
-/// The node in its domain.
-pub(crate) struct Domain {
-    pub(crate) participant: DomainParticipant,
-    publisher: Publisher,
-    subscriber: Subscriber,
-    /// The tasks that serve the endpoints; they end with this.
-    tasks: JoinSet<()>,
-}
+/// How many samples of a topic are remembered, so that what came to two participants is taken once: what comes within a
+/// second or so, and the history that a transient-local publisher sends again.
+const REMEMBERED: usize = 1024;
 
 /// A publisher of serialized messages.
-pub(crate) struct Outlet {
-    writer: Arc<DataWriter<Payload, Cdr>>,
+pub(crate) struct SerializedPublisher {
+    writer: Arc<InUse<Writer>>,
     stamper: Stamper,
-    end: Arc<End>,
+    end: Arc<Endpoint>,
+}
+
+type Writer = Arc<DataWriter<Payload, Cdr>>;
+
+/// A subscription, whichever participant its samples come to.
+struct Inlet<T> {
+    take: T,
+    taken: Mutex<RecentIds<(GUID, i64)>>,
 }
 
 /// One writer's source timestamps: the time of day, but never going back.
@@ -59,104 +69,145 @@ pub(crate) struct Outlet {
 struct Stamper(AtomicU64);
 
 impl Domain {
-    /// Joins the domain.
-    pub(crate) fn join(domain: u16, localhost_only: bool) -> CreateResult<Self> {
-        let mut builder = DomainParticipantBuilder::new(domain);
-        if localhost_only {
-            builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
-        }
-        let participant = builder.build()?;
-        let none = QosPolicies::qos_none();
-        let publisher = participant.create_publisher(&none)?;
-        let subscriber = participant.create_subscriber(&none)?;
-        Ok(Self { participant, publisher, subscriber, tasks: JoinSet::new() })
-    }
-
-    /// Leaves the domain: readers and writers end before their participant does.
-    pub(crate) async fn leave(mut self) {
-        self.tasks.shutdown().await;
-    }
-
     /// Publishes on a topic.
-    pub(crate) fn outlet(&mut self, topic: &str, ty: &str, qos: Qos) -> CreateResult<Outlet> {
+    pub(crate) fn outlet(
+        &self,
+        topic: &str,
+        ty: &str,
+        qos: Qos,
+    ) -> Result<SerializedPublisher, NodeError> {
         let limits = ResourceLimits {
             max_samples: UNACKNOWLEDGED,
             max_instances: 1,
             max_samples_per_instance: UNACKNOWLEDGED,
         };
         let qos = policies(qos).resource_limits(limits).deadline(REPAIRS).build();
-        let dds = self.topic(topic, ty, &qos)?;
-        let writer = self.publisher.create_datawriter_no_key::<Payload, Cdr>(&dds, Some(qos))?;
-        let (writer, end) = (Arc::new(writer), Arc::new(End::new(topic, ty)));
-        let (watched, seen) = (Arc::clone(&writer), Arc::clone(&end));
-        let participant = self.participant.clone();
-        self.tasks.spawn(async move {
-            let statuses = watched.as_async_status_stream();
-            pin_mut!(statuses);
-            while let Some(status) = statuses.next().await {
-                seen.of_writer(&status, &participant);
-            }
-        });
-        Ok(Outlet { writer, stamper: Stamper::default(), end })
+        let (end, writer) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(InUse::default()));
+        let outlet = SerializedPublisher {
+            writer: Arc::clone(&writer),
+            stamper: Stamper::default(),
+            end: Arc::clone(&end),
+        };
+        let (topic, ty) = (topic.to_owned(), ty.to_owned());
+        self.handle().create(move |joined| {
+            let dds = joined.topic(&topic, &ty, &qos)?;
+            let next = joined.publisher.create_datawriter_no_key(&dds, Some(qos.clone()))?;
+            let (next, next_end) = (Writer::new(next), Arc::new(end.in_new_participant()));
+            let (watched, its_end) = (Arc::clone(&next), Arc::clone(&next_end));
+            let participant = joined.participant.clone();
+            joined.tasks.spawn(async move {
+                let statuses = watched.as_async_status_stream();
+                pin_mut!(statuses);
+                while let Some(status) = statuses.next().await {
+                    its_end.of_writer(&status, &participant);
+                }
+            });
+            let writer = Arc::clone(&writer);
+            Ok(Arc::clone(&end).replaced_by(next_end, move || {
+                let replaced = writer.replace(next);
+                async move {
+                    if let Some(writer) = replaced {
+                        drop(writer.async_wait_for_acknowledgments().await);
+                    }
+                }
+            }))
+        })?;
+        Ok(outlet)
     }
 
     /// Subscribes to a topic; `take` gets each message, in its publisher's order.
     pub(crate) fn inlet<F>(
-        &mut self,
+        &self,
         topic: &str,
         ty: &str,
         qos: Qos,
-        take: impl Fn(Sample) -> F + Send + 'static,
-    ) -> CreateResult<Arc<End>>
+        take: impl Fn(Sample) -> F + Send + Sync + 'static,
+    ) -> Result<Arc<Endpoint>, NodeError>
     where
-        F: Future<Output = ()> + Send,
+        F: Future<Output = ()> + Send + 'static,
     {
+        let taken = Mutex::new(RecentIds::new(REMEMBERED.max(qos.depth.into())));
         let qos = policies(qos).build();
-        let dds = self.topic(topic, ty, &qos)?;
-        let reader: SimpleDataReader<Payload, Cdr> =
-            self.subscriber.create_simple_datareader_no_key(&dds, Some(qos))?;
-        let end = Arc::new(End::new(topic, ty));
-        let (seen, participant) = (Arc::clone(&end), self.participant.clone());
-        self.tasks.spawn(async move {
-            let (samples, statuses) = (reader.as_async_stream(), reader.as_async_status_stream());
-            pin_mut!(samples, statuses);
-            loop {
-                tokio::select! {
-                    biased;
-                    Some(status) = statuses.next() => seen.of_reader(&status, &participant),
-                    sample = samples.next() => match sample {
-                        Some(Ok(sample)) if seen.is_strange(sample.writer_guid().to_bytes()) => {}
-                        Some(sample) => {
-                            seen.heard(Instant::now());
-                            let sample = sample.map(DeserializedCacheChange::into_value);
-                            take(sample.map_err(|error| Unread(error.to_string()))).await;
-                        }
-                        None => break,
-                    },
-                }
-            }
-        });
+        let (end, inlet) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(Inlet { take, taken }));
+        let (current_end, topic, ty) = (Arc::clone(&end), topic.to_owned(), ty.to_owned());
+        self.handle().create(move |joined| {
+            let dds = joined.topic(&topic, &ty, &qos)?;
+            let subscriber = &joined.subscriber;
+            let reader = subscriber.create_simple_datareader_no_key(&dds, Some(qos.clone()))?;
+            let next_end = Arc::new(current_end.in_new_participant());
+            let serving = Arc::clone(&inlet).serve(
+                reader,
+                Arc::clone(&next_end),
+                joined.participant.clone(),
+                joined.closed(),
+            );
+            joined.readers.spawn(serving);
+            Ok(Arc::clone(&current_end).replaced_by(next_end, || ready(())))
+        })?;
         Ok(end)
     }
+}
 
+impl JoinedParticipant {
     fn topic(&self, topic: &str, ty: &str, qos: &QosPolicies) -> CreateResult<Topic> {
         self.participant.create_topic(format!("rt{topic}"), dds_type(ty), qos, TopicKind::NoKey)
     }
 }
 
-impl Publish for Outlet {
+impl<T, F> Inlet<T>
+where
+    T: Fn(Sample) -> F + Send + Sync + 'static,
+    F: Future<Output = ()> + Send + 'static,
+{
+    /// Takes what comes to one participant until that is closed.
+    async fn serve(
+        self: Arc<Self>,
+        reader: SimpleDataReader<Payload, Cdr>,
+        end: Arc<Endpoint>,
+        participant: DomainParticipant,
+        closed: impl Future<Output = ()>,
+    ) {
+        let (samples, statuses) = (reader.as_async_stream(), reader.as_async_status_stream());
+        pin_mut!(samples, statuses, closed);
+        loop {
+            tokio::select! {
+                biased;
+                () = &mut closed => break,
+                Some(status) = statuses.next() => end.of_reader(&status, &participant),
+                sample = samples.next() => match sample {
+                    Some(Ok(sample)) if end.is_strange(sample.writer_guid().to_bytes()) => {}
+                    Some(Ok(sample)) if !self.is_new(&sample) => {}
+                    Some(sample) => {
+                        end.received(Instant::now());
+                        let sample = sample.map(DeserializedCacheChange::into_value);
+                        (self.take)(sample.map_err(|error| DecodeError(error.to_string()))).await;
+                    }
+                    None => break,
+                },
+            }
+        }
+    }
+
+    fn is_new(&self, sample: &DeserializedCacheChange<Payload>) -> bool {
+        let id = (sample.writer_guid(), i64::from(sample.sequence_number));
+        self.taken.lock().unwrap_or_else(PoisonError::into_inner).insert(id)
+    }
+}
+
+impl Publish for SerializedPublisher {
     fn publish(&self, payload: Payload) -> bool {
-        match self.writer.write(payload, Some(self.stamper.stamp(Timestamp::now()))) {
-            Ok(()) => true,
-            Err(WriteError::WouldBlock { .. }) => false,
-            Err(error) => {
+        let stamp = self.stamper.stamp(Timestamp::now());
+        match self.writer.with(|writer| writer.write(payload, Some(stamp))) {
+            Some(Ok(())) => true,
+            Some(Err(WriteError::WouldBlock { .. })) | None => false,
+            Some(Err(error)) => {
                 warn!(topic = self.end.topic, %error, "not published");
                 false
             }
         }
     }
 
-    fn end(&self) -> &Arc<End> {
+    fn end(&self) -> &Arc<Endpoint> {
         &self.end
     }
 }
@@ -168,7 +219,24 @@ impl Stamper {
     }
 }
 
-impl End {
+impl Endpoint {
+    /// An endpoint in another participant, which replaces this end's once it has met the same peers.
+    fn replaced_by<F>(
+        self: Arc<Self>,
+        next: Arc<Self>,
+        take_over: impl FnOnce() -> F + Send + 'static,
+    ) -> NewEntity
+    where
+        F: Future<Output = ()> + Send + 'static,
+    {
+        let (current, its_next) = (Arc::clone(&self), Arc::clone(&next));
+        let entity = NewEntity::draining(move || {
+            current.use_peers_of(&its_next);
+            take_over()
+        });
+        entity.once(move || next.has_all_peers_of(&self))
+    }
+
     fn of_writer(&self, status: &DataWriterStatus, participant: &DomainParticipant) {
         match status {
             DataWriterStatus::PublicationMatched { current, reader, .. } => {

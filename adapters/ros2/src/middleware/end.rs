@@ -1,25 +1,28 @@
 //! The node's end of a topic, and the peers at the other end.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::time::Instant;
 use tracing::{info, warn};
 
-use crate::rhythm::Rhythm;
+use crate::silence_detector::SilenceDetector;
 
 /// What tells one end of a topic from all others, as ROS has it.
 pub(crate) type Gid = [u8; 16];
 
 /// The node's end of a topic, and its peers.
 #[derive(Debug)]
-pub(crate) struct End {
+pub(crate) struct Endpoint {
     pub(crate) topic: String,
     /// The type's name in DDS.
     type_name: String,
-    peers: Mutex<Peers>,
-    rhythm: Mutex<Rhythm>,
+    /// Those of the endpoint in use: after a rejoin over DDS they are another endpoint's.
+    peers: Mutex<SharedPeers>,
+    silence_detector: Arc<Mutex<SilenceDetector>>,
 }
+
+type SharedPeers = Arc<Mutex<Peers>>;
 
 #[derive(Default, Debug)]
 struct Peers {
@@ -37,76 +40,105 @@ pub(crate) struct Incompatible {
     pub(crate) policy: String,
 }
 
-impl End {
+impl Endpoint {
     pub(crate) fn new(topic: &str, ty: &str) -> Self {
-        let (peers, rhythm) = (Mutex::default(), Mutex::default());
-        Self { topic: topic.into(), type_name: dds_type(ty), peers, rhythm }
+        let (peers, silence_detector) = (Mutex::default(), Arc::default());
+        Self { topic: topic.into(), type_name: dds_type(ty), peers, silence_detector }
+    }
+
+    /// The same topic's end in another participant, which has met nobody yet.
+    pub(super) fn in_new_participant(&self) -> Self {
+        let (topic, type_name) = (self.topic.clone(), self.type_name.clone());
+        Self {
+            topic,
+            type_name,
+            peers: Mutex::default(),
+            silence_detector: Arc::clone(&self.silence_detector),
+        }
+    }
+
+    /// Whether it has met all peers that the other end has.
+    pub(super) fn has_all_peers_of(&self, other: &Self) -> bool {
+        let matched = other.peers(|peers| peers.matched.clone());
+        self.peers(|peers| peers.matched.is_superset(&matched))
+    }
+
+    /// From now on its peers are those of the other end.
+    pub(super) fn use_peers_of(&self, other: &Self) {
+        let peers = Arc::clone(&locked(&other.peers));
+        *locked(&self.peers) = peers;
     }
 
     /// Sets how long counts as silence; none leaves it to the gaps between messages.
     pub(crate) fn patience(&self, patience: Option<std::time::Duration>) {
-        *self.rhythm() = Rhythm::new(patience);
+        *self.silence_detector() = SilenceDetector::new(patience);
     }
 
     /// A message came.
-    pub(crate) fn heard(&self, now: Instant) {
-        self.rhythm().beat(now);
+    pub(crate) fn received(&self, now: Instant) {
+        self.silence_detector().beat(now);
     }
 
     /// How long nothing has come, if that is too long and a publisher is there.
     pub(crate) fn silence(&self) -> Option<std::time::Duration> {
-        if self.matched() == 0 { None } else { self.rhythm().silence(Instant::now()) }
+        if self.matched() == 0 { None } else { self.silence_detector().silence(Instant::now()) }
     }
 
     /// How many peers there are.
     pub(crate) fn matched(&self) -> usize {
-        self.peers().matched.len()
+        self.peers(|peers| peers.matched.len())
     }
 
     /// The peers found whose quality of service does not fit.
     pub(crate) fn incompatible(&self) -> Option<Incompatible> {
-        self.peers().incompatible.clone()
+        self.peers(|peers| peers.incompatible.clone())
     }
 
     /// The message type of a peer that has another one, if there is such a peer.
     pub(crate) fn other_type(&self) -> Option<String> {
-        self.peers().strangers.values().next().cloned()
+        self.peers(|peers| peers.strangers.values().next().cloned())
     }
 
     pub(super) fn is_strange(&self, peer: Gid) -> bool {
-        self.peers().strangers.contains_key(&peer)
+        self.peers(|peers| peers.strangers.contains_key(&peer))
     }
 
     /// A peer came or left.
     pub(crate) fn change(&self, peer: Gid, by: i32, type_name: Option<&String>) {
-        let mut peers = self.peers();
-        if by <= 0 {
-            peers.strangers.remove(&peer);
-            if peers.matched.remove(&peer) {
-                info!(topic = self.topic, peers = peers.matched.len(), "a peer left");
+        self.peers(|peers| {
+            if by <= 0 {
+                peers.strangers.remove(&peer);
+                if peers.matched.remove(&peer) {
+                    info!(topic = self.topic, peers = peers.matched.len(), "a peer left");
+                }
+            } else if let Some(other) = type_name.filter(|name| **name != self.type_name) {
+                warn!(topic = self.topic, ours = self.type_name, other, "a peer has another type");
+                peers.strangers.insert(peer, other.clone());
+            } else if peers.matched.insert(peer) {
+                info!(topic = self.topic, peers = peers.matched.len(), "a peer came");
+                self.silence_detector().rest(Instant::now());
             }
-        } else if let Some(other) = type_name.filter(|name| **name != self.type_name) {
-            warn!(topic = self.topic, ours = self.type_name, other, "a peer has another type");
-            peers.strangers.insert(peer, other.clone());
-        } else if peers.matched.insert(peer) {
-            info!(topic = self.topic, peers = peers.matched.len(), "a peer came");
-            self.rhythm().rest(Instant::now());
-        }
+        });
     }
 
     pub(super) fn refuse(&self, count: i32, policy: String) {
         warn!(topic = self.topic, policy, "a peer's quality of service does not fit");
-        self.peers().incompatible = Some(Incompatible { count, policy });
+        self.peers(|peers| peers.incompatible = Some(Incompatible { count, policy }));
     }
 
-    /// Changes are made whole, so even a poisoned lock holds a sound state.
-    fn peers(&self) -> MutexGuard<'_, Peers> {
-        self.peers.lock().unwrap_or_else(PoisonError::into_inner)
+    fn peers<R>(&self, access: impl FnOnce(&mut Peers) -> R) -> R {
+        let peers = Arc::clone(&locked(&self.peers));
+        access(&mut locked(&peers))
     }
 
-    fn rhythm(&self) -> MutexGuard<'_, Rhythm> {
-        self.rhythm.lock().unwrap_or_else(PoisonError::into_inner)
+    fn silence_detector(&self) -> MutexGuard<'_, SilenceDetector> {
+        locked(&self.silence_detector)
     }
+}
+
+/// Changes are made whole, so even a poisoned lock holds a sound state.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A message type's name in DDS: `pkg/msg/Type` is `pkg::msg::dds_::Type_`.
@@ -124,7 +156,7 @@ mod tests {
     /// D14.
     #[test]
     fn a_peer_with_another_type_is_no_peer_until_it_leaves() {
-        let (end, peer) = (End::new("/input", "a_msgs/msg/A"), [7; 16]);
+        let (end, peer) = (Endpoint::new("/input", "a_msgs/msg/A"), [7; 16]);
         let other = "b_msgs::msg::dds_::B_".to_owned();
         end.change(peer, 1, Some(&other));
         assert_eq!((end.matched(), end.other_type(), end.is_strange(peer)), (0, Some(other), true));
@@ -133,6 +165,24 @@ mod tests {
         end.change(peer, 1, Some(&"a_msgs::msg::dds_::A_".to_owned()));
         assert_eq!((end.matched(), end.other_type(), end.is_strange(peer)), (1, None, false));
         end.change(peer, -1, None);
+        assert_eq!(end.matched(), 0);
+    }
+
+    /// D13.
+    #[test]
+    fn a_new_participant_meets_the_peers_of_a_topic_before_they_are_taken_from_it() {
+        let (end, peer, late) = (Endpoint::new("/input", "a_msgs/msg/A"), [7; 16], [8; 16]);
+        end.change(peer, 1, None);
+        let next = end.in_new_participant();
+        assert!(!next.has_all_peers_of(&end));
+        next.change(peer, 1, None);
+        assert!(next.has_all_peers_of(&end));
+        end.change(late, 1, None);
+        assert!(!next.has_all_peers_of(&end));
+        assert_eq!((end.matched(), next.matched()), (2, 1));
+        end.use_peers_of(&next);
+        assert_eq!(end.matched(), 1);
+        next.change(peer, -1, None);
         assert_eq!(end.matched(), 0);
     }
 

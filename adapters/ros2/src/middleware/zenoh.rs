@@ -30,8 +30,8 @@ use zenoh_ext::{
 
 use self::types::Types;
 use self::wire::{Attachment, Entity, Kind, Owner, gid, group_key, hash_of, type_of};
-use super::end::{End, Gid, dds_type};
-use super::{Publish, Sample, Unread};
+use super::end::{Endpoint, Gid, dds_type};
+use super::{DecodeError, Publish, Sample};
 use crate::error::NodeError;
 use crate::raw::Payload;
 use crate::settings::{Qos, Role, Settings};
@@ -43,7 +43,7 @@ const WAITING: (usize, usize) = (1024, 64 << 20);
 const BURST: usize = 64;
 
 /// The node in its session.
-pub(crate) struct Realm {
+pub(crate) struct ZenohSession {
     shared: Arc<Shared>,
     /// Subscribers, queryables and tokens; they end with this.
     held: Vec<Box<dyn Any + Send + Sync>>,
@@ -62,8 +62,8 @@ struct Shared {
 }
 
 /// A publisher of serialized messages. A thread of its own publishes them, for a link that is too slow holds it up.
-pub(crate) struct Outlet {
-    end: Arc<End>,
+pub(crate) struct SerializedPublisher {
+    end: Arc<Endpoint>,
     queue: mpsc::Sender<Payload>,
     waiting: Arc<Waiting>,
 }
@@ -76,7 +76,7 @@ struct Waiting {
 }
 
 /// What publishes, once the type's hash is known.
-struct Voice {
+struct TypedPublisher {
     writer: Writer,
     source: Gid,
     sequence: AtomicI64,
@@ -90,7 +90,7 @@ enum Writer {
     TransientLocal(AdvancedPublisher<'static>),
 }
 
-impl Realm {
+impl ZenohSession {
     /// Opens a session, which the environment configures, and shows the node in it.
     pub(crate) async fn join(settings: &Settings) -> Result<Self, NodeError> {
         let config = config::from_environment()?;
@@ -134,19 +134,24 @@ impl Realm {
     }
 
     /// Publishes on a topic.
-    pub(crate) fn outlet(&mut self, topic: &str, ty: &str, qos: Qos) -> Result<Outlet, NodeError> {
+    pub(crate) fn outlet(
+        &mut self,
+        topic: &str,
+        ty: &str,
+        qos: Qos,
+    ) -> Result<SerializedPublisher, NodeError> {
         let end = self.end(topic, ty, Kind::Subscription)?;
         let (queue, payloads) = mpsc::channel::<Payload>();
         let waiting = Arc::new(Waiting::default());
-        let voice: Arc<OnceLock<Voice>> = Arc::default();
-        let (declared, shared) = (Arc::downgrade(&voice), Arc::clone(&self.shared));
+        let status_publisher: Arc<OnceLock<TypedPublisher>> = Arc::default();
+        let (declared, shared) = (Arc::downgrade(&status_publisher), Arc::clone(&self.shared));
         let (name, type_name) = (topic.to_owned(), dds_type(ty));
         self.when_known(ty, move |hash| {
             // It may have closed meanwhile.
             let Some(declared) = declared.upgrade() else { return };
             let entity = Entity { kind: Kind::Publisher, name: &name, type_name: &type_name, hash };
-            match shared.voice(&entity, qos) {
-                Ok(voice) => drop(declared.set(voice)),
+            match shared.status_publisher(&entity, qos) {
+                Ok(status_publisher) => drop(declared.set(status_publisher)),
                 Err(error) => warn!(topic = name, %error, "Zenoh refuses to publish on it"),
             }
         })?;
@@ -157,7 +162,10 @@ impl Realm {
                 for payload in payloads {
                     let bytes = payload.body.len();
                     // Without a hash there is no subscriber either: it would have said it.
-                    if let Some(Err(error)) = voice.get().map(|voice| voice.publish(&payload)) {
+                    if let Some(Err(error)) = status_publisher
+                        .get()
+                        .map(|status_publisher| status_publisher.publish(&payload))
+                    {
                         warn!(topic, %error, "not published");
                     }
                     done.messages.fetch_sub(1, Ordering::Relaxed);
@@ -165,7 +173,7 @@ impl Realm {
                 }
             })
             .map_err(NodeError::System)?;
-        Ok(Outlet { end, queue, waiting })
+        Ok(SerializedPublisher { end, queue, waiting })
     }
 
     /// Subscribes to a topic; `take` gets each message, in its publisher's order.
@@ -175,7 +183,7 @@ impl Realm {
         ty: &str,
         qos: Qos,
         take: impl Fn(Sample) -> F + Send + Sync + 'static,
-    ) -> Result<Arc<End>, NodeError>
+    ) -> Result<Arc<Endpoint>, NodeError>
     where
         F: Future<Output = ()> + Send + 'static,
     {
@@ -241,9 +249,9 @@ impl Realm {
     }
 
     /// An end whose peers are of this kind.
-    fn end(&mut self, topic: &str, ty: &str, peers: Kind) -> Result<Arc<End>, NodeError> {
+    fn end(&mut self, topic: &str, ty: &str, peers: Kind) -> Result<Arc<Endpoint>, NodeError> {
         let Shared { session, owner, types, .. } = &*self.shared;
-        let (end, type_name) = (Arc::new(End::new(topic, ty)), dds_type(ty));
+        let (end, type_name) = (Arc::new(Endpoint::new(topic, ty)), dds_type(ty));
         let (seen, ours, types) = (Arc::clone(&end), owner.clone(), types.clone());
         let tokens = session
             .liveliness()
@@ -282,7 +290,7 @@ impl Realm {
 
 /// What comes on a topic, and where it goes.
 struct Samples<T> {
-    end: Arc<End>,
+    end: Arc<Endpoint>,
     types: Types,
     type_name: String,
     take: T,
@@ -304,15 +312,15 @@ where
             if types.known(type_name).is_some_and(|known| known != hash) {
                 continue;
             }
-            end.heard(Instant::now());
+            end.received(Instant::now());
             let bytes = Bytes::from(sample.payload().to_bytes().into_owned());
             let payload = Payload::from_serialized(&bytes);
-            take(payload.ok_or_else(|| Unread("it is not plain CDR".into()))).await;
+            take(payload.ok_or_else(|| DecodeError("it is not plain CDR".into()))).await;
         }
     }
 }
 
-impl Drop for Realm {
+impl Drop for ZenohSession {
     fn drop(&mut self) {
         let (held, session) = (std::mem::take(&mut self.held), self.shared.session.clone());
         let is_first = self.is_first;
@@ -338,7 +346,7 @@ impl Shared {
 
     /// What publishes on a topic. What a slow link does not take is left out, as `rmw_zenoh` does with what keeps the
     /// last messages.
-    fn voice(&self, entity: &Entity, qos: Qos) -> zenoh::Result<Voice> {
+    fn status_publisher(&self, entity: &Entity, qos: Qos) -> zenoh::Result<TypedPublisher> {
         let key = self.owner.key(entity.name, entity.type_name, entity.hash);
         let reliability =
             if qos.reliable { Reliability::Reliable } else { Reliability::BestEffort };
@@ -362,11 +370,11 @@ impl Shared {
             Ok(None) | Err(_) => Writer::Volatile(publisher().wait()?),
         };
         let (token, source) = self.token(entity, qos)?;
-        Ok(Voice { writer, source, sequence: AtomicI64::new(1), _token: token })
+        Ok(TypedPublisher { writer, source, sequence: AtomicI64::new(1), _token: token })
     }
 }
 
-impl Voice {
+impl TypedPublisher {
     fn publish(&self, payload: &Payload) -> zenoh::Result<()> {
         let sequence = self.sequence.fetch_add(1, Ordering::Relaxed);
         let attachment = Attachment { sequence, sent: time_of_day(), source: self.source };
@@ -378,7 +386,7 @@ impl Voice {
     }
 }
 
-impl Publish for Outlet {
+impl Publish for SerializedPublisher {
     fn publish(&self, payload: Payload) -> bool {
         let (messages, most) = (&self.waiting.messages, WAITING);
         let length = payload.body.len();
@@ -393,7 +401,7 @@ impl Publish for Outlet {
         false
     }
 
-    fn end(&self) -> &Arc<End> {
+    fn end(&self) -> &Arc<Endpoint> {
         &self.end
     }
 }
@@ -406,9 +414,9 @@ pub(crate) fn time_of_day() -> i64 {
 
 /// Does something on a thread outside of this runtime, and waits for it.
 async fn apart<T: Send + 'static>(act: impl FnOnce() -> T + Send + 'static) -> T {
-    let (done, heard) = oneshot::channel();
+    let (done, received) = oneshot::channel();
     let thread = thread::spawn(move || drop(done.send(act())));
-    match heard.await {
+    match received.await {
         Ok(done) => done,
         Err(_) => match thread.join() {
             Err(panic) => std::panic::resume_unwind(panic),

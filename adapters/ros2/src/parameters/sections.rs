@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::names::{NodeName, check_token};
-use crate::parameters::value::{self, Flawed, Value};
+use crate::parameters::value::{self, FlawResult, Value};
 use crate::parameters::yaml::{self, Content, Entry, Mark, Node, YamlError};
-use crate::parameters::{Flaw, Given, ParameterError, Place};
+use crate::parameters::{ParameterError, ParameterFlaw, ParameterOverride, ValueOrigin};
 
 /// The key above a node's parameters.
 const PARAMETERS: &str = "ros__parameters";
@@ -16,9 +16,9 @@ pub(super) fn given(
     path: &Path,
     text: &str,
     node: &NodeName,
-) -> Result<Vec<Given>, ParameterError> {
-    let place = |(line, column)| Place::File(path.to_owned(), line, column);
-    let fault = |(mark, flaw)| ParameterError::Flaw { place: place(mark), flaw };
+) -> Result<Vec<ParameterOverride>, ParameterError> {
+    let place = |(line, column)| ValueOrigin::File(path.to_owned(), line, column);
+    let fault = |(mark, flaw)| ParameterError::ParameterFlaw { place: place(mark), flaw };
     let root = yaml::read(text).map_err(|(mark, error)| fault((mark, error.into())))?;
     let mut sections = Vec::new();
     if let Some(root) = &root {
@@ -33,7 +33,7 @@ pub(super) fn given(
         let is_shared = pattern.last().is_some_and(|part| part.starts_with('*'));
         let mut flat = BTreeMap::new();
         flatten("", parameters, &mut flat).map_err(fault)?;
-        all.extend(flat.into_iter().map(|(name, (mark, value))| Given {
+        all.extend(flat.into_iter().map(|(name, (mark, value))| ParameterOverride {
             name,
             value,
             place: place(mark),
@@ -50,28 +50,31 @@ type Section<'a> = (Vec<&'a str>, &'a [Entry]);
 type Flat = BTreeMap<String, (Mark, Value)>;
 
 /// Finds the keys above parameters; the keys on the way there make up the node's name.
-fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) -> Flawed<()> {
-    let Content::Mapping(entries) = &node.content else { return Err((node.mark, Flaw::Node)) };
+fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) -> FlawResult<()> {
+    let Content::Mapping(entries) = &node.content else {
+        return Err((node.mark, ParameterFlaw::Node));
+    };
     for Entry { mark, key, value } in entries {
         if key != PARAMETERS {
             let mut pattern = above.to_owned();
             for part in key.strip_prefix('/').unwrap_or(key).split('/') {
                 if part != "*" && part != "**" {
-                    let flaw = |source| (*mark, Flaw::Pattern { name: key.clone(), source });
+                    let flaw =
+                        |source| (*mark, ParameterFlaw::Pattern { name: key.clone(), source });
                     check_token(part).map_err(flaw)?;
                 }
                 pattern.push(part);
             }
             walk(&pattern, value, sections)?;
         } else if above.is_empty() {
-            return Err((*mark, Flaw::Node));
+            return Err((*mark, ParameterFlaw::Node));
         } else {
             match &value.content {
                 Content::Mapping(parameters) => sections.push((above.to_owned(), parameters)),
                 // All parameters may be commented out.
                 Content::Scalar { text, is_plain: true } if text.is_empty() => {}
                 Content::Scalar { .. } | Content::List(_) => {
-                    return Err((value.mark, Flaw::Parameters));
+                    return Err((value.mark, ParameterFlaw::Parameters));
                 }
             }
         }
@@ -115,7 +118,7 @@ fn specificity(pattern: &[&str]) -> u8 {
 }
 
 /// Joins the names of nested parameters with dots.
-fn flatten(above: &str, entries: &[Entry], flat: &mut Flat) -> Flawed<()> {
+fn flatten(above: &str, entries: &[Entry], flat: &mut Flat) -> FlawResult<()> {
     for Entry { mark, key, value } in entries {
         let name = if above.is_empty() { key.clone() } else { format!("{above}.{key}") };
         match &value.content {

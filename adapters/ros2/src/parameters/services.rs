@@ -17,8 +17,8 @@ use tokio::task::JoinSet;
 use tracing::info;
 
 use super::ros;
+use crate::backend::{NodeBackend, ParameterCallback, TypeName};
 use crate::error::NodeError;
-use crate::home::{HearsOfChange, Home, TypeName};
 use crate::service::Requests;
 use crate::settings::{Change, Current, Parameter, Range};
 
@@ -52,24 +52,27 @@ pub(crate) struct Parameters {
     /// Hears of each change.
     pub(crate) setter: mpsc::UnboundedSender<Change>,
     /// Hears of each parameter that was set.
-    pub(crate) set: HearsOfChange,
+    pub(crate) set: ParameterCallback,
 }
 
 impl Services {
     /// Offers them.
-    pub(crate) fn offer(home: &mut Home, tasks: &mut JoinSet<()>) -> Result<Self, NodeError> {
+    pub(crate) fn offer(
+        backend: &mut NodeBackend,
+        tasks: &mut JoinSet<()>,
+    ) -> Result<Self, NodeError> {
         let ty = |name| TypeName { package: "rcl_interfaces", name };
         Ok(Self {
-            get: home.serve("get_parameters", ty("GetParameters"), tasks)?,
-            types: home.serve("get_parameter_types", ty("GetParameterTypes"), tasks)?,
-            set: home.serve("set_parameters", ty("SetParameters"), tasks)?,
-            set_all: home.serve(
+            get: backend.serve("get_parameters", ty("GetParameters"), tasks)?,
+            types: backend.serve("get_parameter_types", ty("GetParameterTypes"), tasks)?,
+            set: backend.serve("set_parameters", ty("SetParameters"), tasks)?,
+            set_all: backend.serve(
                 "set_parameters_atomically",
                 ty("SetParametersAtomically"),
                 tasks,
             )?,
-            list: home.serve("list_parameters", ty("ListParameters"), tasks)?,
-            describe: home.serve("describe_parameters", ty("DescribeParameters"), tasks)?,
+            list: backend.serve("list_parameters", ty("ListParameters"), tasks)?,
+            describe: backend.serve("describe_parameters", ty("DescribeParameters"), tasks)?,
         })
     }
 
@@ -77,26 +80,26 @@ impl Services {
     pub(crate) async fn run(mut self, parameters: Parameters) {
         loop {
             tokio::select! {
-                Some(asked) = self.get.recv() => asked.answer(|asked| GetParametersResponse {
-                    values: asked.names.iter().map(|name| parameters.value(name)).collect(),
+                Some(requested) = self.get.recv() => requested.answer(|requested| GetParametersResponse {
+                    values: requested.names.iter().map(|name| parameters.value(name)).collect(),
                 }),
-                Some(asked) = self.types.recv() => asked.answer(|asked| GetParameterTypesResponse {
-                    values: asked.names.iter().map(|name| parameters.value(name).ptype).collect(),
+                Some(requested) = self.types.recv() => requested.answer(|requested| GetParameterTypesResponse {
+                    values: requested.names.iter().map(|name| parameters.value(name).ptype).collect(),
                 }),
-                Some(asked) = self.set.recv() => asked.answer(|asked| SetParametersResponse {
-                    results: asked.parameter.into_iter().map(|it| parameters.set(vec![it])).collect(),
+                Some(requested) = self.set.recv() => requested.answer(|requested| SetParametersResponse {
+                    results: requested.parameter.into_iter().map(|it| parameters.set(vec![it])).collect(),
                 }),
-                Some(asked) = self.set_all.recv() => {
-                    asked.answer(|asked| SetParametersAtomicallyResponse {
-                        result: parameters.set(asked.parameter),
+                Some(requested) = self.set_all.recv() => {
+                    requested.answer(|requested| SetParametersAtomicallyResponse {
+                        result: parameters.set(requested.parameter),
                     });
                 }
-                Some(asked) = self.list.recv() => asked.answer(|asked| ListParametersResponse {
-                    result: parameters.list(&asked),
+                Some(requested) = self.list.recv() => requested.answer(|requested| ListParametersResponse {
+                    result: parameters.list(&requested),
                 }),
-                Some(asked) = self.describe.recv() => {
-                    asked.answer(|asked| DescribeParametersResponse {
-                        values: asked.names.iter().map(|name| parameters.describe(name)).collect(),
+                Some(requested) = self.describe.recv() => {
+                    requested.answer(|requested| DescribeParametersResponse {
+                        values: requested.names.iter().map(|name| parameters.describe(name)).collect(),
                     });
                 }
                 else => break,
@@ -138,15 +141,18 @@ impl Parameters {
     }
 
     /// As rclcpp lists them: `depth` counts parts between dots, and 0 is any number.
-    fn list(&self, asked: &ListParametersRequest) -> ListParametersResult {
-        let is_within =
-            |rest: &str| asked.depth == 0 || (rest.matches('.').count() as u64) < asked.depth;
+    fn list(&self, requested: &ListParametersRequest) -> ListParametersResult {
+        let is_within = |rest: &str| {
+            requested.depth == 0 || (rest.matches('.').count() as u64) < requested.depth
+        };
         let is_listed = |name: &str| {
-            asked.prefixes.is_empty() && is_within(name)
-                || asked.prefixes.iter().any(|prefix| match name.strip_prefix(prefix.as_str()) {
-                    Some("") => true,
-                    Some(rest) => rest.strip_prefix('.').is_some_and(is_within),
-                    None => false,
+            requested.prefixes.is_empty() && is_within(name)
+                || requested.prefixes.iter().any(|prefix| {
+                    match name.strip_prefix(prefix.as_str()) {
+                        Some("") => true,
+                        Some(rest) => rest.strip_prefix('.').is_some_and(is_within),
+                        None => false,
+                    }
                 })
         };
         let settings = self.settings.locked();

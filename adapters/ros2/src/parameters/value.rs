@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write as _};
 
-use crate::parameters::Flaw;
+use crate::parameters::ParameterFlaw;
 use crate::parameters::yaml::{Content, Mark, Node};
 
 /// A parameter's value, of one of ROS's types.
@@ -39,22 +39,22 @@ impl Value {
     }
 }
 
-pub(super) type Flawed<T> = Result<T, (Mark, Flaw)>;
+pub(super) type FlawResult<T> = Result<T, (Mark, ParameterFlaw)>;
 
 /// Reads the value of the parameter `name`.
-pub(super) fn read(name: &str, node: &Node) -> Flawed<Value> {
+pub(super) fn read(name: &str, node: &Node) -> FlawResult<Value> {
     let read = match &node.content {
         Content::Scalar { text, is_plain: false } => return Ok(Value::String(text.clone())),
         Content::Scalar { text, is_plain: true } => {
-            return plain(text).ok_or_else(|| (node.mark, Flaw::Empty(name.to_owned())));
+            return plain(text).ok_or_else(|| (node.mark, ParameterFlaw::Empty(name.to_owned())));
         }
         Content::List(list) => {
             let values = list.iter().map(|node| read(name, node)).collect::<Result<Vec<_>, _>>()?;
             list_of(values)
         }
-        Content::Mapping(_) => return Err((node.mark, Flaw::Mapping(name.to_owned()))),
+        Content::Mapping(_) => return Err((node.mark, ParameterFlaw::Mapping(name.to_owned()))),
     };
-    read.ok_or_else(|| (node.mark, Flaw::List(name.to_owned())))
+    read.ok_or_else(|| (node.mark, ParameterFlaw::List(name.to_owned())))
 }
 
 impl fmt::Display for Value {
@@ -62,20 +62,20 @@ impl fmt::Display for Value {
         match self {
             Self::Bool(bool) => bool.fmt(f),
             Self::Integer(integer) => integer.fmt(f),
-            Self::Double(double) => write!(f, "{:?}", Shown(double)),
-            Self::String(string) => write!(f, "{:?}", Shown(string)),
+            Self::Double(double) => write!(f, "{:?}", YamlDisplay(double)),
+            Self::String(string) => write!(f, "{:?}", YamlDisplay(string)),
             Self::Bools(list) => write!(f, "{list:?}"),
             Self::Integers(list) => write!(f, "{list:?}"),
-            Self::Doubles(list) => f.debug_list().entries(list.iter().map(Shown)).finish(),
-            Self::Strings(list) => f.debug_list().entries(list.iter().map(Shown)).finish(),
+            Self::Doubles(list) => f.debug_list().entries(list.iter().map(YamlDisplay)).finish(),
+            Self::Strings(list) => f.debug_list().entries(list.iter().map(YamlDisplay)).finish(),
         }
     }
 }
 
 /// A value as YAML, in one line of printable characters.
-struct Shown<'a, T>(&'a T);
+struct YamlDisplay<'a, T>(&'a T);
 
-impl fmt::Debug for Shown<'_, f64> {
+impl fmt::Debug for YamlDisplay<'_, f64> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self.0 {
             number if number.is_nan() => f.write_str(".nan"),
@@ -86,7 +86,7 @@ impl fmt::Debug for Shown<'_, f64> {
     }
 }
 
-impl fmt::Debug for Shown<'_, String> {
+impl fmt::Debug for YamlDisplay<'_, String> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_char('"')?;
         for c in self.0.chars() {

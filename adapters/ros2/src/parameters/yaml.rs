@@ -95,10 +95,10 @@ struct Reader<'a> {
     events: Parser<'a, StrInput<'a>>,
 }
 
-type Faulty<T> = Result<T, (Mark, YamlError)>;
+type YamlResult<T> = Result<T, (Mark, YamlError)>;
 
 impl<'a> Reader<'a> {
-    fn next(&mut self) -> Faulty<(Event<'a>, Mark)> {
+    fn next(&mut self) -> YamlResult<(Event<'a>, Mark)> {
         match self.events.next_event() {
             Some(Ok((event, span))) => Ok((event, begin(span))),
             Some(Err(error)) => Err(syntax(&error)),
@@ -107,7 +107,7 @@ impl<'a> Reader<'a> {
     }
 
     /// The value that begins with the event, `depth` levels down.
-    fn node(&mut self, event: Event<'a>, mark: Mark, depth: usize) -> Faulty<Node> {
+    fn node(&mut self, event: Event<'a>, mark: Mark, depth: usize) -> YamlResult<Node> {
         if depth > NESTING {
             return Err((mark, YamlError::Deep));
         }
@@ -144,7 +144,7 @@ impl<'a> Reader<'a> {
         Ok(Node { mark, content })
     }
 
-    fn list(&mut self, depth: usize) -> Faulty<Vec<Node>> {
+    fn list(&mut self, depth: usize) -> YamlResult<Vec<Node>> {
         let mut list = Vec::new();
         loop {
             match self.next()? {
@@ -154,7 +154,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn mapping(&mut self, depth: usize) -> Faulty<Vec<Entry>> {
+    fn mapping(&mut self, depth: usize) -> YamlResult<Vec<Entry>> {
         let mut mapping = Vec::new();
         let mut keys = HashSet::new();
         loop {

@@ -9,10 +9,10 @@ use fuseline_engine::{
 use tokio::time::Instant;
 
 use super::*;
-use crate::source::Way;
+use crate::source::Route;
 
 /// What happened to the node, and its level and message then.
-type NodeCase = (fn(&mut Tally, &mut Intake), u8, &'static str);
+type NodeCase = (fn(&mut Tally, &mut NodeCounts), u8, &'static str);
 /// The same of a source.
 type SourceCase = (fn(&mut SourceTally, &mut Source), u8, &'static str);
 
@@ -27,9 +27,9 @@ fn none() -> Tally {
 
 /// A source that needs no topics.
 fn source(priority: u16, name: &str) -> Source {
-    let way = Way::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
-    let (deadline, strays) = (None, Strays::default());
-    Source { priority, name: name.into(), way, enabled: true, deadline, hints: None, strays }
+    let way = Route::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
+    let (deadline, unmatched) = (None, UnmatchedResults::default());
+    Source { priority, name: name.into(), way, enabled: true, deadline, hints: None, unmatched }
 }
 
 fn sources() -> [Source; 2] {
@@ -37,8 +37,8 @@ fn sources() -> [Source; 2] {
 }
 
 /// Both ends of the node, each with a peer.
-fn ends() -> [End; 2] {
-    let ends = ["/input", "/output"].map(|topic| End::new(topic, "a_msgs/msg/A"));
+fn ends() -> [Endpoint; 2] {
+    let ends = ["/input", "/output"].map(|topic| Endpoint::new(topic, "a_msgs/msg/A"));
     for end in &ends {
         end.change([7; 16], 1, None);
     }
@@ -46,11 +46,12 @@ fn ends() -> [End; 2] {
 }
 
 /// The report of a part of the node after a period in which this happened.
-fn said(
+fn reported_lines(
     part: usize,
-    happened: impl FnOnce(&mut Tally, &mut Intake, &mut [Source; 2], &[End; 2]),
+    happened: impl FnOnce(&mut Tally, &mut NodeCounts, &mut [Source; 2], &[Endpoint; 2]),
 ) -> (u8, String) {
-    let (mut tally, mut intake, mut sources, ends) = (none(), Intake::default(), sources(), ends());
+    let (mut tally, mut intake, mut sources, ends) =
+        (none(), NodeCounts::default(), sources(), ends());
     let mut reporter = Reporter::new("/fuseline", none());
     happened(&mut tally, &mut intake, &mut sources, &ends);
     let ends = ends.each_ref();
@@ -70,8 +71,8 @@ fn said(
 /// D15.
 #[test]
 fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
-    let fusion = |happened: fn(&mut Tally, &mut Intake)| {
-        said(0, |tally, intake, _, _| happened(tally, intake))
+    let fusion = |happened: fn(&mut Tally, &mut NodeCounts)| {
+        reported_lines(0, |tally, intake, _, _| happened(tally, intake))
     };
     let cases: [NodeCase; 9] = [
         (|tally, _| tally.messages = 5, OK, "each message answered"),
@@ -111,7 +112,7 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
 
 #[test]
 fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
-    let ends = |happened: fn(&[End; 2])| said(0, |_, _, _, ends| happened(ends));
+    let ends = |happened: fn(&[Endpoint; 2])| reported_lines(0, |_, _, _, ends| happened(ends));
     let gone = ends(|ends| ends[1].change([7; 16], -1, None));
     assert_eq!(gone, (OK, "nobody on /output".to_owned()));
     let other = ends(|ends| {
@@ -124,17 +125,17 @@ fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
 /// D15.
 #[test]
 fn the_node_warns_of_a_speed_that_is_not_known_after_what_is_worse() {
-    let said = |missed| {
+    let reported_lines = |missed| {
         let blind = Some("no speed on /odom for 0.7 s".to_owned());
         let (tally, ends) = (Tally { missed, ..none() }, ends());
         let mut reporter = Reporter::new("/fuseline", none());
-        let mut said =
-            reporter.period(tally, Intake::default(), &sources(), &ends.each_ref(), blind);
-        let status = said.swap_remove(0);
+        let mut reported_lines =
+            reporter.period(tally, NodeCounts::default(), &sources(), &ends.each_ref(), blind);
+        let status = reported_lines.swap_remove(0);
         (status.level, status.message)
     };
-    assert_eq!(said(0), (WARN, "no speed on /odom for 0.7 s".to_owned()));
-    assert_eq!(said(1), (ERROR, "1 messages missed".to_owned()));
+    assert_eq!(reported_lines(0), (WARN, "no speed on /odom for 0.7 s".to_owned()));
+    assert_eq!(reported_lines(1), (ERROR, "1 messages missed".to_owned()));
 }
 
 /// D15.
@@ -144,32 +145,38 @@ fn the_node_warns_of_inputs_that_come_no_longer() {
     let hour = Duration::from_secs(3600);
     let now = Instant::now();
     input.patience(Some(hour));
-    let said = || {
-        let mut said = Reporter::new("/fuseline", none());
-        let said = said.period(none(), Intake::default(), &sources(), &[&input, &output], None);
-        (said[0].level, said[0].message.clone())
+    let reported_lines = || {
+        let mut reported_lines = Reporter::new("/fuseline", none());
+        let reported_lines = reported_lines.period(
+            none(),
+            NodeCounts::default(),
+            &sources(),
+            &[&input, &output],
+            None,
+        );
+        (reported_lines[0].level, reported_lines[0].message.clone())
     };
     let well = (OK, "each message answered".to_owned());
-    assert_eq!(said(), well, "none came yet");
-    input.heard(now);
-    assert_eq!(said(), well);
+    assert_eq!(reported_lines(), well, "none came yet");
+    input.received(now);
+    assert_eq!(reported_lines(), well);
     input.patience(Some(hour));
-    input.heard(now.checked_sub(2 * hour).unwrap());
-    let (level, message) = said();
+    input.received(now.checked_sub(2 * hour).unwrap());
+    let (level, message) = reported_lines();
     assert_eq!(level, WARN, "{message}");
     assert!(message.starts_with("nothing came on /input for 72"), "{message}");
     assert!(message.ends_with(" s; matched publishers: 1"), "{message}");
     input.change([7; 16], -1, None);
-    assert_eq!(said(), (OK, "nobody on /input".to_owned()));
+    assert_eq!(reported_lines(), (OK, "nobody on /input".to_owned()));
     input.change([7; 16], 1, None);
-    assert_eq!(said(), well, "its publisher has as long to begin");
+    assert_eq!(reported_lines(), well, "its publisher has as long to begin");
 }
 
 /// D15.
 #[test]
 fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result() {
     let west = |happened: fn(&mut SourceTally, &mut Source)| {
-        said(2, |tally, _, sources, _| happened(&mut tally.sources[1], &mut sources[1]))
+        reported_lines(2, |tally, _, sources, _| happened(&mut tally.sources[1], &mut sources[1]))
     };
     let cases: [SourceCase; 9] = [
         (|_, _| {}, OK, "in time"),
@@ -207,7 +214,7 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
             WARN,
             "falling back: 2 requests refused",
         ),
-        (|_, west| west.strays.unknown_stamp = 2, WARN, "2 results that match no message"),
+        (|_, west| west.unmatched.unknown_stamp = 2, WARN, "2 results that match no message"),
     ];
     for (happened, level, message) in cases {
         assert_eq!(west(happened), (level, message.to_owned()));
@@ -228,9 +235,12 @@ fn the_status_of_a_message_names_its_source_and_warns_without_one() {
     let arrived = ms(30);
     let forwarded = Forwarded { value, source, arrived, trigger: Trigger::Arrival };
     let status = of(Ending::Forwarded(forwarded));
-    let told = |key| status.values.iter().find(|pair| pair.key == key).unwrap().value.as_str();
-    assert_eq!((status.level, told("source"), told("rule")), (OK, "west", "F3"));
-    assert_eq!(["timestamp", "arrived_s", "decided_s"].map(told), ["3", "0.020000", "0.030000"]);
+    let reported = |key| status.values.iter().find(|pair| pair.key == key).unwrap().value.as_str();
+    assert_eq!((status.level, reported("source"), reported("rule")), (OK, "west", "F3"));
+    assert_eq!(
+        ["timestamp", "arrived_s", "decided_s"].map(reported),
+        ["3", "0.020000", "0.030000"]
+    );
     assert_eq!((of(Ending::Missed).level, &*of(Ending::Missed).message), (WARN, "missed"));
     let refused = of(Ending::Refused(OpenRefusal::Full));
     assert_eq!((refused.level, &*refused.message), (WARN, "refused: full"));

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_engine::Shortfalls;
+use fuseline_engine::CapacityErrors;
 use thiserror::Error;
 
 use crate::parameters::Value;
@@ -39,7 +39,7 @@ pub enum ChangeError {
     Value(String, Value, &'static str),
     /// With it the node could not keep up.
     #[error("{0} cannot be {1}: {2}")]
-    Pace(String, Value, Shortfalls),
+    Workload(String, Value, CapacityErrors),
 }
 
 /// A parameter that may be changed.
@@ -86,12 +86,12 @@ impl Settings {
         };
         match self.keeps_pace_with(change) {
             Ok(()) => Ok(change),
-            Err(why) => Err(ChangeError::Pace(name.to_owned(), value.clone(), why)),
+            Err(why) => Err(ChangeError::Workload(name.to_owned(), value.clone(), why)),
         }
     }
 
     /// Whether the node can keep up after this change.
-    fn keeps_pace_with(&self, change: Change) -> Result<(), Shortfalls> {
+    fn keeps_pace_with(&self, change: Change) -> Result<(), CapacityErrors> {
         let mut changed = self.clone();
         changed.apply(change);
         changed.keep_pace()

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use crate::names::check_token;
-use crate::parameters::{Place, Value};
-use crate::settings::reader::{Placed, Reader};
+use crate::parameters::{Value, ValueOrigin};
+use crate::settings::reader::{LocatedValue, Reader};
 use crate::settings::{
-    Cloud, Grpc, Middleware, Role, SettingsError, Way, middleware, seconds, topics,
+    Cloud, CloudConnection, Grpc, Middleware, Role, SettingsError, middleware, seconds, topics,
 };
 
 /// The most clouds, as in the core.
@@ -38,7 +38,7 @@ pub(super) fn read(
     types: [&str; 2],
     middleware: Middleware,
 ) -> Result<Vec<Cloud>, SettingsError> {
-    let Placed { value: names, place: listed } = r.names("clouds", "The clouds' names")?;
+    let LocatedValue { value: names, place: listed } = r.names("clouds", "The clouds' names")?;
     for (at, cloud) in names.iter().enumerate() {
         let why = if at >= CLOUDS {
             "there are already 15; leave it out"
@@ -56,12 +56,12 @@ pub(super) fn read(
     let mut clouds: Vec<Cloud> = Vec::new();
     for (name, default) in names.into_iter().zip(1..) {
         let parameter = format!("{name}.priority");
-        let Placed { value: priority, place } =
+        let LocatedValue { value: priority, place } =
             r.integer(&parameter, 1..=65_535, default, "The greater wins")?;
         if let Some(other) = clouds.iter().find(|other| other.priority == priority) {
             let other = other.name.clone();
             // By default it is the place in the list.
-            let place = if place == Place::Default { listed } else { place };
+            let place = if place == ValueOrigin::Default { listed } else { place };
             return Err(SettingsError::Priority { place, name, priority, other });
         }
         clouds.push(cloud(r, name, priority, types, middleware)?);
@@ -92,12 +92,12 @@ fn cloud(
         "seconds, at most 1e9, or 0",
     )?;
     let way = if let Some(grpc) = grpc(r, &name)? {
-        Way::Grpc(grpc)
+        CloudConnection::Grpc(grpc)
     } else {
         let about = "What carries the cloud's topics";
         let middleware = middleware::read(r, &of("middleware"), middleware, about)?;
         let [input, output] = topics(r, &name, types)?;
-        Way::Topics { middleware, input, output }
+        CloudConnection::Topics { middleware, input, output }
     };
     let hints = hints(r, &name, types[1], &way, linger)?;
     let limit = limit.unsigned_abs();
@@ -110,7 +110,7 @@ fn hints(
     r: &mut Reader,
     cloud: &str,
     type_name: &str,
-    way: &Way,
+    way: &CloudConnection,
     linger: Duration,
 ) -> Result<Option<String>, SettingsError> {
     let name = format!("{cloud}.hints");
@@ -119,17 +119,17 @@ fn hints(
     let topic = r.topic(&name, "", about, type_name, Role::Publisher)?;
     match (way, place) {
         _ if topic.is_empty() => Ok(None),
-        (Way::Grpc(_), Some(place)) if linger.is_zero() => {
+        (CloudConnection::Grpc(_), Some(place)) if linger.is_zero() => {
             Err(SettingsError::Hints { place, name, linger: format!("{cloud}.linger") })
         }
-        (Way::Grpc(_) | Way::Topics { .. }, _) => Ok(Some(topic)),
+        (CloudConnection::Grpc(_) | CloudConnection::Topics { .. }, _) => Ok(Some(topic)),
     }
 }
 
 fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
     let of = |part: &str| format!("{cloud}.grpc.{part}");
     let parts = ["ca", "certificate", "key", "token_file", "server_name"].map(of);
-    let Placed { value: url, place } = r.read(
+    let LocatedValue { value: url, place } = r.read(
         &of("url"),
         Value::String(String::new()),
         "The URL of the cloud's gRPC server; empty if it has topics",

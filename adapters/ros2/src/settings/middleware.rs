@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use crate::parameters::{Given, Value};
+use crate::parameters::{ParameterOverride, Value};
 use crate::settings::reader::Reader;
-use crate::settings::{SettingsError, Way, from_environment};
+use crate::settings::{CloudConnection, SettingsError, from_environment};
 
 /// What carries a topic's messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -34,7 +34,7 @@ impl fmt::Display for Middleware {
 }
 
 /// What the environment says.
-pub(super) fn from_rmw(environment: impl Fn(&str) -> Option<String>) -> Option<Given> {
+pub(super) fn from_rmw(environment: impl Fn(&str) -> Option<String>) -> Option<ParameterOverride> {
     let (variable, zenoh) = VARIABLE;
     let is_zenoh = environment(variable)? == zenoh;
     let chosen = if is_zenoh { Middleware::Zenoh } else { Middleware::Dds };
@@ -69,8 +69,8 @@ impl super::Settings {
     #[must_use]
     pub fn needs(&self, middleware: Middleware) -> bool {
         let clouds = self.clouds.iter().filter_map(|cloud| match &cloud.way {
-            Way::Topics { middleware, .. } => Some(*middleware),
-            Way::Grpc(_) => None,
+            CloudConnection::Topics { middleware, .. } => Some(*middleware),
+            CloudConnection::Grpc(_) => None,
         });
         [self.middleware, self.local.middleware]
             .into_iter()
@@ -85,10 +85,12 @@ impl super::Settings {
             return self.local.middleware;
         }
         let of_cloud = self.clouds.iter().find_map(|cloud| match &cloud.way {
-            Way::Topics { middleware, input, output } if input == topic || output == topic => {
+            CloudConnection::Topics { middleware, input, output }
+                if input == topic || output == topic =>
+            {
                 Some(*middleware)
             }
-            Way::Topics { .. } | Way::Grpc(_) => None,
+            CloudConnection::Topics { .. } | CloudConnection::Grpc(_) => None,
         });
         of_cloud.unwrap_or(self.middleware)
     }

@@ -1,6 +1,6 @@
 //! What is known of a parameter.
 
-use crate::parameters::{Place, Value};
+use crate::parameters::{Value, ValueOrigin};
 
 /// What a cloud's parameters are called, below its name.
 const PARTS: [&str; 17] = [
@@ -39,7 +39,7 @@ pub struct Parameter {
     /// Whether it may be changed while the node runs.
     pub at_run_time: bool,
     /// Where its value comes from.
-    pub place: Place,
+    pub place: ValueOrigin,
 }
 
 /// The least and the greatest value of a number.

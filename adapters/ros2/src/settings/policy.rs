@@ -4,10 +4,10 @@ use std::fmt;
 use std::time::Duration;
 
 use fuseline_deadline::{Accuracy, Expected, Guard, Hazard, Impact, Invalid, Parameters, Span};
-use fuseline_engine::{Pace, Policy, Shortfalls};
+use fuseline_engine::{CapacityErrors, Policy, Workload};
 
 use crate::parameters::Value;
-use crate::settings::reader::{Placed, Reader};
+use crate::settings::reader::{LocatedValue, Reader};
 use crate::settings::{FLOAT64, Role, Settings, SettingsError, seconds};
 
 /// The type of messages with the vehicle's twist.
@@ -101,15 +101,16 @@ impl Deadlines {
 
 impl Settings {
     /// Whether the node can keep up, as far as the rate of messages is known and a policy is to work.
-    pub(super) fn keep_pace(&self) -> Result<(), Shortfalls> {
+    pub(super) fn keep_pace(&self) -> Result<(), CapacityErrors> {
         let Deadlines { kind, parameters, rate, .. } = &self.deadlines;
         let (Some(rate), true) = (*rate, *kind != PolicyKind::Set) else { return Ok(()) };
         let clouds = || self.clouds.iter();
         let longest = clouds().map(|cloud| cloud.deadline.unwrap_or(self.deadline)).max();
         let local_response = Duration::from_secs_f64(parameters.local_response.greatest);
-        let pace = Pace { rate, longest_deadline: longest.unwrap_or_default(), local_response };
+        let workload =
+            Workload { rate, longest_deadline: longest.unwrap_or_default(), local_response };
         let calls = clouds().map(|cloud| (cloud.name.as_str(), cloud.in_flight.into()));
-        pace.check(self.window.into(), self.local.in_flight.into(), calls)
+        workload.check(self.window.into(), self.local.in_flight.into(), calls)
     }
 }
 
@@ -131,7 +132,7 @@ impl fmt::Display for Deadlines {
 
 /// Reads the parameters of policies.
 pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
-    let Placed { value: kind, place } = r.read(
+    let LocatedValue { value: kind, place } = r.read(
         "policy",
         Value::String("set".to_owned()),
         "What chooses deadlines, at most the one that is set",

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::parameters::{Given, Place, Value};
+use crate::parameters::{ParameterOverride, Value, ValueOrigin};
 use crate::settings::SettingsError;
 use crate::settings::nearest::nearest;
 
@@ -30,7 +30,7 @@ pub struct Topic {
     /// The parameter that names it, or its own name before it was resolved.
     pub purpose: String,
     /// Where its name comes from.
-    pub place: Place,
+    pub place: ValueOrigin,
 }
 
 /// A side of a topic.
@@ -83,7 +83,7 @@ impl fmt::Display for Qos {
 pub(super) fn apply(
     topics: &mut [Topic],
     name: &str,
-    given: &Given,
+    given: &ParameterOverride,
 ) -> Result<(&'static str, &'static str), SettingsError> {
     let of = |topic: &Topic, policy| format!("{}.{}.{policy}", topic.name, topic.role);
     for topic in topics.iter_mut() {

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::names::{NodeName, Remap, check_token};
-use crate::parameters::{Given, Place, Value};
+use crate::parameters::{ParameterOverride, Value, ValueOrigin};
 use crate::settings::nearest::nearest;
 use crate::settings::parameter::{Parameter, Range, is_of_a_cloud};
 use crate::settings::qos::{Qos, Role, Topic};
@@ -15,7 +15,7 @@ use crate::settings::{SettingsError, qos};
 
 /// The parameters given and not read yet, and those read.
 pub(super) struct Reader<'a> {
-    given: BTreeMap<String, Given>,
+    given: BTreeMap<String, ParameterOverride>,
     node: NodeName,
     remaps: &'a [Remap],
     /// What was read.
@@ -25,13 +25,17 @@ pub(super) struct Reader<'a> {
 }
 
 /// A value and where it comes from.
-pub(super) struct Placed<T> {
+pub(super) struct LocatedValue<T> {
     pub(super) value: T,
-    pub(super) place: Place,
+    pub(super) place: ValueOrigin,
 }
 
 impl<'a> Reader<'a> {
-    pub(super) fn new(given: BTreeMap<String, Given>, node: NodeName, remaps: &'a [Remap]) -> Self {
+    pub(super) fn new(
+        given: BTreeMap<String, ParameterOverride>,
+        node: NodeName,
+        remaps: &'a [Remap],
+    ) -> Self {
         Self { given, node, remaps, declared: Vec::new(), topics: Vec::new() }
     }
 
@@ -43,11 +47,11 @@ impl<'a> Reader<'a> {
         about: &'static str,
         expected: &str,
         convert: impl FnOnce(&Value) -> Option<T>,
-    ) -> Result<Placed<T>, SettingsError> {
+    ) -> Result<LocatedValue<T>, SettingsError> {
         let is_double = matches!(default, Value::Double(_));
         let (value, place) = match self.given.remove(name) {
             Some(given) => (given.value, given.place),
-            None => (default, Place::Default),
+            None => (default, ValueOrigin::Default),
         };
         let value = match value.number() {
             Some(number) if is_double => Value::Double(number),
@@ -67,7 +71,7 @@ impl<'a> Reader<'a> {
             at_run_time: false,
             place: place.clone(),
         });
-        Ok(Placed { value: converted, place })
+        Ok(LocatedValue { value: converted, place })
     }
 
     pub(super) fn text(
@@ -75,7 +79,7 @@ impl<'a> Reader<'a> {
         name: &str,
         default: &str,
         about: &'static str,
-    ) -> Result<Placed<String>, SettingsError> {
+    ) -> Result<LocatedValue<String>, SettingsError> {
         let default = Value::String(default.to_owned());
         self.read(
             name,
@@ -94,7 +98,7 @@ impl<'a> Reader<'a> {
         &mut self,
         name: &str,
         about: &'static str,
-    ) -> Result<Placed<Vec<String>>, SettingsError> {
+    ) -> Result<LocatedValue<Vec<String>>, SettingsError> {
         let default = Value::Strings(Vec::new());
         self.read(name, default, about, "a list of names such as [west, east]", |value| match value
         {
@@ -109,7 +113,7 @@ impl<'a> Reader<'a> {
         range: RangeInclusive<i64>,
         default: i64,
         about: &'static str,
-    ) -> Result<Placed<T>, SettingsError> {
+    ) -> Result<LocatedValue<T>, SettingsError> {
         let expected = match (*range.start(), *range.end()) {
             (least, i64::MAX) => format!("an integer of at least {least}"),
             (least, most) => format!("an integer from {least} to {most}"),
@@ -203,7 +207,7 @@ impl<'a> Reader<'a> {
         type_name: &str,
         role: Role,
     ) -> Result<String, SettingsError> {
-        let Placed { value, place } = self.text(parameter, default, about)?;
+        let LocatedValue { value, place } = self.text(parameter, default, about)?;
         if value.is_empty() && default.is_empty() {
             return Ok(value);
         }
@@ -216,14 +220,14 @@ impl<'a> Reader<'a> {
         name: &str,
         type_name: &str,
     ) -> Result<String, SettingsError> {
-        self.add_topic(name.to_owned(), name, Place::Default, type_name, Role::Publisher)
+        self.add_topic(name.to_owned(), name, ValueOrigin::Default, type_name, Role::Publisher)
     }
 
     fn add_topic(
         &mut self,
         purpose: String,
         value: &str,
-        place: Place,
+        place: ValueOrigin,
         type_name: &str,
         role: Role,
     ) -> Result<String, SettingsError> {
@@ -236,12 +240,12 @@ impl<'a> Reader<'a> {
         };
         let is_remapped = self.node.expand(value).is_ok_and(|unmapped| unmapped != name);
         let place = match place {
-            Place::Default if is_remapped => Place::Argument("--remap".to_owned()),
+            ValueOrigin::Default if is_remapped => ValueOrigin::Argument("--remap".to_owned()),
             place => place,
         };
         // The node would hear itself, or could not tell whose message it hears.
         if let Some(other) = self.topics.iter().find(|other| other.name == name) {
-            let place = if place == Place::Default { other.place.clone() } else { place };
+            let place = if place == ValueOrigin::Default { other.place.clone() } else { place };
             let other = other.purpose.clone();
             return Err(SettingsError::Shared { place, name: purpose, topic: name, other });
         }
@@ -253,7 +257,7 @@ impl<'a> Reader<'a> {
     /// Applies the rest, which must be quality of service of the node's topics.
     ///
     /// Returns parameters that are for other nodes and not for this one.
-    pub(super) fn apply_rest(&mut self) -> Result<Vec<Given>, SettingsError> {
+    pub(super) fn apply_rest(&mut self) -> Result<Vec<ParameterOverride>, SettingsError> {
         let mut ignored = Vec::new();
         for given in std::mem::take(&mut self.given).into_values() {
             let applied = match given.name.strip_prefix(qos::PREFIX) {
@@ -288,11 +292,11 @@ impl<'a> Reader<'a> {
     }
 
     /// Where a parameter is given, if it is.
-    pub(super) fn place(&self, name: &str) -> Option<Place> {
+    pub(super) fn place(&self, name: &str) -> Option<ValueOrigin> {
         self.given.get(name).map(|given| given.place.clone())
     }
 
-    fn unknown(&self, given: &Given) -> SettingsError {
+    fn unknown(&self, given: &ParameterOverride) -> SettingsError {
         let (place, name) = (given.place.clone(), given.name.clone());
         if let Some((cloud, part)) = name.split_once('.')
             && is_of_a_cloud(part)
@@ -308,8 +312,8 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl<T> Placed<T> {
-    pub(super) fn map<U>(self, change: impl FnOnce(T) -> U) -> Placed<U> {
-        Placed { value: change(self.value), place: self.place }
+impl<T> LocatedValue<T> {
+    pub(super) fn map<U>(self, change: impl FnOnce(T) -> U) -> LocatedValue<U> {
+        LocatedValue { value: change(self.value), place: self.place }
     }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use comfy_table::{LineStyle, Table, TableStyle};
 
-use crate::settings::{Cloud, Settings, Way};
+use crate::settings::{Cloud, CloudConnection, Settings};
 
 /// A line below the header and no other lines.
 const STYLE: TableStyle =
@@ -62,12 +62,12 @@ impl fmt::Display for Settings {
 impl Settings {
     fn cloud_row(&self, cloud: &Cloud) -> [String; 5] {
         let way = match &cloud.way {
-            Way::Topics { input, output, .. } => format!("{input}, {output}"),
-            Way::Grpc(grpc) => grpc.url.clone(),
+            CloudConnection::Topics { input, output, .. } => format!("{input}, {output}"),
+            CloudConnection::Grpc(grpc) => grpc.url.clone(),
         };
-        let asked = if cloud.enabled { "yes" } else { "no" };
+        let requested = if cloud.enabled { "yes" } else { "no" };
         let deadline = secs(cloud.deadline.unwrap_or(self.deadline));
-        [cloud.name.clone(), cloud.priority.to_string(), deadline, asked.to_owned(), way]
+        [cloud.name.clone(), cloud.priority.to_string(), deadline, requested.to_owned(), way]
     }
 }
 

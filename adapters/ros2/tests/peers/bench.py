@@ -49,12 +49,13 @@ class Bench:
         assert process.stdout.readline() == "ready\n"
         return process
 
-    def client(self, service, request, response):
-        """A client of one of the node's services, whose name has no slash before it."""
+    def client(self, service, request, response, is_new=False):
+        """A client of one of the node's services, whose name has no slash before it; a participant of its own if it is new."""
         if is_over_zenoh():
             import overzenoh
             return overzenoh.Client(service, request, response)
-        self.peer = self.peer or self.fast_dds()
+        if is_new or not self.peer:
+            self.peer = self.fast_dds()
         return Client(self.peer, service, request, response)
 
     def model_process(self, source, *arguments, environment=None):

@@ -8,7 +8,7 @@ import time
 
 from bench import Skipped
 from certificates import Ca
-from clock import HOUR_S, stands_off
+from clock import HOUR_S, RELIABLE, stands_off
 from faults import Stream, firewall
 from graph import is_over_zenoh, until
 from messages import ERROR, OK, WARN, answered
@@ -82,7 +82,10 @@ class Field:
         self.starts()
         files = {"ca": "ca.pem", "certificate": "robot.pem", "key": "robot.key"}
         grpc = {"url": f"https://{NAME}:{PORT}"} | {key: str(self.folder / file) for key, file in files.items()}
-        self.node = bench.node(parameters(["west"], deadline=DEADLINE_S, window=64, west={"in_flight": 64, "grpc": grpc}), wall_clock=True)
+        # What is lost over best effort while the clock steps back is another matter.
+        reliable = {topic: RELIABLE[topic] for topic in ("/input", "/local/output")}
+        self.node = bench.node(parameters(["west"], deadline=DEADLINE_S, window=64, west={"in_flight": 64, "grpc": grpc},
+                                          qos_overrides=reliable), wall_clock=True)
         self.camera, self.listener, self.local = Camera(), Listener(), Model("local")
         ready(self.camera, self.listener, self.local)
         self.stream = Stream(self.camera, USUAL)

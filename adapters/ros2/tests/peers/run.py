@@ -10,6 +10,7 @@ import argparse
 import faulthandler
 import inspect
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -173,6 +174,7 @@ def main():
     parser.add_argument("--zenoh", action="store_true", help="all topics over Zenoh, through a router")
     parser.add_argument("--alone", metavar="NAME")
     parser.add_argument("--list", action="store_true")
+    parser.add_argument("--sample", metavar="N", type=int, help="only so many of them, drawn anew")
     parser.add_argument("names", nargs="*")
     chosen = parser.parse_args()
     programs = {"node": chosen.node, "fuseline": chosen.fuseline, "fastdds": chosen.fastdds,
@@ -180,6 +182,8 @@ def main():
     if chosen.alone:
         alone(chosen.alone, programs)
     names = [name for name in cases() if not chosen.names or any(part in name for part in chosen.names)]
+    if chosen.sample:
+        names = sorted(random.sample(names, min(chosen.sample, len(names))), key=names.index)
     if chosen.list:
         print("\n".join(names))
         return 0

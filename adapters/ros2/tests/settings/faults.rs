@@ -250,7 +250,7 @@ fn a_variable_that_is_no_text_is_wrong_and_not_missing() {
         .env("ROS_DOMAIN_ID", OsStr::from_bytes(b"4\xff"))
         .output()
         .unwrap();
-    let told = String::from_utf8(checked.stderr).unwrap();
-    assert_eq!(checked.status.code(), Some(2), "{told}");
-    assert!(told.contains("ROS_DOMAIN_ID: domain_id is "), "{told}");
+    let reported = String::from_utf8(checked.stderr).unwrap();
+    assert_eq!(checked.status.code(), Some(2), "{reported}");
+    assert!(reported.contains("ROS_DOMAIN_ID: domain_id is "), "{reported}");
 }

@@ -10,9 +10,9 @@ use std::time::Duration;
 use fuseline_engine::Commit;
 use fuseline_ros2::arguments::{Arguments, Level};
 use fuseline_ros2::key::{Key, Kind};
-use fuseline_ros2::parameters::{Place, Value};
+use fuseline_ros2::parameters::{Value, ValueOrigin};
 use fuseline_ros2::settings::{
-    Change, Cloud, Grpc, Middleware, Qos, Role, Settings, SettingsError, Way,
+    Change, Cloud, CloudConnection, Grpc, Middleware, Qos, Role, Settings, SettingsError,
 };
 use fuseline_tokio::Timers;
 
@@ -78,11 +78,9 @@ fn two_types_are_enough() {
     assert_eq!(all.diagnostics_period, Duration::from_secs(1));
     assert_eq!((all.trace, all.mcap), (None, None));
     assert_eq!((all.log_level, all.rosout, all.use_sim_time), (None, true, false));
-    assert!(
-        all.declared.iter().skip(2).all(|parameter| {
-            parameter.place == Place::Default || parameter.name == "output.type"
-        })
-    );
+    assert!(all.declared.iter().skip(2).all(|parameter| {
+        parameter.place == ValueOrigin::Default || parameter.name == "output.type"
+    }));
 }
 
 const FULL: &str = "
@@ -141,7 +139,7 @@ fn everything_can_be_set() {
     assert_eq!(all.local.deadline, Duration::from_millis(250));
     assert_eq!((all.local.in_flight, all.local.waiting), (2, 0));
     let (input, output) = ("/car/west/input".into(), "/car/west/out".into());
-    let way = Way::Topics { middleware: Middleware::Dds, input, output };
+    let way = CloudConnection::Topics { middleware: Middleware::Dds, input, output };
     let deadline = Some(Duration::from_millis(200));
     let (name, enabled, linger) = ("west".to_owned(), false, Duration::ZERO);
     let hints = Some("/car/west/late".to_owned());
@@ -157,7 +155,7 @@ fn everything_can_be_set() {
         hints,
         way,
     };
-    let way = Way::Grpc(Grpc {
+    let way = CloudConnection::Grpc(Grpc {
         url: "https://east:50051".into(),
         ca: Some("ca.pem".into()),
         certificate: Some("me.pem".into()),
@@ -285,7 +283,7 @@ fn topics_are_remapped_after_they_are_named() {
     assert_eq!(all.input.topic, "/camera/image");
     assert_eq!(all.output.topic, "/result");
     assert_eq!(all.status, "/state");
-    assert!(matches!(&all.clouds[0].way, Way::Topics { input, .. } if input == "/up"));
+    assert!(matches!(&all.clouds[0].way, CloudConnection::Topics { input, .. } if input == "/up"));
 }
 
 #[test]

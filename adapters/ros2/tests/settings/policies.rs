@@ -179,12 +179,15 @@ fn what_cannot_work_ends_the_start_and_the_check_alike_before_anything_is_starte
         ),
     ];
     let folder = tempfile::tempdir().unwrap();
-    for (args, told) in cases {
+    for (args, reported) in cases {
         for first in [&[][..], &["--check"]] {
             let ended = ended(folder.path(), first, args);
             let stderr = String::from_utf8(ended.stderr).unwrap();
             assert_eq!(ended.status.code(), Some(2), "{args}: {stderr}");
-            assert!(stderr.starts_with("fuseline-ros2: ") && stderr.contains(&told), "{stderr}");
+            assert!(
+                stderr.starts_with("fuseline-ros2: ") && stderr.contains(&reported),
+                "{stderr}"
+            );
             assert_eq!(stderr.lines().count(), 1, "{stderr}");
             assert!(ended.stdout.is_empty(), "something else was printed");
             assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none(), "{args}: a file");

@@ -14,8 +14,8 @@ use tokio::task::AbortHandle;
 use tracing::{Instrument, Span, debug_span};
 
 use crate::Error;
-use crate::drive::Word;
-use crate::drive::bell::Ring;
+use crate::drive::Completion;
+use crate::drive::wake_flag::FlagWaker;
 use crate::panics::{guarded, panicked};
 
 type Call<V> = BoxFuture<'static, Result<V, Error>>;
@@ -29,25 +29,25 @@ type Key = (u16, u64);
 /// the driver, which costs half.
 pub(super) enum Calls<V: Send + 'static> {
     Tasks {
-        words: mpsc::UnboundedReceiver<Word<V>>,
-        sender: mpsc::UnboundedSender<Word<V>>,
+        error_chain: mpsc::UnboundedReceiver<Completion<V>>,
+        sender: mpsc::UnboundedSender<Completion<V>>,
         under_way: FxHashMap<Key, AbortHandle>,
     },
-    Here(Here<V>),
+    InlineCalls(InlineCalls<V>),
 }
 
 /// Calls that run within the driver's task.
-pub(super) struct Here<V> {
-    places: Vec<Place<V>>,
+pub(super) struct InlineCalls<V> {
+    places: Vec<CallSlot<V>>,
     free: Vec<usize>,
     under_way: FxHashMap<Key, usize>,
     /// The places that were woken, in that order.
     turns: VecDeque<usize>,
-    woken: Arc<Woken>,
+    woken: Arc<WokenSlots>,
 }
 
 /// Room for one call, with a waker for every call that it ever has.
-struct Place<V> {
+struct CallSlot<V> {
     call: Option<Running<V>>,
     alarm: Arc<Alarm>,
     waker: Waker,
@@ -61,45 +61,47 @@ struct Running<V> {
 
 /// Wakes the driver for one place's call.
 struct Alarm {
-    woken: Arc<Woken>,
+    woken: Arc<WokenSlots>,
     place: usize,
     /// Whether the place is already among the woken.
     is_woken: AtomicBool,
 }
 
 /// The places that were woken since the driver looked.
-struct Woken {
+struct WokenSlots {
     places: Mutex<Vec<usize>>,
-    ring: Arc<Ring>,
+    flag_waker: Arc<FlagWaker>,
 }
 
 impl<V: Send + 'static> Calls<V> {
-    /// No calls, on the current runtime; `ring` wakes the driver for them.
-    pub(super) fn new(ring: Arc<Ring>) -> Self {
+    /// No calls, on the current runtime; `flag_waker` wakes the driver for them.
+    pub(super) fn new(flag_waker: Arc<FlagWaker>) -> Self {
         let flavor = Handle::try_current().map(|runtime| runtime.runtime_flavor());
         if matches!(flavor, Ok(RuntimeFlavor::CurrentThread)) {
-            return Self::Here(Here {
+            return Self::InlineCalls(InlineCalls {
                 places: Vec::new(),
                 free: Vec::new(),
                 under_way: FxHashMap::default(),
                 turns: VecDeque::new(),
-                woken: Arc::new(Woken { places: Mutex::default(), ring }),
+                woken: Arc::new(WokenSlots { places: Mutex::default(), flag_waker }),
             });
         }
-        let (sender, words) = mpsc::unbounded_channel();
-        Self::Tasks { words, sender, under_way: FxHashMap::default() }
+        let (sender, error_chain) = mpsc::unbounded_channel();
+        Self::Tasks { error_chain, sender, under_way: FxHashMap::default() }
     }
 
     pub(super) fn begin(&mut self, priority: u16, timestamp: u64, call: Call<V>) {
         let span = debug_span!("call", priority, timestamp);
         match self {
-            Self::Here(here) => here.begin(Running { key: (priority, timestamp), call, span }),
+            Self::InlineCalls(here) => {
+                here.begin(Running { key: (priority, timestamp), call, span })
+            }
             Self::Tasks { sender, under_way, .. } => {
-                let words = sender.clone();
+                let error_chain = sender.clone();
                 let task = async move {
                     let result = guarded(call).await;
                     // Nobody waits for it once the driver has ended.
-                    drop(words.send(Word { priority, timestamp, result }));
+                    drop(error_chain.send(Completion { priority, timestamp, result }));
                 };
                 let task = tokio::spawn(task.instrument(span));
                 // F7: local is never aborted.
@@ -118,7 +120,7 @@ impl<V: Send + 'static> Calls<V> {
                     call.abort();
                 }
             }
-            Self::Here(here) => {
+            Self::InlineCalls(here) => {
                 if let Some(place) = here.under_way.remove(&(priority, timestamp)) {
                     here.clear(place);
                 }
@@ -127,9 +129,9 @@ impl<V: Send + 'static> Calls<V> {
     }
 
     /// The next end of a call.
-    pub(super) fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Word<V>> {
+    pub(super) fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Completion<V>> {
         match self {
-            Self::Tasks { words, under_way, .. } => match words.poll_recv(context) {
+            Self::Tasks { error_chain, under_way, .. } => match error_chain.poll_recv(context) {
                 Poll::Ready(Some(word)) => {
                     under_way.remove(&(word.priority, word.timestamp));
                     Poll::Ready(word)
@@ -137,18 +139,18 @@ impl<V: Send + 'static> Calls<V> {
                 // `self` holds a sender: the channel does not end.
                 Poll::Ready(None) | Poll::Pending => Poll::Pending,
             },
-            Self::Here(here) => here.poll_word(context),
+            Self::InlineCalls(here) => here.poll_word(context),
         }
     }
 }
 
-impl<V> Here<V> {
+impl<V> InlineCalls<V> {
     fn begin(&mut self, running: Running<V>) {
         let place = self.free.pop().unwrap_or_else(|| {
             let (place, woken) = (self.places.len(), Arc::clone(&self.woken));
             let alarm = Arc::new(Alarm { woken, place, is_woken: AtomicBool::new(false) });
             let waker = Waker::from(Arc::clone(&alarm));
-            self.places.push(Place { call: None, alarm, waker });
+            self.places.push(CallSlot { call: None, alarm, waker });
             place
         });
         if running.key.0 > 0 {
@@ -159,7 +161,7 @@ impl<V> Here<V> {
         self.turns.push_back(place);
     }
 
-    fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Word<V>> {
+    fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Completion<V>> {
         let mut woken = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
         self.turns.extend(woken.drain(..));
         drop(woken);
@@ -178,8 +180,8 @@ impl<V> Here<V> {
     }
 
     /// Polls the call in this place, if there is one: a waker may outlive its call.
-    fn poll_place(&mut self, place: usize) -> Option<Word<V>> {
-        let Place { call, alarm, waker } = &mut self.places[place];
+    fn poll_place(&mut self, place: usize) -> Option<Completion<V>> {
+        let CallSlot { call, alarm, waker } = &mut self.places[place];
         alarm.is_woken.store(false, Ordering::Release);
         let Running { key, call, span } = call.as_mut()?;
         let entered = span.enter();
@@ -194,7 +196,7 @@ impl<V> Here<V> {
         let (priority, timestamp) = *key;
         self.under_way.remove(&(priority, timestamp));
         self.clear(place);
-        Some(Word { priority, timestamp, result })
+        Some(Completion { priority, timestamp, result })
     }
 
     /// F7: local's computations go on in tasks of their own, if the runtime does; all others end.
@@ -229,7 +231,7 @@ impl<V: Send + 'static> Drop for Calls<V> {
     fn drop(&mut self) {
         match self {
             Self::Tasks { under_way, .. } => under_way.values().for_each(AbortHandle::abort),
-            Self::Here(here) => here.release(),
+            Self::InlineCalls(here) => here.release(),
         }
     }
 }
@@ -244,7 +246,7 @@ impl Wake for Alarm {
             let mut places = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
             places.push(self.place);
             drop(places);
-            self.woken.ring.wake_by_ref();
+            self.woken.flag_waker.wake_by_ref();
         }
     }
 }

@@ -159,12 +159,12 @@ impl<T> NamedService for InferServer<T> {
 }
 
 /// Computes messages.
-struct Computes<T>(Arc<T>);
+struct ComputeService<T>(Arc<T>);
 
 /// Says what is served.
-struct Describes<T>(Arc<T>);
+struct DescribeService<T>(Arc<T>);
 
-impl<T: Infer> UnaryService<Request> for Computes<T> {
+impl<T: Infer> UnaryService<Request> for ComputeService<T> {
     type Response = Reply;
     type Future = BoxFuture<'static, Result<Response<Reply>, Status>>;
 
@@ -174,13 +174,13 @@ impl<T: Infer> UnaryService<Request> for Computes<T> {
     }
 }
 
-impl<T: Infer> UnaryService<()> for Describes<T> {
+impl<T: Infer> UnaryService<()> for DescribeService<T> {
     type Response = Description;
     type Future = Ready<Result<Response<Description>, Status>>;
 
     fn call(&mut self, _: tonic::Request<()>) -> Self::Future {
-        let said = self.0.describe().map(Response::new);
-        ready(said.ok_or_else(|| Status::unimplemented("the server does not say what it serves")))
+        let logged = self.0.describe().map(Response::new);
+        ready(logged.ok_or_else(|| Status::unimplemented("the server does not say what it serves")))
     }
 }
 
@@ -197,8 +197,8 @@ impl<T: Infer> Service<http::Request<Body>> for InferServer<T> {
         let infer = Arc::clone(&self.0);
         Box::pin(async move {
             Ok(match request.uri().path() {
-                INFER => server().unary(Computes(infer), request).await,
-                DESCRIBE => server().unary(Describes(infer), request).await,
+                INFER => server().unary(ComputeService(infer), request).await,
+                DESCRIBE => server().unary(DescribeService(infer), request).await,
                 _ => Status::new(Code::Unimplemented, "no such method").into_http(),
             })
         })

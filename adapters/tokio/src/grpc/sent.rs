@@ -14,9 +14,9 @@ use crate::setup::Call;
 
 /// Counts what the channel takes of a request, for the [`Call`](crate::Call) in the request, if there is one.
 #[derive(Clone, Debug)]
-pub struct Counted(pub(crate) Channel);
+pub struct CountedBody(pub(crate) Channel);
 
-impl Service<http::Request<Body>> for Counted {
+impl Service<http::Request<Body>> for CountedBody {
     type Response = http::Response<Body>;
     type Error = transport::Error;
     type Future = <Channel as Service<http::Request<Body>>>::Future;

@@ -1,9 +1,9 @@
 //! The cloud's side: a server for the `Infer` service.
 
 mod bounds;
-mod guest;
+mod connection_handler;
 mod held;
-mod house;
+mod limits;
 mod tls;
 
 use std::sync::Arc;
@@ -19,9 +19,9 @@ pub use bounds::Bounds;
 
 use crate::grpc::infer::{Infer, InferServer};
 use crate::grpc::remote::Identity;
-use crate::grpc::server::guest::Guest;
-use crate::grpc::server::house::House;
-use crate::grpc::token::{Doorman, Token};
+use crate::grpc::server::connection_handler::ConnectionHandler;
+use crate::grpc::server::limits::ServerLimits;
+use crate::grpc::token::{AuthCheck, Token};
 
 /// How long nobody is let in after the system had no room for one more connection.
 const BREATH: Duration = Duration::from_millis(100);
@@ -65,12 +65,12 @@ pub async fn serve(
     until: impl Future<Output = ()>,
 ) -> Result<(), ServeError> {
     let tls = tls::acceptor(server.identity.as_ref(), server.client_ca.as_deref())?;
-    let house = Arc::new(House::new(server.bounds));
+    let limits = Arc::new(ServerLimits::new(server.bounds));
     let (close, closing) = watch::channel(());
-    let guest = Guest {
-        house: Arc::clone(&house),
+    let connection_handler = ConnectionHandler {
+        limits: Arc::clone(&limits),
         infer: InferServer::new(infer),
-        doorman: Doorman(server.token),
+        auth: AuthCheck(server.token),
         tls,
         closing,
     };
@@ -80,9 +80,9 @@ pub async fn serve(
         tokio::select! {
             () = &mut until => break,
             accepted = listener.accept() => match accepted {
-                Ok((socket, peer)) => match house.seat(peer.ip()) {
-                    Ok(seat) => drop(guests.spawn(guest.clone().host(socket, peer, seat))),
-                    Err(why) => house.tell(peer, &why),
+                Ok((socket, peer)) => match limits.permit(peer.ip()) {
+                    Ok(permit) => drop(guests.spawn(connection_handler.clone().host(socket, peer, permit))),
+                    Err(why) => limits.tell(peer, &why),
                 },
                 Err(error) => {
                     warn!(%error, "no connection can be taken on");

@@ -49,9 +49,9 @@ impl fmt::Debug for Token {
 
 /// Adds the token, if any, to each call.
 #[derive(Clone, Debug)]
-pub struct Bearer(pub(crate) Option<Token>);
+pub struct BearerToken(pub(crate) Option<Token>);
 
-impl Interceptor for Bearer {
+impl Interceptor for BearerToken {
     fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
         if let Some(token) = &self.0 {
             request.metadata_mut().insert("authorization", token.header());
@@ -62,9 +62,9 @@ impl Interceptor for Bearer {
 
 /// Lets only calls with the token pass, if there is one.
 #[derive(Clone, Debug)]
-pub(crate) struct Doorman(pub(crate) Option<Token>);
+pub(crate) struct AuthCheck(pub(crate) Option<Token>);
 
-impl Doorman {
+impl AuthCheck {
     pub(crate) fn check(&self, headers: &HeaderMap) -> Result<(), Status> {
         let Some(token) = &self.0 else { return Ok(()) };
         match headers.get("authorization") {

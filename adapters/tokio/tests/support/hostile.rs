@@ -98,7 +98,7 @@ impl Raw {
     pub(crate) async fn greet(&mut self) {
         self.open().await;
         self.bytes(&GREETING).await;
-        while !self.is_greeted && self.heard().await {}
+        while !self.is_greeted && self.received().await {}
         self.frame(SETTINGS, 1, 0, &[]).await;
     }
 
@@ -106,16 +106,16 @@ impl Raw {
     pub(crate) async fn bytes(&mut self, mut bytes: &[u8]) -> bool {
         while !bytes.is_empty() {
             let (mut coming, mut going) = self.stream.as_mut().unwrap().split();
-            let mut said = [0; 4096];
+            let mut logged = [0; 4096];
             // What the server says must be read, or it would wait for us.
             tokio::select! {
                 sent = going.write(bytes) => match sent {
                     Ok(sent) => bytes = &bytes[sent..],
                     Err(_) => return false,
                 },
-                read = coming.read(&mut said) => match read {
+                read = coming.read(&mut logged) => match read {
                     Ok(0) | Err(_) => return false,
-                    Ok(read) => self.hear(&said[..read]),
+                    Ok(read) => self.hear(&logged[..read]),
                 },
             }
         }
@@ -140,7 +140,7 @@ impl Raw {
         let bytes = i64::try_from(bytes).unwrap();
         let of = |raw: &Self| raw.initial + raw.windows.get(&stream).unwrap_or(&0);
         while of(self).min(self.window) < bytes && !self.is_reset(stream) {
-            if !self.heard().await {
+            if !self.received().await {
                 return;
             }
         }
@@ -150,16 +150,16 @@ impl Raw {
     pub(crate) async fn taken_in(&mut self) {
         let before = self.pongs;
         self.frame(PING, 0, 0, &[0; 8]).await;
-        while self.pongs == before && self.heard().await {}
+        while self.pongs == before && self.received().await {}
     }
 
     /// Whether the server said something more.
-    pub(crate) async fn heard(&mut self) -> bool {
-        let mut said = [0; 4096];
-        match self.stream.as_mut().unwrap().read(&mut said).await {
+    pub(crate) async fn received(&mut self) -> bool {
+        let mut logged = [0; 4096];
+        match self.stream.as_mut().unwrap().read(&mut logged).await {
             Ok(0) | Err(_) => false,
             Ok(read) => {
-                self.hear(&said[..read]);
+                self.hear(&logged[..read]);
                 true
             }
         }
@@ -175,12 +175,12 @@ impl Raw {
 
     /// Reads until the server ends the connection.
     pub(crate) async fn ended(&mut self) {
-        let mut said = [0; 4096];
-        while self.stream.as_mut().unwrap().read(&mut said).await.is_ok_and(|read| read > 0) {}
+        let mut logged = [0; 4096];
+        while self.stream.as_mut().unwrap().read(&mut logged).await.is_ok_and(|read| read > 0) {}
     }
 
-    fn hear(&mut self, said: &[u8]) {
-        self.read.extend_from_slice(said);
+    fn hear(&mut self, logged: &[u8]) {
+        self.read.extend_from_slice(logged);
         while let Some((head, rest)) = self.read.split_at_checked(9) {
             let length = u32::from_be_bytes([0, head[0], head[1], head[2]]) as usize;
             let Some(payload) = rest.get(..length) else { return };

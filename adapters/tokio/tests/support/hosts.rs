@@ -21,7 +21,7 @@ impl Cloud {
     /// Listens at `address`; port 0 is any.
     pub(crate) fn start(address: &str, server: Server, infer: impl Infer) -> Self {
         let (kill, killed) = oneshot::channel();
-        let (tell, told) = mpsc::channel();
+        let (tell, reported) = mpsc::channel();
         let address = address.to_owned();
         let thread = thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -34,7 +34,7 @@ impl Cloud {
                 }
             });
         });
-        Self { address: told.recv().unwrap(), kill, thread }
+        Self { address: reported.recv().unwrap(), kill, thread }
     }
 
     /// Leaves no socket open.

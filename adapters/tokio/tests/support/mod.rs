@@ -16,7 +16,7 @@ use tokio::time::{Instant, sleep, sleep_until};
 
 /// What a source does with a message. Times are milliseconds from when it is asked.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Act {
+pub(crate) enum SourceAction {
     Answers(u64),
     Fails(u64),
     Panics(u64),
@@ -25,23 +25,23 @@ pub(crate) enum Act {
 
 /// An operator whose sources do as they are told for each timestamp.
 pub(crate) struct Script {
-    pub(crate) local: fn(u64) -> Act,
+    pub(crate) local: fn(u64) -> SourceAction,
     pub(crate) deadline: Option<Duration>,
-    pub(crate) clouds: Vec<Part>,
+    pub(crate) clouds: Vec<CloudScript>,
 }
 
 /// One cloud's part.
 #[derive(Clone, Copy)]
-pub(crate) struct Part {
+pub(crate) struct CloudScript {
     pub(crate) priority: u16,
     pub(crate) deadline_ms: u64,
-    pub(crate) act: fn(u64) -> Act,
+    pub(crate) act: fn(u64) -> SourceAction,
     pub(crate) limit: u64,
     pub(crate) calls: usize,
 }
 
 /// What came of a script.
-pub(crate) struct Played {
+pub(crate) struct RunResult {
     /// One line for each item, in the order they came.
     pub(crate) items: String,
     pub(crate) tally: Tally,
@@ -51,12 +51,17 @@ pub(crate) struct Played {
 impl Script {
     /// Local alone, after 20 ms.
     pub(crate) fn new() -> Self {
-        Self { local: |_| Act::Answers(20), deadline: None, clouds: Vec::new() }
+        Self { local: |_| SourceAction::Answers(20), deadline: None, clouds: Vec::new() }
     }
 
     /// With one more cloud.
-    pub(crate) fn cloud(mut self, priority: u16, deadline_ms: u64, act: fn(u64) -> Act) -> Self {
-        self.clouds.push(Part { priority, deadline_ms, act, limit: 31, calls: 8 });
+    pub(crate) fn cloud(
+        mut self,
+        priority: u16,
+        deadline_ms: u64,
+        act: fn(u64) -> SourceAction,
+    ) -> Self {
+        self.clouds.push(CloudScript { priority, deadline_ms, act, limit: 31, calls: 8 });
         self
     }
 }
@@ -84,9 +89,9 @@ impl Operator for Script {
 }
 
 /// An operator whose setup is a closure.
-pub(crate) struct Made<F>(pub(crate) F);
+pub(crate) struct ClosureOperator<F>(pub(crate) F);
 
-impl<F: FnOnce(&mut Setup<u64, String>) -> Local<u64, String>> Operator for Made<F> {
+impl<F: FnOnce(&mut Setup<u64, String>) -> Local<u64, String>> Operator for ClosureOperator<F> {
     type Input = u64;
     type Output = String;
 
@@ -95,24 +100,24 @@ impl<F: FnOnce(&mut Setup<u64, String>) -> Local<u64, String>> Operator for Made
     }
 }
 
-async fn act(act: Act, name: String) -> Result<String, Error> {
+async fn act(act: SourceAction, name: String) -> Result<String, Error> {
     match act {
-        Act::Answers(ms) => sleep(Duration::from_millis(ms)).await,
-        Act::Fails(ms) => {
+        SourceAction::Answers(ms) => sleep(Duration::from_millis(ms)).await,
+        SourceAction::Fails(ms) => {
             sleep(Duration::from_millis(ms)).await;
             return Err("as told".into());
         }
-        Act::Panics(ms) => {
+        SourceAction::Panics(ms) => {
             sleep(Duration::from_millis(ms)).await;
             panic!("as told")
         }
-        Act::Never => pending().await,
+        SourceAction::Never => pending().await,
     }
     Ok(name)
 }
 
 /// Sends a message at each of these milliseconds, waits for the end, and judges the trace.
-pub(crate) async fn play<P>(operator: P, config: Config, messages_ms: &[u64]) -> Played
+pub(crate) async fn play<P>(operator: P, config: Config, messages_ms: &[u64]) -> RunResult
 where
     P: Operator<Input = u64, Output = String>,
 {
@@ -136,11 +141,11 @@ where
     let tally = running.join().await.unwrap();
     let verdict = judge("trace", BufReader::new(File::open(&path).unwrap())).unwrap();
     assert!(verdict.conforms, "{:#?}", verdict.violations);
-    Played { items, tally, trace: std::fs::read_to_string(path).unwrap() }
+    RunResult { items, tally, trace: std::fs::read_to_string(path).unwrap() }
 }
 
 /// Plays a script with the default configuration.
-pub(crate) async fn play_default(script: Script, messages_ms: &[u64]) -> Played {
+pub(crate) async fn play_default(script: Script, messages_ms: &[u64]) -> RunResult {
     play(script, Config::default(), messages_ms).await
 }
 

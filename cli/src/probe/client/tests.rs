@@ -28,7 +28,7 @@ impl Write for Shared {
     }
 }
 
-struct Probed {
+struct ProbeRun {
     log: Log<Shared>,
     rows: Vec<[f64; 3]>,
 }
@@ -38,7 +38,7 @@ async fn probe<Fut>(
     slots: Option<u64>,
     ask: impl Fn(u64) -> Fut,
     end: impl Future<Output = ()>,
-) -> Probed
+) -> ProbeRun
 where
     Fut: Future<Output = bool> + Send + 'static,
 {
@@ -53,7 +53,7 @@ where
             line.split(',').map(|cell| cell.parse().unwrap_or(f64::NAN)).collect();
         [cells[0], cells[1], cells[5]]
     };
-    Probed { rows: text.lines().skip(1).map(row).collect(), log }
+    ProbeRun { rows: text.lines().skip(1).map(row).collect(), log }
 }
 
 fn quantile(found: Option<Quantile>) -> f64 {
@@ -69,7 +69,7 @@ async fn calls_overlap_and_quantiles_are_those_of_the_delays() {
         sleep(ms(1 + slot % 200)).await;
         true
     };
-    let Probed { log, rows } = probe(Some(600), ask, future::pending()).await;
+    let ProbeRun { log, rows } = probe(Some(600), ask, future::pending()).await;
     let counts = Counts { slots: 600, sent: 600, answered: 600, in_time: 600, ..Counts::default() };
     assert_eq!(log.figures.counts, counts);
     for (percent, expected) in [(50, 100.0), (90, 180.0), (99, 198.0), (100, 200.0)] {
@@ -104,7 +104,7 @@ async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered
             true
         }
     };
-    let Probed { log, rows } = probe(Some(180), ask, future::pending()).await;
+    let ProbeRun { log, rows } = probe(Some(180), ask, future::pending()).await;
     let seen = seen.lock().unwrap();
     assert_eq!(seen.iter().map(|(_, queued)| queued + 1).max(), Some(31));
     // The last of the 31, then the first after the pause: with nothing under way.
@@ -130,7 +130,7 @@ async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered
 #[tokio::test(start_paused = true)]
 async fn what_fails_is_lost_and_never_ends() {
     let ask = |slot| future::ready(slot % 4 != 0);
-    let Probed { log, rows } = probe(Some(100), ask, future::pending()).await;
+    let ProbeRun { log, rows } = probe(Some(100), ask, future::pending()).await;
     assert_eq!((log.figures.counts.answered, log.figures.counts.failed), (75, 25));
     assert_eq!(rows.iter().filter(|row| row[1] < 0.0).count(), 25);
     assert_eq!(log.figures.slots.quantile(76), Some(Quantile::Never));
@@ -145,7 +145,7 @@ async fn a_call_is_given_up_so_that_rows_do_not_wait_for_ever() {
         }
         true
     };
-    let Probed { log, rows } = probe(Some(3000), ask, future::pending()).await;
+    let ProbeRun { log, rows } = probe(Some(3000), ask, future::pending()).await;
     assert_eq!((log.figures.counts.failed, rows.len()), (1, 3000));
     assert!(rows[0][1] < 0.0 && rows[1..].iter().all(|row| row[1] >= 0.0));
 }
@@ -156,7 +156,7 @@ async fn ended_by_the_user_the_recording_is_whole() {
         sleep(if slot < 20 { ms(200) } else { ms(5000) }).await;
         true
     };
-    let Probed { log, rows } = probe(None, ask, sleep(ms(990))).await;
+    let ProbeRun { log, rows } = probe(None, ask, sleep(ms(990))).await;
     let Counts { slots, sent, answered, unanswered, .. } = log.figures.counts;
     assert_eq!((slots, sent, answered, unanswered), (30, 30, 20, 10));
     assert_eq!((rows.len(), rows.iter().filter(|row| row[1] < 0.0).count()), (30, 10));
@@ -171,7 +171,7 @@ async fn slots_that_were_overslept_are_told_and_not_made_up() {
         }
         true
     };
-    let Probed { log, rows } = probe(Some(90), ask, future::pending()).await;
+    let ProbeRun { log, rows } = probe(Some(90), ask, future::pending()).await;
     let Counts { slots, sent, missed, skipped, .. } = log.figures.counts;
     assert_eq!((slots, sent + missed, skipped), (90, 90, 0));
     assert!((28..=30).contains(&missed), "{missed}");

@@ -3,7 +3,7 @@
 use plotters::element::Circle;
 use plotters::style::{Color, RGBColor};
 
-use crate::plot::{Axes, DRAWN, Label, Line, Plot, Theme, logarithmic, sheet};
+use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, Theme, canvas, logarithmic};
 use crate::probe::plots::extent::Extent;
 use crate::probe::summary::PAPER;
 use fuseline_report::Quantile;
@@ -25,49 +25,54 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
     let caption = "How many of the answers took no longer, with the quantiles p50, p90 and p99, beside those of \
         the paper's 5G drive, which are joined by straight lines.";
     Plot::new("distribution", caption, move |theme| {
-        sheet(theme, (860, 500), ("Network probe: distribution of round trips", &about), |sheet| {
-            let lines = [
-                line("this network", theme.series[1], false, &curve),
-                line("the paper's 5G drive", theme.series[2], true, &paper),
-            ];
-            Line::keys(&lines, theme, sheet, (82, 84));
-            let area = sheet.margin(104, 12, 20, 24);
-            let axes = Axes {
-                x: x.clone(),
-                y: 0.0..100.0,
-                x_name: "round trip, ms",
-                y_name: "answers, %",
-            };
-            let mut chart = axes.scaled(theme, &area, (logarithmic(&x), axes.y.clone()));
-            for line in &lines {
-                line.draw(&mut chart, &axes);
-            }
-            for (points, others, colour) in
-                [(&marks, &paper, theme.series[1]), (&paper, &marks, theme.series[2])]
-            {
-                let dots = points.iter().map(|at| Circle::new(*at, 5, colour.filled()));
-                chart.draw_series(dots).expect(DRAWN);
-                for (place, at) in points.iter().enumerate() {
-                    let is_left = others.get(place).is_none_or(|other| *at < *other);
-                    let (x, y) = chart.backend_coord(at);
-                    let x = if is_left { x - 10 } else { x + 10 };
-                    let name = ["p50", "p90", "p99"][place];
-                    write(theme, sheet, (name, at.0, is_left), (x, y));
+        canvas(
+            theme,
+            (860, 500),
+            ("Network probe: distribution of round trips", &about),
+            |canvas| {
+                let lines = [
+                    line("this network", theme.series[1], false, &curve),
+                    line("the paper's 5G drive", theme.series[2], true, &paper),
+                ];
+                Line::keys(&lines, theme, canvas, (82, 84));
+                let area = canvas.margin(104, 12, 20, 24);
+                let axes = Axes {
+                    x: x.clone(),
+                    y: 0.0..100.0,
+                    x_name: "round trip, ms",
+                    y_name: "answers, %",
+                };
+                let mut chart = axes.scaled(theme, &area, (logarithmic(&x), axes.y.clone()));
+                for line in &lines {
+                    line.draw(&mut chart, &axes);
                 }
-            }
-        })
+                for (points, others, colour) in
+                    [(&marks, &paper, theme.series[1]), (&paper, &marks, theme.series[2])]
+                {
+                    let dots = points.iter().map(|at| Circle::new(*at, 5, colour.filled()));
+                    chart.draw_series(dots).expect(DRAWN);
+                    for (place, at) in points.iter().enumerate() {
+                        let is_left = others.get(place).is_none_or(|other| *at < *other);
+                        let (x, y) = chart.backend_coord(at);
+                        let x = if is_left { x - 10 } else { x + 10 };
+                        let name = ["p50", "p90", "p99"][place];
+                        write(theme, canvas, (name, at.0, is_left), (x, y));
+                    }
+                }
+            },
+        )
     })
 }
 
 fn write(
     theme: &Theme,
-    sheet: &crate::plot::Sheet<'_>,
+    canvas: &crate::plot::Canvas<'_>,
     (name, ms, is_left): (&str, f64, bool),
     at: (i32, i32),
 ) {
-    let label = Label::new(13.0, theme.ink).bold();
+    let label = TextLine::new(13.0, theme.ink).bold();
     let label = if is_left { label.right() } else { label };
-    label.put(sheet, &format!("{name} {}", short(ms)), at);
+    label.put(canvas, &format!("{name} {}", short(ms)), at);
 }
 
 /// In whole milliseconds where that tells enough.

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::probe::figures::Spread;
 use crate::probe::plots::places::Bounds;
-use crate::probe::recording::Seen;
+use crate::probe::recording::PlotRow;
 use crate::probe::summary::{PAPER, counted, quantile};
 
 /// What a first look at a recording tells.
@@ -31,7 +31,7 @@ impl Default for Extent {
 }
 
 impl Extent {
-    pub(crate) fn add(&mut self, seen: &Seen) {
+    pub(crate) fn add(&mut self, seen: &PlotRow) {
         self.rows += 1;
         self.sent = Some((self.sent.map_or(seen.sent, |(first, _)| first), seen.sent));
         match seen.round_trip {
@@ -60,7 +60,7 @@ impl Extent {
     }
 
     /// In a line.
-    pub(crate) fn told(&self) -> String {
+    pub(crate) fn reported(&self) -> String {
         let [p50, p90, p99] =
             [50, 90, 99].map(|percent| quantile(self.round_trips.quantile(percent)));
         format!(

@@ -9,7 +9,7 @@ mod series;
 use std::path::Path;
 
 use crate::fault::Fault;
-use crate::plot::{DARK, Folder, LIGHT, Plot, Shown, show};
+use crate::plot::{DARK, Folder, LIGHT, PageContent, Plot, show};
 use crate::probe::plots::extent::Extent;
 use crate::probe::plots::places::Places;
 use crate::probe::plots::series::Series;
@@ -26,7 +26,11 @@ const WORDS: &str = "A message of 33.3 KB was due at each slot, 30 times a secon
 ///
 /// # Errors
 /// If the recording cannot be read, or a file cannot be written; each file is whole or not there.
-pub(crate) fn plot(path: &Path, folder: &Folder, told: Option<&str>) -> Result<Vec<String>, Fault> {
+pub(crate) fn plot(
+    path: &Path,
+    folder: &Folder,
+    reported: Option<&str>,
+) -> Result<Vec<String>, Fault> {
     let mut recording = Recording::open(path)?;
     let mut extent = Extent::default();
     recording.each(u64::MAX, |seen| extent.add(&seen))?;
@@ -39,12 +43,16 @@ pub(crate) fn plot(path: &Path, folder: &Folder, told: Option<&str>) -> Result<V
             places.add(&seen);
         }
     })?;
-    let about = extent.told();
+    let about = extent.reported();
     let mut plots = vec![series.plot(about.clone()), distribution::plot(&extent, about.clone())];
     plots.extend(places.map(route::plot));
     let files = names(&plots);
-    let shown =
-        Shown { title: "Network probe", words: &[WORDS], plots, told: told.unwrap_or(&about) };
+    let shown = PageContent {
+        title: "Network probe",
+        words: &[WORDS],
+        plots,
+        reported: reported.unwrap_or(&about),
+    };
     show(folder, &shown)?;
     Ok(files)
 }

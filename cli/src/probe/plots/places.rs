@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::probe::recording::Seen;
+use crate::probe::recording::PlotRow;
 
 /// The chart's sides, in units of the drawing.
 pub(crate) const CHART: (f64, f64) = (700.0, 520.0);
@@ -57,7 +57,7 @@ impl Places {
         places
     }
 
-    pub(crate) fn add(&mut self, seen: &Seen) {
+    pub(crate) fn add(&mut self, seen: &PlotRow) {
         let Some((lat, lon)) = seen.place else { return };
         let (east, north) = self.metres(self.bounds.east(lon), lat);
         let unit = self.unit();

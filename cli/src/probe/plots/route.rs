@@ -3,7 +3,7 @@
 use plotters::element::{Circle, Rectangle};
 use plotters::style::{Color, RGBColor};
 
-use crate::plot::{Axes, DRAWN, Label, Plot, Sheet, Theme, sheet};
+use crate::plot::{Axes, Canvas, DRAWN, Plot, TextLine, Theme, canvas};
 use crate::probe::plots::places::Places;
 
 /// What the scale goes from and to, in milliseconds.
@@ -14,10 +14,10 @@ pub(crate) fn plot(places: Places) -> Plot {
         black or white is a place where a request had no answer, or a pause began.";
     Plot::new("route", caption, move |theme| {
         let words = ("Network probe: route", "The slowest round trip at each place");
-        sheet(theme, (840, 720), words, |sheet| {
-            keys(theme, sheet);
+        canvas(theme, (840, 720), words, |canvas| {
+            keys(theme, canvas);
             let (across, up) = places.half;
-            let area = sheet.margin(104, 50, 20, 62);
+            let area = canvas.margin(104, 50, 20, 62);
             let (x_name, y_name) = ("east, m", "north, m");
             let axes = Axes { x: -across..across, y: -up..up, x_name, y_name };
             let mut chart = axes.chart(theme, &area);
@@ -30,20 +30,20 @@ pub(crate) fn plot(places: Places) -> Plot {
     })
 }
 
-fn keys(theme: &Theme, sheet: &Sheet<'_>) {
-    let label = Label::new(13.0, theme.ink);
-    label.right().put(sheet, "up to 10 ms", (122, 84));
+fn keys(theme: &Theme, canvas: &Canvas<'_>) {
+    let label = TextLine::new(13.0, theme.ink);
+    label.right().put(canvas, "up to 10 ms", (122, 84));
     for step in 0..100 {
         let share = f64::from(step) / 100.0;
         let ms = SCALE.0 * (SCALE.1 / SCALE.0).powf(share);
         let x = 132 + step * 2;
         // One over the other, so that no ground shows between them.
         let bar = Rectangle::new([(x, 76), (332, 92)], colour(theme, ms).filled());
-        sheet.draw(&bar).expect(DRAWN);
+        canvas.draw(&bar).expect(DRAWN);
     }
-    label.put(sheet, "3 s or more", (342, 84));
-    sheet.draw(&Circle::new((450, 84), 4, theme.ink.filled())).expect(DRAWN);
-    label.put(sheet, "no answer, or a pause began", (462, 84));
+    label.put(canvas, "3 s or more", (342, 84));
+    canvas.draw(&Circle::new((450, 84), 4, theme.ink.filled())).expect(DRAWN);
+    label.put(canvas, "no answer, or a pause began", (462, 84));
 }
 
 /// From good over orange to bad, by the logarithm.

@@ -6,9 +6,9 @@ use std::ops::Range;
 use plotters::element::{Circle, PathElement, Rectangle};
 use plotters::style::Color;
 
-use crate::plot::{Axes, DRAWN, Label, Plot, Sheet, Theme, logarithmic, sheet};
+use crate::plot::{Axes, Canvas, DRAWN, Plot, TextLine, Theme, canvas, logarithmic};
 use crate::probe::plots::extent::Extent;
-use crate::probe::recording::Seen;
+use crate::probe::recording::PlotRow;
 
 const SIZE: (u32, u32) = (860, 500);
 /// No more is told apart: about a unit of the drawing, in parts of the chart.
@@ -42,7 +42,7 @@ impl Series {
         }
     }
 
-    pub(crate) fn add(&mut self, seen: &Seen) {
+    pub(crate) fn add(&mut self, seen: &PlotRow) {
         let unit = (self.seconds.end - self.seconds.start) / ACROSS;
         if self.is_paused
             && let Some(pause) = self.pauses.last_mut()
@@ -69,14 +69,14 @@ impl Series {
         let caption = "Round trips over the time of sending; a band is a pause, in which nothing was sent. \
             Marks at the top are requests that failed or stayed unanswered.";
         Plot::new("round-trips", caption, move |theme| {
-            sheet(theme, SIZE, ("Network probe: round trips over time", &about), |sheet| {
-                Self::keys(theme, sheet);
-                self.draw(theme, &sheet.margin(104, 12, 20, 24));
+            canvas(theme, SIZE, ("Network probe: round trips over time", &about), |canvas| {
+                Self::keys(theme, canvas);
+                self.draw(theme, &canvas.margin(104, 12, 20, 24));
             })
         })
     }
 
-    fn draw(&self, theme: &Theme, area: &Sheet<'_>) {
+    fn draw(&self, theme: &Theme, area: &Canvas<'_>) {
         let (x, y) = (self.seconds.clone(), self.milliseconds.clone());
         let axes = Axes {
             x: x.clone(),
@@ -110,16 +110,16 @@ impl Series {
             .expect(DRAWN);
     }
 
-    fn keys(theme: &Theme, sheet: &Sheet<'_>) {
-        let label = Label::new(13.0, theme.ink);
-        sheet.draw(&Circle::new((92, 84), 4, theme.series[1].filled())).expect(DRAWN);
-        label.put(sheet, "round trip", (110, 84));
+    fn keys(theme: &Theme, canvas: &Canvas<'_>) {
+        let label = TextLine::new(13.0, theme.ink);
+        canvas.draw(&Circle::new((92, 84), 4, theme.series[1].filled())).expect(DRAWN);
+        label.put(canvas, "round trip", (110, 84));
         let style = theme.bad.mix(0.22).filled();
-        sheet.draw(&Rectangle::new([(204, 76), (225, 92)], style)).expect(DRAWN);
-        label.put(sheet, "pause", (232, 84));
+        canvas.draw(&Rectangle::new([(204, 76), (225, 92)], style)).expect(DRAWN);
+        label.put(canvas, "pause", (232, 84));
         let mark = PathElement::new(vec![(306, 79), (306, 89)], theme.bad.stroke_width(2));
-        sheet.draw(&mark).expect(DRAWN);
-        label.put(sheet, "failed or unanswered", (318, 84));
+        canvas.draw(&mark).expect(DRAWN);
+        label.put(canvas, "failed or unanswered", (318, 84));
     }
 
     fn decades(&self) -> f64 {

@@ -1,19 +1,19 @@
 //! `fuseline scenario jaywalking`: a person steps onto the road, and a plan for that may be at hand.
 
-mod aside;
+mod contingency;
+mod geometry;
 mod planning;
 mod plots;
-mod scene;
 mod text;
 
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::fault::Fault;
-use crate::plot::{Folder, Shown, show};
-use crate::scenario::jaywalking::planning::{Answered, Planning};
-pub(crate) use crate::scenario::jaywalking::scene::{Manoeuvre, Scene};
-use crate::scenario::options::{Leave, above_0, not_below_0, speed};
+use crate::plot::{Folder, PageContent, show};
+pub(crate) use crate::scenario::jaywalking::geometry::{Geometry, Manoeuvre};
+use crate::scenario::jaywalking::planning::{PlanCallOutcome, Planning};
+use crate::scenario::options::{OutputOptions, above_0, not_below_0, speed};
 
 /// What the page says first.
 const WORDS: &str = "A person walks onto the road just before a car. The planner on board takes its time; a plan that the \
@@ -63,7 +63,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "10", value_parser = speed)]
     speed: Vec<f64>,
     #[command(flatten)]
-    leave: Leave,
+    leave: OutputOptions,
 }
 
 /// The greatest speeds without contact, in m/s.
@@ -79,7 +79,7 @@ pub(crate) struct Greatest {
 pub(crate) struct Run {
     speed: f64,
     /// What became of the call for a contingency plan.
-    cloud: Answered,
+    cloud: PlanCallOutcome,
     /// Whether the cached plan was used.
     cached: bool,
     /// From the person's step onto the road until the plan for it left the planner, in s.
@@ -89,8 +89,8 @@ pub(crate) struct Run {
 }
 
 impl Args {
-    const fn scene(&self) -> Scene {
-        Scene {
+    const fn geometry(&self) -> Geometry {
+        Geometry {
             distance: self.distance,
             person_speed: self.person_speed,
             lateral: self.lateral,
@@ -101,7 +101,7 @@ impl Args {
 
 /// All that is told.
 #[derive(Clone, Serialize)]
-pub(crate) struct Found {
+pub(crate) struct ScenarioResult {
     scenario: &'static str,
     parameters: Value,
     greatest: Vec<Greatest>,
@@ -111,35 +111,38 @@ pub(crate) struct Found {
 /// Plays it.
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let [traces, plots] = args.leave.folders()?;
-    let scene = args.scene();
-    let greatest = args.response.iter().map(|at| greatest(&scene, *at)).collect();
-    let runs = runs(args, &scene, traces.as_ref())?;
-    let parameters = json!({"speed": args.speed, "response": args.response, "scene": scene});
-    let found = Found { scenario: "jaywalking", parameters, greatest, runs };
+    let geometry = args.geometry();
+    let greatest = args.response.iter().map(|at| greatest(&geometry, *at)).collect();
+    let runs = runs(args, &geometry, traces.as_ref())?;
+    let parameters = json!({"speed": args.speed, "response": args.response, "scene": geometry});
+    let found = ScenarioResult { scenario: "jaywalking", parameters, greatest, runs };
     let text = text::text(&found);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
-        let plots = plots::plots(&found, scene);
-        show(&folder, &Shown { title: "Person jaywalking", words: &words, plots, told: &text })?;
+        let plots = plots::plots(&found, geometry);
+        show(
+            &folder,
+            &PageContent { title: "Person jaywalking", words: &words, plots, reported: &text },
+        )?;
     }
-    args.leave.tell(&found, &text)
+    args.leave.print_report(&found, &text)
 }
 
-fn greatest(scene: &Scene, response: f64) -> Greatest {
+fn greatest(geometry: &Geometry, response: f64) -> Greatest {
     Greatest {
         response,
-        swerve: scene.greatest(Manoeuvre::Swerve, response),
-        brake: scene.greatest(Manoeuvre::Brake, response),
+        swerve: geometry.greatest(Manoeuvre::Swerve, response),
+        brake: geometry.greatest(Manoeuvre::Brake, response),
     }
 }
 
 /// Each way in which the call aside may end, at each speed.
-fn runs(args: &Args, scene: &Scene, traces: Option<&Folder>) -> Result<Vec<Run>, Fault> {
+fn runs(args: &Args, geometry: &Geometry, traces: Option<&Folder>) -> Result<Vec<Run>, Fault> {
     let (Some(planner), Some(cached)) = (args.response.first(), args.response.last()) else {
         return Ok(Vec::new());
     };
     let mut runs = Vec::new();
-    for cloud in Answered::ALL {
+    for cloud in PlanCallOutcome::ALL {
         let planning = Planning { cloud, planner: *planner, cached: *cached };
         let came = planning.run(traces.is_some());
         if let (Some(folder), Some(trace)) = (traces, &came.trace) {
@@ -148,7 +151,7 @@ fn runs(args: &Args, scene: &Scene, traces: Option<&Folder>) -> Result<Vec<Run>,
         for speed in &args.speed {
             for manoeuvre in [Manoeuvre::Swerve, Manoeuvre::Brake] {
                 let response = came.response;
-                let collides = scene.contact(*speed, manoeuvre, response).is_some();
+                let collides = geometry.contact(*speed, manoeuvre, response).is_some();
                 let cached = came.is_cached;
                 runs.push(Run { speed: *speed, cloud, cached, response, manoeuvre, collides });
             }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::scenario::approach::{nanos, seconds};
-use crate::scenario::jaywalking::aside::{Answer, Asides, Hypothesis, Plan};
+use crate::scenario::jaywalking::contingency::{ContingencyCalls, Hypothesis, Plan, PlanReply};
 use crate::scenario::operator::{Message, Operator};
 
 /// The planner gets a message so often, in ns.
@@ -26,7 +26,7 @@ const LIMIT: usize = 1;
 /// What becomes of the call for a contingency plan.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Answered {
+pub(crate) enum PlanCallOutcome {
     /// No cloud is asked.
     Unasked,
     /// In time, and the plan holds.
@@ -44,7 +44,7 @@ pub(crate) enum Answered {
 /// A run of the planner, in s.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Planning {
-    pub(crate) cloud: Answered,
+    pub(crate) cloud: PlanCallOutcome,
     /// How long the planner computes.
     pub(crate) planner: f64,
     /// How long it takes with a cached plan.
@@ -52,7 +52,7 @@ pub(crate) struct Planning {
 }
 
 /// What left the planner.
-pub(crate) struct Planned {
+pub(crate) struct PlannerOutput {
     /// From the person's step onto the road until the plan for it left, in s.
     pub(crate) response: f64,
     /// Whether that was the cached plan.
@@ -60,7 +60,7 @@ pub(crate) struct Planned {
     pub(crate) trace: Option<Vec<u8>>,
 }
 
-impl Answered {
+impl PlanCallOutcome {
     pub(crate) const ALL: [Self; 6] = [
         Self::Unasked,
         Self::InTime,
@@ -83,33 +83,33 @@ impl Answered {
     }
 
     /// What the call brings.
-    const fn answer(self) -> Option<Answer> {
+    const fn answer(self) -> Option<PlanReply> {
         let person = Plan { hypothesis: Hypothesis::PersonEnters, validity: VALIDITY };
         let other = Plan { hypothesis: Hypothesis::CarPullsOut, validity: VALIDITY };
         match self {
             Self::Unasked | Self::Silent => None,
-            Self::InTime => Some(Answer { takes: TAKES, plan: person }),
-            Self::Late => Some(Answer { takes: DEADLINE, plan: person }),
+            Self::InTime => Some(PlanReply { takes: TAKES, plan: person }),
+            Self::Late => Some(PlanReply { takes: DEADLINE, plan: person }),
             Self::Expired => {
                 let until = ENTERS - FORESEEN - TAKES;
-                Some(Answer { takes: TAKES, plan: Plan { validity: until, ..person } })
+                Some(PlanReply { takes: TAKES, plan: Plan { validity: until, ..person } })
             }
-            Self::OtherHypothesis => Some(Answer { takes: TAKES, plan: other }),
+            Self::OtherHypothesis => Some(PlanReply { takes: TAKES, plan: other }),
         }
     }
 }
 
 impl Planning {
     /// Runs it.
-    pub(crate) fn run(&self, is_traced: bool) -> Planned {
+    pub(crate) fn run(&self, is_traced: bool) -> PlannerOutput {
         let mut operator = Operator::new("planner", 31.0, is_traced);
-        let mut asides = Asides::new(LIMIT);
+        let mut contingencies = ContingencyCalls::new(LIMIT);
         let mut is_cached = false;
         for at in (0..=LAST).step_by(usize::try_from(EVERY).unwrap_or(usize::MAX)) {
-            if at == FORESEEN && self.cloud != Answered::Unasked {
-                asides.call(at, DEADLINE, self.cloud.answer());
+            if at == FORESEEN && self.cloud != PlanCallOutcome::Unasked {
+                contingencies.call(at, DEADLINE, self.cloud.answer());
             }
-            let has_plan = at >= ENTERS && asides.holds(at, Hypothesis::PersonEnters);
+            let has_plan = at >= ENTERS && contingencies.holds(at, Hypothesis::PersonEnters);
             is_cached |= has_plan;
             let local = Some(nanos(if has_plan { self.cached } else { self.planner }));
             operator.message(&Message { at, local, request: None });
@@ -118,7 +118,7 @@ impl Planning {
         let outputs = operator.take_outputs();
         let first = outputs.iter().find(|output| output.t * EVERY >= ENTERS);
         let response = first.map_or(f64::INFINITY, |output| seconds(output.at - ENTERS));
-        Planned { response, is_cached, trace: operator.into_trace() }
+        PlannerOutput { response, is_cached, trace: operator.into_trace() }
     }
 }
 
@@ -128,19 +128,22 @@ mod tests {
 
     use super::*;
 
-    fn run(cloud: Answered) -> (f64, bool, Vec<u8>) {
-        let Planned { response, is_cached, trace } =
+    fn run(cloud: PlanCallOutcome) -> (f64, bool, Vec<u8>) {
+        let PlannerOutput { response, is_cached, trace } =
             Planning { cloud, planner: 0.5, cached: 0.4 }.run(true);
         (response, is_cached, trace.unwrap())
     }
 
     #[test]
     fn a_plan_that_does_not_serve_leaves_outputs_at_the_instants_of_a_run_without_a_cloud() {
-        let (response, is_cached, without) = run(Answered::Unasked);
+        let (response, is_cached, without) = run(PlanCallOutcome::Unasked);
         assert_eq!((response, is_cached), (0.5, false));
-        for cloud in
-            [Answered::Late, Answered::Expired, Answered::OtherHypothesis, Answered::Silent]
-        {
+        for cloud in [
+            PlanCallOutcome::Late,
+            PlanCallOutcome::Expired,
+            PlanCallOutcome::OtherHypothesis,
+            PlanCallOutcome::Silent,
+        ] {
             let (response, is_cached, trace) = run(cloud);
             assert_eq!((response, is_cached), (0.5, false), "{cloud:?}");
             assert!(trace == without, "{cloud:?} changed what the machine saw");
@@ -149,7 +152,7 @@ mod tests {
 
     #[test]
     fn a_plan_in_time_that_holds_and_matches_is_used_and_no_output_of_its_own() {
-        let (response, is_cached, trace) = run(Answered::InTime);
+        let (response, is_cached, trace) = run(PlanCallOutcome::InTime);
         assert_eq!((response, is_cached), (0.4, true));
         let text = String::from_utf8(trace.clone()).unwrap();
         assert_eq!(text.matches("\"emit\"").count(), 31);

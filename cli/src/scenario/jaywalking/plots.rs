@@ -3,18 +3,18 @@
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use crate::plot::{Axes, DRAWN, Label, Line, Plot, sheet};
-use crate::scenario::jaywalking::scene::{Manoeuvre, Scene};
-use crate::scenario::jaywalking::{Found, Greatest};
+use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, canvas};
+use crate::scenario::jaywalking::geometry::{Geometry, Manoeuvre};
+use crate::scenario::jaywalking::{Greatest, ScenarioResult};
 
 /// Responses that are shown, in fiftieths of a second.
 const SHOWN: std::ops::RangeInclusive<u32> = 0..=50;
 
 /// The plot.
-pub(crate) fn plots(found: &Found, scene: Scene) -> Vec<Plot> {
+pub(crate) fn plots(found: &ScenarioResult, geometry: Geometry) -> Vec<Plot> {
     let line = |manoeuvre: Manoeuvre| -> Vec<(f64, f64)> {
         let responses = SHOWN.into_par_iter().map(|fiftieths| f64::from(fiftieths) / 50.0);
-        let points = responses.map(|at| (at, scene.greatest(manoeuvre, at)));
+        let points = responses.map(|at| (at, geometry.greatest(manoeuvre, at)));
         points.filter_map(|(at, speed)| Some((at, speed?))).collect()
     };
     let (swerve, brake) = (line(Manoeuvre::Swerve), line(Manoeuvre::Brake));
@@ -34,7 +34,7 @@ pub(crate) fn plots(found: &Found, scene: Scene) -> Vec<Plot> {
     );
     vec![Plot::new("greatest-speed", caption, move |theme| {
         let words = ("Person jaywalking", &*below);
-        sheet(theme, (760, 470), words, |sheet| {
+        canvas(theme, (760, 470), words, |canvas| {
             let of = |name: &str, series: usize, points: &Vec<(f64, f64)>| Line {
                 name: name.to_owned(),
                 colour: theme.series[series],
@@ -43,8 +43,8 @@ pub(crate) fn plots(found: &Found, scene: Scene) -> Vec<Plot> {
                 points: points.clone(),
             };
             let lines = [of("swerve", 1, &swerve), of("brake", 2, &brake)];
-            Line::keys(&lines, theme, sheet, (82, 84));
-            let area = sheet.margin(104, 12, 20, 24);
+            Line::keys(&lines, theme, canvas, (82, 84));
+            let area = canvas.margin(104, 12, 20, 24);
             let axes = Axes {
                 x: 0.0..1.0,
                 y: 0.0..top.ceil(),
@@ -60,7 +60,7 @@ pub(crate) fn plots(found: &Found, scene: Scene) -> Vec<Plot> {
             {
                 let dots = marks.iter().map(|at| Circle::new(*at, 5, colour.filled()));
                 chart.draw_series(dots).expect(DRAWN);
-                let style = Label::new(12.0, theme.ink).centred().style();
+                let style = TextLine::new(12.0, theme.ink).centred().style();
                 let words = marks.iter().map(|(at, speed)| {
                     EmptyElement::at((*at, *speed))
                         + Text::new(format!("{speed:.2}"), (0, above), style.clone())

@@ -2,21 +2,21 @@
 
 use std::fmt::Write;
 
-use crate::scenario::jaywalking::Found;
-use crate::scenario::jaywalking::planning::Answered;
-use crate::scenario::jaywalking::scene::Manoeuvre;
+use crate::scenario::jaywalking::ScenarioResult;
+use crate::scenario::jaywalking::geometry::Manoeuvre;
+use crate::scenario::jaywalking::planning::PlanCallOutcome;
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
 
 /// The words for it all.
-pub(crate) fn text(found: &Found) -> String {
+pub(crate) fn text(found: &ScenarioResult) -> String {
     written(|text| {
         runs(text, found)?;
         greatest(text, found)
     })
 }
 
-fn runs(text: &mut String, found: &Found) -> std::fmt::Result {
+fn runs(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     writeln!(
         text,
         "{:>4}  {:<26}{:<9}{:>9}  {:<8}{:<8}the paper",
@@ -26,16 +26,17 @@ fn runs(text: &mut String, found: &Found) -> std::fmt::Result {
     for pair in found.runs.chunks(2) {
         let [swerve, brake] = pair else { continue };
         let plan = if swerve.cached { "cached" } else { "on board" };
-        let said = if swerve.cached {
+        let printed = if swerve.cached {
             &PAPER.jaywalking.collides.cached_contingency
         } else {
             &PAPER.jaywalking.collides.local_planner
         };
         let paper = match swerve.cloud {
-            Answered::Unasked | Answered::InTime => word(*said),
-            Answered::Late | Answered::Expired | Answered::OtherHypothesis | Answered::Silent => {
-                "–".to_owned()
-            }
+            PlanCallOutcome::Unasked | PlanCallOutcome::InTime => word(*printed),
+            PlanCallOutcome::Late
+            | PlanCallOutcome::Expired
+            | PlanCallOutcome::OtherHypothesis
+            | PlanCallOutcome::Silent => "–".to_owned(),
         };
         writeln!(
             text,
@@ -51,14 +52,14 @@ fn runs(text: &mut String, found: &Found) -> std::fmt::Result {
     writeln!(text, "\nThe paper's car swerves; x: it hits the person.\n")
 }
 
-const fn became(cloud: Answered) -> &'static str {
+const fn became(cloud: PlanCallOutcome) -> &'static str {
     match cloud {
-        Answered::Unasked => "not asked for",
-        Answered::InTime => "in time, valid, matches",
-        Answered::Late => "after its deadline",
-        Answered::Expired => "in time, expired",
-        Answered::OtherHypothesis => "in time, for another case",
-        Answered::Silent => "never comes",
+        PlanCallOutcome::Unasked => "not asked for",
+        PlanCallOutcome::InTime => "in time, valid, matches",
+        PlanCallOutcome::Late => "after its deadline",
+        PlanCallOutcome::Expired => "in time, expired",
+        PlanCallOutcome::OtherHypothesis => "in time, for another case",
+        PlanCallOutcome::Silent => "never comes",
     }
 }
 
@@ -71,7 +72,7 @@ fn padded(collides: bool) -> String {
     word(collides) + "  "
 }
 
-fn greatest(text: &mut String, found: &Found) -> std::fmt::Result {
+fn greatest(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     writeln!(text, "The greatest speed up to which nobody is touched, in m/s:")?;
     writeln!(text, "  {:>10}{:>10}{:>10}", "response", "swerve", "brake")?;
     let shown = |speed: Option<f64>| speed.map_or("any".to_owned(), |speed| format!("{speed:.2}"));

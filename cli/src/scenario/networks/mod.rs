@@ -13,13 +13,13 @@ use serde_json::{Value, json};
 
 use crate::drives::Drive;
 use crate::fault::Fault;
-use crate::plot::{Folder, Shown, show};
+use crate::plot::{Folder, PageContent, show};
 use crate::scenario::ScenarioError;
 use crate::scenario::approach::{self, Vehicle, whole};
-use crate::scenario::braking::Aftermath;
-use crate::scenario::networks::policy::{Manner, deadline, observe};
+use crate::scenario::braking::DriveOutcome;
+use crate::scenario::networks::policy::{ResponsePolicy, deadline, observe};
 use crate::scenario::operator::Operator;
-use crate::scenario::options::{Leave, VehicleArgs, not_below_0, speed};
+use crate::scenario::options::{OutputOptions, VehicleArgs, not_below_0, speed};
 
 /// All that is recorded but the wifi, which was hardly ever there.
 const DRIVES: &str = "cicv5g/arterial_n78_v80,cicv5g/rural_n8_v0,cicv5g/rural_n8_v10,\
@@ -64,8 +64,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "11,12,13,14,15,16,17,18,19,20,21,22,23,24,25,26,27,28,29,30", hide_default_value = true, value_parser = speed)]
     speed: Vec<f64>,
     /// Who answers: local, cloud, first, a constant deadline in s, guard, expected.
-    #[arg(long, value_name = "WHO,WHO,…", value_delimiter = ',', default_value = "local,cloud,first,0.5,0.76,guard,expected", value_parser = Manner::parse)]
-    policy: Vec<Manner>,
+    #[arg(long, value_name = "WHO,WHO,…", value_delimiter = ',', default_value = "local,cloud,first,0.5,0.76,guard,expected", value_parser = ResponsePolicy::parse)]
+    policy: Vec<ResponsePolicy>,
     /// How many moments, evenly over each drive, at which the obstacle comes into sight.
     #[arg(long, value_name = "N", default_value = "400", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     starts: u32,
@@ -75,7 +75,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     vehicle: VehicleArgs,
     #[command(flatten)]
-    leave: Leave,
+    leave: OutputOptions,
 }
 
 /// What a drive, a speed and a policy come to.
@@ -83,7 +83,7 @@ pub(crate) struct Args {
 pub(crate) struct Row {
     drive: String,
     speed: f64,
-    policy: Manner,
+    policy: ResponsePolicy,
     starts: u32,
     /// How many starts end in a collision.
     collisions: u32,
@@ -111,7 +111,7 @@ struct Setting<'a> {
 
 /// All that is told.
 #[derive(Clone, Serialize)]
-pub(crate) struct Found {
+pub(crate) struct ScenarioResult {
     scenario: &'static str,
     parameters: Value,
     #[serde(skip)]
@@ -119,7 +119,7 @@ pub(crate) struct Found {
     #[serde(skip)]
     speeds: Vec<f64>,
     #[serde(skip)]
-    policies: Vec<Manner>,
+    policies: Vec<ResponsePolicy>,
     #[serde(skip)]
     starts: u32,
     rows: Vec<Row>,
@@ -134,13 +134,13 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let drives: Result<Vec<Drive>, _> = args.drive.iter().map(|name| Drive::load(name)).collect();
     let drives = drives.map_err(Fault::own)?;
     let vehicle = args.vehicle.vehicle();
-    let needs_guard = args.policy.iter().any(|manner| manner.is_guarded());
+    let needs_guard = args.policy.iter().any(|mode| mode.is_guarded());
     let guard = needs_guard.then(|| vehicle.guard()).transpose();
     let guard = guard.map_err(|invalid| ScenarioError::Invalid { invalid })?;
     let [traces, plots] = args.leave.folders()?;
     let runtime = Duration::from_secs_f64(args.cloud_runtime);
     let setting = Setting { args, vehicle, guard, runtime, traces };
-    let found = Found {
+    let found = ScenarioResult {
         scenario: "networks",
         parameters: args.parameters(),
         drives: drives.iter().map(|drive| drive.name().to_owned()).collect(),
@@ -153,9 +153,12 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         let plots = plots::plots(&found);
-        show(&folder, &Shown { title: "Recorded networks", words: &words, plots, told: &text })?;
+        show(
+            &folder,
+            &PageContent { title: "Recorded networks", words: &words, plots, reported: &text },
+        )?;
     }
-    args.leave.tell(&found, &text)
+    args.leave.print_report(&found, &text)
 }
 
 impl Args {
@@ -175,14 +178,14 @@ impl Setting<'_> {
         let mut rows = Vec::new();
         for drive in drives {
             let starts = 0..self.args.starts;
-            let ends: Result<Vec<Vec<Aftermath>>, Fault> =
+            let ends: Result<Vec<Vec<DriveOutcome>>, Fault> =
                 starts.into_par_iter().map(|place| self.start(drive, place).ends(self)).collect();
             let ends = ends?;
             for (column, (speed, policy)) in self.pairs().enumerate() {
                 let ends = ends.iter().map(|ends| ends[column]);
                 let starts = self.args.starts;
                 let collisions = ends.clone().map(|end| u32::from(end.hits())).sum();
-                let energy = ends.map(Aftermath::energy).sum::<f64>() / f64::from(starts);
+                let energy = ends.map(DriveOutcome::energy).sum::<f64>() / f64::from(starts);
                 let drive = drive.name().to_owned();
                 rows.push(Row { drive, speed, policy, starts, collisions, energy });
             }
@@ -191,7 +194,7 @@ impl Setting<'_> {
     }
 
     /// Each speed with each policy.
-    fn pairs(&self) -> impl Iterator<Item = (f64, Manner)> {
+    fn pairs(&self) -> impl Iterator<Item = (f64, ResponsePolicy)> {
         let policies = |speed| self.args.policy.iter().map(move |policy| (speed, *policy));
         self.args.speed.iter().copied().flat_map(policies)
     }
@@ -199,7 +202,7 @@ impl Setting<'_> {
     fn start<'a>(&self, drive: &'a Drive, place: u32) -> Start<'a> {
         let at = drive.length() * place / self.args.starts;
         let phase = (GOLDEN * f64::from(place)).fract();
-        let needs = self.args.policy.contains(&Manner::Expected);
+        let needs = self.args.policy.contains(&ResponsePolicy::Expected);
         let observed =
             if needs { observe(drive, &self.vehicle, self.runtime, at) } else { Vec::new() };
         Start { drive, place, at, phase, observed }
@@ -208,24 +211,29 @@ impl Setting<'_> {
 
 impl Start<'_> {
     /// How the runs from here end, speed by speed and policy by policy.
-    fn ends(&self, setting: &Setting<'_>) -> Result<Vec<Aftermath>, Fault> {
-        setting.pairs().map(|(speed, manner)| self.end(setting, speed, manner)).collect()
+    fn ends(&self, setting: &Setting<'_>) -> Result<Vec<DriveOutcome>, Fault> {
+        setting.pairs().map(|(speed, mode)| self.end(setting, speed, mode)).collect()
     }
 
-    fn end(&self, setting: &Setting<'_>, speed: f64, manner: Manner) -> Result<Aftermath, Fault> {
+    fn end(
+        &self,
+        setting: &Setting<'_>,
+        speed: f64,
+        mode: ResponsePolicy,
+    ) -> Result<DriveOutcome, Fault> {
         let situation = Situation { reveal: setting.vehicle.reveal, ..Situation::at(speed) };
-        let deadline = deadline(manner, setting.guard.as_ref(), &situation, &self.observed);
+        let deadline = deadline(mode, setting.guard.as_ref(), &situation, &self.observed);
         let run = approach::Drive {
             vehicle: &setting.vehicle,
             speed,
             phase: self.phase,
-            approach: manner.approach(),
+            approach: mode.approach(),
             deadline,
         };
         let traced = setting.traces.as_ref();
         let name = match traced {
             Some(_) => {
-                format!("{manner}, {speed} m/s, {} from start {}", self.drive.name(), self.place)
+                format!("{mode}, {speed} m/s, {} from start {}", self.drive.name(), self.place)
             }
             None => String::new(),
         };
@@ -239,7 +247,7 @@ impl Start<'_> {
         }
         if let (Some(folder), Some(trace)) = (traced, operator.into_trace()) {
             let drive: String = self.drive.name().replace(['/', '\\', ':'], "-");
-            folder.put(&format!("{drive}-v{speed}-{manner}-{:05}.jsonl", self.place), &trace)?;
+            folder.put(&format!("{drive}-v{speed}-{mode}-{:05}.jsonl", self.place), &trace)?;
         }
         Ok(end)
     }

@@ -1,13 +1,13 @@
 //! Collisions and impact over the speed.
 
-use crate::plot::{Axes, Line, Plot, Theme, sheet};
-use crate::scenario::networks::policy::Manner;
+use crate::plot::{Axes, Line, Plot, Theme, canvas};
+use crate::scenario::networks::policy::ResponsePolicy;
 use crate::scenario::networks::text::{mean, percent};
-use crate::scenario::networks::{Found, Row};
+use crate::scenario::networks::{Row, ScenarioResult};
 
 /// Both plots.
-pub(crate) fn plots(found: &Found) -> Vec<Plot> {
-    let collisions = Sight {
+pub(crate) fn plots(found: &ScenarioResult) -> Vec<Plot> {
+    let collisions = PlotView {
         name: "collisions",
         words: (
             "Recorded networks: who collides",
@@ -16,7 +16,7 @@ pub(crate) fn plots(found: &Found) -> Vec<Plot> {
         y_name: "collisions, %",
         of: percent,
     };
-    let impact = Sight {
+    let impact = PlotView {
         name: "impact",
         words: (
             "Recorded networks: how hard",
@@ -36,35 +36,35 @@ pub(crate) fn plots(found: &Found) -> Vec<Plot> {
     ]
 }
 
-struct Sight {
+struct PlotView {
     name: &'static str,
     words: (&'static str, &'static str),
     y_name: &'static str,
     of: fn(&Row) -> f64,
 }
 
-impl Sight {
-    fn plot(self, found: &Found, caption: String) -> Plot {
+impl PlotView {
+    fn plot(self, found: &ScenarioResult, caption: String) -> Plot {
         let mut speeds = found.speeds.clone();
         speeds.sort_by(f64::total_cmp);
         let rows = found.rows.clone();
         let of = self.of;
-        let curve = move |policy: Manner| -> Vec<(f64, f64)> {
+        let curve = move |policy: ResponsePolicy| -> Vec<(f64, f64)> {
             speeds.iter().map(|speed| (*speed, mean(&rows, Some(*speed), policy, of))).collect()
         };
-        let curves: Vec<(Manner, Vec<(f64, f64)>)> =
+        let curves: Vec<(ResponsePolicy, Vec<(f64, f64)>)> =
             found.policies.iter().map(|policy| (*policy, curve(*policy))).collect();
         let x = span(&found.speeds);
         let top = top(&curves);
         Plot::new(self.name, caption, move |theme| {
-            sheet(theme, (860, 500), self.words, |sheet| {
+            canvas(theme, (860, 500), self.words, |canvas| {
                 let lines: Vec<Line> = curves
                     .iter()
                     .enumerate()
                     .map(|(place, curve)| line(theme, place, curve))
                     .collect();
-                Line::keys(&lines, theme, sheet, (82, 84));
-                let area = sheet.margin(104, 12, 20, 24);
+                Line::keys(&lines, theme, canvas, (82, 84));
+                let area = canvas.margin(104, 12, 20, 24);
                 let axes =
                     Axes { x: x.clone(), y: 0.0..top, x_name: "speed, m/s", y_name: self.y_name };
                 let mut chart = axes.chart(theme, &area);
@@ -77,8 +77,8 @@ impl Sight {
 }
 
 /// How high the picture is: so that all is shown by which policies other than local alone differ.
-fn top(curves: &[(Manner, Vec<(f64, f64)>)]) -> f64 {
-    let others = || curves.iter().filter(|(policy, _)| *policy != Manner::Local);
+fn top(curves: &[(ResponsePolicy, Vec<(f64, f64)>)]) -> f64 {
+    let others = || curves.iter().filter(|(policy, _)| *policy != ResponsePolicy::Local);
     let at =
         |place: usize| others().filter_map(move |(_, points)| points.get(place)).map(|(_, y)| *y);
     let places = others().map(|(_, points)| points.len()).max().unwrap_or(0);
@@ -97,12 +97,12 @@ fn top(curves: &[(Manner, Vec<(f64, f64)>)]) -> f64 {
     shown.unwrap_or(1.0) * 1.15
 }
 
-fn line(theme: &Theme, place: usize, (policy, points): &(Manner, Vec<(f64, f64)>)) -> Line {
-    let is_constant = matches!(policy, Manner::Constant(_));
+fn line(theme: &Theme, place: usize, (policy, points): &(ResponsePolicy, Vec<(f64, f64)>)) -> Line {
+    let is_constant = matches!(policy, ResponsePolicy::Constant(_));
     Line {
         name: if is_constant { format!("{policy} s") } else { policy.to_string() },
         colour: theme.series[place % theme.series.len()],
-        width: if *policy == Manner::Guard { 4 } else { 2 },
+        width: if *policy == ResponsePolicy::Guard { 4 } else { 2 },
         is_dashed: is_constant,
         points: points.clone(),
     }

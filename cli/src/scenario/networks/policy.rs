@@ -17,7 +17,7 @@ const OBSERVED: Duration = Duration::from_secs(30);
 
 /// Who answers, and by which deadline.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) enum Manner {
+pub(crate) enum ResponsePolicy {
     Local,
     Cloud,
     First,
@@ -26,7 +26,7 @@ pub(crate) enum Manner {
     Expected,
 }
 
-impl Manner {
+impl ResponsePolicy {
     /// Reads one.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         Ok(match text {
@@ -57,7 +57,7 @@ impl Manner {
     }
 }
 
-impl fmt::Display for Manner {
+impl fmt::Display for ResponsePolicy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Local => f.pad("local"),
@@ -70,7 +70,7 @@ impl fmt::Display for Manner {
     }
 }
 
-impl Serialize for Manner {
+impl Serialize for ResponsePolicy {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
             Self::Constant(deadline) => serializer.serialize_f64(deadline.as_secs_f64()),
@@ -112,15 +112,15 @@ pub(crate) fn observe(
 
 /// The deadline of each request of a run.
 pub(crate) fn deadline(
-    manner: Manner,
+    mode: ResponsePolicy,
     guard: Option<&Guard>,
     situation: &Situation<'_>,
     observed: &[Observation],
 ) -> Duration {
     let cap = guard.map_or(Duration::MAX, |guard| guard.judge(situation).deadline);
-    match (manner, guard) {
-        (Manner::Constant(deadline), _) => deadline,
-        (Manner::Expected, Some(guard)) => {
+    match (mode, guard) {
+        (ResponsePolicy::Constant(deadline), _) => deadline,
+        (ResponsePolicy::Expected, Some(guard)) => {
             let impact = Impact::from(guard);
             let steps = Survival::new(observed.iter().copied(), &[]);
             let Choice { deadline, .. } =

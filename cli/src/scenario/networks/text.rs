@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use crate::scenario::networks::policy::Manner;
-use crate::scenario::networks::{Found, Row};
+use crate::scenario::networks::policy::ResponsePolicy;
+use crate::scenario::networks::{Row, ScenarioResult};
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 
 /// How wide a name and a cell are.
@@ -14,7 +14,7 @@ const CELL: usize = 9;
 pub(crate) fn mean(
     rows: &[Row],
     speed: Option<f64>,
-    policy: Manner,
+    policy: ResponsePolicy,
     of: impl Fn(&Row) -> f64,
 ) -> f64 {
     let is_meant = |row: &&Row| {
@@ -34,7 +34,7 @@ pub(crate) fn percent(row: &Row) -> f64 {
 }
 
 /// The words for it all.
-pub(crate) fn text(found: &Found) -> String {
+pub(crate) fn text(found: &ScenarioResult) -> String {
     written(|text| {
         table(text, found, "collisions, %", percent)?;
         table(text, found, "energy, m²/s²", |row| row.energy)?;
@@ -42,14 +42,19 @@ pub(crate) fn text(found: &Found) -> String {
     })
 }
 
-fn name(policy: Manner) -> String {
+fn name(policy: ResponsePolicy) -> String {
     match policy {
-        Manner::Constant(_) => format!("{policy} s"),
+        ResponsePolicy::Constant(_) => format!("{policy} s"),
         _ => policy.to_string(),
     }
 }
 
-fn table(text: &mut String, found: &Found, what: &str, of: fn(&Row) -> f64) -> std::fmt::Result {
+fn table(
+    text: &mut String,
+    found: &ScenarioResult,
+    what: &str,
+    of: fn(&Row) -> f64,
+) -> std::fmt::Result {
     write!(text, "{what:<NAME$}")?;
     for policy in &found.policies {
         write!(text, "{:>CELL$}", name(*policy))?;
@@ -71,7 +76,7 @@ fn table(text: &mut String, found: &Found, what: &str, of: fn(&Row) -> f64) -> s
     writeln!(text, "\n")
 }
 
-fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
+fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     let drives = found.drives.len();
     writeln!(
         text,
@@ -85,10 +90,10 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
         },
         found.starts
     )?;
-    if !found.policies.contains(&Manner::Local) {
+    if !found.policies.contains(&ResponsePolicy::Local) {
         return Ok(());
     }
-    let others = found.policies.iter().filter(|policy| **policy != Manner::Local);
+    let others = found.policies.iter().filter(|policy| **policy != ResponsePolicy::Local);
     let worse: Vec<String> = others
         .map(|policy| {
             let count = worse(&found.rows, *policy);
@@ -107,10 +112,11 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
 }
 
 /// In how many pairs of a drive and a speed a policy collides more often than local alone.
-pub(crate) fn worse(rows: &[Row], policy: Manner) -> usize {
+pub(crate) fn worse(rows: &[Row], policy: ResponsePolicy) -> usize {
     let local = |row: &Row| {
         let is = |other: &&Row| {
-            (other.policy, other.speed, &other.drive) == (Manner::Local, row.speed, &row.drive)
+            (other.policy, other.speed, &other.drive)
+                == (ResponsePolicy::Local, row.speed, &row.drive)
         };
         rows.iter().find(is).map_or(u32::MAX, |local| local.collisions)
     };

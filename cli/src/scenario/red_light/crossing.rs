@@ -7,9 +7,9 @@ use crate::plot::Folder;
 use crate::scenario::approach::{nanos, seconds};
 use crate::scenario::braking::Brakes;
 use crate::scenario::operator::{CLOUD, Message, Operator, Output, Request, UNLIMITED};
-use crate::scenario::planner::{Planner, Sight};
-use crate::scenario::red_light::scene::{MEETING, Scene};
-use crate::scenario::red_light::sharing::{EVERY, Exchange, Position, must_brake};
+use crate::scenario::planner::{FrameStatus, Planner};
+use crate::scenario::red_light::geometry::{Geometry, MEETING};
+use crate::scenario::red_light::sharing::{EVERY, Exchange, VehicleState, must_brake};
 
 /// Frames of the camera in a second.
 const RATE: u32 = 30;
@@ -44,7 +44,7 @@ pub(crate) struct Ego {
 /// What a run is about.
 #[derive(Clone, Copy)]
 pub(crate) struct Crossing<'a> {
-    pub(crate) scene: Scene,
+    pub(crate) geometry: Geometry,
     pub(crate) ego: &'a Ego,
     pub(crate) approach: Approach,
     /// Of the requests to the cloud, in s.
@@ -114,7 +114,7 @@ impl Crossing<'_> {
             }
         }
         let brakes = self.ego.brakes();
-        let contact = self.scene.contact(decided, &brakes);
+        let contact = self.geometry.contact(decided, &brakes);
         let bite = decided.map(|decided| decided + brakes.delay);
         let in_time = bite.filter(|bite| contact.is_none_or(|contact| *bite < contact));
         Ok(Crossed { decided, contact, brakes_before: in_time.map(before) })
@@ -123,9 +123,9 @@ impl Crossing<'_> {
     /// When ego decides to brake, by whichever of its two streams tells it first.
     fn decide(&self, detections: &mut Stream, neighbours: &mut Stream) -> Option<u64> {
         let mut planner = Planner::new(FRAMES);
-        let mut exchange = Exchange::new(&self.scene);
+        let mut exchange = Exchange::new(&self.geometry);
         let mut answers = Vec::new();
-        let end = nanos(self.scene.end());
+        let end = nanos(self.geometry.end());
         while detections.operator.next().is_some() || self.coming(detections, neighbours) < end {
             let to = self.coming(detections, neighbours);
             let next = [detections.operator.next(), neighbours.operator.next()];
@@ -140,9 +140,9 @@ impl Crossing<'_> {
                 neighbours.operator.pass(now);
             }
             let seen = detections.operator.take_outputs();
-            let told = neighbours.operator.take_outputs();
+            let reported = neighbours.operator.take_outputs();
             let by_sight = seen.iter().any(|output| self.sees(&mut planner, output));
-            let by_word = told.iter().any(|output| self.is_told(&answers, output));
+            let by_word = reported.iter().any(|output| self.is_told(&answers, output));
             if by_sight || by_word {
                 return Some(now);
             }
@@ -165,7 +165,7 @@ impl Crossing<'_> {
         detections: &mut Stream,
         neighbours: &mut Stream,
         exchange: &mut Exchange<'_>,
-        answers: &mut Vec<Vec<Position>>,
+        answers: &mut Vec<Vec<VehicleState>>,
     ) {
         detections.operator.pass(now);
         neighbours.operator.pass(now);
@@ -191,22 +191,22 @@ impl Crossing<'_> {
     fn sees(&self, planner: &mut Planner, output: &Output) -> bool {
         let captured = seconds(captured(u32::try_from(output.t).unwrap_or(u32::MAX)));
         let sight = match output.source {
-            None => Sight::Missed,
+            None => FrameStatus::Missed,
             Some(source) => {
                 let Ego { range_local, range_cloud, .. } = *self.ego;
                 let range = if source == CLOUD { range_cloud } else { range_local };
-                let is_seen = self.scene.sees(captured, range);
-                if is_seen { Sight::Obstacle } else { Sight::Clear }
+                let is_seen = self.geometry.sees(captured, range);
+                if is_seen { FrameStatus::Obstacle } else { FrameStatus::Clear }
             }
         };
         planner.take(usize::try_from(output.t).unwrap_or(usize::MAX), sight)
     }
 
     /// Whether what the cloud answered makes the planner brake.
-    fn is_told(&self, answers: &[Vec<Position>], output: &Output) -> bool {
+    fn is_told(&self, answers: &[Vec<VehicleState>], output: &Output) -> bool {
         let place = usize::try_from(output.t).unwrap_or(usize::MAX);
-        let told = answers.get(place).filter(|_| output.source == Some(CLOUD));
-        told.into_iter().flatten().any(|other| must_brake(&self.scene, other, output.at))
+        let reported = answers.get(place).filter(|_| output.source == Some(CLOUD));
+        reported.into_iter().flatten().any(|other| must_brake(&self.geometry, other, output.at))
     }
 }
 

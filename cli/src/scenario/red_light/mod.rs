@@ -1,8 +1,8 @@
 //! `fuseline scenario red-light`: a car that runs a red light, hidden until it is late.
 
 mod crossing;
+mod geometry;
 mod plots;
-mod scene;
 mod sharing;
 mod text;
 
@@ -11,10 +11,10 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::fault::Fault;
-use crate::plot::{Folder, Shown, show};
-use crate::scenario::options::{Leave, above_0, any, not_below_0, speed};
+use crate::plot::{Folder, PageContent, show};
+use crate::scenario::options::{OutputOptions, above_0, any, not_below_0, speed};
 use crate::scenario::red_light::crossing::{Approach, Crossing, Ego};
-pub(crate) use crate::scenario::red_light::scene::{Scene, Variant};
+pub(crate) use crate::scenario::red_light::geometry::{Geometry, Variant};
 
 /// What the page says first.
 const WORDS: &str = "A car runs a red light, and something hides it until it is late. No detector sees it in time, \
@@ -86,7 +86,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "S", default_value = "0.1", value_parser = not_below_0)]
     brake_delay: f64,
     #[command(flatten)]
-    leave: Leave,
+    leave: OutputOptions,
 }
 
 /// A run, as it is told.
@@ -115,9 +115,9 @@ impl Args {
         }
     }
 
-    fn scene(&self, variant: Variant, delta: f64, has_occluder: bool) -> Scene {
+    fn geometry(&self, variant: Variant, delta: f64, has_occluder: bool) -> Geometry {
         let place = variant.place();
-        Scene {
+        Geometry {
             place,
             ego_speed: self.ego_speed.unwrap_or(place.ego_speed),
             runner_speed: self.runner_speed.unwrap_or(place.runner_speed),
@@ -129,7 +129,7 @@ impl Args {
 
 /// All that is told.
 #[derive(Clone, Serialize)]
-pub(crate) struct Found {
+pub(crate) struct ScenarioResult {
     scenario: &'static str,
     parameters: Value,
     runs: Vec<Run>,
@@ -148,7 +148,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let all = [Approach::Local, Approach::Cloud, Approach::Sharing];
     let trips = &args.round_trip[..];
     let shortest: Vec<f64> = trips.iter().copied().min_by(f64::total_cmp).into_iter().collect();
-    let found = Found {
+    let found = ScenarioResult {
         scenario: "red-light",
         parameters: args.parameters(),
         runs: args.runs(&ego, &all, trips, has_occluder, traces.as_ref())?,
@@ -159,9 +159,12 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         let plots = plots::plots(args, &found);
-        show(&folder, &Shown { title: "Running a red light", words: &words, plots, told: &text })?;
+        show(
+            &folder,
+            &PageContent { title: "Running a red light", words: &words, plots, reported: &text },
+        )?;
     }
-    args.leave.tell(&found, &text)
+    args.leave.print_report(&found, &text)
 }
 
 impl Args {
@@ -169,8 +172,8 @@ impl Args {
     fn parameters(&self) -> Value {
         json!({
             "variant": self.variant,
-            "ego_speed": self.variant.iter().map(|which| self.scene(*which, 0.0, true).ego_speed).collect::<Vec<_>>(),
-            "runner_speed": self.variant.iter().map(|which| self.scene(*which, 0.0, true).runner_speed).collect::<Vec<_>>(),
+            "ego_speed": self.variant.iter().map(|which| self.geometry(*which, 0.0, true).ego_speed).collect::<Vec<_>>(),
+            "runner_speed": self.variant.iter().map(|which| self.geometry(*which, 0.0, true).runner_speed).collect::<Vec<_>>(),
             "delta": self.delta,
             "round_trip": self.round_trip,
             "no_occluder": self.no_occluder,
@@ -187,34 +190,35 @@ impl Args {
         has_occluder: bool,
         traces: Option<&Folder>,
     ) -> Result<Vec<Run>, Fault> {
-        let mut asked = Vec::new();
+        let mut requested = Vec::new();
         for variant in &self.variant {
             for delta in &self.delta {
                 for approach in approaches {
                     let trips = if *approach == Approach::Local { None } else { Some(trips) };
                     let trips =
                         trips.map_or(vec![None], |trips| trips.iter().copied().map(Some).collect());
-                    asked.extend(trips.into_iter().map(|trip| (*variant, *delta, *approach, trip)));
+                    requested
+                        .extend(trips.into_iter().map(|trip| (*variant, *delta, *approach, trip)));
                 }
             }
         }
         let run =
             |(variant, delta, approach, round_trip): (Variant, f64, Approach, Option<f64>)| {
-                let scene = self.scene(variant, delta, has_occluder);
+                let geometry = self.geometry(variant, delta, has_occluder);
                 let trip = round_trip.unwrap_or_default();
-                let crossing = Crossing { scene, ego, approach, round_trip: trip };
+                let crossing = Crossing { geometry, ego, approach, round_trip: trip };
                 let crossed = crossing.run(&name(&crossing, round_trip), traces)?;
                 let (contact, brakes_before) = (crossed.contact, crossed.brakes_before);
                 let collides = contact.is_some();
                 Ok(Run { variant, delta, approach, round_trip, collides, brakes_before, contact })
             };
-        asked.into_par_iter().map(run).collect()
+        requested.into_par_iter().map(run).collect()
     }
 }
 
 /// The name of a run's files.
 fn name(crossing: &Crossing<'_>, round_trip: Option<f64>) -> String {
-    let place = crossing.scene.place.name.replace(' ', "-");
+    let place = crossing.geometry.place.name.replace(' ', "-");
     let trip = round_trip.map(|trip| format!("-r{trip}")).unwrap_or_default();
-    format!("{place}-d{}-{}{trip}", crossing.scene.delta, crossing.approach.word())
+    format!("{place}-d{}-{}{trip}", crossing.geometry.delta, crossing.approach.word())
 }

@@ -2,10 +2,10 @@
 
 use plotters::prelude::*;
 
-use crate::plot::{DRAWN, Label, Plot, Sheet, Theme, inside, sheet, width};
+use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, inside, width};
 use crate::scenario::red_light::crossing::Approach;
-use crate::scenario::red_light::scene::{MEETING, Scene};
-use crate::scenario::red_light::{Args, Found, Run};
+use crate::scenario::red_light::geometry::{Geometry, MEETING};
+use crate::scenario::red_light::{Args, Run, ScenarioResult};
 use crate::scenario::shape::{Point, Rectangle as Car};
 
 /// How many units a metre has.
@@ -16,13 +16,13 @@ const SHOWN: [[f64; 2]; 2] = [[-34.0, 22.0], [-24.0, 20.0]];
 const TOP: f64 = 104.0;
 
 /// A picture of each variant, at the delta nearest to 0.
-pub(crate) fn plots(args: &Args, found: &Found) -> Vec<Plot> {
+pub(crate) fn plots(args: &Args, found: &ScenarioResult) -> Vec<Plot> {
     let nearest = args.delta.iter().copied().min_by(|one, other| one.abs().total_cmp(&other.abs()));
     let delta = nearest.unwrap_or_default();
     let names = ["corner-building", "queue-in-turning-lane", "skewed"];
     let mut plots = Vec::new();
     for variant in &args.variant {
-        let scene = args.scene(*variant, delta, !args.no_occluder);
+        let geometry = args.geometry(*variant, delta, !args.no_occluder);
         let of = |approach: Approach| {
             let is =
                 |run: &&Run| (run.variant, run.delta, run.approach) == (*variant, delta, approach);
@@ -34,29 +34,29 @@ pub(crate) fn plots(args: &Args, found: &Found) -> Vec<Plot> {
             "{} from above, at δ = {delta} s. Ego comes from the left. Filled: where the cars are at 6 s if ego brakes by \
              shared locations. Red outline: where ego is then with the detector on board. Thin outlines: each half second \
              before.",
-            capital(scene.place.name)
+            capital(geometry.place.name)
         );
         let name = names[*variant as usize];
         plots.push(Plot::new(name, caption, move |theme| {
-            let title = format!("Running a red light: {}", scene.place.name);
+            let title = format!("Running a red light: {}", geometry.place.name);
             let below = below(local.as_ref(), sharing.as_ref());
             let [[left, right], [low, high]] = SHOWN;
             let size = (unit((right - left) * METRE), unit((high - low) * METRE + TOP));
-            sheet(theme, size, (&title, &below), |sheet| {
-                keys(theme, sheet);
-                let area = sheet.margin(i32::try_from(unit(TOP)).unwrap_or(0), 0, 0, 0);
+            canvas(theme, size, (&title, &below), |canvas| {
+                keys(theme, canvas);
+                let area = canvas.margin(i32::try_from(unit(TOP)).unwrap_or(0), 0, 0, 0);
                 let ego = |run: &Run, now: f64| {
                     let bite = run.brakes_before.map(|before| MEETING - before);
-                    scene.ego_braking(now, bite, deceleration)
+                    geometry.ego_braking(now, bite, deceleration)
                 };
-                roads(theme, &area, &scene);
+                roads(theme, &area, &geometry);
                 ruler(theme, &area);
-                let told = |now: f64| sharing.as_ref().map(|run| ego(run, now));
-                ways(theme, &area, &scene, told);
+                let reported = |now: f64| sharing.as_ref().map(|run| ego(run, now));
+                ways(theme, &area, &geometry, reported);
                 let car =
                     |car: &Car, colour: RGBColor| shape(&area, &car.corners(), colour.filled());
-                car(&scene.runner(MEETING), theme.series[2]);
-                if let Some(ego) = told(MEETING) {
+                car(&geometry.runner(MEETING), theme.series[2]);
+                if let Some(ego) = reported(MEETING) {
                     car(&ego, theme.series[1]);
                 }
                 if let Some(run) = &local {
@@ -103,33 +103,33 @@ fn place([x, y]: Point) -> (i32, i32) {
 }
 
 /// Draws what is shown of a shape.
-fn shape(sheet: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
+fn shape(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
     let corners: Vec<(i32, i32)> = inside(corners, SHOWN).into_iter().map(place).collect();
     if !corners.is_empty() {
-        sheet.draw(&Polygon::new(corners, style)).expect(DRAWN);
+        canvas.draw(&Polygon::new(corners, style)).expect(DRAWN);
     }
 }
 
 /// Draws an outline if all of it is shown.
-fn outline(sheet: &Sheet<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
+fn outline(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
     if inside(corners, SHOWN) != corners {
         return;
     }
     let closed = corners.iter().chain(corners.first()).map(|corner| place(*corner));
-    sheet.draw(&PathElement::new(closed.collect::<Vec<_>>(), style)).expect(DRAWN);
+    canvas.draw(&PathElement::new(closed.collect::<Vec<_>>(), style)).expect(DRAWN);
 }
 
 /// Both roads, 7 m wide, and what hides the other car.
-fn roads(theme: &Theme, sheet: &Sheet<'_>, scene: &Scene) {
+fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry) {
     let road = theme.line.filled();
-    shape(sheet, &[[-80.0, -3.5], [80.0, -3.5], [80.0, 3.5], [-80.0, 3.5]], road);
-    let [along, across] = scene.place.heading();
+    shape(canvas, &[[-80.0, -3.5], [80.0, -3.5], [80.0, 3.5], [-80.0, 3.5]], road);
+    let [along, across] = geometry.place.heading();
     let left = [-across, along];
-    let corner = |ahead: f64, aside: f64| {
-        [ahead * along + aside * left[0], ahead * across + aside * left[1]]
+    let corner = |ahead: f64, contingency: f64| {
+        [ahead * along + contingency * left[0], ahead * across + contingency * left[1]]
     };
     let corners = [corner(-80.0, -3.5), corner(80.0, -3.5), corner(80.0, 3.5), corner(-80.0, 3.5)];
-    shape(sheet, &corners, road);
+    shape(canvas, &corners, road);
     let dash = theme.ground.stroke_width(2);
     for step in 0..20 {
         let from = -80.0 + 8.0 * f64::from(step);
@@ -138,28 +138,28 @@ fn roads(theme: &Theme, sheet: &Sheet<'_>, scene: &Scene) {
         {
             let is_apart = |point: Point| point[0].hypot(point[1]) > 8.0;
             if is_apart(one) && is_apart(other) {
-                sheet.draw(&PathElement::new(vec![place(one), place(other)], dash)).expect(DRAWN);
+                canvas.draw(&PathElement::new(vec![place(one), place(other)], dash)).expect(DRAWN);
             }
         }
     }
-    if scene.has_occluder {
-        shape(sheet, scene.place.occluder, theme.wall.filled());
+    if geometry.has_occluder {
+        shape(canvas, geometry.place.occluder, theme.wall.filled());
     }
 }
 
 /// Where both cars are, half second by half second; ego by shared locations.
-fn ways(theme: &Theme, sheet: &Sheet<'_>, scene: &Scene, ego: impl Fn(f64) -> Option<Car>) {
+fn ways(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry, ego: impl Fn(f64) -> Option<Car>) {
     for step in 1..=12_i32 {
         let now = MEETING - f64::from(step) / 2.0;
         let faint = 0.6 - f64::from(step) * 0.04;
         if let Some(ego) = ego(now) {
-            outline(sheet, &ego.corners(), theme.series[1].mix(faint));
+            outline(canvas, &ego.corners(), theme.series[1].mix(faint));
         }
-        outline(sheet, &scene.runner(now).corners(), theme.series[2].mix(faint));
+        outline(canvas, &geometry.runner(now).corners(), theme.series[2].mix(faint));
     }
 }
 
-fn keys(theme: &Theme, sheet: &Sheet<'_>) {
+fn keys(theme: &Theme, canvas: &Canvas<'_>) {
     let keys = [
         ("ego by shared locations", theme.series[1], true),
         ("ego by the detector on board", theme.bad, false),
@@ -168,20 +168,20 @@ fn keys(theme: &Theme, sheet: &Sheet<'_>) {
     let mut x = 24;
     for (word, colour, is_filled) in keys {
         let style = if is_filled { colour.filled() } else { colour.stroke_width(2) };
-        sheet.draw(&Rectangle::new([(x, 76), (x + 22, 86)], style)).expect(DRAWN);
-        Label::new(13.0, theme.ink).put(sheet, word, (x + 30, 82));
+        canvas.draw(&Rectangle::new([(x, 76), (x + 22, 86)], style)).expect(DRAWN);
+        TextLine::new(13.0, theme.ink).put(canvas, word, (x + 30, 82));
         x += 52 + width(word);
     }
 }
 
 /// How long ten metres are.
-fn ruler(theme: &Theme, sheet: &Sheet<'_>) {
+fn ruler(theme: &Theme, canvas: &Canvas<'_>) {
     let [from, to] = [place([10.0, 17.5]), place([20.0, 17.5])];
-    sheet.draw(&PathElement::new(vec![from, to], theme.soft.stroke_width(2))).expect(DRAWN);
+    canvas.draw(&PathElement::new(vec![from, to], theme.soft.stroke_width(2))).expect(DRAWN);
     for (x, y) in [from, to] {
         let end = PathElement::new(vec![(x, y - 4), (x, y + 4)], theme.soft.stroke_width(2));
-        sheet.draw(&end).expect(DRAWN);
+        canvas.draw(&end).expect(DRAWN);
     }
     let middle = (i32::midpoint(from.0, to.0), from.1 - 13);
-    Label::new(13.0, theme.soft).centred().put(sheet, "10 m", middle);
+    TextLine::new(13.0, theme.soft).centred().put(canvas, "10 m", middle);
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::scenario::approach::seconds;
-use crate::scenario::red_light::scene::{MEETING, Scene};
+use crate::scenario::red_light::geometry::{Geometry, MEETING};
 use crate::scenario::shape::Point;
 
 /// Vehicles tell where they are so often, in ns.
@@ -26,7 +26,7 @@ pub(crate) enum Vehicle {
 
 /// Where a vehicle's front was, and how it moved.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) struct Position {
+pub(crate) struct VehicleState {
     /// In the vehicles' common time, ns.
     pub(crate) at: u64,
     pub(crate) front: Point,
@@ -36,12 +36,12 @@ pub(crate) struct Position {
 /// The service: it keeps each vehicle's last report, and answers with the others'.
 #[derive(Default)]
 pub(crate) struct Locations {
-    last: BTreeMap<Vehicle, Position>,
+    last: BTreeMap<Vehicle, VehicleState>,
 }
 
 impl Locations {
     /// Takes a report, and answers it.
-    pub(crate) fn report(&mut self, who: Vehicle, position: Position) -> Vec<Position> {
+    pub(crate) fn report(&mut self, who: Vehicle, position: VehicleState) -> Vec<VehicleState> {
         self.last.insert(who, position);
         let others = self.last.iter().filter(|(other, _)| **other != who);
         others.map(|(_, position)| *position).collect()
@@ -50,18 +50,18 @@ impl Locations {
 
 /// Both vehicles' reports to the service, in the order in which they are sent.
 pub(crate) struct Exchange<'a> {
-    scene: &'a Scene,
+    geometry: &'a Geometry,
     service: Locations,
     runner_next: u64,
 }
 
 impl<'a> Exchange<'a> {
-    pub(crate) fn new(scene: &'a Scene) -> Self {
-        Self { scene, service: Locations::default(), runner_next: RUNNER_FROM }
+    pub(crate) fn new(geometry: &'a Geometry) -> Self {
+        Self { geometry, service: Locations::default(), runner_next: RUNNER_FROM }
     }
 
     /// What the service answers to ego's report at this instant; what the runner sent until then has reached it.
-    pub(crate) fn ego(&mut self, at: u64) -> Vec<Position> {
+    pub(crate) fn ego(&mut self, at: u64) -> Vec<VehicleState> {
         while self.runner_next <= at {
             self.service.report(Vehicle::Runner, self.position(Vehicle::Runner, self.runner_next));
             self.runner_next += EVERY;
@@ -69,23 +69,23 @@ impl<'a> Exchange<'a> {
         self.service.report(Vehicle::Ego, self.position(Vehicle::Ego, at))
     }
 
-    fn position(&self, who: Vehicle, at: u64) -> Position {
+    fn position(&self, who: Vehicle, at: u64) -> VehicleState {
         let (car, speed) = match who {
-            Vehicle::Ego => (self.scene.ego(seconds(at)), self.scene.ego_speed),
-            Vehicle::Runner => (self.scene.runner(seconds(at)), self.scene.runner_speed),
+            Vehicle::Ego => (self.geometry.ego(seconds(at)), self.geometry.ego_speed),
+            Vehicle::Runner => (self.geometry.runner(seconds(at)), self.geometry.runner_speed),
         };
-        Position { at, front: car.front, velocity: car.heading.map(|part| part * speed) }
+        VehicleState { at, front: car.front, velocity: car.heading.map(|part| part * speed) }
     }
 }
 
 /// Whether ego brakes for a neighbour at this instant, by where the neighbour is if it went on as it told.
-pub(crate) fn must_brake(scene: &Scene, neighbour: &Position, now: u64) -> bool {
-    let heading = scene.place.heading();
+pub(crate) fn must_brake(geometry: &Geometry, neighbour: &VehicleState, now: u64) -> bool {
+    let heading = geometry.place.heading();
     let along = |point: Point| point[0] * heading[0] + point[1] * heading[1];
     let speed = along(neighbour.velocity);
     let age = seconds(now.saturating_sub(neighbour.at));
-    let way = along(scene.place.runner_at) - along(neighbour.front) - speed * age;
-    let to_line = way - scene.place.line;
+    let way = along(geometry.place.runner_at) - along(neighbour.front) - speed * age;
+    let to_line = way - geometry.place.line;
     let will_not_stop = to_line <= 0.0 || speed * speed / (2.0 * to_line) > HARD;
     let ego = MEETING - seconds(now);
     will_not_stop && (way / speed - ego).abs() < TOGETHER && ego < AHEAD

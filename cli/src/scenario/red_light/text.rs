@@ -5,20 +5,20 @@ use std::fmt::Write;
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
 use crate::scenario::red_light::crossing::Approach;
-use crate::scenario::red_light::{Found, Run};
+use crate::scenario::red_light::{Run, ScenarioResult};
 
 /// How wide a cell is.
 const CELL: usize = 8;
 
 /// The words for it all.
-pub(crate) fn text(found: &Found) -> String {
+pub(crate) fn text(found: &ScenarioResult) -> String {
     written(|text| {
         table(text, found)?;
         beside(text, found)
     })
 }
 
-fn table(text: &mut String, found: &Found) -> std::fmt::Result {
+fn table(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     let mut deltas: Vec<f64> = Vec::new();
     for run in &found.runs {
         if !deltas.contains(&run.delta) {
@@ -82,16 +82,16 @@ fn cell(run: &Run) -> String {
 }
 
 fn paper(run: &Run) -> String {
-    let said = &PAPER.red_light.collides;
+    let printed = &PAPER.red_light.collides;
     let collides = match run.approach {
-        Approach::Local => said.local_detector,
-        Approach::Cloud => said.cloud_detector,
-        Approach::Sharing => said.shared_locations,
+        Approach::Local => printed.local_detector,
+        Approach::Cloud => printed.cloud_detector,
+        Approach::Sharing => printed.shared_locations,
     };
     if collides { paint(BAD, "x collides") } else { paint(GOOD, "avoids") }
 }
 
-fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
+fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     let sum = |runs: &[Run]| {
         let collide = runs.iter().filter(|run| run.collides).count();
         format!("{collide} of {}", runs.len())

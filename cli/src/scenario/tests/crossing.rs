@@ -1,8 +1,8 @@
 //! A second simulation of both other scenes, by small steps of time and with shapes cut into points.
 
 use crate::scenario::braking::Brakes;
-use crate::scenario::jaywalking::{Manoeuvre, Scene as Street};
-use crate::scenario::red_light::{Scene, Variant};
+use crate::scenario::jaywalking::{Geometry as Street, Manoeuvre};
+use crate::scenario::red_light::{Geometry, Variant};
 use crate::scenario::tests::random::Random;
 
 const STEP: f64 = 1e-3;
@@ -10,13 +10,13 @@ const STEP: f64 = 1e-3;
 /// Points all over a car's outline, a hand's breadth apart; its front is at `front`, its heading in degrees.
 fn outline(front: [f64; 2], degrees: f64) -> Vec<[f64; 2]> {
     let (sin, cos) = degrees.to_radians().sin_cos();
-    let at = |back: f64, aside: f64| {
-        [front[0] - back * cos - aside * sin, front[1] - back * sin + aside * cos]
+    let at = |back: f64, contingency: f64| {
+        [front[0] - back * cos - contingency * sin, front[1] - back * sin + contingency * cos]
     };
     let along = (0..=47).map(|step| f64::from(step) * 0.1);
     let across = (0..=38).map(|step| f64::from(step) * 0.05 - 0.95);
     let sides = along.flat_map(|back| [at(back, 0.95), at(back, -0.95)]);
-    let ends = across.flat_map(|aside| [at(0.0, aside), at(4.7, aside)]);
+    let ends = across.flat_map(|contingency| [at(0.0, contingency), at(4.7, contingency)]);
     sides.chain(ends).collect()
 }
 
@@ -35,7 +35,7 @@ fn cars_touch_where_points_of_one_come_into_the_other() {
         let variants = [Variant::CornerBuilding, Variant::QueueInTurningLane, Variant::Skewed];
         let which = random.one_of(&[0, 1, 2_usize]);
         let place = variants[which].place();
-        let scene = Scene {
+        let geometry = Geometry {
             place,
             ego_speed: random.between(9.0, 16.0),
             runner_speed: random.between(9.0, 16.0),
@@ -44,13 +44,13 @@ fn cars_touch_where_points_of_one_come_into_the_other() {
         };
         let decided = random.between(4.0, 6.5);
         let brakes = Brakes { deceleration: 7.5, delay: 0.1 };
-        let first = scene.contact(Some(decided), &brakes).is_some();
-        let (mut front, mut speed) = (place.ego_at - 6.0 * scene.ego_speed, scene.ego_speed);
+        let first = geometry.contact(Some(decided), &brakes).is_some();
+        let (mut front, mut speed) = (place.ego_at - 6.0 * geometry.ego_speed, geometry.ego_speed);
         let (sin, cos) = headings[which].to_radians().sin_cos();
         let (mut surely, mut nearly) = (false, false);
         for step in 0..9000 {
             let now = f64::from(step) * STEP;
-            let ahead = scene.runner_speed * (now - 6.0 - scene.delta);
+            let ahead = geometry.runner_speed * (now - 6.0 - geometry.delta);
             let runner = [place.runner_at[0] + ahead * cos, place.runner_at[1] + ahead * sin];
             if now > 4.0 {
                 for point in outline(runner, headings[which]) {
@@ -86,13 +86,13 @@ fn a_car_touches_a_person_where_small_steps_of_time_say_so() {
         let manoeuvre = random.one_of(&[Manoeuvre::Swerve, Manoeuvre::Brake]);
         let (speed, response) = (random.between(4.0, 16.0), random.between(0.2, 0.8));
         let first = street.contact(speed, manoeuvre, response).is_some();
-        let (mut front, mut now_speed, mut aside, mut drift) = (0.0, speed, 0.0, 0.0);
+        let (mut front, mut now_speed, mut contingency, mut drift) = (0.0, speed, 0.0, 0.0);
         let mut nearest = f64::INFINITY;
         for step in 0..20_000 {
             let now = f64::from(step) * STEP;
             let person = [street.distance, street.person_speed * now - 1.75];
             let x = (person[0] - front).max(front - 4.7 - person[0]).max(0.0);
-            let y = ((person[1] - aside).abs() - 0.95).max(0.0);
+            let y = ((person[1] - contingency).abs() - 0.95).max(0.0);
             nearest = f64::min(nearest, x.hypot(y) - 0.3);
             let is_acting = now >= response;
             match manoeuvre {
@@ -103,7 +103,7 @@ fn a_car_touches_a_person_where_small_steps_of_time_say_so() {
                 Manoeuvre::Swerve | Manoeuvre::Brake => {}
             }
             front += now_speed * STEP;
-            aside += drift * STEP;
+            contingency += drift * STEP;
         }
         if nearest.abs() > 0.03 {
             compared += 1;

@@ -6,7 +6,7 @@ use fuseline_traces::judge;
 use serde_json::Value;
 
 use crate::scenario::approach::{Approach, Drive};
-use crate::scenario::braking::Aftermath;
+use crate::scenario::braking::DriveOutcome;
 use crate::scenario::operator::Operator;
 use crate::scenario::tests::{REFERENCE, drive};
 use crate::scenario::traffic_jam::tests_of_cells;
@@ -72,8 +72,8 @@ fn the_outcome_follows_from_what_was_emitted_and_the_strict_judge_accepts_it() {
                     .map_or(f64::NEG_INFINITY, |at| drive.start() - speed * (at + 0.1));
                 let left = braked - speed * speed / 15.0;
                 match end {
-                    Aftermath::Stops { gap } => assert!((gap - left).abs() < 1e-6),
-                    Aftermath::Hits { impact } => {
+                    DriveOutcome::Stops { gap } => assert!((gap - left).abs() < 1e-6),
+                    DriveOutcome::Hits { impact } => {
                         hits += 1;
                         let by_hand = if braked <= 0.0 { speed } else { (-15.0 * left).sqrt() };
                         assert!((impact - by_hand).abs() < 1e-6, "{impact}, not {by_hand}");

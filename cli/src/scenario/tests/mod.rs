@@ -9,7 +9,7 @@ mod second;
 use std::time::Duration;
 
 use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
-use crate::scenario::braking::Aftermath;
+use crate::scenario::braking::DriveOutcome;
 use crate::scenario::operator::Operator;
 use crate::scenario::tests::random::Random;
 
@@ -43,7 +43,7 @@ fn any_vehicle(random: &mut Random) -> (Vehicle, f64) {
 }
 
 /// How a drive ends, with these responses of the cloud by the instant of capture.
-fn end(drive: &Drive<'_>, response: impl Fn(u64) -> Option<u64>) -> Aftermath {
+fn end(drive: &Drive<'_>, response: impl Fn(u64) -> Option<u64>) -> DriveOutcome {
     let mut operator = Operator::new("", drive.frames(), false);
     let (end, _) = drive.run(&mut operator, response);
     assert!(!operator.is_full());
@@ -51,7 +51,7 @@ fn end(drive: &Drive<'_>, response: impl Fn(u64) -> Option<u64>) -> Aftermath {
 }
 
 /// The same with one response for all frames, in s.
-fn end_at(drive: &Drive<'_>, response: f64) -> Aftermath {
+fn end_at(drive: &Drive<'_>, response: f64) -> DriveOutcome {
     let takes = nanos(response);
     end(drive, |_| Some(takes))
 }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
-use crate::scenario::braking::Aftermath;
+use crate::scenario::braking::DriveOutcome;
 use crate::scenario::tests::random::Random;
 use crate::scenario::tests::{any_vehicle, end};
 
@@ -16,12 +16,12 @@ struct Frame {
     local: Option<f64>,
     cloud: Option<f64>,
     deadline: f64,
-    left: Left,
+    left: FrameOutput,
 }
 
 /// What left for a frame.
 #[derive(Clone, Copy, PartialEq)]
-enum Left {
+enum FrameOutput {
     /// Nothing yet.
     Waits,
     /// Nothing, and nothing will.
@@ -31,7 +31,7 @@ enum Left {
 }
 
 /// Lets a vehicle drive into an obstacle or stop before it; `clouds` are the responses by frame.
-fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> Aftermath {
+fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
     let Drive { vehicle, speed: full, approach, .. } = *drive;
     let mut frames: Vec<Frame> = Vec::new();
     let (mut now, mut gap, mut speed) = (0.0, drive.start(), full);
@@ -53,9 +53,16 @@ fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> Aftermath {
                 Approach::Local => 0.0,
                 Approach::Cloud => f64::INFINITY,
             };
-            frames.push(Frame { captured: due, gap, local, cloud, deadline, left: Left::Waits });
+            frames.push(Frame {
+                captured: due,
+                gap,
+                local,
+                cloud,
+                deadline,
+                left: FrameOutput::Waits,
+            });
         }
-        for frame in frames.iter_mut().filter(|frame| frame.left == Left::Waits) {
+        for frame in frames.iter_mut().filter(|frame| frame.left == FrameOutput::Waits) {
             frame.left = left(vehicle, frame, now - frame.captured);
         }
         if bite.is_infinite() && decides(&frames, vehicle.frames) {
@@ -66,29 +73,29 @@ fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> Aftermath {
         gap -= (speed - slower / 2.0) * STEP;
         speed -= slower;
         if speed <= 0.0 {
-            return Aftermath::Stops { gap };
+            return DriveOutcome::Stops { gap };
         }
         if gap <= 0.0 {
-            return Aftermath::Hits { impact: speed };
+            return DriveOutcome::Hits { impact: speed };
         }
     }
 }
 
 /// What left for a frame that is so old.
-fn left(vehicle: &Vehicle, frame: &Frame, age: f64) -> Left {
-    let sees = |range: f64| Left::Tells(frame.gap > 0.0 && frame.gap <= range);
+fn left(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
+    let sees = |range: f64| FrameOutput::Tells(frame.gap > 0.0 && frame.gap <= range);
     let by = |response: Option<f64>| response.is_some_and(|response| response <= age);
     let in_time = frame.cloud.filter(|cloud| *cloud < frame.deadline);
     if by(in_time) {
         return sees(vehicle.range_cloud);
     }
     if age < frame.deadline {
-        return Left::Waits;
+        return FrameOutput::Waits;
     }
     match frame.local {
         Some(_) if by(frame.local) => sees(vehicle.range_local),
-        Some(_) => Left::Waits,
-        None => Left::Nothing,
+        Some(_) => FrameOutput::Waits,
+        None => FrameOutput::Nothing,
     }
 }
 
@@ -97,9 +104,9 @@ fn decides(frames: &[Frame], wanted: u32) -> bool {
     let mut row = 0;
     frames.iter().any(|frame| {
         row = match frame.left {
-            Left::Tells(true) => row + 1,
-            Left::Nothing => row,
-            Left::Tells(false) | Left::Waits => 0,
+            FrameOutput::Tells(true) => row + 1,
+            FrameOutput::Nothing => row,
+            FrameOutput::Tells(false) | FrameOutput::Waits => 0,
         };
         row >= wanted
     })
@@ -138,15 +145,17 @@ fn a_second_simulation_by_small_steps_of_time_agrees_on_250_random_runs() {
         });
         let second = stepped(&drive, &clouds);
         let apart = match (first, second) {
-            (Aftermath::Stops { gap }, Aftermath::Stops { gap: other }) => (gap - other).abs(),
-            (Aftermath::Hits { impact }, Aftermath::Hits { impact: other }) => {
+            (DriveOutcome::Stops { gap }, DriveOutcome::Stops { gap: other }) => {
+                (gap - other).abs()
+            }
+            (DriveOutcome::Hits { impact }, DriveOutcome::Hits { impact: other }) => {
                 hits += 1;
                 // As if it went on: so far beyond the obstacle it would have stood.
                 let beyond = |impact: f64| impact * impact / (2.0 * vehicle.deceleration);
                 (beyond(impact) - beyond(other)).abs()
             }
-            (Aftermath::Stops { gap }, Aftermath::Hits { .. })
-            | (Aftermath::Hits { .. }, Aftermath::Stops { gap }) => {
+            (DriveOutcome::Stops { gap }, DriveOutcome::Hits { .. })
+            | (DriveOutcome::Hits { .. }, DriveOutcome::Stops { gap }) => {
                 assert!(gap < 0.05, "{seed}: {first:?}, {second:?}");
                 continue;
             }

@@ -12,7 +12,7 @@ use crate::fault::Fault;
 use crate::plot::Folder;
 use crate::scenario::ScenarioError;
 use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
-use crate::scenario::braking::Aftermath;
+use crate::scenario::braking::DriveOutcome;
 use crate::scenario::operator::Operator;
 use crate::scenario::paper::PAPER;
 
@@ -67,7 +67,7 @@ pub(crate) enum Colour {
 
 /// What a cell is about.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) struct Question {
+pub(crate) struct CellParameters {
     pub(crate) speed: f64,
     pub(crate) approach: Approach,
     pub(crate) response: f64,
@@ -130,8 +130,8 @@ impl Jam {
     }
 
     /// One drive of a cell.
-    fn drive(&self, question: &Question, phase: f64) -> Drive<'_> {
-        let Question { speed, approach, response } = *question;
+    fn drive(&self, question: &CellParameters, phase: f64) -> Drive<'_> {
+        let CellParameters { speed, approach, response } = *question;
         let deadline = match approach {
             Approach::Ours => self.deadline(speed, response),
             Approach::Local | Approach::Cloud | Approach::First => Duration::ZERO,
@@ -142,11 +142,11 @@ impl Jam {
     /// How the drive of this phase ends; its trace goes to the folder.
     fn run(
         &self,
-        question: &Question,
+        question: &CellParameters,
         (place, phase): (usize, f64),
         traces: Option<&Folder>,
-    ) -> Result<Aftermath, Fault> {
-        let Question { speed, approach, response } = *question;
+    ) -> Result<DriveOutcome, Fault> {
+        let CellParameters { speed, approach, response } = *question;
         let drive = self.drive(question, phase);
         let word = format!("{approach:?}").to_lowercase();
         let name = format!("{word}, {speed} m/s, response {response} s, phase {phase}");
@@ -165,16 +165,20 @@ impl Jam {
     /// How all drives of a cell end, in the order of their phases.
     pub(crate) fn ends(
         &self,
-        question: &Question,
+        question: &CellParameters,
         traces: Option<&Folder>,
-    ) -> Result<Vec<Aftermath>, Fault> {
+    ) -> Result<Vec<DriveOutcome>, Fault> {
         let phases = self.phases().into_iter().enumerate();
         phases.map(|phase| self.run(question, phase, traces)).collect()
     }
 
     /// A cell.
-    pub(crate) fn cell(&self, question: &Question, traces: Option<&Folder>) -> Result<Cell, Fault> {
-        let Question { speed, approach, response } = *question;
+    pub(crate) fn cell(
+        &self,
+        question: &CellParameters,
+        traces: Option<&Folder>,
+    ) -> Result<Cell, Fault> {
+        let CellParameters { speed, approach, response } = *question;
         let ends = self.ends(question, traces)?;
         let deadline = match approach {
             Approach::Ours => Some(self.deadline(speed, response).as_secs_f64()),
@@ -182,12 +186,12 @@ impl Jam {
             Approach::Local | Approach::Cloud => None,
         };
         let impact = range(ends.iter().filter_map(|end| match end {
-            Aftermath::Hits { impact } => Some(*impact),
-            Aftermath::Stops { .. } => None,
+            DriveOutcome::Hits { impact } => Some(*impact),
+            DriveOutcome::Stops { .. } => None,
         }));
         let gap = range(ends.iter().filter_map(|end| match end {
-            Aftermath::Stops { gap } => Some(*gap),
-            Aftermath::Hits { .. } => None,
+            DriveOutcome::Stops { gap } => Some(*gap),
+            DriveOutcome::Hits { .. } => None,
         }));
         let paper = PAPER.traffic_jam.collides(speed, approach, response).map(Colour::from);
         Ok(Cell { speed, approach, response, deadline, outcome: colour(&ends), impact, gap, paper })
@@ -196,14 +200,14 @@ impl Jam {
     /// All cells, in the order of the questions.
     pub(crate) fn cells(
         &self,
-        questions: &[Question],
+        questions: &[CellParameters],
         traces: Option<&Folder>,
     ) -> Result<Vec<Cell>, Fault> {
         questions.par_iter().map(|question| self.cell(question, traces)).collect()
     }
 
     /// Whether a cell is so; it drives no more phases than it takes to tell.
-    pub(crate) fn is(&self, question: &Question, collides: bool) -> Result<bool, Fault> {
+    pub(crate) fn is(&self, question: &CellParameters, collides: bool) -> Result<bool, Fault> {
         for phase in self.phases() {
             if self.run(question, (0, phase), None)?.hits() != collides {
                 return Ok(false);
@@ -213,7 +217,7 @@ impl Jam {
     }
 }
 
-fn colour(ends: &[Aftermath]) -> Colour {
+fn colour(ends: &[DriveOutcome]) -> Colour {
     match ends.iter().filter(|end| end.hits()).count() {
         0 => Colour::Avoids,
         hits if hits == ends.len() => Colour::Collides,

@@ -13,11 +13,11 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::fault::Fault;
-use crate::plot::{Shown, show};
+use crate::plot::{PageContent, show};
 use crate::scenario::approach::Approach;
-use crate::scenario::options::{Leave, VehicleArgs, not_below_0, speed};
-use crate::scenario::traffic_jam::cells::{Cell, Deadline, Jam, Question};
-use crate::scenario::traffic_jam::narrow::{Constants, Interval, OnBoard, Only};
+use crate::scenario::options::{OutputOptions, VehicleArgs, not_below_0, speed};
+use crate::scenario::traffic_jam::cells::{Cell, CellParameters, Deadline, Jam};
+use crate::scenario::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoard};
 
 /// What the page says first.
 const WORDS: &str = "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \
@@ -71,7 +71,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     vehicle: VehicleArgs,
     #[command(flatten)]
-    leave: Leave,
+    leave: OutputOptions,
 }
 
 fn deadline(text: &str) -> Result<Deadline, String> {
@@ -101,13 +101,13 @@ impl Args {
         })
     }
 
-    fn questions(&self) -> Vec<Question> {
+    fn questions(&self) -> Vec<CellParameters> {
         let mut questions = Vec::new();
         for speed in &self.speed {
             for approach in &self.approach {
                 for response in &self.response {
                     let (speed, approach, response) = (*speed, *approach, *response);
-                    questions.push(Question { speed, approach, response });
+                    questions.push(CellParameters { speed, approach, response });
                 }
             }
         }
@@ -117,7 +117,7 @@ impl Args {
 
 /// All that is told.
 #[derive(Clone, Serialize)]
-pub(crate) struct Found {
+pub(crate) struct ScenarioResult {
     scenario: &'static str,
     parameters: Value,
     #[serde(skip)]
@@ -128,20 +128,20 @@ pub(crate) struct Found {
     phases: usize,
     cells: Vec<Cell>,
     #[serde(flatten)]
-    beside: Option<Beside>,
+    beside: Option<ExtraResults>,
 }
 
 /// What is found beside the cells.
 #[derive(Clone, Serialize)]
-struct Beside {
+struct ExtraResults {
     /// None: the paper's table is not reproduced.
     narrow: Option<Vec<Interval>>,
     constants: Constants,
     on_board: Vec<OnBoard>,
-    only_cloud: Option<Only>,
+    only_cloud: Option<CloudOnlySpeeds>,
 }
 
-impl Found {
+impl ScenarioResult {
     /// How many cells are as in the paper, and how many it has.
     fn agreement(&self) -> (usize, usize) {
         let known = self.cells.iter().filter(|cell| cell.paper.is_some());
@@ -154,7 +154,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let vehicle = args.vehicle.vehicle();
     let jam = Jam::new(vehicle, args.deadline)?;
     let [traces, plots] = args.leave.folders()?;
-    let found = Found {
+    let found = ScenarioResult {
         scenario: "traffic-jam",
         parameters: args.parameters(),
         responses: args.response.clone(),
@@ -168,19 +168,19 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         let words = [WORDS, MODEL];
         show(
             &folder,
-            &Shown {
+            &PageContent {
                 title: "Traffic jam",
                 words: &words,
                 plots: plots::plots(&found, &jam),
-                told: &text,
+                reported: &text,
             },
         )?;
     }
-    args.leave.tell(&found, &text)
+    args.leave.print_report(&found, &text)
 }
 
-fn beside(jam: &Jam) -> Result<Beside, Fault> {
-    Ok(Beside {
+fn beside(jam: &Jam) -> Result<ExtraResults, Fault> {
+    Ok(ExtraResults {
         narrow: narrow::intervals(jam),
         constants: narrow::constants(jam.vehicle),
         on_board: narrow::on_board(jam.vehicle)?,

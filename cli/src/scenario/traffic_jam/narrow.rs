@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::fault::Fault;
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::cells::{Colour, Deadline, Jam, Question};
+use crate::scenario::traffic_jam::cells::{CellParameters, Colour, Deadline, Jam};
 
 /// The runtime of the cloud's model on board, in s.
 pub(crate) const ON_BOARD: f64 = 0.4077;
@@ -56,19 +56,19 @@ pub(crate) struct OnBoard {
 
 /// Speeds at which the cloud at the median response avoids what its model on board, pipelined, hits.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct Only {
+pub(crate) struct CloudOnlySpeeds {
     pub(crate) above: f64,
     pub(crate) up_to: f64,
 }
 
 /// The cells of the paper's table; local's stand once for all responses.
-fn table() -> Vec<(Question, bool)> {
+fn table() -> Vec<(CellParameters, bool)> {
     let paper = &PAPER.traffic_jam;
     let mut cells = Vec::new();
     for speed in paper.speeds() {
         for approach in [Approach::Local, Approach::Cloud, Approach::Ours] {
             for response in &paper.cloud_response_s {
-                let question = Question { speed, approach, response: *response };
+                let question = CellParameters { speed, approach, response: *response };
                 let collides = paper.collides(speed, approach, *response);
                 cells.extend(collides.map(|collides| (question, collides)));
                 if approach == Approach::Local {
@@ -89,8 +89,8 @@ pub(crate) fn holds(vehicle: Vehicle, deadline: Deadline) -> bool {
 
 /// The interval of each parameter, the others as they are; none if the table is not reproduced to begin with.
 pub(crate) fn intervals(jam: &Jam) -> Option<Vec<Interval>> {
-    type Change = fn(&mut Vehicle) -> &mut f64;
-    let parameters: [(&str, Change); 6] = [
+    type ParameterChange = fn(&mut Vehicle) -> &mut f64;
+    let parameters: [(&str, ParameterChange); 6] = [
         ("deceleration", |vehicle| &mut vehicle.deceleration),
         ("brake_delay", |vehicle| &mut vehicle.brake_delay),
         ("rate", |vehicle| &mut vehicle.rate),
@@ -99,7 +99,7 @@ pub(crate) fn intervals(jam: &Jam) -> Option<Vec<Interval>> {
         ("local_response", |vehicle| &mut vehicle.local_response),
     ];
     holds(jam.vehicle, jam.deadline).then(|| {
-        let interval = |(parameter, change): (&'static str, Change)| {
+        let interval = |(parameter, change): (&'static str, ParameterChange)| {
             let holds = |value: f64| {
                 let mut vehicle = jam.vehicle;
                 *change(&mut vehicle) = value;
@@ -132,7 +132,7 @@ fn edge(value: f64, step: f64, holds: impl Fn(f64) -> bool) -> f64 {
 pub(crate) fn misses(vehicle: Vehicle, deadline: f64) -> usize {
     let deadline = Deadline::Constant(Duration::from_secs_f64(deadline));
     let Ok(jam) = Jam::new(vehicle, deadline) else { return 0 };
-    let differs = |(question, collides): &(Question, bool)| {
+    let differs = |(question, collides): &(CellParameters, bool)| {
         question.approach == Approach::Ours && !jam.is(question, *collides).unwrap_or(false)
     };
     table().iter().filter(|cell| differs(cell)).count()
@@ -156,7 +156,7 @@ fn colour(
     response: f64,
 ) -> Result<Colour, Fault> {
     let jam = Jam::new(vehicle, Deadline::Constant(Duration::ZERO))?;
-    Ok(jam.cell(&Question { speed, approach, response }, None)?.outcome)
+    Ok(jam.cell(&CellParameters { speed, approach, response }, None)?.outcome)
 }
 
 /// The cloud's model on board, at the paper's speeds.
@@ -174,13 +174,13 @@ pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoard>, Fault> {
 }
 
 /// Where the paper's picture is: the cloud at the median response avoids, its model on board does not.
-pub(crate) fn only_cloud(vehicle: Vehicle) -> Result<Option<Only>, Fault> {
+pub(crate) fn only_cloud(vehicle: Vehicle) -> Result<Option<CloudOnlySpeeds>, Fault> {
     let board = Vehicle { local_serial: false, ..vehicle.with_model_on_board(ON_BOARD) };
     let above = first(|speed| Ok(colour(board, Approach::Local, speed, 0.0)? == Colour::Collides))?;
     let up_to =
         first(|speed| Ok(colour(vehicle, Approach::Cloud, speed, MEDIAN)? != Colour::Avoids))?;
     let both = above.zip(up_to).filter(|(above, up_to)| above < up_to);
-    Ok(both.map(|(above, up_to)| Only { above, up_to }))
+    Ok(both.map(|(above, up_to)| CloudOnlySpeeds { above, up_to }))
 }
 
 /// The least speed from 5 m/s on, to a hundredth, of which something is true.

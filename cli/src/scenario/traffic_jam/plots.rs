@@ -5,11 +5,11 @@ use std::time::Duration;
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use crate::plot::{Axes, DRAWN, Label, Line, Plot, Theme, sheet};
+use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, Theme, canvas};
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::Found;
-use crate::scenario::traffic_jam::cells::{Cell, Colour, Deadline, Jam, Question};
+use crate::scenario::traffic_jam::ScenarioResult;
+use crate::scenario::traffic_jam::cells::{Cell, CellParameters, Colour, Deadline, Jam};
 use crate::scenario::traffic_jam::text::word;
 
 /// Deadlines up to here are shown, in s.
@@ -20,14 +20,14 @@ const STEP: f64 = 0.02;
 const STEPS: u32 = 175;
 
 /// Both plots.
-pub(crate) fn plots(found: &Found, jam: &Jam) -> Vec<Plot> {
+pub(crate) fn plots(found: &ScenarioResult, jam: &Jam) -> Vec<Plot> {
     let mut plots = vec![table(found)];
     plots.extend(deadlines(jam));
     plots
 }
 
-fn table(found: &Found) -> Plot {
-    let Found { responses, cells, .. } = found.clone();
+fn table(found: &ScenarioResult) -> Plot {
+    let ScenarioResult { responses, cells, .. } = found.clone();
     let caption = "Where the vehicle stops, a cell has the least gap that is left, in metres; where it does not, the \
                    greatest speed at impact. A cross in a corner marks a cell that differs from the paper's.";
     Plot::new("table", caption, move |theme| {
@@ -39,16 +39,16 @@ fn table(found: &Found) -> Plot {
         let width = u32::try_from(responses.len()).unwrap_or(u32::MAX) * 92 + 210;
         let below = "Green: the least gap that is left. Red: the greatest speed at impact.";
         let words = ("Traffic jam", below);
-        sheet(theme, (width.max(520), height), words, |sheet| {
-            let soft = Label::new(13.0, theme.soft);
+        canvas(theme, (width.max(520), height), words, |canvas| {
+            let soft = TextLine::new(13.0, theme.soft);
             soft.centred().put(
-                sheet,
+                canvas,
                 "response of the cloud, s",
                 (160 + wide * i32::try_from(responses.len()).unwrap_or(0) / 2, 84),
             );
             for (column, response) in (0..).zip(&responses) {
                 soft.centred().put(
-                    sheet,
+                    canvas,
                     &response.to_string(),
                     (160 + wide * column + wide / 2, 106),
                 );
@@ -59,17 +59,21 @@ fn table(found: &Found) -> Plot {
                 if before != Some(first.speed) {
                     y += if before.is_some() { 8 } else { 0 };
                     let speed = format!("{} m/s", first.speed);
-                    Label::new(14.0, theme.ink).bold().put(sheet, &speed, (24, y + high / 2 - 1));
+                    TextLine::new(14.0, theme.ink).bold().put(
+                        canvas,
+                        &speed,
+                        (24, y + high / 2 - 1),
+                    );
                     before = Some(first.speed);
                 }
-                Label::new(14.0, theme.ink).put(
-                    sheet,
+                TextLine::new(14.0, theme.ink).put(
+                    canvas,
                     word(first.approach),
                     (102, y + high / 2 - 1),
                 );
                 for (column, cell) in (0..).zip(*row) {
                     let x = 160 + wide * column;
-                    draw(theme, sheet, cell, [(x, y), (x + wide - 3, y + high - 3)]);
+                    draw(theme, canvas, cell, [(x, y), (x + wide - 3, y + high - 3)]);
                 }
                 y += high;
             }
@@ -77,7 +81,7 @@ fn table(found: &Found) -> Plot {
     })
 }
 
-fn draw(theme: &Theme, sheet: &crate::plot::Sheet<'_>, cell: &Cell, place: [(i32, i32); 2]) {
+fn draw(theme: &Theme, canvas: &crate::plot::Canvas<'_>, cell: &Cell, place: [(i32, i32); 2]) {
     let [(left, top), (right, bottom)] = place;
     let (colour, text) = match (cell.outcome, cell.gap, cell.impact) {
         (Colour::Avoids, Some([gap, _]), _) => (theme.good, format!("{gap:.1} m")),
@@ -85,12 +89,12 @@ fn draw(theme: &Theme, sheet: &crate::plot::Sheet<'_>, cell: &Cell, place: [(i32
         (_, _, Some([_, impact])) => (theme.bad, format!("{impact:.1} m/s")),
         (_, _, None) => (theme.soft, String::new()),
     };
-    sheet.draw(&Rectangle::new(place, colour.filled())).expect(DRAWN);
+    canvas.draw(&Rectangle::new(place, colour.filled())).expect(DRAWN);
     let middle = (i32::midpoint(left, right), i32::midpoint(top, bottom));
-    Label::new(13.0, theme.on_colour).centred().put(sheet, &text, middle);
+    TextLine::new(13.0, theme.on_colour).centred().put(canvas, &text, middle);
     if !cell.is_as_in_paper() {
-        let cross = Label::new(13.0, theme.on_colour).bold().centred();
-        cross.put(sheet, "×", (right - 8, top + 8));
+        let cross = TextLine::new(13.0, theme.on_colour).bold().centred();
+        cross.put(canvas, "×", (right - 8, top + 8));
     }
 }
 
@@ -122,7 +126,7 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
     Some(Plot::new("deadlines", caption, move |theme| {
         let words =
             ("Which deadline gives the table", "Seconds after a frame's capture, over the speed");
-        sheet(theme, (860, 520), words, |sheet| {
+        canvas(theme, (860, 520), words, |canvas| {
             let of = |name: &str, series: usize, width, is_dashed, points: &Vec<(f64, f64)>| Line {
                 name: name.to_owned(),
                 colour: theme.series[series],
@@ -135,8 +139,8 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
                 of("the cloud, until", 1, 2, true, &cloud),
                 of("deadline of the guard", 2, 3, false, &chosen),
             ];
-            Line::keys(&lines, theme, sheet, (82, 84));
-            let area = sheet.margin(104, 12, 20, 24);
+            Line::keys(&lines, theme, canvas, (82, 84));
+            let area = canvas.margin(104, 12, 20, 24);
             let axes = Axes {
                 x: 10.0..26.0,
                 y: 0.0..LONGEST,
@@ -155,8 +159,8 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
                 line.draw(&mut chart, &axes);
             }
             let key = Rectangle::new([(636, 78), (648, 90)], theme.good.mix(0.5).filled());
-            sheet.draw(&key).expect(DRAWN);
-            Label::new(13.0, theme.ink).put(sheet, "gives the paper's row", (655, 84));
+            canvas.draw(&key).expect(DRAWN);
+            TextLine::new(13.0, theme.ink).put(canvas, "gives the paper's row", (655, 84));
         })
     }))
 }
@@ -182,7 +186,7 @@ fn allowed(vehicle: Vehicle, speed: f64) -> Vec<[f64; 2]> {
         let deadline = Deadline::Constant(Duration::from_secs_f64(deadline));
         let Ok(jam) = Jam::new(vehicle, deadline) else { return false };
         paper.cloud_response_s.iter().all(|response| {
-            let question = Question { speed, approach: Approach::Ours, response: *response };
+            let question = CellParameters { speed, approach: Approach::Ours, response: *response };
             let collides = paper.collides(speed, Approach::Ours, *response);
             collides.is_none_or(|collides| jam.is(&question, collides).unwrap_or(false))
         })

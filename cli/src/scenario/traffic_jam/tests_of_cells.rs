@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::cells::{Colour, Deadline, Jam, Question};
+use crate::scenario::traffic_jam::cells::{CellParameters, Colour, Deadline, Jam};
 use crate::scenario::traffic_jam::narrow::{holds, misses};
 
 const PIPELINED: Vehicle = Vehicle {
@@ -30,7 +30,7 @@ fn all_90(vehicle: Vehicle) -> (usize, usize) {
     for speed in PAPER.traffic_jam.speeds() {
         for approach in [Approach::Local, Approach::Cloud, Approach::Ours] {
             for response in &PAPER.traffic_jam.cloud_response_s {
-                let question = Question { speed, approach, response: *response };
+                let question = CellParameters { speed, approach, response: *response };
                 let cell = jam.cell(&question, None).unwrap();
                 assert!(cell.paper.is_some() && cell.is_as_in_paper(), "{cell:?}");
                 cells += 1;
@@ -83,7 +83,7 @@ fn every_constant_deadline_misses_at_least_three_cells() {
 fn some_phases_may_collide_and_others_not() {
     let jam = Jam::new(PIPELINED, Deadline::Guard).unwrap();
     let of = |speed| {
-        let question = Question { speed, approach: Approach::Local, response: 0.0 };
+        let question = CellParameters { speed, approach: Approach::Local, response: 0.0 };
         jam.cell(&question, None).unwrap()
     };
     let cells: Vec<_> = (0..=40).map(|step| of(20.5 + f64::from(step) * 0.02)).collect();

@@ -6,21 +6,21 @@ use crate::scenario::approach::Approach;
 use crate::scenario::paint::{BAD, GOOD, SOFT, paint, written};
 use crate::scenario::traffic_jam::cells::{Cell, Colour};
 use crate::scenario::traffic_jam::narrow::{Constant, Constants, MEDIAN, ON_BOARD, OnBoard};
-use crate::scenario::traffic_jam::{Beside, Found};
+use crate::scenario::traffic_jam::{ExtraResults, ScenarioResult};
 
 /// How wide a cell is.
 const CELL: usize = 7;
 
 /// The words for it all.
-pub(crate) fn text(found: &Found) -> String {
+pub(crate) fn text(found: &ScenarioResult) -> String {
     written(|text| {
         table(text, found)?;
         beside(text, found)
     })
 }
 
-fn table(text: &mut String, found: &Found) -> std::fmt::Result {
-    let Found { responses, cells, phases, .. } = found;
+fn table(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
+    let ScenarioResult { responses, cells, phases, .. } = found;
     write!(text, "{:>4}  {:<8} {:>8} ", "m/s", "approach", "deadline")?;
     for response in responses {
         write!(text, "{:>CELL$}", format!("{response} s"))?;
@@ -82,7 +82,7 @@ fn deadline(row: &[Cell]) -> String {
     }
 }
 
-fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
+fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     let (same, known) = found.agreement();
     let colour = if same == known { GOOD } else { BAD };
     let sum = paint(colour, &format!("{same} of the {known} cells"));
@@ -128,9 +128,9 @@ fn beside(text: &mut String, found: &Found) -> std::fmt::Result {
 }
 
 /// A row's name, and what it tells.
-type Of = (&'static str, fn(&OnBoard) -> Colour);
+type TextRow = (&'static str, fn(&OnBoard) -> Colour);
 
-fn on_board(text: &mut String, beside: &Beside) -> std::fmt::Result {
+fn on_board(text: &mut String, beside: &ExtraResults) -> std::fmt::Result {
     let mark = |colour: Colour| match colour {
         Colour::Avoids => paint(GOOD, "·"),
         Colour::Mixed => paint(BAD, "~"),
@@ -144,7 +144,7 @@ fn on_board(text: &mut String, beside: &Beside) -> std::fmt::Result {
     for row in &beside.on_board {
         write!(text, "{:>4}", row.speed)?;
     }
-    let rows: [Of; 3] = [
+    let rows: [TextRow; 3] = [
         ("on board, pipelined", |row| row.pipelined),
         ("on board, one frame at a time", |row| row.serial),
         ("in the cloud at 0.5 s", |row| row.cloud),

@@ -54,6 +54,6 @@ fn what_comes_again_and_again_for_one_timestamp_is_held_once() {
         let drop = Decision::Drop { at, t: 1, p: 7, why: DropReason::Superseded };
         judge.line(1, &Event::Decision(drop)).expect("it is in order");
     }
-    let held = judge.open.get(&1).map_or(0, OpenStory::len);
+    let held = judge.open.get(&1).map_or(0, OpenMessageHistory::len);
     assert!(held < 300, "{held} facts are held");
 }

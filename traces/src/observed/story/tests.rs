@@ -9,7 +9,7 @@ use super::*;
 
 /// Every explanation there is, one after the other: the definition of `SPEC.md`, word for word.
 struct Search<'a> {
-    story: &'a Story,
+    story: &'a MessageHistory,
     commit: Commit,
     slack: Slack,
     end: u64,
@@ -36,11 +36,11 @@ struct State {
     cached: BTreeSet<u64>,
     armed: BTreeSet<(u64, i64)>,
     is_open: bool,
-    out: Out,
+    out: ObservedOutput,
 }
 
 /// What came out, if anything, and at which true instant.
-type Out = Option<(Option<u64>, i64)>;
+type ObservedOutput = Option<(Option<u64>, i64)>;
 
 impl Search<'_> {
     /// Whether some explanation fits.
@@ -49,7 +49,7 @@ impl Search<'_> {
     }
 
     /// What may come out and when, over all explanations.
-    fn ends(&self) -> BTreeSet<Out> {
+    fn ends(&self) -> BTreeSet<ObservedOutput> {
         let story = self.story;
         let mut left: BTreeSet<Fact> = story.open.iter().map(|_| Fact::Open).collect();
         left.extend((0..story.requests.len()).map(Fact::Request));
@@ -180,7 +180,7 @@ impl Search<'_> {
         state.left.iter().any(is_of_p)
     }
 
-    fn fits_what_came_out(&self, out: Out) -> bool {
+    fn fits_what_came_out(&self, out: ObservedOutput) -> bool {
         let (tolerance, lateness) = self.slack();
         match (&*self.story.outputs, out) {
             ([], None) => true,
@@ -239,14 +239,14 @@ impl State {
 }
 
 /// Small stories: up to three clouds, instants close enough that all orders occur.
-fn stories() -> impl Strategy<Value = Story> {
+fn stories() -> impl Strategy<Value = MessageHistory> {
     let at = 0..8_u64;
     let open = option::weighted(0.8, (0..3_u64, option::of(1..6_u64)));
     let requests = btree_map(1..4_u64, (0..4_u64, 1..8_u64), 0..4);
     let came = |most| vec((0..4_u64, at.clone()), 0..most);
     let outputs = vec((option::weighted(0.8, 0..4_u64), at.clone()), 0..2);
     (open, requests, came(4), came(3), outputs).prop_map(
-        |(open, requests, results, failures, outputs)| Story {
+        |(open, requests, results, failures, outputs)| MessageHistory {
             open,
             requests: requests.into_iter().map(|(p, (at, due))| (p, at, due)).collect(),
             results,
@@ -265,7 +265,7 @@ fn slacks() -> impl Strategy<Value = Slack> {
 }
 
 /// The greatest instant of a story's trace, where another timestamp's come `rest` later.
-fn end(story: &Story, rest: u64) -> u64 {
+fn end(story: &MessageHistory, rest: u64) -> u64 {
     let requests = story.requests.iter().map(|(_, at, _)| *at);
     let came = story.results.iter().chain(&story.failures).map(|(_, at)| *at);
     let out = story.outputs.iter().map(|(_, at)| *at);
@@ -285,7 +285,7 @@ proptest! {
         let end = end(&story, rest);
         let ends = Search { story: &story, commit, slack, end, horizon: HORIZON }.ends();
         // Before the trace's first instant there is nothing that could tell two instants apart.
-        let ends: BTreeSet<Out> = ends.into_iter().map(|out| out.map(|(p, y)| (p, y.max(0)))).collect();
+        let ends: BTreeSet<ObservedOutput> = ends.into_iter().map(|out| out.map(|(p, y)| (p, y.max(0)))).collect();
         let mut found = BTreeSet::new();
         if let Some((facts, priorities)) = story.facts(commit, slack, end) {
             found.extend(facts.stays_open().then_some(None));

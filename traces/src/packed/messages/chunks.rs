@@ -16,7 +16,7 @@ const MAGIC: usize = 8;
 /// What else is wrong with a file, the library tells.
 #[derive(Debug)]
 pub(super) struct Chunks {
-    at: At,
+    at: ReadPosition,
     /// What is passed over.
     skip: u64,
     /// What came of the thing that is at hand.
@@ -25,11 +25,11 @@ pub(super) struct Chunks {
 
 /// A record that goes beyond its chunk.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Beyond;
+pub(super) struct RecordOverrun;
 
 /// What comes next.
 #[derive(Clone, Copy, Debug)]
-enum At {
+enum ReadPosition {
     Magic,
     Record,
     /// The rest of a chunk's record is so long.
@@ -42,11 +42,11 @@ enum At {
 
 impl Chunks {
     pub(super) const fn new() -> Self {
-        Self { at: At::Magic, skip: 0, head: Vec::new() }
+        Self { at: ReadPosition::Magic, skip: 0, head: Vec::new() }
     }
 
     /// Takes the next bytes of the file.
-    pub(super) fn look(&mut self, mut bytes: &[u8]) -> Result<(), Beyond> {
+    pub(super) fn look(&mut self, mut bytes: &[u8]) -> Result<(), RecordOverrun> {
         loop {
             let skipped = usize::try_from(self.skip).unwrap_or(usize::MAX).min(bytes.len());
             self.skip -= skipped as u64;
@@ -65,35 +65,37 @@ impl Chunks {
 
     const fn wanted(&self) -> usize {
         match self.at {
-            At::Magic => MAGIC,
-            At::Record | At::Inner(..) => HEAD,
-            At::Chunk(_) => CHUNK,
-            At::Size(_) => SIZE,
+            ReadPosition::Magic => MAGIC,
+            ReadPosition::Record | ReadPosition::Inner(..) => HEAD,
+            ReadPosition::Chunk(_) => CHUNK,
+            ReadPosition::Size(_) => SIZE,
         }
     }
 
     /// Goes on behind what is at hand.
-    fn pass(&mut self) -> Result<(), Beyond> {
+    fn pass(&mut self) -> Result<(), RecordOverrun> {
         (self.at, self.skip) = match self.at {
-            At::Magic => (At::Record, 0),
-            At::Record if self.head[0] == op::CHUNK => (At::Chunk(self.number(1)), 0),
-            At::Record => (At::Record, self.number(1)),
-            At::Chunk(len) => {
+            ReadPosition::Magic => (ReadPosition::Record, 0),
+            ReadPosition::Record if self.head[0] == op::CHUNK => {
+                (ReadPosition::Chunk(self.number(1)), 0)
+            }
+            ReadPosition::Record => (ReadPosition::Record, self.number(1)),
+            ReadPosition::Chunk(len) => {
                 let rest = len.saturating_sub(CHUNK as u64);
                 if self.head[28..].iter().all(|byte| *byte == 0) {
-                    (At::Size(rest), 0)
+                    (ReadPosition::Size(rest), 0)
                 } else {
-                    (At::Record, rest)
+                    (ReadPosition::Record, rest)
                 }
             }
-            At::Size(len) => {
+            ReadPosition::Size(len) => {
                 let (rest, size) = (len.saturating_sub(SIZE as u64), self.number(0));
                 inside(size, rest.saturating_sub(size))
             }
-            At::Inner(left, behind) => {
+            ReadPosition::Inner(left, behind) => {
                 let len = self.number(1);
                 let left = left.checked_sub(HEAD as u64).and_then(|left| left.checked_sub(len));
-                let (at, skip) = inside(left.ok_or(Beyond)?, behind);
+                let (at, skip) = inside(left.ok_or(RecordOverrun)?, behind);
                 (at, skip.saturating_add(len))
             }
         };
@@ -108,8 +110,8 @@ impl Chunks {
 }
 
 /// So many bytes of records in a chunk, and so many behind them.
-const fn inside(left: u64, behind: u64) -> (At, u64) {
-    if left > 0 { (At::Inner(left, behind), 0) } else { (At::Record, behind) }
+const fn inside(left: u64, behind: u64) -> (ReadPosition, u64) {
+    if left > 0 { (ReadPosition::Inner(left, behind), 0) } else { (ReadPosition::Record, behind) }
 }
 
 #[cfg(test)]

@@ -11,18 +11,18 @@ use tokio::time::{MissedTickBehavior, interval};
 use super::*;
 use crate::arguments::Arguments;
 use crate::key::Kind;
-use crate::lifecycle::{Done, Order, Task};
+use crate::lifecycle::{LifecycleRequest, Task, TransitionResult};
 use crate::middleware::Sample;
 use crate::node;
 use crate::report::DiagnosticStatus;
 use crate::settings::Settings;
-use crate::source::{Handle, Strays};
+use crate::source::{Handle, UnmatchedResults};
 
 /// A topic in this process: what is published goes to whoever models its subscriber.
 struct Topic {
     subscriber: mpsc::UnboundedSender<Payload>,
     matched: Arc<AtomicUsize>,
-    end: Arc<End>,
+    end: Arc<Endpoint>,
 }
 
 impl Publish for Topic {
@@ -34,14 +34,14 @@ impl Publish for Topic {
         self.matched.load(Ordering::Relaxed)
     }
 
-    fn end(&self) -> &Arc<End> {
+    fn end(&self) -> &Arc<Endpoint> {
         &self.end
     }
 }
 
 fn topic(name: &str) -> (Topic, mpsc::UnboundedReceiver<Payload>) {
     let (subscriber, published) = mpsc::unbounded_channel();
-    let end = Arc::new(End::new(name, "tests/msg/Text"));
+    let end = Arc::new(Endpoint::new(name, "tests/msg/Text"));
     (Topic { subscriber, matched: Arc::new(AtomicUsize::new(1)), end }, published)
 }
 
@@ -62,19 +62,19 @@ fn text(body: &Bytes) -> String {
 
 /// What the node said.
 #[derive(Default)]
-pub(super) struct Said {
+pub(super) struct NodeOutput {
     pub(super) lines: Vec<String>,
     pub(super) diagnostics: Vec<Vec<DiagnosticStatus>>,
 }
 
 /// The node's ears and mouth, in a test's hands.
-struct Mouth {
-    said: Arc<Mutex<Said>>,
+struct Publication {
+    reported_lines: Arc<Mutex<NodeOutput>>,
     output: Mutex<mpsc::UnboundedReceiver<Payload>>,
     start: Instant,
 }
 
-impl Speak for Mouth {
+impl PublishStatus for Publication {
     fn status(&self, status: DiagnosticStatus) {
         let of = |key: &str| {
             let found = status.values.iter().find(|value| value.key == key);
@@ -91,11 +91,11 @@ impl Speak for Mouth {
         };
         let t = of("timestamp").parse().unwrap();
         let line = line(self.start.elapsed().as_millis(), t, &what);
-        self.said.lock().unwrap().lines.push(line);
+        self.reported_lines.lock().unwrap().lines.push(line);
     }
 
     fn diagnostics(&self, status: Vec<DiagnosticStatus>) {
-        self.said.lock().unwrap().diagnostics.push(status);
+        self.reported_lines.lock().unwrap().diagnostics.push(status);
     }
 }
 
@@ -107,12 +107,12 @@ pub(super) struct Node {
     pub(super) deadlines: mpsc::Sender<Sample>,
     pub(super) speeds: mpsc::Sender<Sample>,
     pub(super) changes: mpsc::UnboundedSender<Change>,
-    orders: mpsc::Sender<Order>,
+    orders: mpsc::Sender<LifecycleRequest>,
     /// Local's subscriber count.
     pub(super) local: Arc<AtomicUsize>,
     /// Whether what local is sent gets lost.
     pub(super) is_deaf: Arc<AtomicBool>,
-    pub(super) said: Arc<Mutex<Said>>,
+    pub(super) reported_lines: Arc<Mutex<NodeOutput>>,
     pub(super) counting: Counting,
     /// Dropped calls, by priority, with when.
     pub(super) dropped: Drops,
@@ -136,41 +136,41 @@ impl Drop for Guard {
 }
 
 /// What speaks to a node.
-pub(super) struct Mouths {
+pub(super) struct Publications {
     pub(super) inputs: mpsc::Sender<Sample>,
     pub(super) results: mpsc::Sender<(usize, Sample)>,
     pub(super) deadlines: mpsc::Sender<Sample>,
     pub(super) speeds: mpsc::Sender<Sample>,
     pub(super) changes: mpsc::UnboundedSender<Change>,
-    pub(super) orders: mpsc::Sender<Order>,
+    pub(super) orders: mpsc::Sender<LifecycleRequest>,
 }
 
 /// By what it hears them.
-pub(super) struct Ears {
+pub(super) struct Subscription {
     inputs: mpsc::Receiver<Sample>,
     results: mpsc::Receiver<(usize, Sample)>,
     deadlines: mpsc::Receiver<Sample>,
     speeds: mpsc::Receiver<Sample>,
     changes: mpsc::UnboundedReceiver<Change>,
-    orders: mpsc::Receiver<Order>,
+    orders: mpsc::Receiver<LifecycleRequest>,
 }
 
-pub(super) fn mouths() -> (Mouths, Ears) {
-    let (inputs, heard_inputs) = mpsc::channel(1024);
-    let (results, heard_results) = mpsc::channel(64);
-    let (deadlines, heard_deadlines) = mpsc::channel(1);
-    let (speeds, heard_speeds) = mpsc::channel(1);
-    let (changes, heard_changes) = mpsc::unbounded_channel();
-    let (orders, heard_orders) = mpsc::channel(1);
-    let ears = Ears {
-        inputs: heard_inputs,
-        results: heard_results,
-        deadlines: heard_deadlines,
-        speeds: heard_speeds,
-        changes: heard_changes,
-        orders: heard_orders,
+pub(super) fn mouths() -> (Publications, Subscription) {
+    let (inputs, received_inputs) = mpsc::channel(1024);
+    let (results, received_results) = mpsc::channel(64);
+    let (deadlines, received_deadlines) = mpsc::channel(1);
+    let (speeds, received_speeds) = mpsc::channel(1);
+    let (changes, received_changes) = mpsc::unbounded_channel();
+    let (orders, received_orders) = mpsc::channel(1);
+    let subscription = Subscription {
+        inputs: received_inputs,
+        results: received_results,
+        deadlines: received_deadlines,
+        speeds: received_speeds,
+        changes: received_changes,
+        orders: received_orders,
     };
-    (Mouths { inputs, results, deadlines, speeds, changes, orders }, ears)
+    (Publications { inputs, results, deadlines, speeds, changes, orders }, subscription)
 }
 
 /// Starts the shipped loop over these topics, whose messages begin with their key.
@@ -179,15 +179,16 @@ pub(super) fn run(
     engine: Engine<Payload, Payload>,
     sources: Vec<Source>,
     output: Box<dyn Publish>,
-    voice: Box<dyn Speak>,
-    mut ears: Ears,
+    status_publisher: Box<dyn PublishStatus>,
+    mut subscription: Subscription,
 ) -> tokio::task::JoinHandle<()> {
     let (deadline, node) = (settings.deadline, settings.node.full());
     let speed = settings.deadlines.speed.as_ref().map(Speed::new);
     let is_managed = settings.lifecycle;
     tokio::spawn(async move {
         let mut stop = Stop::never();
-        let mut told = Orders { told: ears.orders, is_active: false, last: None };
+        let mut reported =
+            LifecycleRequests { reported: subscription.orders, is_active: false, last: None };
         let mut report = interval(1000 * MS);
         report.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let counting = engine.counts();
@@ -199,19 +200,19 @@ pub(super) fn run(
             output_key: Key::Integer { offset: 0, kind: Kind::U64 },
             deadline,
             node,
-            voice,
-            memory: Memory::new(Reporter::new("/node", counting.tally())),
+            status_publisher,
+            memory: LoopState::new(Reporter::new("/node", counting.tally())),
             counting,
-            heard: Heard {
-                inputs: ears.inputs,
-                results: ears.results,
-                deadlines: ears.deadlines,
-                speeds: ears.speeds,
-                changes: &mut ears.changes,
+            received: InputChannels {
+                inputs: subscription.inputs,
+                results: subscription.results,
+                deadlines: subscription.deadlines,
+                speeds: subscription.speeds,
+                changes: &mut subscription.changes,
                 report,
             },
             speed,
-            orders: is_managed.then_some(&mut told),
+            orders: is_managed.then_some(&mut reported),
             stop: &mut stop,
         };
         let driver = Driver::new(engine, fusion, Timers::Tokio).unwrap();
@@ -219,8 +220,8 @@ pub(super) fn run(
         fusion.report();
         drop(fusion);
         finish(engine).await.unwrap();
-        if let Some(order) = told.last.take() {
-            order.done(Done::Success);
+        if let Some(order) = reported.last.take() {
+            order.done(TransitionResult::Success);
         }
     })
 }
@@ -268,11 +269,11 @@ fn called(
         sources.push(Source {
             priority,
             name: name(priority),
-            way: Way::Grpc(handle),
+            way: Route::Grpc(handle),
             enabled: true,
             deadline: Some(Duration::from_millis(deadline)).filter(|it| !it.is_zero()),
             hints: late,
-            strays: Strays::default(),
+            unmatched: UnmatchedResults::default(),
         });
     }
     sources
@@ -289,31 +290,36 @@ impl Node {
         let settings = settings(clouds.len(), more);
         let engine: Engine<Payload, Payload> = node::engine(&settings).unwrap();
         let counting = engine.counts();
-        let (mouths, ears) = mouths();
-        let (requests, asked) = topic("/local/input");
+        let (mouths, subscription) = mouths();
+        let (requests, requested) = topic("/local/input");
         let matched = Arc::clone(&requests.matched);
         let is_deaf = Arc::<AtomicBool>::default();
-        tokio::spawn(model(local, asked, mouths.results.clone(), Arc::clone(&is_deaf), start));
+        tokio::spawn(model(local, requested, mouths.results.clone(), Arc::clone(&is_deaf), start));
         let dropped = Arc::new(Mutex::new(Vec::new()));
         let hints = Hints::default();
-        let answers = End::new("/local/output", "tests/msg/Text");
+        let answers = Endpoint::new("/local/output", "tests/msg/Text");
         answers.change([7; 16], 1, None);
         let mut sources = vec![Source {
             priority: 0,
             name: "local".into(),
-            way: Way::Topics { requests: Box::new(requests), results: Arc::new(answers) },
+            way: Route::Topics { requests: Box::new(requests), results: Arc::new(answers) },
             enabled: true,
             deadline: Some(settings.local.deadline),
             hints: None,
-            strays: Strays::default(),
+            unmatched: UnmatchedResults::default(),
         }];
         sources.extend(called(&settings, clouds, (&dropped, &hints), start));
         let (output, published) = topic("/output");
-        let said = Arc::<Mutex<Said>>::default();
-        let mouth = Mouth { said: Arc::clone(&said), output: Mutex::new(published), start };
-        let running = run(&settings, engine, sources, Box::new(output), Box::new(mouth), ears);
+        let reported_lines = Arc::<Mutex<NodeOutput>>::default();
+        let publication = Publication {
+            reported_lines: Arc::clone(&reported_lines),
+            output: Mutex::new(published),
+            start,
+        };
+        let running =
+            run(&settings, engine, sources, Box::new(output), Box::new(publication), subscription);
         let local = matched;
-        let Mouths { inputs, results, deadlines, speeds, changes, orders } = mouths;
+        let Publications { inputs, results, deadlines, speeds, changes, orders } = mouths;
         Self {
             start,
             inputs,
@@ -324,7 +330,7 @@ impl Node {
             orders,
             local,
             is_deaf,
-            said,
+            reported_lines,
             counting,
             dropped,
             hints,
@@ -341,8 +347,8 @@ impl Node {
     }
 
     /// Tells a managed node what to do; how it goes is heard by the answer.
-    pub(super) async fn tell(&self, task: Task) -> oneshot::Receiver<Done> {
-        let (order, done) = Order::new(task);
+    pub(super) async fn publish_report(&self, task: Task) -> oneshot::Receiver<TransitionResult> {
+        let (order, done) = LifecycleRequest::new(task);
         assert!(self.orders.send(order).await.is_ok(), "the node ended");
         done
     }
@@ -351,12 +357,12 @@ impl Node {
         sleep_until(self.start + Duration::from_millis(ms)).await;
     }
 
-    pub(super) fn said(&self) -> MutexGuard<'_, Said> {
-        self.said.lock().unwrap()
+    pub(super) fn reported_lines(&self) -> MutexGuard<'_, NodeOutput> {
+        self.reported_lines.lock().unwrap()
     }
 
     pub(super) fn lines(&self) -> Vec<String> {
-        self.said().lines.clone()
+        self.reported_lines().lines.clone()
     }
 
     pub(super) fn tally(&self) -> Tally {
@@ -374,12 +380,12 @@ async fn note(mut published: mpsc::UnboundedReceiver<Payload>, hints: Hints, sta
 /// What is behind local's topics.
 async fn model(
     plan: Plan,
-    mut asked: mpsc::UnboundedReceiver<Payload>,
+    mut requested: mpsc::UnboundedReceiver<Payload>,
     results: mpsc::Sender<(usize, Sample)>,
     is_deaf: Arc<AtomicBool>,
     start: Instant,
 ) {
-    while let Some(request) = asked.recv().await {
+    while let Some(request) = requested.recv().await {
         if is_deaf.load(Ordering::Relaxed) {
             continue;
         }

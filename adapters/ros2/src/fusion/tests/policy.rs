@@ -4,8 +4,8 @@ use super::*;
 
 /// A cloud's values in the last diagnostics.
 fn values_of(node: &Node, part: &str) -> Vec<(String, String)> {
-    let said = node.said();
-    let statuses = said.diagnostics.last().unwrap();
+    let reported_lines = node.reported_lines();
+    let statuses = reported_lines.diagnostics.last().unwrap();
     let status = statuses.iter().find(|status| status.name.ends_with(part)).unwrap();
     status.values.iter().map(|it| (it.key.clone(), it.value.clone())).collect()
 }
@@ -15,15 +15,15 @@ async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_tell_the_
     let more = ["-p", "policy:=guard", "-p", "policy.speed_topic:=speed", "-p"];
     let more = [&more[..], &["policy.speed_type:=std_msgs/msg/Float64"]].concat();
     let node = Node::start_with(|_| Answers(300), &[(2000, |_| Loses)], &more);
-    let tell = async |speed: f64| {
+    let publish_report = async |speed: f64| {
         let body = Bytes::copy_from_slice(&speed.to_le_bytes());
         node.speeds.send(Ok(Payload { big_endian: false, body })).await.unwrap();
     };
     node.until(1).await;
-    tell(18.0).await;
+    publish_report(18.0).await;
     node.feed(0, [10]).await;
     node.until(1000).await;
-    tell(20.0).await;
+    publish_report(20.0).await;
     node.feed(1, [1010]).await;
     node.until(2600).await;
     // Nothing was told for longer than half a second: nothing is known, and nothing is risked.
@@ -38,8 +38,8 @@ async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_tell_the_
     let values = values_of(&node, "cloud1");
     let value = |key: &str| values.iter().find(|(name, _)| name == key).unwrap().1.clone();
     assert_eq!((value("deadline_s"), value("deadline_why")), ("0.301700".into(), "unsure".into()));
-    let said = node.said();
-    let fusion = &said.diagnostics.last().unwrap()[0];
+    let reported_lines = node.reported_lines();
+    let fusion = &reported_lines.diagnostics.last().unwrap()[0];
     assert_eq!((fusion.level, &*fusion.message), (1, "no speed on /speed for 3.0 s"));
 }
 
@@ -83,7 +83,8 @@ async fn late_results_are_hints_on_a_topic_of_their_own_byte_for_byte_and_no_out
         assert!(line.contains(&format!(": {t} {source}'s of {t}, asked at")), "{line}");
     }
     let expected = [(140, 0, 0), (590, 1, 500), (1510, 3, 1500)];
-    let expected = expected
-        .map(|(at, t, asked)| (at, payload(t, &value("cloud1", t, Duration::from_millis(asked)))));
+    let expected = expected.map(|(at, t, requested)| {
+        (at, payload(t, &value("cloud1", t, Duration::from_millis(requested))))
+    });
     assert_eq!(*node.hints.lock().unwrap(), expected);
 }

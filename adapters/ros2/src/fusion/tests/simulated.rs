@@ -70,17 +70,17 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
 
 /// What does not hold of a run, and what it came to.
 fn simulated(scenario: &Scenario) -> (Vec<Finding>, BTreeSet<&'static str>) {
-    let (tell, ended) = mpsc::channel();
+    let (publish_report, ended) = mpsc::channel();
     let scenario = scenario.clone();
     // In a loop that never sleeps no virtual time passes, so real time tells.
     thread::spawn(move || {
         let played = play(&scenario);
-        let told = match Facts::new(&scenario, &played) {
+        let reported = match Facts::new(&scenario, &played) {
             Ok(facts) => (facts.findings(), facts.kinds()),
             Err(what) => (vec![Finding { check: "d10_whole_trace", what }], BTreeSet::new()),
         };
         // Nobody listens any more if it took too long.
-        let _ = tell.send(told);
+        let _ = publish_report.send(reported);
     });
     ended.recv_timeout(HANGS).unwrap_or_else(|_| {
         let what = format!("the node did not end well within {HANGS:?}");
@@ -96,7 +96,7 @@ fn holds(check: &str) {
 }
 
 /// The seed's run, a smallest one that breaks the same, and why.
-fn told(seed: u64, finding: &Finding) -> String {
+fn reported(seed: u64, finding: &Finding) -> String {
     if finding.check == ENDS {
         return format!("seed {seed} breaks {ENDS}: {}\n\n{}", finding.what, Scenario::draw(seed));
     }
@@ -105,10 +105,10 @@ fn told(seed: u64, finding: &Finding) -> String {
     };
     let smallest = smaller::smallest(&Scenario::draw(seed), |it| breaks(it).is_some());
     let what = breaks(&smallest).map_or_else(|| finding.what.clone(), |again| again.what);
-    let mut told = format!("seed {seed} breaks {}: {what}\n\n{smallest}", finding.check);
+    let mut reported = format!("seed {seed} breaks {}: {what}\n\n{smallest}", finding.check);
     let trace = play(&smallest).trace;
-    let _ = write!(told, "{}", String::from_utf8_lossy(&trace));
-    told
+    let _ = write!(reported, "{}", String::from_utf8_lossy(&trace));
+    reported
 }
 
 /// D1: each input is taken in, and leads to one status and at most one output, unless it has no key or that of an open message.
@@ -210,7 +210,7 @@ fn the_seeds_come_to_each_kind_of_ending() {
 fn fresh_seeds() {
     let number = |name| env::var(name).ok().map(|text| text.parse::<u64>().expect("a number"));
     let seconds = number("SIMULATED_SECONDS").map(Duration::from_secs);
-    let (first, runs, is_asked) = match number("SIMULATED_SEED") {
+    let (first, runs, is_requested) = match number("SIMULATED_SEED") {
         Some(seed) => (seed, 1, true),
         None if seconds.is_some() => (by_chance(), u64::MAX, true),
         None => (SEEDS, 5, false),
@@ -221,21 +221,25 @@ fn fresh_seeds() {
         let scenario = Scenario::draw(next);
         inputs += scenario.inputs.len();
         if let Some(finding) = simulated(&scenario).0.first() {
-            assert!(is_asked, "SIMULATED_SEED={next} breaks {}: {}", finding.check, finding.what);
-            panic!("{}", told(next, finding));
+            assert!(
+                is_requested,
+                "SIMULATED_SEED={next} breaks {}: {}",
+                finding.check, finding.what
+            );
+            panic!("{}", reported(next, finding));
         }
         next += 1;
     }
     if runs == 1 {
         print!("{}", Scenario::draw(first));
     }
-    if !is_asked {
+    if !is_requested {
         return;
     }
     let took = start.elapsed().as_secs_f64();
     // Not kept back from who runs all tests.
-    let told = format!("seeds {first} to {}: {inputs} inputs in {took:.1} s", next - 1);
-    writeln!(io::stderr(), "{told}").unwrap();
+    let reported = format!("seeds {first} to {}: {inputs} inputs in {took:.1} s", next - 1);
+    writeln!(io::stderr(), "{reported}").unwrap();
 }
 
 /// A seed by chance, short enough to be read aloud.

@@ -12,7 +12,7 @@ use zenoh::{Session, Wait};
 use super::wire::{Owner, type_of};
 
 /// What is done once a hash is known, on a thread of its own.
-type Act = Box<dyn FnOnce(&str) + Send>;
+type HashCallback = Box<dyn FnOnce(&str) + Send>;
 
 /// Hashes by the types' names in DDS.
 #[derive(Clone, Default)]
@@ -22,7 +22,7 @@ enum State {
     Known(String),
     /// Nobody has said it yet; it is listened for.
     Awaited {
-        acts: Vec<Act>,
+        acts: Vec<HashCallback>,
         tokens: Option<Subscriber<()>>,
     },
 }
@@ -45,7 +45,7 @@ impl Types {
         session: &Session,
         owner: &Owner,
         type_name: &str,
-        act: Act,
+        act: HashCallback,
     ) -> zenoh::Result<()> {
         if let Some(hash) = self.known(type_name) {
             act(&hash);

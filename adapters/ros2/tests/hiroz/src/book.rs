@@ -8,7 +8,7 @@ use hiroz_msgs::diagnostic_msgs::DiagnosticStatus;
 use zenoh::sample::Sample;
 
 use crate::image;
-use crate::scene::{LOCAL, WEST};
+use crate::graph_scene::{LOCAL, WEST};
 
 /// By whom an image is to be answered.
 #[derive(Clone, Copy, PartialEq)]
@@ -25,21 +25,21 @@ struct Entry {
     expected: Expected,
     part: &'static str,
     answers: Vec<&'static str>,
-    told: Vec<String>,
+    reported: Vec<String>,
 }
 
 /// All images, and what is wrong.
 #[derive(Default)]
-pub(crate) struct Book {
+pub(crate) struct ImageLog {
     images: Vec<Entry>,
     last: Option<Attachment>,
     wrong: Vec<String>,
 }
 
-impl Book {
+impl ImageLog {
     /// A new image; returns its number.
     pub(crate) fn begins(&mut self, part: &'static str, expected: Expected) -> u32 {
-        self.images.push(Entry { expected, part, answers: Vec::new(), told: Vec::new() });
+        self.images.push(Entry { expected, part, answers: Vec::new(), reported: Vec::new() });
         u32::try_from(self.images.len() - 1).unwrap_or(u32::MAX)
     }
 
@@ -70,7 +70,7 @@ impl Book {
         let numbers = 0..u32::try_from(self.images.len()).unwrap_or(u32::MAX);
         let number = numbers.into_iter().rfind(|number| image::key(*number) == key);
         match number.and_then(|number| self.images.get_mut(number as usize)) {
-            Some(entry) => entry.told.push(source),
+            Some(entry) => entry.reported.push(source),
             None => self.wrong.push(format!("a status of an unknown image, {key}")),
         }
     }
@@ -90,7 +90,7 @@ impl Book {
 
     /// Whether nothing is expected any more.
     pub(crate) fn is_complete(&self) -> bool {
-        !self.images.iter().any(|entry| entry.is_open() || entry.told.len() < entry.answers.len())
+        !self.images.iter().any(|entry| entry.is_open() || entry.reported.len() < entry.answers.len())
     }
 
     /// A table of the parts of the scene.
@@ -114,7 +114,7 @@ impl Book {
     pub(crate) fn wrong(self) -> Vec<String> {
         let Self { images, mut wrong, .. } = self;
         for (number, entry) in images.iter().enumerate() {
-            let Entry { expected, answers, told, part } = entry;
+            let Entry { expected, answers, reported, part } = entry;
             let is_right = match (expected, &answers[..]) {
                 (Expected::Only(wanted), [source]) => source == wanted,
                 (Expected::Either, [_]) | (Expected::Perhaps, [] | [_]) => true,
@@ -123,8 +123,8 @@ impl Book {
             if !is_right {
                 wrong.push(format!("image {number} ({part}) is answered by {answers:?}"));
             }
-            if *expected != Expected::Perhaps && answers != told {
-                wrong.push(format!("image {number}: {answers:?} answer, the status says {told:?}"));
+            if *expected != Expected::Perhaps && answers != reported {
+                wrong.push(format!("image {number}: {answers:?} answer, the status says {reported:?}"));
             }
         }
         wrong

@@ -11,7 +11,7 @@ mod book;
 mod image;
 mod part;
 mod peers;
-mod scene;
+mod graph_scene;
 
 use std::env;
 use std::error::Error;
@@ -25,7 +25,7 @@ fn main() -> ExitCode {
     let words: Vec<String> = env::args().skip(1).collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let ended = match words[..] {
-        ["scene", node, fuseline, folder] => scene::play(node, fuseline, Path::new(folder)),
+        ["scene", node, fuseline, folder] => graph_scene::play(node, fuseline, Path::new(folder)),
         ["router"] => peers::route(),
         [source @ ("local" | "west")] => peers::answer(source),
         _ => Err("give scene NODE FUSELINE FOLDER, router, local or west".into()),

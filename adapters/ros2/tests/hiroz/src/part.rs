@@ -10,9 +10,9 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::Any;
 
 /// A process; killed when it is dropped.
-pub(crate) struct Part(Child);
+pub(crate) struct ChildProcess(Child);
 
-impl Part {
+impl ChildProcess {
     /// This program in another role.
     pub(crate) fn role(role: &str) -> Result<Self, Any> {
         Ok(Self(Command::new(env::current_exe()?).arg(role).stdin(Stdio::null()).spawn()?))
@@ -34,7 +34,7 @@ impl Part {
     }
 }
 
-impl Drop for Part {
+impl Drop for ChildProcess {
     fn drop(&mut self) {
         // It may have ended by itself.
         drop((self.0.kill(), self.0.wait()));

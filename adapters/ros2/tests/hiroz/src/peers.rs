@@ -13,7 +13,7 @@ use hiroz_msgs::sensor_msgs::CompressedImage;
 use zenoh::Wait;
 
 use crate::image::{self, CAMERA};
-use crate::{Any, scene};
+use crate::{Any, graph_scene};
 
 /// Local is the first with its result, so that it is in hand when the better one comes.
 const LOCAL_TAKES: Duration = Duration::from_millis(5);
@@ -42,7 +42,7 @@ pub(crate) fn quality() -> QosProfile {
 
 /// Answers each image, until the process is killed.
 pub(crate) fn answer(source: &str) -> Result<(), Any> {
-    let takes = if source == scene::WEST { WEST_TAKES } else { LOCAL_TAKES };
+    let takes = if source == graph_scene::WEST { WEST_TAKES } else { LOCAL_TAKES };
     let context = context()?;
     let node = context.create_node(source).build()?;
     let results = node.create_pub::<CompressedImage>(&format!("/{source}/output"));

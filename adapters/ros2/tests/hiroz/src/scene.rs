@@ -16,9 +16,9 @@ use hiroz_msgs::sensor_msgs::CompressedImage;
 use zenoh::sample::Sample;
 
 use crate::Any;
-use crate::book::{Book, Expected};
+use crate::book::{ImageLog, Expected};
 use crate::image::{self, CAMERA};
-use crate::part::Part;
+use crate::part::ChildProcess;
 use crate::peers::{context, quality};
 
 pub(crate) const LOCAL: &str = "local";
@@ -54,7 +54,7 @@ struct Scene {
     camera: Publisher<CompressedImage>,
     outputs: Subscriber<CompressedImage>,
     statuses: Subscriber<DiagnosticStatus>,
-    book: Book,
+    book: ImageLog,
     next: Instant,
 }
 
@@ -65,31 +65,31 @@ type Subscriber<M> = ZSub<M, Sample, <M as ZMessage>::Serdes>;
 pub(crate) fn play(node: &str, fuseline: &str, folder: &Path) -> Result<(), Any> {
     let (parameters, trace) = (folder.join("parameters.yaml"), folder.join("trace.jsonl"));
     fs::write(&parameters, PARAMETERS)?;
-    let _router = Part::role("router")?;
+    let _router = ChildProcess::role("router")?;
     let (file, record) = (parameters.to_string_lossy(), format!("trace.file:={}", trace.display()));
     let words = ["--ros-args", "--params-file", &*file, "-p", &record];
-    let node = Part::program(node, &words, &folder.join("log"))?;
-    let _local = Part::role(LOCAL)?;
-    let west = Part::role(WEST)?;
+    let node = ChildProcess::program(node, &words, &folder.join("log"))?;
+    let _local = ChildProcess::role(LOCAL)?;
+    let west = ChildProcess::role(WEST)?;
 
     let context = context()?;
     let ours = Arc::new(context.create_node("camera").build()?);
-    let mut scene = Scene::of(&ours)?;
-    scene.until_west(MEETING, Expected::Perhaps)?;
-    scene.images(LIVES, WEST)?;
+    let mut graph_scene = Scene::of(&ours)?;
+    graph_scene.until_west(MEETING, Expected::Perhaps)?;
+    graph_scene.images(LIVES, WEST)?;
     sets_a_parameter(&ours)?;
-    scene.next = Instant::now();
+    graph_scene.next = Instant::now();
     drop(west);
-    scene.book.unsure();
-    scene.images(KILLED, LOCAL)?;
-    let _west = Part::role(WEST)?;
-    scene.until_west(RETURNS, Expected::Either)?;
-    scene.images(AGAIN, WEST)?;
-    scene.rest()?;
+    graph_scene.book.unsure();
+    graph_scene.images(KILLED, LOCAL)?;
+    let _west = ChildProcess::role(WEST)?;
+    graph_scene.until_west(RETURNS, Expected::Either)?;
+    graph_scene.images(AGAIN, WEST)?;
+    graph_scene.rest()?;
     let names = context.graph().get_node_names();
-    scene.book.print(&[MEETING, LIVES, KILLED, RETURNS, AGAIN]);
+    graph_scene.book.print(&[MEETING, LIVES, KILLED, RETURNS, AGAIN]);
 
-    let mut wrong = scene.book.wrong();
+    let mut wrong = graph_scene.book.wrong();
     if !names.contains(&("fuseline".into(), "/".into())) {
         wrong.push(format!("the graph has no node /fuseline but {names:?}"));
     }
@@ -117,7 +117,7 @@ pub(crate) fn play(node: &str, fuseline: &str, folder: &Path) -> Result<(), Any>
 fn sets_a_parameter(ours: &Arc<ZNode>) -> Result<(), Any> {
     let target = ParameterTarget::from_fqn("/fuseline").ok_or("no name of a node")?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    let told = async {
+    let reported = async {
         let client = ParameterClient::new(Arc::clone(ours), target)?;
         let before = client.get(&["deadline"]).await?;
         let shorter = ParameterValue::Double(0.9);
@@ -129,7 +129,7 @@ fn sets_a_parameter(ours: &Arc<ZNode>) -> Result<(), Any> {
         }
         Err(format!("the deadline is {before:?}, and {after:?} when set: {set:?}").into())
     };
-    runtime.block_on(async { tokio::time::timeout(LONG, told).await? })
+    runtime.block_on(async { tokio::time::timeout(LONG, reported).await? })
 }
 
 impl Scene {
@@ -138,7 +138,7 @@ impl Scene {
             camera: node.create_pub("/input").with_qos(quality()).build()?,
             outputs: node.create_sub("/output").with_qos(quality()).build()?,
             statuses: node.create_sub("/fuseline/status").with_qos(quality()).build()?,
-            book: Book::default(),
+            book: ImageLog::default(),
             next: Instant::now(),
         })
     }

@@ -12,53 +12,53 @@ use tokio::time::{Sleep, sleep};
 use tonic::Status;
 use tonic::body::Body;
 
-use crate::grpc::server::guest::Watch;
+use crate::grpc::server::connection_handler::ConnectionWatch;
 
 /// How much of a reply goes at a time, so that a reader who is slow can be told from one who stands still.
 const PIECE: usize = 64 * 1024;
 
 /// The bytes of one call's request, given back when its body and its handler are done with it.
-pub(crate) struct Held {
-    watch: Arc<Watch>,
+pub(crate) struct RequestMemory {
+    watch: Arc<ConnectionWatch>,
     bytes: AtomicUsize,
 }
 
-impl Held {
-    pub(crate) fn new(watch: Arc<Watch>) -> Arc<Self> {
+impl RequestMemory {
+    pub(crate) fn new(watch: Arc<ConnectionWatch>) -> Arc<Self> {
         Arc::new(Self { watch, bytes: AtomicUsize::new(0) })
     }
 
     fn take(&self, bytes: usize) -> Result<(), Status> {
-        if !self.watch.house.take(bytes) {
-            let words = "the server holds as many bytes as it may";
-            return Err(self.watch.refused(Status::resource_exhausted(words)));
+        if !self.watch.limits.take(bytes) {
+            let error_chain = "the server holds as many bytes as it may";
+            return Err(self.watch.refused(Status::resource_exhausted(error_chain)));
         }
         self.bytes.fetch_add(bytes, Ordering::Relaxed);
         Ok(())
     }
 }
 
-impl Drop for Held {
+impl Drop for RequestMemory {
     fn drop(&mut self) {
-        self.watch.house.give_back(self.bytes.load(Ordering::Relaxed));
+        self.watch.limits.give_back(self.bytes.load(Ordering::Relaxed));
     }
 }
 
 /// A request's body, which must come whole in time.
-pub(crate) struct Coming {
+pub(crate) struct RequestBody {
     body: Incoming,
-    held: Arc<Held>,
+    held: Arc<RequestMemory>,
     in_time: Pin<Box<Sleep>>,
 }
 
-impl Coming {
-    pub(crate) fn new(body: Incoming, held: Arc<Held>) -> Self {
-        let in_time = Box::pin(sleep(held.watch.house.bounds.stall));
+impl RequestBody {
+    pub(crate) fn new(body: Incoming, held: Arc<RequestMemory>) -> Self {
+        let in_time = Box::pin(sleep(held.watch.limits.bounds.stall));
         Self { body, held, in_time }
     }
 }
 
-impl http_body::Body for Coming {
+impl http_body::Body for RequestBody {
     type Data = Bytes;
     type Error = Status;
 
@@ -88,20 +88,20 @@ impl http_body::Body for Coming {
 }
 
 /// A reply's body, which goes in pieces.
-pub(crate) struct Going {
+pub(crate) struct ReplyBody {
     body: Body,
-    watch: Arc<Watch>,
-    rest: Owed,
+    watch: Arc<ConnectionWatch>,
+    rest: UnsentBytes,
 }
 
-impl Going {
-    pub(crate) fn new(body: Body, watch: Arc<Watch>) -> Self {
-        let rest = Owed { bytes: Bytes::new(), watch: Arc::clone(&watch) };
+impl ReplyBody {
+    pub(crate) fn new(body: Body, watch: Arc<ConnectionWatch>) -> Self {
+        let rest = UnsentBytes { bytes: Bytes::new(), watch: Arc::clone(&watch) };
         Self { body, watch, rest }
     }
 }
 
-impl http_body::Body for Going {
+impl http_body::Body for ReplyBody {
     type Data = Bytes;
     type Error = Status;
 
@@ -115,7 +115,7 @@ impl http_body::Body for Going {
                 end => return Poll::Ready(end),
             };
             match frame.into_data() {
-                Ok(bytes) => self.rest = Owed::new(bytes, &self.watch)?,
+                Ok(bytes) => self.rest = UnsentBytes::new(bytes, &self.watch)?,
                 Err(trailers) => return Poll::Ready(Some(Ok(trailers))),
             }
         }
@@ -129,16 +129,16 @@ impl http_body::Body for Going {
 }
 
 /// Bytes of a reply that the client has not taken yet.
-struct Owed {
+struct UnsentBytes {
     bytes: Bytes,
-    watch: Arc<Watch>,
+    watch: Arc<ConnectionWatch>,
 }
 
-impl Owed {
-    fn new(bytes: Bytes, watch: &Arc<Watch>) -> Result<Self, Status> {
-        if !watch.house.take(bytes.len()) {
-            let words = "the server holds as many bytes as it may";
-            return Err(watch.refused(Status::resource_exhausted(words)));
+impl UnsentBytes {
+    fn new(bytes: Bytes, watch: &Arc<ConnectionWatch>) -> Result<Self, Status> {
+        if !watch.limits.take(bytes.len()) {
+            let error_chain = "the server holds as many bytes as it may";
+            return Err(watch.refused(Status::resource_exhausted(error_chain)));
         }
         watch.owe(bytes.len());
         Ok(Self { bytes, watch: Arc::clone(watch) })
@@ -150,15 +150,15 @@ impl Owed {
     }
 }
 
-impl AsRef<[u8]> for Owed {
+impl AsRef<[u8]> for UnsentBytes {
     fn as_ref(&self) -> &[u8] {
         &self.bytes
     }
 }
 
-impl Drop for Owed {
+impl Drop for UnsentBytes {
     fn drop(&mut self) {
-        self.watch.house.give_back(self.bytes.len());
+        self.watch.limits.give_back(self.bytes.len());
         self.watch.paid(self.bytes.len());
     }
 }

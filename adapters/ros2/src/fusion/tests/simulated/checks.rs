@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use super::facts::{Facts, Left, value};
-use super::play::Told;
+use super::facts::{Facts, MessageOutcome, value};
+use super::play::StatusReport;
 use super::scenario::Form;
 use crate::fusion::LOCAL;
 use crate::report::DiagnosticStatus;
@@ -28,7 +28,7 @@ pub(super) const CHECKS: &[Check] = &[
     Check { name: "d11_one_account", holds: one_account },
     Check { name: "d13_lost_words", holds: lost_words },
     Check { name: "d14_its_own_topic", holds: its_own_topic },
-    Check { name: "d15_told", holds: told },
+    Check { name: "d15_told", holds: reported },
     Check { name: "d16_as_set", holds: as_set },
 ];
 
@@ -58,10 +58,13 @@ fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
 /// D1: each status is of another message, each message has one, and what is none has the key of one that is open.
 fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, messages, opened, .. } = facts;
-    let mut told: Vec<_> = played.log.statuses.iter().filter_map(Told::timestamp).collect();
-    told.sort_unstable();
+    let mut reported: Vec<_> =
+        played.log.statuses.iter().filter_map(StatusReport::timestamp).collect();
+    reported.sort_unstable();
     let all: Vec<_> = (0..opened.len() as u64).collect();
-    ensure(told == all, || format!("of {} messages there are statuses {told:?}", all.len()))?;
+    ensure(reported == all, || {
+        format!("of {} messages there are statuses {reported:?}", all.len())
+    })?;
     ensure(messages.len() == opened.len(), || {
         let next = &opened[messages.len()];
         format!("no input came at the instant of {next:?}, the message {}", messages.len())
@@ -99,8 +102,8 @@ fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
             && (is_same || Some(value.serial) == serial)
     };
     for (t, opened) in facts.opened.iter().enumerate() {
-        let Some((_, Left::Forwarded { place, .. })) = opened.left else { continue };
-        let output = facts.messages.get(t).and_then(|message| message.told.output.as_ref());
+        let Some((_, MessageOutcome::Forwarded { place, .. })) = opened.left else { continue };
+        let output = facts.messages.get(t).and_then(|message| message.reported.output.as_ref());
         let value = output.and_then(|output| output.value.as_ref().ok()).copied();
         ensure(value.is_some_and(|value| is_of(value, t, place)), || {
             format!("{t} was forwarded from {place} as {output:?}")
@@ -127,23 +130,25 @@ fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
 fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     ensure(facts.verdict.conforms, || format!("{:?}", facts.verdict))?;
     for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
-        let Told { at, status, output } = message.told;
+        let StatusReport { at, status, output } = message.reported;
         let Some((left, how)) = opened.left else { return Err(format!("{t} never left")) };
         let (source, rule, is_output) = match how {
-            Left::Forwarded { place, rule } => (Some(name(place)), Some(rule), true),
-            Left::Missed | Left::Refused(_) => (None, None, false),
+            MessageOutcome::Forwarded { place, rule } => (Some(name(place)), Some(rule), true),
+            MessageOutcome::Missed | MessageOutcome::Refused(_) => (None, None, false),
         };
         let words = match how {
-            Left::Forwarded { .. } => status.message.clone(),
-            Left::Missed => "missed".to_owned(),
-            Left::Refused(why) => format!("refused: {why}"),
+            MessageOutcome::Forwarded { .. } => status.message.clone(),
+            MessageOutcome::Missed => "missed".to_owned(),
+            MessageOutcome::Refused(why) => format!("refused: {why}"),
         };
         let is_same = *at == left
-            && message.told.value("source").map(str::to_owned) == source
-            && message.told.value("rule") == rule
+            && message.reported.value("source").map(str::to_owned) == source
+            && message.reported.value("rule") == rule
             && output.is_some() == is_output
             && status.message == words;
-        ensure(is_same, || format!("{t} left as {how:?} at {left}, told was {:?}", message.told))?;
+        ensure(is_same, || {
+            format!("{t} left as {how:?} at {left}, told was {:?}", message.reported)
+        })?;
     }
     ensure(facts.played.log.disobeyed.is_none(), || {
         format!("an order of the manager ended so: {:?}", facts.played.log.disobeyed)
@@ -160,14 +165,16 @@ fn nothing_is_left(facts: &Facts<'_>) -> Result<(), String> {
 fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, opened, .. } = facts;
     let tally = &played.tally;
-    let count = |is: &dyn Fn(Left) -> bool| {
+    let count = |is: &dyn Fn(MessageOutcome) -> bool| {
         opened.iter().filter(|it| it.left.is_some_and(|(_, left)| is(left))).count() as u64
     };
-    let refused = count(&|left| matches!(left, Left::Refused(_)));
-    let missed = count(&|left| left == Left::Missed);
-    let told = (tally.messages, tally.missed, tally.refused.values().sum::<u64>());
+    let refused = count(&|left| matches!(left, MessageOutcome::Refused(_)));
+    let missed = count(&|left| left == MessageOutcome::Missed);
+    let reported = (tally.messages, tally.missed, tally.refused.values().sum::<u64>());
     let traced = (opened.len() as u64 - refused, missed, refused);
-    ensure(told == traced, || format!("messages, missed, refused: {told:?}, traced {traced:?}"))?;
+    ensure(reported == traced, || {
+        format!("messages, missed, refused: {reported:?}, traced {traced:?}")
+    })?;
     for (place, source) in tally.sources.iter().enumerate() {
         let offers = opened.iter().filter_map(|message| message.offers.get(&place));
         let admitted = if place == LOCAL {
@@ -175,10 +182,11 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
         } else {
             offers.clone().filter(|(_, is_refused)| !is_refused).count() as u64
         };
-        let outputs =
-            count(&|left| matches!(left, Left::Forwarded { place: of, .. } if of == place));
+        let outputs = count(
+            &|left| matches!(left, MessageOutcome::Forwarded { place: of, .. } if of == place),
+        );
         let is_called = facts.scenario.peers[place].is_called;
-        let sent = facts.asked(place).map(|asked| asked.bytes).sum::<u64>();
+        let sent = facts.requested(place).map(|requested| requested.bytes).sum::<u64>();
         let of = |counts: &BTreeMap<usize, u64>| counts.get(&place).copied().unwrap_or(0);
         let traced = [
             admitted,
@@ -187,16 +195,16 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
             of(&facts.cancelled),
             if is_called { 0 } else { sent },
         ];
-        let told = [
+        let reported = [
             source.admitted,
             source.outputs.values().sum(),
             source.timers,
             source.cancelled,
             source.sent_bytes,
         ];
-        ensure(told == traced, || {
+        ensure(reported == traced, || {
             format!(
-                "{place}: admitted, outputs, timers, cancelled, bytes {told:?}, traced {traced:?}"
+                "{place}: admitted, outputs, timers, cancelled, bytes {reported:?}, traced {traced:?}"
             )
         })?;
     }
@@ -214,11 +222,12 @@ fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
             continue;
         }
         seen += 1;
-        let is_best = matches!(opened.left, Some((_, Left::Forwarded { place, rule: "F3" })) if place == best);
+        let is_best = matches!(opened.left, Some((_, MessageOutcome::Forwarded { place, rule: "F3" })) if place == best);
         ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.left))?;
         for place in 0..=best {
-            let mut asked = facts.asked(place).filter(|asked| asked.serial == message.serial);
-            let at: Vec<_> = asked.by_ref().map(|asked| asked.at).collect();
+            let mut requested =
+                facts.requested(place).filter(|requested| requested.serial == message.serial);
+            let at: Vec<_> = requested.by_ref().map(|requested| requested.at).collect();
             ensure(at == [opened.at], || {
                 format!("{place} was asked about {t} of the calm, opened at {}: {at:?}", opened.at)
             })?;
@@ -248,26 +257,26 @@ fn its_own_topic(facts: &Facts<'_>) -> Result<(), String> {
             least += u64::from(facts.states(at).all(|state| state.is_active));
             most += u64::from(facts.states(at).any(|state| state.is_active));
         }
-        let told = count(&statuses[0], key);
-        ensure((least..=most).contains(&told), || {
-            format!("{key} is {told}, not {least} to {most}")
+        let reported = count(&statuses[0], key);
+        ensure((least..=most).contains(&reported), || {
+            format!("{key} is {reported}, not {least} to {most}")
         })?;
     }
     // A key that was given to a refused message is nobody's then.
     let is_exact = (0..facts.inputs.len()).all(|serial| facts.is_unique(serial));
-    for (strays, status) in facts.played.log.strays.iter().zip(&statuses[1..]) {
-        let told = ["unknown_stamp", "malformed"].map(|key| count(status, key));
-        let wanted = [strays.unknown_stamp, strays.malformed];
-        let is_right = told[1] == wanted[1] && told[0] >= wanted[0];
-        ensure(is_right && (!is_exact || told == wanted), || {
-            format!("{}: unknown and malformed are {told:?}, not {wanted:?}", status.name)
+    for (unmatched, status) in facts.played.log.unmatched.iter().zip(&statuses[1..]) {
+        let reported = ["unknown_stamp", "malformed"].map(|key| count(status, key));
+        let wanted = [unmatched.unknown_stamp, unmatched.malformed];
+        let is_right = reported[1] == wanted[1] && reported[0] >= wanted[0];
+        ensure(is_right && (!is_exact || reported == wanted), || {
+            format!("{}: unknown and malformed are {reported:?}, not {wanted:?}", status.name)
         })?;
     }
     Ok(())
 }
 
 /// D15: each period has the level of what happened in it; at the end all is well.
-fn told(facts: &Facts<'_>) -> Result<(), String> {
+fn reported(facts: &Facts<'_>) -> Result<(), String> {
     let mut before = BTreeMap::new();
     for (at, statuses) in &facts.played.log.diagnostics {
         let status = &statuses[0];
@@ -289,10 +298,12 @@ fn told(facts: &Facts<'_>) -> Result<(), String> {
         })?;
     }
     let Some((_, last)) = facts.played.log.diagnostics.last() else { return Ok(()) };
-    let outputs = facts.played.log.statuses.iter().filter_map(|told| told.output.as_ref());
+    let outputs = facts.played.log.statuses.iter().filter_map(|reported| reported.output.as_ref());
     let unsent = outputs.filter(|output| !output.is_sent).count();
-    let told = value(&last[0].values, "unsent");
-    ensure(told == Some(&unsent.to_string()), || format!("{unsent} unsent, told are {told:?}"))?;
+    let reported = value(&last[0].values, "unsent");
+    ensure(reported == Some(&unsent.to_string()), || {
+        format!("{unsent} unsent, told are {reported:?}")
+    })?;
     let words: Vec<_> = last.iter().map(|status| (status.level, &*status.message)).collect();
     let is_well = words[0] == (0, "each message answered")
         && words[1..].iter().all(|words| *words == (0, "in time"));
@@ -305,7 +316,7 @@ fn as_set(facts: &Facts<'_>) -> Result<(), String> {
     let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
     for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
         let states: Vec<_> = facts.states(facts.played.log.came[message.serial]).collect();
-        let is_refused = matches!(opened.left, Some((_, Left::Refused(_))));
+        let is_refused = matches!(opened.left, Some((_, MessageOutcome::Refused(_))));
         let of_local = states.iter().any(|state| opened.deadline == Some(nanos(state.local)));
         let is_so = |place: usize| {
             let peers = || states.iter().map(|state| state.peers[place]);

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use fastrand::Rng;
 
-use super::scenario::{Fate, Form, Input, Peer, Reply, Scenario, Turn, What};
+use super::scenario::{Delivery, Disturbance, DisturbanceKind, Form, Input, Peer, Reply, Scenario};
 use crate::Commit;
 use crate::settings::Change;
 
@@ -67,13 +67,13 @@ fn inputs(rng: &mut Rng, count: u64, gap: u64, peers: usize) -> Vec<Input> {
             1 => Form::NotCdr,
             _ => Form::Whole,
         };
-        let fates = losses.iter().map(|loss| fate(rng, *loss)).collect();
+        let fates = losses.iter().map(|loss| delivery(rng, *loss)).collect();
         inputs.push(Input { at, key, form, is_unsent: rng.u8(..50) == 0, fates });
     }
     inputs
 }
 
-fn fate(rng: &mut Rng, loss: u8) -> Fate {
+fn delivery(rng: &mut Rng, loss: u8) -> Delivery {
     let is_lost = |rng: &mut Rng| rng.u8(..100) < loss;
     let way = (!is_lost(rng)).then(|| delay(rng));
     let took = Duration::from_micros(match rng.u8(..8) {
@@ -84,14 +84,14 @@ fn fate(rng: &mut Rng, loss: u8) -> Fate {
     let replies = if is_lost(rng) { 0 } else { one(rng, &[1, 1, 1, 1, 1, 1, 1, 2, 3]) };
     let reply = |rng: &mut Rng| {
         let what = match rng.u8(..40) {
-            0 => What::Stray,
-            1 => What::Short,
-            2 => What::NotCdr,
-            _ => What::Result,
+            0 => DisturbanceKind::Stray,
+            1 => DisturbanceKind::Short,
+            2 => DisturbanceKind::NotCdr,
+            _ => DisturbanceKind::Result,
         };
         Reply { way: delay(rng), what }
     };
-    Fate { way, took, replies: (0..replies).map(|_| reply(rng)).collect() }
+    Delivery { way, took, replies: (0..replies).map(|_| reply(rng)).collect() }
 }
 
 /// On the way: short mostly, long now and then, so that what is sent later may come first.
@@ -103,7 +103,7 @@ fn delay(rng: &mut Rng) -> Duration {
     })
 }
 
-fn turns(rng: &mut Rng, span: Duration, peers: usize) -> Vec<(Duration, Turn)> {
+fn turns(rng: &mut Rng, span: Duration, peers: usize) -> Vec<(Duration, Disturbance)> {
     let mut turns = Vec::new();
     let mut is_active = true;
     // One of the two ways to set it: of two that come at once either may be the last.
@@ -114,27 +114,27 @@ fn turns(rng: &mut Rng, span: Duration, peers: usize) -> Vec<(Duration, Turn)> {
         let some = Duration::from_millis(one(rng, &DEADLINES));
         let cloud = rng.usize(..peers.max(2) - 1);
         match rng.u8(..10) {
-            0 if !by_topic => turns.push((at, Turn::Set(Change::Deadline(some)))),
-            1 => turns.push((at, Turn::Set(Change::LocalDeadline(some)))),
+            0 if !by_topic => turns.push((at, Disturbance::Set(Change::Deadline(some)))),
+            1 => turns.push((at, Disturbance::Set(Change::LocalDeadline(some)))),
             2 | 3 if peers > 1 => {
                 let own = rng.bool().then_some(some);
-                turns.push((at, Turn::Set(Change::CloudDeadline(cloud, own))));
+                turns.push((at, Disturbance::Set(Change::CloudDeadline(cloud, own))));
             }
             4 if peers > 1 => {
-                turns.push((at, Turn::Set(Change::CloudEnabled(cloud, rng.bool()))));
+                turns.push((at, Disturbance::Set(Change::CloudEnabled(cloud, rng.bool()))));
             }
             5 if by_topic => {
                 let seconds = one(rng, &[0.05, 0.2, 1.0, 0.0, -1.0, f64::NAN, f64::INFINITY]);
-                turns.push((at, Turn::Deadline(seconds)));
+                turns.push((at, Disturbance::Deadline(seconds)));
             }
             6 => {
                 is_active = !is_active;
-                turns.push((at, Turn::Activate(is_active)));
+                turns.push((at, Disturbance::Activate(is_active)));
             }
-            7 => turns.push((at, Turn::Stalls(Duration::from_millis(rng.u64(1..300))))),
+            7 => turns.push((at, Disturbance::Stalls(Duration::from_millis(rng.u64(1..300))))),
             _ => {
-                turns.push((at, Turn::Dies { peer, is_seen: rng.bool() }));
-                turns.push((at + span.mul_f64(rng.f64() / 4.0), Turn::Lives(peer)));
+                turns.push((at, Disturbance::Dies { peer, is_seen: rng.bool() }));
+                turns.push((at + span.mul_f64(rng.f64() / 4.0), Disturbance::Lives(peer)));
             }
         }
     }

@@ -7,8 +7,8 @@ use std::time::Duration;
 use fuseline_testkit::split;
 use fuseline_traces::{Decision, DropReason, Event, Events, Input, OpenRefusal, Verdict, judge};
 
-use super::play::{Asked, Played, Told};
-use super::scenario::{Form, Scenario, Turn};
+use super::play::{RunResult, SentRequest, StatusReport};
+use super::scenario::{Disturbance, Form, Scenario};
 use crate::settings::{Change, Settings};
 
 /// What a run may come to, in words.
@@ -30,12 +30,12 @@ pub(super) const KINDS: [&str; 12] = [
 pub(super) struct Facts<'a> {
     pub(super) scenario: &'a Scenario,
     pub(super) inputs: Vec<super::scenario::Input>,
-    pub(super) played: &'a Played,
+    pub(super) played: &'a RunResult,
     pub(super) verdict: Verdict,
     /// By timestamp.
     pub(super) messages: Vec<Message<'a>>,
     /// By timestamp: what the trace says.
-    pub(super) opened: Vec<Opened>,
+    pub(super) opened: Vec<OpenedMessage>,
     /// Inputs that were no messages, by their places.
     pub(super) rejected: Vec<usize>,
     /// Each state that was set, and from when on.
@@ -50,21 +50,21 @@ pub(super) struct Facts<'a> {
 pub(super) struct Message<'a> {
     /// The input's place.
     pub(super) serial: usize,
-    pub(super) told: &'a Told,
+    pub(super) reported: &'a StatusReport,
 }
 
 /// A message as the trace has it.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Opened {
+pub(super) struct OpenedMessage {
     pub(super) at: u64,
     pub(super) deadline: Option<u64>,
     /// Each cloud that was asked, its deadline, and whether the offer was refused.
     pub(super) offers: BTreeMap<usize, (u64, bool)>,
-    pub(super) left: Option<(u64, Left)>,
+    pub(super) left: Option<(u64, MessageOutcome)>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Left {
+pub(super) enum MessageOutcome {
     Forwarded { place: usize, rule: &'static str },
     Missed,
     Refused(OpenRefusal),
@@ -77,12 +77,12 @@ pub(super) struct State {
     pub(super) deadline: Duration,
     pub(super) local: Duration,
     /// By place; local's mean nothing.
-    pub(super) peers: Vec<Standing>,
+    pub(super) peers: Vec<CloudStatus>,
 }
 
 /// How a cloud stands.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Standing {
+pub(super) struct CloudStatus {
     pub(super) is_enabled: bool,
     pub(super) is_there: bool,
     /// A deadline of its own.
@@ -92,7 +92,7 @@ pub(super) struct Standing {
 impl<'a> Facts<'a> {
     /// # Errors
     /// If the trace cannot be read.
-    pub(super) fn new(scenario: &'a Scenario, played: &'a Played) -> Result<Self, String> {
+    pub(super) fn new(scenario: &'a Scenario, played: &'a RunResult) -> Result<Self, String> {
         let verdict = judge("trace", &*played.trace).map_err(|error| error.to_string())?;
         let parameters = scenario.parameters().into_iter().flat_map(|it| ["-p".to_owned(), it]);
         let parameters: Vec<_> = parameters.collect();
@@ -153,7 +153,12 @@ impl<'a> Facts<'a> {
                 if t != self.opened.len() as u64 {
                     return Err(format!("{t} is opened as number {}", self.opened.len()));
                 }
-                self.opened.push(Opened { at, deadline, offers: BTreeMap::new(), left: None });
+                self.opened.push(OpenedMessage {
+                    at,
+                    deadline,
+                    offers: BTreeMap::new(),
+                    left: None,
+                });
             }
             Input::Offer { t, p, deadline, .. } => {
                 let message = self.message(t);
@@ -174,11 +179,12 @@ impl<'a> Facts<'a> {
                     Some(Input::Fail { .. }) => "F4",
                     _ => "F5",
                 };
-                self.message(t).left = Some((at, Left::Forwarded { place: place(p), rule }));
+                self.message(t).left =
+                    Some((at, MessageOutcome::Forwarded { place: place(p), rule }));
             }
-            Decision::Miss { at, t } => self.message(t).left = Some((at, Left::Missed)),
+            Decision::Miss { at, t } => self.message(t).left = Some((at, MessageOutcome::Missed)),
             Decision::RefuseOpen { at, t, why } => {
-                self.message(t).left = Some((at, Left::Refused(why)));
+                self.message(t).left = Some((at, MessageOutcome::Refused(why)));
             }
             Decision::RefuseOffer { t, p, .. } => {
                 if let Some(offer) = self.message(t).offers.get_mut(&place(p)) {
@@ -197,17 +203,17 @@ impl<'a> Facts<'a> {
 
     /// Says which input is which message: they are taken in one after the other, each at the instant at which it came.
     fn assign(&mut self) {
-        let mut statuses: Vec<&Told> = self.played.log.statuses.iter().collect();
-        statuses.sort_by_key(|told| told.timestamp());
+        let mut statuses: Vec<&StatusReport> = self.played.log.statuses.iter().collect();
+        statuses.sort_by_key(|reported| reported.timestamp());
         for (serial, at) in self.played.log.came.iter().enumerate() {
             let input = &self.inputs[serial];
             let next = self.messages.len();
             let when = self.meanwhile(*at);
             let is_it = self.opened.get(next).is_some_and(|opened| when.contains(&opened.at))
-                && statuses.get(next).is_some_and(|told| told.key() == Some(input.key))
+                && statuses.get(next).is_some_and(|reported| reported.key() == Some(input.key))
                 && input.form == Form::Whole;
             if is_it {
-                self.messages.push(Message { serial, told: statuses[next] });
+                self.messages.push(Message { serial, reported: statuses[next] });
             } else {
                 self.rejected.push(serial);
             }
@@ -225,19 +231,19 @@ impl<'a> Facts<'a> {
     /// When the node may have looked at what came at this instant: at once, unless its process stood still from then on.
     fn meanwhile(&self, at: u64) -> RangeInclusive<u64> {
         let stalls = self.played.log.turned.iter().filter_map(|(from, turn)| match turn {
-            Turn::Stalls(long) if *from == at => u64::try_from(long.as_nanos()).ok(),
+            Disturbance::Stalls(long) if *from == at => u64::try_from(long.as_nanos()).ok(),
             _ => None,
         });
         at..=at + stalls.sum::<u64>()
     }
 
-    fn message(&mut self, t: u64) -> &mut Opened {
+    fn message(&mut self, t: u64) -> &mut OpenedMessage {
         &mut self.opened[usize::try_from(t).unwrap()]
     }
 
     /// The requests to a peer.
-    pub(super) fn asked(&self, place: usize) -> impl Iterator<Item = &Asked> {
-        self.played.log.asked.iter().filter(move |asked| asked.place == place)
+    pub(super) fn requested(&self, place: usize) -> impl Iterator<Item = &SentRequest> {
+        self.played.log.requested.iter().filter(move |requested| requested.place == place)
     }
 
     /// Whether no other input has this one's key.
@@ -254,13 +260,13 @@ impl<'a> Facts<'a> {
                 kinds.insert(KINDS[kind]);
             }
         };
-        for Opened { left, offers, .. } in &self.opened {
+        for OpenedMessage { left, offers, .. } in &self.opened {
             match left {
-                Some((_, Left::Forwarded { place: 0, rule: "F5" })) => saw(true, 1),
-                Some((_, Left::Forwarded { place: 0, .. })) | None => {}
-                Some((_, Left::Forwarded { .. })) => saw(true, 0),
-                Some((_, Left::Missed)) => saw(true, 2),
-                Some((_, Left::Refused(_))) => saw(true, 3),
+                Some((_, MessageOutcome::Forwarded { place: 0, rule: "F5" })) => saw(true, 1),
+                Some((_, MessageOutcome::Forwarded { place: 0, .. })) | None => {}
+                Some((_, MessageOutcome::Forwarded { .. })) => saw(true, 0),
+                Some((_, MessageOutcome::Missed)) => saw(true, 2),
+                Some((_, MessageOutcome::Refused(_))) => saw(true, 3),
             }
             saw(offers.values().any(|(_, is_refused)| *is_refused), 9);
         }
@@ -269,9 +275,11 @@ impl<'a> Facts<'a> {
         let sources = &self.played.tally.sources;
         saw(sources[0].lost > 0, 5);
         let log = &self.played.log;
-        saw(log.strays.iter().any(|strays| strays.unknown_stamp > 0), 6);
+        saw(log.unmatched.iter().any(|unmatched| unmatched.unknown_stamp > 0), 6);
         saw(!log.hints.is_empty(), 7);
-        let unsent = |told: &Told| told.output.as_ref().is_some_and(|output| !output.is_sent);
+        let unsent = |reported: &StatusReport| {
+            reported.output.as_ref().is_some_and(|output| !output.is_sent)
+        };
         saw(log.statuses.iter().any(unsent), 8);
         saw(sources.iter().any(|source| source.failed > 0), 10);
         let mut came = log.came.iter();
@@ -281,8 +289,12 @@ impl<'a> Facts<'a> {
 }
 
 /// Each state, and from when on it was in force.
-fn states(scenario: &Scenario, settings: &Settings, turned: &[(u64, Turn)]) -> Vec<(u64, State)> {
-    let well = Standing { is_enabled: true, is_there: true, deadline: None };
+fn states(
+    scenario: &Scenario,
+    settings: &Settings,
+    turned: &[(u64, Disturbance)],
+) -> Vec<(u64, State)> {
+    let well = CloudStatus { is_enabled: true, is_there: true, deadline: None };
     let mut state = State {
         is_active: true,
         deadline: settings.deadline,
@@ -292,25 +304,27 @@ fn states(scenario: &Scenario, settings: &Settings, turned: &[(u64, Turn)]) -> V
     let mut states = vec![(0, state.clone())];
     for (at, turn) in turned {
         match *turn {
-            Turn::Set(Change::Deadline(deadline)) => state.deadline = deadline,
-            Turn::Set(Change::LocalDeadline(deadline)) => state.local = deadline,
-            Turn::Set(Change::CloudDeadline(cloud, own)) => state.peers[cloud + 1].deadline = own,
-            Turn::Set(Change::CloudEnabled(cloud, enabled)) => {
+            Disturbance::Set(Change::Deadline(deadline)) => state.deadline = deadline,
+            Disturbance::Set(Change::LocalDeadline(deadline)) => state.local = deadline,
+            Disturbance::Set(Change::CloudDeadline(cloud, own)) => {
+                state.peers[cloud + 1].deadline = own
+            }
+            Disturbance::Set(Change::CloudEnabled(cloud, enabled)) => {
                 state.peers[cloud + 1].is_enabled = enabled;
             }
-            Turn::Set(Change::SimTime(_)) | Turn::Stalls(_) => {}
-            Turn::Deadline(seconds) => {
+            Disturbance::Set(Change::SimTime(_)) | Disturbance::Stalls(_) => {}
+            Disturbance::Deadline(seconds) => {
                 // What is no positive number of seconds is ignored.
                 if seconds.is_finite() && seconds > 0.0 {
                     state.deadline = Duration::from_secs_f64(seconds);
                 }
             }
-            Turn::Activate(is_active) => state.is_active = is_active,
-            Turn::Dies { peer, is_seen } => {
+            Disturbance::Activate(is_active) => state.is_active = is_active,
+            Disturbance::Dies { peer, is_seen } => {
                 // Who is called is asked all the same.
                 state.peers[peer].is_there = !is_seen || scenario.peers[peer].is_called;
             }
-            Turn::Lives(peer) => state.peers[peer].is_there = true,
+            Disturbance::Lives(peer) => state.peers[peer].is_there = true,
         }
         states.push((*at, state.clone()));
     }
@@ -321,7 +335,7 @@ fn place(p: u64) -> usize {
     usize::try_from(p).unwrap()
 }
 
-impl Told {
+impl StatusReport {
     pub(super) fn value(&self, key: &str) -> Option<&str> {
         value(&self.status.values, key)
     }

@@ -13,19 +13,21 @@ use fuseline_tokio::Call;
 use tokio::runtime::Builder;
 use tokio::time::{Instant, advance, sleep, sleep_until};
 
-use super::super::node::{Mouths, mouths, run, settings};
-use super::scenario::{Fate, Form, Input, Reply, STRAY_KEYS, Scenario, Turn, What};
+use super::super::node::{Publications, mouths, run, settings};
+use super::scenario::{
+    Delivery, Disturbance, DisturbanceKind, Form, Input, Reply, STRAY_KEYS, Scenario,
+};
 use crate::fusion::LOCAL;
-use crate::lifecycle::{Done, Order, Task};
-use crate::middleware::{End, Publish, Sample, Unread};
+use crate::lifecycle::{LifecycleRequest, Task, TransitionResult};
+use crate::middleware::{DecodeError, Endpoint, Publish, Sample};
 use crate::node;
 use crate::raw::Payload;
 use crate::report::DiagnosticStatus;
-use crate::source::{Handle, Source, Strays, Way};
-use crate::voice::Speak;
+use crate::source::{Handle, Route, Source, UnmatchedResults};
+use crate::status_publisher::PublishStatus;
 
 /// What came of a scenario.
-pub(super) struct Played {
+pub(super) struct RunResult {
     pub(super) log: Log,
     pub(super) trace: Vec<u8>,
     pub(super) tally: Tally,
@@ -38,24 +40,24 @@ pub(super) struct Played {
 pub(super) struct Log {
     /// When each input came.
     pub(super) came: Vec<u64>,
-    pub(super) asked: Vec<Asked>,
-    pub(super) statuses: Vec<Told>,
+    pub(super) requested: Vec<SentRequest>,
+    pub(super) statuses: Vec<StatusReport>,
     /// By place: hints as they were published.
     pub(super) hints: Vec<(usize, Result<Value, Vec<u8>>)>,
     /// What else happened, and when.
-    pub(super) turned: Vec<(u64, Turn)>,
+    pub(super) turned: Vec<(u64, Disturbance)>,
     /// By place: what came on its topic that is no result of a message, by key or form.
-    pub(super) strays: Vec<Strays>,
+    pub(super) unmatched: Vec<UnmatchedResults>,
     pub(super) diagnostics: Vec<(u64, Vec<DiagnosticStatus>)>,
     /// An order that the node did not carry out.
-    pub(super) disobeyed: Option<Done>,
+    pub(super) disobeyed: Option<TransitionResult>,
     /// The output before its status.
     output: Option<Output>,
 }
 
 /// A request as it left.
 #[derive(Debug)]
-pub(super) struct Asked {
+pub(super) struct SentRequest {
     pub(super) at: u64,
     pub(super) place: usize,
     pub(super) serial: usize,
@@ -64,7 +66,7 @@ pub(super) struct Asked {
 
 /// A status, and the output that was published for it.
 #[derive(Debug)]
-pub(super) struct Told {
+pub(super) struct StatusReport {
     pub(super) at: u64,
     pub(super) status: DiagnosticStatus,
     pub(super) output: Option<Output>,
@@ -86,13 +88,13 @@ pub(super) struct Value {
 }
 
 /// All that the simulated parts share.
-struct World {
+struct SimulationState {
     inputs: Vec<Input>,
     start: Instant,
     log: Mutex<Log>,
     /// By place: whether it is dead, and since how many deaths.
     health: Mutex<Vec<Health>>,
-    mouths: Mouths,
+    mouths: Publications,
     payloads: Arc<AtomicUsize>,
 }
 
@@ -104,13 +106,13 @@ struct Health {
 }
 
 /// Bytes that are counted as long as somebody has them.
-struct Counted(Vec<u8>, Arc<AtomicUsize>);
+struct CountedBytes(Vec<u8>, Arc<AtomicUsize>);
 
 /// A topic's publisher: a peer's requests or hints, or the node's output.
-struct Outlet {
-    world: Arc<World>,
+struct SimulatedPublisher {
+    simulation: Arc<SimulationState>,
     what: Kind,
-    end: Arc<End>,
+    end: Arc<Endpoint>,
 }
 
 enum Kind {
@@ -119,10 +121,10 @@ enum Kind {
     Output,
 }
 
-struct Voice(Arc<World>);
+struct StatusPublisher(Arc<SimulationState>);
 
 /// Plays it.
-pub(super) fn play(scenario: &Scenario) -> Played {
+pub(super) fn play(scenario: &Scenario) -> RunResult {
     let memory = Path::new("/dev/shm");
     let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
     let folder = folder.unwrap();
@@ -134,51 +136,61 @@ pub(super) fn play(scenario: &Scenario) -> Played {
     let settings = settings(scenario.peers.len() - 1, &parameters);
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let payloads = Arc::<AtomicUsize>::default();
-    let (world, tally) = runtime.block_on(async {
+    let (simulation, tally) = runtime.block_on(async {
         let engine = node::recorded(&settings).unwrap();
         let counting = engine.counts();
-        let (mouths, ears) = mouths();
+        let (mouths, subscription) = mouths();
         let peers = scenario.peers.len();
-        let world = Arc::new(World {
+        let simulation = Arc::new(SimulationState {
             inputs: scenario.all_inputs(),
             start: Instant::now(),
-            log: Mutex::new(Log { strays: vec![Strays::default(); peers], ..Log::default() }),
+            log: Mutex::new(Log {
+                unmatched: vec![UnmatchedResults::default(); peers],
+                ..Log::default()
+            }),
             health: Mutex::new(vec![Health::default(); peers]),
             mouths,
             payloads: Arc::clone(&payloads),
         });
-        let sources = (0..peers).map(|place| source(&world, scenario, place));
-        let (output, voice) = (world.outlet(Kind::Output, "/output"), Voice(Arc::clone(&world)));
-        let running =
-            run(&settings, engine, sources.collect(), Box::new(output), Box::new(voice), ears);
-        let turning = tokio::spawn(turn(Arc::clone(&world), scenario.all_turns(&settings)));
-        feed(&world).await;
+        let sources = (0..peers).map(|place| source(&simulation, scenario, place));
+        let (output, status_publisher) =
+            (simulation.outlet(Kind::Output, "/output"), StatusPublisher(Arc::clone(&simulation)));
+        let running = run(
+            &settings,
+            engine,
+            sources.collect(),
+            Box::new(output),
+            Box::new(status_publisher),
+            subscription,
+        );
+        let turning = tokio::spawn(turn(Arc::clone(&simulation), scenario.all_turns(&settings)));
+        feed(&simulation).await;
         turning.await.unwrap();
-        sleep_until(world.start + scenario.end()).await;
-        world.tell(Task::CleanUp).await;
+        sleep_until(simulation.start + scenario.end()).await;
+        simulation.publish_report(Task::CleanUp).await;
         running.await.unwrap();
-        (world, counting.tally())
+        (simulation, counting.tally())
     });
     drop(runtime);
-    let log = std::mem::take(&mut *world.log());
-    drop(world);
+    let log = std::mem::take(&mut *simulation.log());
+    drop(simulation);
     let left = payloads.load(Ordering::Relaxed);
-    Played { log, trace: fs::read(path).unwrap(), tally, left }
+    RunResult { log, trace: fs::read(path).unwrap(), tally, left }
 }
 
 /// A peer as the node has it.
-fn source(world: &Arc<World>, scenario: &Scenario, place: usize) -> Source {
+fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, place: usize) -> Source {
     let peer = scenario.peers[place];
     let name = if place == LOCAL { "local".to_owned() } else { format!("cloud{place}") };
     let way = if peer.is_called {
-        Way::Grpc(called(world, place))
+        Route::Grpc(called(simulation, place))
     } else {
-        let requests = world.outlet(Kind::Requests(place), &format!("/{name}/input"));
-        let results = End::new(&format!("/{name}/output"), "tests/msg/Text");
+        let requests = simulation.outlet(Kind::Requests(place), &format!("/{name}/input"));
+        let results = Endpoint::new(&format!("/{name}/output"), "tests/msg/Text");
         results.change([7; 16], 1, None);
-        Way::Topics { requests: Box::new(requests), results: Arc::new(results) }
+        Route::Topics { requests: Box::new(requests), results: Arc::new(results) }
     };
-    let hints = world.outlet(Kind::Hints(place), &format!("/late{place}"));
+    let hints = simulation.outlet(Kind::Hints(place), &format!("/late{place}"));
     Source {
         priority: u16::try_from(place).unwrap(),
         name,
@@ -186,60 +198,60 @@ fn source(world: &Arc<World>, scenario: &Scenario, place: usize) -> Source {
         enabled: true,
         deadline: (place == LOCAL).then_some(Duration::from_secs(1)),
         hints: peer.hints.then(|| Box::new(hints) as Box<dyn Publish>),
-        strays: Strays::default(),
+        unmatched: UnmatchedResults::default(),
     }
 }
 
 /// Sends the inputs, each at its time.
-async fn feed(world: &Arc<World>) {
-    for (serial, input) in world.inputs.iter().enumerate() {
-        sleep_until(world.start + input.at).await;
-        world.log().came.push(world.now());
+async fn feed(simulation: &Arc<SimulationState>) {
+    for (serial, input) in simulation.inputs.iter().enumerate() {
+        sleep_until(simulation.start + input.at).await;
+        simulation.log().came.push(simulation.now());
         let body = match input.form {
             Form::NotCdr => None,
             Form::Short => Some(vec![1, 2, 3]),
             Form::Whole => Some([input.key, serial as u64].map(u64::to_le_bytes).concat()),
         };
-        world.mouths.inputs.send(world.sample(body)).await.unwrap();
+        simulation.mouths.inputs.send(simulation.sample(body)).await.unwrap();
     }
 }
 
 /// Whatever else happens, each at its time.
-async fn turn(world: Arc<World>, turns: Vec<(Duration, Turn)>) {
-    world.tell(Task::Activate).await;
+async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbance)>) {
+    simulation.publish_report(Task::Activate).await;
     for (at, turn) in turns {
-        sleep_until(world.start + at).await;
-        world.log().turned.push((world.now(), turn));
+        sleep_until(simulation.start + at).await;
+        simulation.log().turned.push((simulation.now(), turn));
         match turn {
-            Turn::Set(change) => world.mouths.changes.send(change).unwrap(),
-            Turn::Deadline(seconds) => {
-                let sample = world.sample(Some(seconds.to_le_bytes().to_vec()));
-                world.mouths.deadlines.send(sample).await.unwrap();
+            Disturbance::Set(change) => simulation.mouths.changes.send(change).unwrap(),
+            Disturbance::Deadline(seconds) => {
+                let sample = simulation.sample(Some(seconds.to_le_bytes().to_vec()));
+                simulation.mouths.deadlines.send(sample).await.unwrap();
             }
-            Turn::Activate(true) => world.tell(Task::Activate).await,
-            Turn::Activate(false) => world.tell(Task::Deactivate).await,
-            Turn::Dies { peer, is_seen } => {
-                let health = &mut world.health()[peer];
+            Disturbance::Activate(true) => simulation.publish_report(Task::Activate).await,
+            Disturbance::Activate(false) => simulation.publish_report(Task::Deactivate).await,
+            Disturbance::Dies { peer, is_seen } => {
+                let health = &mut simulation.health()[peer];
                 let deaths = health.deaths + 1;
                 *health = Health { is_dead: true, is_gone: is_seen, deaths };
             }
-            Turn::Lives(peer) => {
-                let health = &mut world.health()[peer];
+            Disturbance::Lives(peer) => {
+                let health = &mut simulation.health()[peer];
                 (health.is_dead, health.is_gone) = (false, false);
             }
-            Turn::Stalls(long) => advance(long).await,
+            Disturbance::Stalls(long) => advance(long).await,
         }
     }
 }
 
 /// A request on its way to its peer and back.
-async fn travel(world: Arc<World>, place: usize, serial: usize) {
-    let Input { key, fates, .. } = &world.inputs[serial];
-    let Fate { way: Some(way), took, replies } = &fates[place] else { return };
+async fn travel(simulation: Arc<SimulationState>, place: usize, serial: usize) {
+    let Input { key, fates, .. } = &simulation.inputs[serial];
+    let Delivery { way: Some(way), took, replies } = &fates[place] else { return };
     sleep(*way).await;
-    let before = world.health()[place];
+    let before = simulation.health()[place];
     sleep(*took).await;
-    let after = world.health()[place];
+    let after = simulation.health()[place];
     if before.is_dead || before.deaths < after.deaths {
         return;
     }
@@ -247,46 +259,48 @@ async fn travel(world: Arc<World>, place: usize, serial: usize) {
     let mut replies = replies.clone();
     replies.sort_by_key(|reply| Reverse(reply.way));
     for Reply { way, what } in replies {
-        let (world, key) = (Arc::clone(&world), *key);
+        let (simulation, key) = (Arc::clone(&simulation), *key);
         tokio::spawn(async move {
             sleep(way).await;
-            world.reply(Value { key, serial, place }, what).await;
+            simulation.reply(Value { key, serial, place }, what).await;
         });
     }
 }
 
 /// A cloud that is called: what gets lost on topics is an answer that never comes.
-fn called(world: &Arc<World>, place: usize) -> Handle {
-    let world = Arc::clone(world);
+fn called(simulation: &Arc<SimulationState>, place: usize) -> Handle {
+    let simulation = Arc::clone(simulation);
     Arc::new(move |request: Payload, _: Call| {
-        let world = Arc::clone(&world);
-        let serial = world.asked(place, &request);
+        let simulation = Arc::clone(&simulation);
+        let serial = simulation.requested(place, &request);
         drop(request);
         Box::pin(async move {
-            let Input { key, fates, .. } = &world.inputs[serial];
-            let Fate { way, took, replies } = &fates[place];
-            if world.health()[place].is_gone {
+            let Input { key, fates, .. } = &simulation.inputs[serial];
+            let Delivery { way, took, replies } = &fates[place];
+            if simulation.health()[place].is_gone {
                 return Err("connection refused".into());
             }
             let (Some(way), Some(reply)) = (way, replies.first()) else {
                 return std::future::pending().await;
             };
             sleep(*way + *took + reply.way).await;
-            if world.health()[place].is_dead {
+            if simulation.health()[place].is_dead {
                 return std::future::pending().await;
             }
             match reply.what {
-                What::Result => {
+                DisturbanceKind::Result => {
                     let value = Value { key: *key, serial, place };
-                    Ok(world.sample(Some(value.bytes())).unwrap())
+                    Ok(simulation.sample(Some(value.bytes())).unwrap())
                 }
-                What::Stray | What::Short | What::NotCdr => Err("it fails".into()),
+                DisturbanceKind::Stray | DisturbanceKind::Short | DisturbanceKind::NotCdr => {
+                    Err("it fails".into())
+                }
             }
         })
     })
 }
 
-impl World {
+impl SimulationState {
     fn now(&self) -> u64 {
         u64::try_from(self.start.elapsed().as_nanos()).unwrap()
     }
@@ -299,51 +313,55 @@ impl World {
         self.health.lock().unwrap()
     }
 
-    fn outlet(self: &Arc<Self>, what: Kind, topic: &str) -> Outlet {
-        let end = Arc::new(End::new(topic, "tests/msg/Text"));
-        Outlet { world: Arc::clone(self), what, end }
+    fn outlet(self: &Arc<Self>, what: Kind, topic: &str) -> SimulatedPublisher {
+        let end = Arc::new(Endpoint::new(topic, "tests/msg/Text"));
+        SimulatedPublisher { simulation: Arc::clone(self), what, end }
     }
 
     /// A message of these bytes, or one that cannot be read.
     fn sample(&self, body: Option<Vec<u8>>) -> Sample {
-        let body = body.ok_or_else(|| Unread("not CDR".into()))?;
+        let body = body.ok_or_else(|| DecodeError("not CDR".into()))?;
         self.payloads.fetch_add(1, Ordering::Relaxed);
-        let body = Bytes::from_owner(Counted(body, Arc::clone(&self.payloads)));
+        let body = Bytes::from_owner(CountedBytes(body, Arc::clone(&self.payloads)));
         Ok(Payload { big_endian: false, body })
     }
 
     /// A request left.
-    fn asked(&self, place: usize, request: &Payload) -> usize {
+    fn requested(&self, place: usize, request: &Payload) -> usize {
         let serial = u64::from_le_bytes(request.body[8..].try_into().unwrap());
         let serial = usize::try_from(serial).unwrap();
         let bytes = request.body.len() as u64;
-        self.log().asked.push(Asked { at: self.now(), place, serial, bytes });
+        self.log().requested.push(SentRequest { at: self.now(), place, serial, bytes });
         serial
     }
 
     /// Something comes on a peer's topic.
-    async fn reply(&self, value: Value, what: What) {
+    async fn reply(&self, value: Value, what: DisturbanceKind) {
         let body = match what {
-            What::Result => Some(value.bytes()),
-            What::Stray => Some(Value { key: STRAY_KEYS + value.serial as u64, ..value }.bytes()),
-            What::Short => Some(vec![4; 7]),
-            What::NotCdr => None,
+            DisturbanceKind::Result => Some(value.bytes()),
+            DisturbanceKind::Stray => {
+                Some(Value { key: STRAY_KEYS + value.serial as u64, ..value }.bytes())
+            }
+            DisturbanceKind::Short => Some(vec![4; 7]),
+            DisturbanceKind::NotCdr => None,
         };
         match what {
-            What::Result => {}
-            What::Stray => self.log().strays[value.place].unknown_stamp += 1,
-            What::Short | What::NotCdr => self.log().strays[value.place].malformed += 1,
+            DisturbanceKind::Result => {}
+            DisturbanceKind::Stray => self.log().unmatched[value.place].unknown_stamp += 1,
+            DisturbanceKind::Short | DisturbanceKind::NotCdr => {
+                self.log().unmatched[value.place].malformed += 1
+            }
         }
         // The node may have ended.
         drop(self.mouths.results.send((value.place, self.sample(body))).await);
     }
 
     /// Tells the node what to do, and hears how that went.
-    async fn tell(&self, task: Task) {
-        let (order, done) = Order::new(task);
+    async fn publish_report(&self, task: Task) {
+        let (order, done) = LifecycleRequest::new(task);
         assert!(self.mouths.orders.send(order).await.is_ok(), "the node ended");
         let done = done.await.unwrap();
-        if done != Done::Success {
+        if done != TransitionResult::Success {
             self.log().disobeyed = Some(done);
         }
     }
@@ -371,24 +389,25 @@ impl Value {
     }
 }
 
-impl Publish for Outlet {
+impl Publish for SimulatedPublisher {
     fn publish(&self, payload: Payload) -> bool {
-        let Self { world, what, .. } = self;
+        let Self { simulation, what, .. } = self;
         match *what {
             Kind::Requests(place) => {
-                let serial = world.asked(place, &payload);
-                tokio::spawn(travel(Arc::clone(world), place, serial));
+                let serial = simulation.requested(place, &payload);
+                tokio::spawn(travel(Arc::clone(simulation), place, serial));
                 true
             }
             Kind::Hints(place) => {
-                world.log().hints.push((place, Value::read(&payload)));
+                simulation.log().hints.push((place, Value::read(&payload)));
                 true
             }
             Kind::Output => {
                 let value = Value::read(&payload);
-                let input = value.as_ref().ok().and_then(|value| world.inputs.get(value.serial));
+                let input =
+                    value.as_ref().ok().and_then(|value| simulation.inputs.get(value.serial));
                 let is_sent = input.is_none_or(|input| !input.is_unsent);
-                world.log().output = Some(Output { value, is_sent });
+                simulation.log().output = Some(Output { value, is_sent });
                 is_sent
             }
         }
@@ -396,22 +415,22 @@ impl Publish for Outlet {
 
     fn matched(&self) -> usize {
         match self.what {
-            Kind::Requests(place) => usize::from(!self.world.health()[place].is_gone),
+            Kind::Requests(place) => usize::from(!self.simulation.health()[place].is_gone),
             Kind::Hints(_) | Kind::Output => 1,
         }
     }
 
-    fn end(&self) -> &Arc<End> {
+    fn end(&self) -> &Arc<Endpoint> {
         &self.end
     }
 }
 
-impl Speak for Voice {
+impl PublishStatus for StatusPublisher {
     fn status(&self, status: DiagnosticStatus) {
         let at = self.0.now();
         let mut log = self.0.log();
         let output = log.output.take();
-        log.statuses.push(Told { at, status, output });
+        log.statuses.push(StatusReport { at, status, output });
     }
 
     fn diagnostics(&self, status: Vec<DiagnosticStatus>) {
@@ -420,13 +439,13 @@ impl Speak for Voice {
     }
 }
 
-impl AsRef<[u8]> for Counted {
+impl AsRef<[u8]> for CountedBytes {
     fn as_ref(&self) -> &[u8] {
         &self.0
     }
 }
 
-impl Drop for Counted {
+impl Drop for CountedBytes {
     fn drop(&mut self) {
         self.1.fetch_sub(1, Ordering::Relaxed);
     }

@@ -19,7 +19,7 @@ pub(super) struct Scenario {
     /// In the order of their instants.
     pub(super) inputs: Vec<Input>,
     /// What else happens, in the order of its instants.
-    pub(super) turns: Vec<(Duration, Turn)>,
+    pub(super) turns: Vec<(Duration, Disturbance)>,
 }
 
 /// Local or a cloud.
@@ -43,7 +43,7 @@ pub(super) struct Input {
     /// Whether its output finds a subscriber that is too far behind.
     pub(super) is_unsent: bool,
     /// What becomes of it at each peer, if it is asked.
-    pub(super) fates: Vec<Fate>,
+    pub(super) fates: Vec<Delivery>,
 }
 
 /// What a message is made of.
@@ -57,7 +57,7 @@ pub(super) enum Form {
 
 /// A request's, and that of the results that it leads to.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Fate {
+pub(super) struct Delivery {
     /// How long the request takes to its peer; it gets lost if not given.
     pub(super) way: Option<Duration>,
     /// How long the peer computes.
@@ -70,11 +70,11 @@ pub(super) struct Fate {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Reply {
     pub(super) way: Duration,
-    pub(super) what: What,
+    pub(super) what: DisturbanceKind,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum What {
+pub(super) enum DisturbanceKind {
     Result,
     /// A result with the key of no message.
     Stray,
@@ -84,7 +84,7 @@ pub(super) enum What {
 
 /// What happens beside inputs.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(super) enum Turn {
+pub(super) enum Disturbance {
     /// A parameter is set.
     Set(Change),
     /// The topic of deadlines says so many seconds.
@@ -144,16 +144,16 @@ impl Scenario {
             key: CALM_KEYS + number,
             form: Form::Whole,
             is_unsent: false,
-            fates: (0..self.peers.len()).map(Fate::fair).collect(),
+            fates: (0..self.peers.len()).map(Delivery::fair).collect(),
         });
         self.inputs.iter().cloned().chain(calm).collect()
     }
 
     /// What else happens, and what makes everything well again.
-    pub(super) fn all_turns(&self, settings: &Settings) -> Vec<(Duration, Turn)> {
-        let set = |change| Turn::Set(change);
+    pub(super) fn all_turns(&self, settings: &Settings) -> Vec<(Duration, Disturbance)> {
+        let set = |change| Disturbance::Set(change);
         let mut last = vec![
-            Turn::Activate(true),
+            Disturbance::Activate(true),
             set(Change::Deadline(settings.deadline)),
             set(Change::LocalDeadline(settings.local.deadline)),
         ];
@@ -161,7 +161,7 @@ impl Scenario {
             last.push(set(Change::CloudEnabled(cloud, true)));
             last.push(set(Change::CloudDeadline(cloud, None)));
         }
-        last.extend((0..self.peers.len()).map(Turn::Lives));
+        last.extend((0..self.peers.len()).map(Disturbance::Lives));
         let before = self.calm().saturating_sub(Duration::from_millis(10));
         self.turns.iter().copied().chain(last.into_iter().map(|turn| (before, turn))).collect()
     }
@@ -185,7 +185,7 @@ impl fmt::Display for Scenario {
         for Input { at, key, form, is_unsent, fates } in &self.inputs {
             let unsent = if *is_unsent { ", its output is not sent" } else { "" };
             writeln!(f, "  at {at:?}: input {key}, {form:?}{unsent}")?;
-            for (place, Fate { way, took, replies }) in fates.iter().enumerate() {
+            for (place, Delivery { way, took, replies }) in fates.iter().enumerate() {
                 let way = way.map_or_else(|| "is lost".to_owned(), |way| format!("{way:?} away"));
                 let came: Vec<_> =
                     replies.iter().map(|it| format!("{:?} after {:?}", it.what, it.way)).collect();
@@ -196,11 +196,11 @@ impl fmt::Display for Scenario {
     }
 }
 
-impl Fate {
+impl Delivery {
     /// What is well: the greater the priority, the later the result.
     pub(super) fn fair(place: usize) -> Self {
         let took = Duration::from_millis(20 + place as u64);
-        let reply = Reply { way: Duration::from_millis(2), what: What::Result };
+        let reply = Reply { way: Duration::from_millis(2), what: DisturbanceKind::Result };
         Self { way: Some(Duration::from_millis(2)), took, replies: vec![reply] }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::scenario::{Fate, Form, Scenario};
+use super::scenario::{Delivery, Form, Scenario};
 
 /// How long smaller ones are tried.
 const TRIES: Duration = Duration::from_secs(20);
@@ -16,7 +16,7 @@ pub(super) fn smallest(scenario: &Scenario, breaks: impl Fn(&Scenario) -> bool) 
         let before = best.clone();
         let mut chunk = best.inputs.len().max(best.turns.len()).max(1);
         while chunk > 0 {
-            for part in [Part::Inputs, Part::Turns] {
+            for part in [ScenarioPart::Inputs, ScenarioPart::Turns] {
                 let mut from = 0;
                 while from < part.len(&best) && !is_over() {
                     let smaller = part.without(&best, from, chunk);
@@ -43,12 +43,12 @@ pub(super) fn smallest(scenario: &Scenario, breaks: impl Fn(&Scenario) -> bool) 
 
 /// What a run has many of.
 #[derive(Clone, Copy)]
-enum Part {
+enum ScenarioPart {
     Inputs,
     Turns,
 }
 
-impl Part {
+impl ScenarioPart {
     const fn len(self, scenario: &Scenario) -> usize {
         match self {
             Self::Inputs => scenario.inputs.len(),
@@ -81,7 +81,7 @@ fn plainer(scenario: &Scenario) -> Vec<Scenario> {
         propose(&|it| it.peers[place].hints = false);
         propose(&|it| it.peers[place].is_called = false);
         for input in 0..scenario.inputs.len().min(40) {
-            propose(&|it| it.inputs[input].fates[place] = Fate::fair(place));
+            propose(&|it| it.inputs[input].fates[place] = Delivery::fair(place));
         }
     }
     for input in 0..scenario.inputs.len().min(40) {

@@ -1,0 +1,220 @@
+//! What every machine's storage begins with, by which a machine is told from other bytes.
+
+use core::ffi::c_void;
+use core::ptr::addr_of_mut;
+use core::sync::atomic::AtomicU32;
+
+use fuseline_core::{Cloud, Commit, ConfigError, Deadline, Gate, Priority};
+
+use crate::plain::{CCloud, CCommit, CConfig, CStatus, FUSELINE_ABI, LAYOUT};
+
+/// The most clouds that any capacity has room for.
+pub(crate) const MOST_CLOUDS: usize = 15;
+/// Where the clouds of a configuration are read to.
+pub(crate) const NO_CLOUDS: [Cloud; MOST_CLOUDS] = [Cloud::new(Priority::LOCAL, 1); MOST_CLOUDS];
+
+/// The first bytes of a storage.
+#[repr(C)]
+#[derive(Debug)]
+pub(crate) struct StorageHeader {
+    /// The seal of the address at which it was initialised: a copy of the bytes elsewhere is no machine.
+    close: u64,
+    /// The bytes that belong to it.
+    bytes: usize,
+    pub(crate) capacity: u32,
+    /// 1 while a call is under way.
+    pub(crate) busy: AtomicU32,
+    /// In nanoseconds. A greater one is refused.
+    greatest_deadline: u64,
+}
+
+/// A kind of machine, of which a caller has a pointer: a [`StorageHeader`] and its alignment.
+pub(crate) trait Kind {
+    /// Tells one kind from another.
+    const SEAL: u64;
+}
+
+/// Where an answer will be written, and whether it can be.
+#[derive(Clone, Copy)]
+pub(crate) struct AnswerTarget {
+    at: usize,
+    len: usize,
+    is: Result<(), CStatus>,
+}
+
+impl StorageHeader {
+    /// The head of a whole storage of type `T`.
+    pub(crate) fn new<K: Kind, T>(storage: *const T, config: &CConfig) -> Self {
+        Self {
+            close: close::<K>(storage.addr()),
+            bytes: size_of::<T>(),
+            capacity: config.capacity,
+            busy: AtomicU32::new(0),
+            greatest_deadline: config.greatest_deadline,
+        }
+    }
+
+    /// A caller's deadline. One above the greatest is 0 to the machine, which refuses it `deadline` if no other reason
+    /// comes first (F1, F2, A11).
+    pub(crate) const fn deadline(&self, nanos: u64) -> Deadline {
+        Deadline::from_nanos(if nanos > self.greatest_deadline { 0 } else { nanos })
+    }
+
+    /// The head of a machine, if it is one and the answers lie outside of it.
+    ///
+    /// # Safety
+    /// `machine` came from the kind's init or may be read as a `K` at least, which begins with a head.
+    #[expect(unsafe_code, reason = "reads the caller's storage")]
+    pub(crate) unsafe fn of<'a, K: Kind>(
+        machine: *mut K,
+        answers: &[AnswerTarget],
+    ) -> Result<&'a Self, CStatus> {
+        for answer in answers {
+            answer.is?;
+        }
+        check(machine)?;
+        // SAFETY: not null, aligned, and may be read by the caller's promise. The machine lies beside it, not in it.
+        let header = unsafe { &*machine.cast::<Self>() };
+        if header.close != close::<K>(machine.addr()) {
+            return Err(wrong(CStatus::Foreign));
+        }
+        for answer in answers {
+            if overlaps(answer.at, answer.len, machine.addr(), header.bytes) {
+                return Err(wrong(CStatus::Overlap));
+            }
+        }
+        Ok(header)
+    }
+
+    /// Makes a machine no machine.
+    ///
+    /// # Safety
+    /// `machine` is one, and no other call uses it.
+    #[expect(unsafe_code, reason = "writes to the caller's storage")]
+    pub(crate) unsafe fn end<K: Kind>(machine: *mut K) {
+        // SAFETY: a machine begins with its head, and is the caller's to end.
+        let close = unsafe { addr_of_mut!((*machine.cast::<Self>()).close) };
+        // SAFETY: as above.
+        unsafe { close.write(0) };
+    }
+}
+
+/// The place of an answer.
+pub(crate) fn place<T>(answer: *mut T) -> AnswerTarget {
+    AnswerTarget { at: answer.addr(), len: size_of::<T>(), is: check(answer) }
+}
+
+/// The status of a wrong call. A call of its own, so that one that is right takes no step to get it ready.
+#[cold]
+#[inline(never)]
+pub(crate) fn wrong(status: CStatus) -> CStatus {
+    core::hint::black_box(status)
+}
+
+/// What an init of either kind is asked for: its configuration and clouds, if these, the storage and the place of the
+/// machine's pointer are all right. `needed` says how many bytes a capacity takes, 0 if there is none such.
+///
+/// # Safety
+/// `config` may be read, with the clouds that it names.
+#[expect(unsafe_code, reason = "reads the caller's configuration")]
+pub(crate) unsafe fn asked<K>(
+    (storage, bytes): (*mut c_void, usize),
+    config: *const CConfig,
+    machine: *mut *mut K,
+    clouds: &mut [Cloud; MOST_CLOUDS],
+    needed: impl FnOnce(u32) -> usize,
+) -> Result<(CConfig, &[Cloud]), CStatus> {
+    check(machine)?;
+    if overlaps(machine.addr(), size_of::<*mut K>(), storage.addr(), bytes) {
+        return Err(CStatus::Overlap);
+    }
+    check(storage.cast::<K>())?;
+    check(config.cast_mut())?;
+    // SAFETY: not null, aligned, and may be read by the caller's promise.
+    let config = unsafe { config.read() };
+    if config.abi != FUSELINE_ABI || config.layout != LAYOUT {
+        return Err(CStatus::Abi);
+    }
+    if config.commit > CCommit::Patient as u32 {
+        return Err(CStatus::Commit);
+    }
+    if config.greatest_deadline == 0 {
+        return Err(CStatus::Deadline);
+    }
+    // SAFETY: the clouds may be read, by the caller's promise.
+    let clouds = unsafe { registered(&config, clouds) }?;
+    match needed(config.capacity) {
+        0 => Err(CStatus::Capacity),
+        needed if bytes < needed => Err(CStatus::Size),
+        _ => Ok((config, clouds)),
+    }
+}
+
+/// The window and the commit rule of a configuration.
+pub(crate) fn rule(config: &CConfig) -> (usize, Commit) {
+    let commit =
+        if config.commit == CCommit::Patient as u32 { Commit::Patient } else { Commit::Eager };
+    (usize::try_from(config.window).unwrap_or(usize::MAX), commit)
+}
+
+pub(crate) const fn status_of(error: &ConfigError) -> CStatus {
+    match error {
+        ConfigError::Window { .. } => CStatus::Window,
+        ConfigError::TooManyClouds { .. } => CStatus::Clouds,
+        ConfigError::LocalPriority => CStatus::Priority,
+        ConfigError::DuplicatePriority(_) => CStatus::Twice,
+        ConfigError::Gate(_) => CStatus::Gate,
+    }
+}
+
+/// The clouds of a configuration, each within its ranges.
+///
+/// # Safety
+/// They may be read.
+#[expect(unsafe_code, reason = "reads the caller's configuration")]
+unsafe fn registered<'a>(
+    config: &CConfig,
+    places: &'a mut [Cloud; MOST_CLOUDS],
+) -> Result<&'a [Cloud], CStatus> {
+    let len = usize::try_from(config.clouds_len).unwrap_or(usize::MAX);
+    let places = places.get_mut(..len).ok_or(CStatus::Clouds)?;
+    if !places.is_empty() {
+        check(config.clouds.cast_mut())?;
+    }
+    for (i, place) in places.iter_mut().enumerate() {
+        // SAFETY: within the clouds, by the caller's promise.
+        let cloud = unsafe { config.clouds.add(i) };
+        // SAFETY: not null, aligned, and may be read by the caller's promise.
+        let cloud: CCloud = unsafe { cloud.read() };
+        let priority = u16::try_from(cloud.priority).map_err(|_| CStatus::Priority)?;
+        // Told here what the machine's making would tell, which looks at the capacity first.
+        if Gate::new(cloud.limit, cloud.resume).is_none() {
+            return Err(CStatus::Gate);
+        }
+        let priority = Priority::new(priority);
+        *place = Cloud { priority, limit: cloud.limit, resume: cloud.resume };
+    }
+    Ok(places)
+}
+
+/// That a pointer can be one to a `T`.
+fn check<T>(pointer: *mut T) -> Result<(), CStatus> {
+    if pointer.is_null() {
+        return Err(wrong(CStatus::Null));
+    }
+    if !pointer.is_aligned() {
+        return Err(wrong(CStatus::Alignment));
+    }
+    Ok(())
+}
+
+/// Whether `len` bytes at an address share one with `bytes` bytes of a storage.
+fn overlaps(at: usize, len: usize, storage: usize, bytes: usize) -> bool {
+    let distance = at.wrapping_sub(storage);
+    distance < bytes || distance.wrapping_neg() < len
+}
+
+fn close<K: Kind>(address: usize) -> u64 {
+    // An address has at most 64 bits.
+    K::SEAL ^ address as u64
+}

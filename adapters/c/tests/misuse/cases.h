@@ -1,0 +1,71 @@
+/*
+ * Cases of misuse: each has a name, the misuse and what happens, and is run by the main of its file. What happens is
+ * that the misuse is refused or told; what cannot be told is listed in the README and in docs/safety.
+ *
+ *     misuse-c [NAME]      all, or the one of this name: a line for each, "name | misuse | what happens"
+ */
+#ifndef FUSELINE_TESTS_MISUSE_CASES_H
+#define FUSELINE_TESTS_MISUSE_CASES_H
+
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fuseline.h"
+
+enum { MOST_CASES = 128 };
+struct misuse_case {
+  const char *name, *misuse, *happens;
+  void (*run)(void);
+};
+static struct misuse_case misuse_cases[MOST_CASES];
+static unsigned misuse_len;
+static const char *misuse_now = "before any case";
+
+/* A case registers itself before main: gcc and clang have it in C and in C++. */
+#define CASE(name, misuse, happens) \
+  static void name(void); \
+  __attribute__((constructor)) static void add_##name(void) { \
+    const struct misuse_case added = {#name, misuse, happens, name}; \
+    if (misuse_len == MOST_CASES) abort(); \
+    misuse_cases[misuse_len++] = added; \
+  } \
+  static void name(void)
+
+#define HOLDS(condition) \
+  do { \
+    if (!(condition)) { \
+      fprintf(stderr, "%s, %s:%d does not hold: %s\n", misuse_now, __FILE__, __LINE__, #condition); \
+      exit(1); \
+    } \
+  } while (0)
+
+static int run_cases(const char *only) {
+  unsigned i, run = 0;
+  for (i = 0; i < misuse_len; ++i) {
+    if (only != NULL && strcmp(only, misuse_cases[i].name) != 0) continue;
+    misuse_now = misuse_cases[i].name;
+    misuse_cases[i].run();
+    printf("%s | %s | %s\n", misuse_now, misuse_cases[i].misuse, misuse_cases[i].happens);
+    ++run;
+  }
+  return run > 0 ? 0 : 2; /* 2: there is no such case */
+}
+
+/* A library that is not optimised keeps a panic that cannot be reached, and how to unwind it. */
+#ifdef __cplusplus
+extern "C" {
+#endif
+void fuseline_a_panic_can_be_reached(void);
+void fuseline_a_panic_can_be_reached(void) {
+  fprintf(stderr, "%s: a panic\n", misuse_now);
+  abort();
+}
+void rust_eh_personality(void);
+void rust_eh_personality(void) { abort(); }
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* FUSELINE_TESTS_MISUSE_CASES_H */

@@ -1,0 +1,87 @@
+//! What is kept of each open message.
+
+use std::collections::VecDeque;
+
+use crate::item::Failure;
+
+/// The open messages, by ascending timestamp, and when the last ones were opened.
+pub(crate) struct OpenMessages<V> {
+    open: VecDeque<OpenMessage<V>>,
+    /// Timestamps and instants of the last [`REMEMBERED`] messages, answered ones too; none if the
+    /// operator takes no hints.
+    last: Option<VecDeque<(u64, u64)>>,
+}
+
+pub(crate) struct OpenMessage<V> {
+    t: u64,
+    pub(crate) opened: u64,
+    /// The best result held; no other can go (P3).
+    pub(crate) held: Option<HeldValue<V>>,
+    pub(crate) failures: Vec<Failure>,
+}
+
+pub(crate) struct HeldValue<V> {
+    pub(crate) p: u16,
+    pub(crate) arrived: u64,
+    pub(crate) value: V,
+}
+
+/// For how many messages the age of a result is known: the greatest window.
+const REMEMBERED: usize = 1024;
+
+impl<V> OpenMessages<V> {
+    pub(crate) const fn new() -> Self {
+        Self { open: VecDeque::new(), last: None }
+    }
+
+    /// From now on, remembers when messages were opened.
+    pub(crate) fn remember(&mut self) {
+        self.last.get_or_insert_default();
+    }
+
+    /// F1: timestamps ascend.
+    pub(crate) fn open(&mut self, t: u64, at: u64) {
+        self.open.push_back(OpenMessage { t, opened: at, held: None, failures: Vec::new() });
+        if let Some(last) = &mut self.last {
+            if last.len() == REMEMBERED {
+                last.pop_front();
+            }
+            last.push_back((t, at));
+        }
+    }
+
+    /// F3: a result is in hand; it is kept if it is the best, with its own message (D2 its own value).
+    pub(crate) fn hold(&mut self, t: u64, p: u16, arrived: u64, value: V) {
+        if let Some(open_message) = self.find(t)
+            && open_message.held.as_ref().is_none_or(|held| held.p < p)
+        {
+            open_message.held = Some(HeldValue { p, arrived, value });
+        }
+    }
+
+    pub(crate) fn find(&mut self, t: u64) -> Option<&mut OpenMessage<V>> {
+        let place = self.place(t)?;
+        self.open.get_mut(place)
+    }
+
+    /// The message is no longer open.
+    pub(crate) fn close(&mut self, t: u64) -> Option<OpenMessage<V>> {
+        let place = self.place(t)?;
+        self.open.remove(place)
+    }
+
+    /// When the message was opened, if that is remembered.
+    pub(crate) fn opened(&self, t: u64) -> Option<u64> {
+        let last = self.last.as_ref()?;
+        let place = last.binary_search_by_key(&t, |(t, _)| *t).ok()?;
+        last.get(place).map(|(_, opened)| *opened)
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.open.len()
+    }
+
+    fn place(&self, t: u64) -> Option<usize> {
+        self.open.binary_search_by_key(&t, |open_message| open_message.t).ok()
+    }
+}

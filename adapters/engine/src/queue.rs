@@ -1,0 +1,194 @@
+//! The way to one source: what waits to be sent and what is under way.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use fuseline_deadline::Policy;
+
+use crate::item::Source;
+use crate::tally::CurrentDeadline;
+
+/// One source's outgoing queue and its calls, in the order of admission.
+pub(crate) struct SourceQueue<R> {
+    pub(crate) source: Source,
+    waiting: VecDeque<Waiting<R>>,
+    in_flight: Vec<InFlightCall>,
+    /// Calls that were given up and run on, to see how long they really take; at most `at_once`.
+    lingering: VecDeque<InFlightCall>,
+    at_once: usize,
+    /// How long a call may run on past its due instant, in ns.
+    pub(crate) linger: u64,
+    pub(crate) policy: Option<Box<dyn Policy + Send>>,
+    /// The deadline of the latest offer.
+    pub(crate) in_force: Option<CurrentDeadline>,
+    /// What the gauges show: how many wait, and how many are under way.
+    pub(crate) shown: (usize, usize),
+}
+
+/// A request that was admitted and not yet sent.
+pub(crate) struct Waiting<R> {
+    pub(crate) t: u64,
+    pub(crate) requested_at: u64,
+    pub(crate) due: Option<u64>,
+    /// How long after its start it counts as lost, in ns; none if it always ends.
+    pub(crate) lost_after: Option<u64>,
+    pub(crate) request: R,
+}
+
+/// A call or computation under way.
+struct InFlightCall {
+    t: u64,
+    requested_at: u64,
+    due: Option<u64>,
+    /// When it counts as lost.
+    lost: Option<u64>,
+}
+
+/// A request that is no longer waited for and has no answer.
+pub(crate) struct AbandonedRequest {
+    pub(crate) t: u64,
+    pub(crate) requested_at: u64,
+    /// Whether it is under way and may be aborted; otherwise it was never sent.
+    pub(crate) was_sent: bool,
+}
+
+impl<R> SourceQueue<R> {
+    /// An empty lane for up to `at_once` calls at a time, at least one.
+    pub(crate) fn new(source: Source, at_once: usize) -> Self {
+        Self {
+            source,
+            waiting: VecDeque::new(),
+            in_flight: Vec::new(),
+            lingering: VecDeque::new(),
+            at_once: at_once.max(1),
+            linger: 0,
+            policy: None,
+            in_force: None,
+            shown: (0, 0),
+        }
+    }
+
+    pub(crate) fn push(&mut self, waiting: Waiting<R>) {
+        self.waiting.push_back(waiting);
+    }
+
+    /// The next request to send at `now`, if one waits and there is room.
+    pub(crate) fn next(&mut self, now: u64) -> Option<Waiting<R>> {
+        if self.in_flight.len() >= self.at_once {
+            return None;
+        }
+        let next = self.waiting.pop_front()?;
+        let lost = next.lost_after.map(|after| now.saturating_add(after));
+        self.in_flight.push(InFlightCall {
+            t: next.t,
+            requested_at: next.requested_at,
+            due: next.due,
+            lost,
+        });
+        Some(next)
+    }
+
+    /// The request has ended by itself, perhaps before it was sent; returns when it was asked for.
+    pub(crate) fn end(&mut self, t: u64) -> Option<u64> {
+        self.land(t)
+            .map(|call| call.requested_at)
+            .or_else(|| self.unlinger(t))
+            .or_else(|| self.withdraw(t))
+    }
+
+    /// The result is no longer wanted. A call that may linger goes on; returns what ends instead, if
+    /// anything does.
+    pub(crate) fn close(&mut self, t: u64) -> Option<AbandonedRequest> {
+        let Some(call) = self.land(t) else {
+            return self.withdraw(t).map(|requested_at| AbandonedRequest {
+                t,
+                requested_at,
+                was_sent: false,
+            });
+        };
+        if self.linger == 0 {
+            return Some(call.given_up());
+        }
+        // Else a dead cloud would gather more and more of them.
+        let oldest = if self.lingering.len() >= self.at_once {
+            self.lingering.pop_front().map(InFlightCall::given_up)
+        } else {
+            None
+        };
+        self.lingering.push_back(call);
+        oldest
+    }
+
+    /// Ends a call that has lingered long enough by `now`, if there is one.
+    pub(crate) fn lapse(&mut self, now: u64) -> Option<AbandonedRequest> {
+        let place = self.lingering.iter().position(|call| self.until(call) <= now)?;
+        self.lingering.remove(place).map(InFlightCall::given_up)
+    }
+
+    /// When the next call has lingered long enough.
+    pub(crate) fn next_lapse(&self) -> Option<u64> {
+        self.lingering.iter().map(|call| self.until(call)).min()
+    }
+
+    /// Frees the place of a call that is lost by `now`, if there is one; returns its timestamp.
+    pub(crate) fn give_up(&mut self, now: u64) -> Option<u64> {
+        let is_lost = |call: &InFlightCall| call.lost.is_some_and(|lost| lost <= now);
+        let place = self.in_flight.iter().position(is_lost)?;
+        Some(self.in_flight.remove(place).t)
+    }
+
+    /// When the next lost call frees its place for one that waits; none if nothing waits.
+    pub(crate) fn next_lost(&self) -> Option<u64> {
+        if self.waiting.is_empty() {
+            return None;
+        }
+        self.in_flight.iter().filter_map(|call| call.lost).min()
+    }
+
+    /// Takes the request out of the queue if it waits; returns when it was asked for.
+    pub(crate) fn withdraw(&mut self, t: u64) -> Option<u64> {
+        let place = self.waiting.iter().position(|waiting| waiting.t == t)?;
+        self.waiting.remove(place).map(|waiting| waiting.requested_at)
+    }
+
+    /// The age of each unanswered request at `now`, the oldest first, with those that linger.
+    pub(crate) fn ages(&self, now: u64, ages: &mut Vec<Duration>) {
+        let in_flight = self.in_flight.iter().chain(&self.lingering).map(|call| call.requested_at);
+        let requested_at = in_flight.chain(self.waiting.iter().map(|waiting| waiting.requested_at));
+        ages.clear();
+        ages.extend(
+            requested_at.map(|requested_at| Duration::from_nanos(now.saturating_sub(requested_at))),
+        );
+        ages.sort_unstable_by(|one, other| other.cmp(one));
+    }
+
+    /// D4, F2: the length of the outgoing queue, calls under way not counted.
+    pub(crate) fn backlog(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Calls under way, those that linger not counted.
+    pub(crate) fn in_flight(&self) -> usize {
+        self.in_flight.len()
+    }
+
+    fn land(&mut self, t: u64) -> Option<InFlightCall> {
+        let place = self.in_flight.iter().position(|call| call.t == t)?;
+        Some(self.in_flight.remove(place))
+    }
+
+    fn unlinger(&mut self, t: u64) -> Option<u64> {
+        let place = self.lingering.iter().position(|call| call.t == t)?;
+        self.lingering.remove(place).map(|call| call.requested_at)
+    }
+
+    fn until(&self, call: &InFlightCall) -> u64 {
+        call.due.unwrap_or(u64::MAX).saturating_add(self.linger)
+    }
+}
+
+impl InFlightCall {
+    const fn given_up(self) -> AbandonedRequest {
+        AbandonedRequest { t: self.t, requested_at: self.requested_at, was_sent: true }
+    }
+}

@@ -1,0 +1,211 @@
+//! From the operator to its recorder, which writes files and may wait for the disk (D10 whole trace).
+
+use std::io;
+use std::mem;
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+#[cfg(feature = "mcap")]
+use std::{fs::File, io::BufWriter};
+
+use fuseline_traces::{Decision, Event, Input, Recorder};
+
+use crate::counts::Counts;
+#[cfg(feature = "mcap")]
+use crate::mcap::Mcap;
+
+/// The longest that a line waits before it is written.
+const PERIOD: Duration = Duration::from_millis(500);
+/// As soon as this many lines wait, they are written.
+const LINES: usize = 512;
+/// The most lines that may wait for the disk.
+const WAITING: usize = 64 * LINES;
+
+/// What a run is recorded in.
+pub enum Sink {
+    /// The trace's own format.
+    Lines(Box<Recorder>),
+    /// For viewers.
+    #[cfg(feature = "mcap")]
+    Mcap(Box<Mcap<BufWriter<File>>>),
+}
+
+/// Hands lines to a recorder on its own thread, so that a slow disk does not delay the operator.
+///
+/// Lines are written twice a second, at once when a message is missed or refused, and after each
+/// input if the recorder is set so. When too many lines wait for the disk, or it refuses them, the
+/// recording ends there, after a whole input, with an error; the operator goes on.
+pub(crate) struct TraceWriter {
+    waiting: Arc<Mutex<Waiting>>,
+    writer: Option<JoinHandle<io::Result<()>>>,
+    counts: Arc<Counts>,
+    every_input: bool,
+    /// Nothing is recorded any more.
+    is_over: bool,
+}
+
+/// What is on its way to the recorder: whole inputs with their decisions.
+#[derive(Default)]
+struct Waiting {
+    lines: Vec<Event>,
+    is_end: bool,
+}
+
+impl TraceWriter {
+    /// # Errors
+    /// If the thread cannot be started.
+    pub(crate) fn new(sink: Sink, counts: Arc<Counts>) -> io::Result<Self> {
+        let waiting = Arc::<Mutex<Waiting>>::default();
+        let every_input = sink.every_input();
+        let (taken, reported) = (Arc::clone(&waiting), Arc::clone(&counts));
+        let writer = thread::Builder::new()
+            .name("fuseline-trace".into())
+            .spawn(move || write(sink, &taken, &reported))?;
+        Ok(Self { waiting, writer: Some(writer), counts, every_input, is_over: false })
+    }
+
+    pub(crate) fn record(&mut self, input: &Input, decisions: &[Decision]) {
+        if self.is_over {
+            return;
+        }
+        // The writer holds the lock only while it exchanges two vectors.
+        let mut waiting = lock(&self.waiting);
+        if waiting.lines.len() >= WAITING {
+            // A gap would make the trace false: what comes later is not recorded either.
+            self.is_over = true;
+            self.counts.unrecorded("the disk is too slow");
+            return;
+        }
+        let was_few = waiting.lines.len() < LINES;
+        waiting.lines.push(Event::Input(*input));
+        waiting.lines.extend(decisions.iter().copied().map(Event::Decision));
+        let are_many = was_few && waiting.lines.len() >= LINES;
+        drop(waiting);
+        if self.every_input || are_many || decisions.iter().any(is_loss) {
+            self.wake();
+        }
+    }
+
+    /// Waits until all is written.
+    ///
+    /// # Errors
+    /// The recorder's error, or that the disk was too slow.
+    pub(crate) fn finish(&mut self) -> io::Result<()> {
+        lock(&self.waiting).is_end = true;
+        self.wake();
+        let written = match self.writer.take().map(JoinHandle::join) {
+            Some(Ok(written)) => written,
+            Some(Err(_)) => Err(io::Error::other("the recorder panicked")),
+            None => Ok(()),
+        };
+        if written.is_ok() && self.is_over {
+            return Err(io::Error::other("the disk is too slow for the trace"));
+        }
+        written
+    }
+
+    fn wake(&self) {
+        if let Some(writer) = &self.writer {
+            writer.thread().unpark();
+        }
+    }
+}
+
+impl Drop for TraceWriter {
+    fn drop(&mut self) {
+        if self.writer.is_some() {
+            // The error was reported when it happened.
+            let _ = self.finish();
+        }
+    }
+}
+
+/// Writes what comes until its end.
+fn write(mut sink: Sink, waiting: &Mutex<Waiting>, counts: &Counts) -> io::Result<()> {
+    let mut lines = Vec::new();
+    let mut failed = None;
+    loop {
+        let is_end = {
+            let mut waiting = lock(waiting);
+            mem::swap(&mut lines, &mut waiting.lines);
+            waiting.is_end
+        };
+        if !lines.is_empty()
+            && failed.is_none()
+            && let Err(error) = sink.write(lines.drain(..))
+        {
+            counts.unrecorded(&error.to_string());
+            failed = Some(error);
+        }
+        lines.clear();
+        if is_end {
+            break;
+        }
+        thread::park_timeout(PERIOD);
+    }
+    failed.map_or_else(|| sink.finish(), Err)
+}
+
+/// What must be in the file even if the process is killed.
+const fn is_loss(decision: &Decision) -> bool {
+    matches!(decision, Decision::Miss { .. } | Decision::RefuseOpen { .. })
+}
+
+/// Nothing panics while it is held.
+fn lock(waiting: &Mutex<Waiting>) -> MutexGuard<'_, Waiting> {
+    waiting.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Sink {
+    /// Writes whole inputs with their decisions, so that they are in the file.
+    fn write(&mut self, events: impl Iterator<Item = Event>) -> io::Result<()> {
+        match self {
+            Self::Lines(recorder) => {
+                recorder.extend(events);
+                recorder.error().map_or(Ok(()), |error| Err(again(error, &recorder.file())))
+            }
+            #[cfg(feature = "mcap")]
+            Self::Mcap(mcap) => {
+                for event in events {
+                    mcap.event(&event).map_err(io::Error::other)?;
+                }
+                mcap.flush().map_err(io::Error::other)
+            }
+        }
+    }
+
+    fn finish(self) -> io::Result<()> {
+        match self {
+            Self::Lines(recorder) => recorder.finish(),
+            #[cfg(feature = "mcap")]
+            Self::Mcap(mcap) => mcap.finish().map_err(io::Error::other),
+        }
+    }
+
+    const fn every_input(&self) -> bool {
+        match self {
+            Self::Lines(recorder) => recorder.recording().every_input,
+            #[cfg(feature = "mcap")]
+            Self::Mcap(_) => false,
+        }
+    }
+}
+
+/// The same error, with the file that it is about.
+fn again(error: &io::Error, file: &Path) -> io::Error {
+    io::Error::new(error.kind(), format!("{}: {error}", file.display()))
+}
+
+impl From<Recorder> for Sink {
+    fn from(recorder: Recorder) -> Self {
+        Self::Lines(Box::new(recorder))
+    }
+}
+
+#[cfg(feature = "mcap")]
+impl From<Mcap<BufWriter<File>>> for Sink {
+    fn from(mcap: Mcap<BufWriter<File>>) -> Self {
+        Self::Mcap(Box::new(mcap))
+    }
+}

@@ -1,0 +1,115 @@
+//! Where the node is at home: the middleware on which ROS sees it, with its parameters and reports.
+
+mod dds;
+#[cfg(feature = "zenoh")]
+mod zenoh;
+
+use ros2_client::Message;
+use serde::Serialize;
+use tokio::task::JoinSet;
+
+use self::dds::Participant;
+use crate::error::NodeError;
+use crate::middleware::Graph;
+#[cfg(feature = "zenoh")]
+use crate::middleware::zenoh::ZenohSession;
+use crate::parameters::Value;
+use crate::report::Time;
+use crate::service::Requests;
+use crate::settings::{Middleware, Qos, Settings};
+
+/// A node as ROS sees it.
+pub(crate) enum NodeBackend {
+    /// In a participant of DDS.
+    Dds(Box<Participant>),
+    /// In a session of Zenoh.
+    #[cfg(feature = "zenoh")]
+    Zenoh(ZenohSession),
+}
+
+/// Publishes messages of one type; what cannot be sent is left out.
+pub(crate) type MessagePublisher<M> = Box<dyn Fn(M) + Send + Sync>;
+
+/// Hears of each parameter that was set: its name and its value.
+pub(crate) type ParameterCallback = Box<dyn Fn(&str, &Value) + Send + Sync>;
+
+/// What the node says of itself reaches each subscriber that is there.
+pub(crate) const TOLD: Qos = Qos { reliable: true, transient_local: false, depth: 10 };
+
+/// A type of a package of ROS.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct TypeName {
+    pub(crate) package: &'static str,
+    pub(crate) name: &'static str,
+}
+
+impl NodeBackend {
+    /// Shows the node in what was joined for its own topics.
+    pub(crate) fn show(settings: &Settings, graph: &Graph) -> Result<Self, NodeError> {
+        match settings.middleware {
+            Middleware::Dds => {
+                let domain = graph.dds.as_ref().ok_or(NodeError::NotJoined("DDS"))?;
+                Participant::show(settings, domain).map(|it| Self::Dds(Box::new(it)))
+            }
+            #[cfg(feature = "zenoh")]
+            Middleware::Zenoh => {
+                let session = graph.zenoh.as_ref().ok_or(NodeError::NotJoined("Zenoh"))?;
+                Ok(Self::Zenoh(session.beside()))
+            }
+            #[cfg(not(feature = "zenoh"))]
+            Middleware::Zenoh => Err(NodeError::NoZenoh),
+        }
+    }
+
+    /// A publisher of the node's own.
+    pub(crate) fn message_publisher<M>(
+        &mut self,
+        topic: &str,
+        ty: TypeName,
+        qos: Qos,
+    ) -> Result<MessagePublisher<M>, NodeError>
+    where
+        M: Serialize + Send + Sync + 'static,
+    {
+        match self {
+            Self::Dds(participant) => participant.message_publisher(topic, ty, qos),
+            #[cfg(feature = "zenoh")]
+            Self::Zenoh(session) => session.message_publisher(topic, ty, qos),
+        }
+    }
+
+    /// A service of the node's own, below its name, served in `tasks` or in what was joined.
+    pub(crate) fn serve<Q, R>(
+        &mut self,
+        service: &str,
+        ty: TypeName,
+        tasks: &mut JoinSet<()>,
+    ) -> Result<Requests<Q, R>, NodeError>
+    where
+        Q: Message + Clone + Send + Sync + 'static,
+        R: Message + Send + Sync + 'static,
+    {
+        match self {
+            Self::Dds(participant) => participant.serve(service, ty, tasks),
+            #[cfg(feature = "zenoh")]
+            Self::Zenoh(session) => session.serve(service, ty, tasks),
+        }
+    }
+
+    /// Once all is published and served. What keeps the node there is kept by what is returned, or runs in what was joined.
+    pub(crate) fn settle(self, settings: &Settings) -> Result<DiscoveredNode, NodeError> {
+        match self {
+            Self::Dds(participant) => participant.settle(settings),
+            #[cfg(feature = "zenoh")]
+            Self::Zenoh(session) => session.settle(settings),
+        }
+    }
+}
+
+/// A node that is shown whole.
+pub(crate) struct DiscoveredNode {
+    /// The time that messages are stamped with.
+    pub(crate) clock: Box<dyn Fn() -> Time + Send + Sync>,
+    /// Hears of each parameter that was set.
+    pub(crate) set: ParameterCallback,
+}

@@ -1,0 +1,272 @@
+//! The node in a participant of DDS, and in the next one after a rejoin.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use futures_util::{StreamExt, pin_mut};
+use ros2_client::dds::{Context, Node, Server, ServiceMapping};
+use ros2_client::qos::{Durability, History, WhenFull};
+use ros2_client::{
+    Message, MessageTypeName, Name, NodeName, NodeOptions, ParameterValue, QosProfile,
+    RmwRequestId, ServiceTypeName,
+};
+use serde::Serialize;
+use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinSet;
+use tracing::{debug, error};
+
+use super::{DiscoveredNode, MessagePublisher, TypeName};
+use crate::error::NodeError;
+use crate::middleware::{Domain, DomainHandle, InUse, NewEntity, RecentIds};
+use crate::parameters::{Value, ros};
+use crate::report::Time;
+use crate::service::{PendingRequest, Reply, Requests, WAITING};
+use crate::settings::{Qos, Settings};
+
+/// How many requests a service has room for, as ROS's services have: those that come while a participant is not in use yet.
+const SERVICE_DEPTH: usize = 10;
+
+/// How many requests are remembered, so that one that came to two participants is answered once: what comes while a server
+/// is not in use yet, of which `rustdds` may keep more than the depth.
+const REMEMBERED: usize = 1024;
+
+/// The node, in each participant that it has, and its full name.
+pub(crate) struct Participant {
+    domain: DomainHandle,
+    pending: PendingNode,
+    /// As they are set now.
+    parameters: Arc<Mutex<Parameters>>,
+    name: String,
+}
+
+/// The node of a participant while its publishers and services are created.
+type PendingNode = Arc<Mutex<Option<Node>>>;
+
+type Parameters = BTreeMap<String, Value>;
+
+impl Participant {
+    pub(super) fn show(settings: &Settings, domain: &Domain) -> Result<Self, NodeError> {
+        let name = NodeName::new(&settings.node.namespace, &settings.node.name);
+        let name = name.map_err(|error| NodeError::Ros(error.to_string()))?;
+        let declared = settings.declared.iter().map(|it| (it.name.clone(), it.value.clone()));
+        let parameters = Arc::new(Mutex::new(declared.collect::<Parameters>()));
+        let (domain, pending) = (domain.handle(), PendingNode::default());
+        let (next, current) = (pending.clone(), Arc::clone(&parameters));
+        domain.create(move |joined| {
+            let context = Context::from_domain_participant(joined.participant.clone())
+                .map_err(|error| NodeError::Ros(error.to_string()))?;
+            // The node serves its parameters itself: these would be described by their values alone.
+            let mut options =
+                NodeOptions::new().enable_rosout(false).start_parameter_services(false);
+            for (name, value) in &*locked(&current) {
+                options = options.declare_parameter(name, ros::value(value).into());
+            }
+            let node = context.new_node(name.clone(), options);
+            let node = node.map_err(|error| NodeError::Ros(format!("{error:?}")))?;
+            locked(&next).replace(node);
+            Ok(NewEntity::new(|| ()))
+        })?;
+        Ok(Self { domain, pending, parameters, name: settings.node.full() })
+    }
+
+    pub(super) fn message_publisher<M>(
+        &mut self,
+        topic: &str,
+        ty: TypeName,
+        qos: Qos,
+    ) -> Result<MessagePublisher<M>, NodeError>
+    where
+        M: Serialize + Send + Sync + 'static,
+    {
+        let wrong = refusal(topic);
+        let name = Name::parse(topic).map_err(|error| wrong(&error))?;
+        let durability =
+            if qos.transient_local { Durability::TransientLocal } else { Durability::Volatile };
+        let qos = QosProfile::publisher_default()
+            .reliability_reliable(WhenFull::Fail)
+            .durability(durability)
+            .history(History::KeepLast { depth: qos.depth.into() });
+        let ty = MessageTypeName::new(ty.package, ty.name);
+        let publisher = Arc::new(InUse::default());
+        let (pending, in_use) = (Arc::clone(&self.pending), Arc::clone(&publisher));
+        self.domain.create(move |_| {
+            let next = with_node(&pending, |node| {
+                let of = node.create_topic(&name, ty.clone(), &qos).map_err(|it| wrong(&it))?;
+                let publisher = node.create_publisher::<M>(&of, Some(qos.clone()));
+                publisher.map_err(|error| wrong(&error))
+            })?;
+            let in_use = Arc::clone(&in_use);
+            Ok(NewEntity::new(move || in_use.replace(next)))
+        })?;
+        let topic = topic.to_owned();
+        Ok(Box::new(move |message| {
+            if !publisher.with(|it| it.publish(message).is_ok()).unwrap_or(false) {
+                debug!(topic, "not sent");
+            }
+        }))
+    }
+
+    pub(super) fn serve<Q, R>(
+        &mut self,
+        service: &str,
+        ty: TypeName,
+        _: &mut JoinSet<()>,
+    ) -> Result<Requests<Q, R>, NodeError>
+    where
+        Q: Message + Clone + Send + Sync + 'static,
+        R: Message + Send + Sync + 'static,
+    {
+        let wrong = refusal(service);
+        let name = Name::new(&self.name, service).map_err(|error| wrong(&error))?;
+        let ty = ServiceTypeName::new(ty.package, ty.name);
+        let qos = QosProfile::publisher_default()
+            .reliability_reliable(WhenFull::Fail)
+            .history(History::KeepLast { depth: SERVICE_DEPTH });
+        let (requested, requests) = mpsc::channel(WAITING);
+        let service = Arc::new(Service {
+            name: service.to_owned(),
+            requested,
+            taken: Mutex::new(RecentIds::new(REMEMBERED)),
+            server: InUse::default(),
+        });
+        let pending = Arc::clone(&self.pending);
+        self.domain.create(move |joined| {
+            let server = with_node(&pending, |node| {
+                // The mapping that clients of rmw_fastrtps have.
+                let mapping = ServiceMapping::Enhanced;
+                let server =
+                    node.create_server::<Q, R>(mapping, &name, &ty, qos.clone(), qos.clone());
+                server.map_err(|error| wrong(&error))
+            })?;
+            let (server, (start, started)) = (Arc::new(server), oneshot::channel());
+            let serving = Arc::clone(&service).serve(Arc::clone(&server), started, joined.closed());
+            joined.readers.spawn(serving);
+            let service = Arc::clone(&service);
+            Ok(NewEntity::new(move || {
+                // Who would start is gone only if the participant is.
+                let _ = start.send(());
+                service.server.replace(server)
+            }))
+        })?;
+        Ok(requests)
+    }
+
+    pub(super) fn settle(self, _: &Settings) -> Result<DiscoveredNode, NodeError> {
+        let Self { domain, pending, parameters, .. } = self;
+        let node = Arc::new(InUse::default());
+        let (in_use, current) = (Arc::clone(&node), Arc::clone(&parameters));
+        domain.create(move |joined| {
+            let mut next = locked(&pending).take().ok_or(NodeError::NotJoined("ROS"))?;
+            let spinner = next.spinner().map_err(|error| NodeError::Ros(error.to_string()))?;
+            joined.tasks.spawn(async move {
+                if let Err(error) = spinner.spin().await {
+                    error!(%error, "ROS sees the node no longer");
+                }
+            });
+            let (in_use, current) = (Arc::clone(&in_use), Arc::clone(&current));
+            Ok(NewEntity::new(move || {
+                // Those that were set since it was created.
+                for (name, value) in &*locked(&current) {
+                    let value: ParameterValue = ros::value(value).into();
+                    if next.get_parameter(name).as_ref() != Some(&value) {
+                        set(&next, name, value);
+                    }
+                }
+                in_use.replace(next)
+            }))
+        })?;
+        let clock = Arc::clone(&node);
+        Ok(DiscoveredNode {
+            // The time of day, or simulated time.
+            clock: Box::new(move || {
+                Time::of_nanos(clock.with(|node| node.time_now().to_nanos()).unwrap_or(0))
+            }),
+            set: Box::new(move |name, value| {
+                locked(&parameters).insert(name.to_owned(), value.clone());
+                node.with(|node| set(node, name, ros::value(value).into()));
+            }),
+        })
+    }
+}
+
+/// A service of the node's, whichever participant its requests come to.
+struct Service<Q: Message, R: Message> {
+    name: String,
+    requested: mpsc::Sender<PendingRequest<Q, R>>,
+    taken: Mutex<RecentIds<RmwRequestId>>,
+    server: InUse<Arc<Server<Q, R>>>,
+}
+
+impl<Q, R> Service<Q, R>
+where
+    Q: Message + Clone + Send + Sync + 'static,
+    R: Message + Send + Sync + 'static,
+{
+    /// Takes the requests that come to one participant, from its start until that is closed.
+    async fn serve(
+        self: Arc<Self>,
+        server: Arc<Server<Q, R>>,
+        start: oneshot::Receiver<()>,
+        closed: impl Future<Output = ()>,
+    ) {
+        // Before, who asks has met the former server, but perhaps not yet this one to be answered by.
+        if start.await.is_err() {
+            return;
+        }
+        let stream = server.receive_request_stream();
+        pin_mut!(stream, closed);
+        loop {
+            let received = tokio::select! {
+                biased;
+                () = &mut closed => return,
+                received = stream.next() => received,
+            };
+            let (id, request) = match received {
+                Some(Ok(received)) => received,
+                Some(Err(_)) => {
+                    debug!(service = self.name, "a request that cannot be read");
+                    continue;
+                }
+                None => return,
+            };
+            if !locked(&self.taken).insert(id) {
+                continue;
+            }
+            let service = Arc::clone(&self);
+            let reply = Reply::new(move |answer| {
+                let sent = service.server.with(|it| it.send_response(id, answer).is_ok());
+                if !sent.unwrap_or(false) {
+                    debug!(service = service.name, "answer not sent");
+                }
+            });
+            if self.requested.send(PendingRequest { request, reply }).await.is_err() {
+                return;
+            }
+        }
+    }
+}
+
+/// An error about a topic or service.
+fn refusal(name: &str) -> impl Fn(&dyn std::fmt::Display) -> NodeError + use<> {
+    let name = name.to_owned();
+    move |error| NodeError::Ros(format!("{name}: {error}"))
+}
+
+fn with_node<T>(
+    pending: &PendingNode,
+    access: impl FnOnce(&mut Node) -> Result<T, NodeError>,
+) -> Result<T, NodeError> {
+    access(locked(pending).as_mut().ok_or(NodeError::NotJoined("ROS"))?)
+}
+
+/// Sets a parameter: it is published on `/parameter_events`, and simulated time is followed if it is to be.
+fn set(node: &Node, name: &str, value: ParameterValue) {
+    if let Err(why) = node.set_parameter(name, value) {
+        debug!(name, why, "a change that is not told");
+    }
+}
+
+/// Changes are made whole, so even a poisoned lock holds a sound state.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

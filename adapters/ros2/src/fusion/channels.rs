@@ -1,0 +1,159 @@
+//! What comes on topics and as parameters, taken one by one.
+
+use std::task::{Context, Poll};
+
+use fuseline_tokio::drive::{Completion, Incoming};
+use tokio::sync::mpsc;
+use tokio::time::{Instant, Interval};
+use tracing::{debug, info, warn};
+
+use super::{Fusion, LOCAL, LoopState};
+use crate::key::KeyError;
+use crate::middleware::{Endpoint, Sample};
+use crate::raw::Payload;
+use crate::settings::{Change, seconds};
+use crate::stamps::KeyOrder;
+
+/// The channels on which the node hears.
+pub(crate) struct InputChannels<'a> {
+    pub(crate) inputs: mpsc::Receiver<Sample>,
+    /// Results, each with the index of its source.
+    pub(crate) results: mpsc::Receiver<(usize, Sample)>,
+    pub(crate) deadlines: mpsc::Receiver<Sample>,
+    pub(crate) speeds: mpsc::Receiver<Sample>,
+    pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
+    pub(crate) report: Interval,
+}
+
+impl Fusion<'_> {
+    /// Whether messages are taken in.
+    pub(super) fn is_active(&self) -> bool {
+        self.orders.as_ref().is_none_or(|orders| orders.is_active)
+    }
+
+    /// A managed node is told what to do.
+    pub(super) fn poll_orders(
+        &mut self,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Incoming<Payload, Payload>>> {
+        let Some(orders) = &mut self.orders else { return Poll::Pending };
+        known(orders.reported.poll_recv(context))
+            .map(|order| orders.obey(order).then_some(Incoming::Last))
+    }
+
+    /// Something came on the input topic: a message, if it has a key that no open message has.
+    pub(super) fn take(&mut self, sample: Sample) -> Option<Incoming<Payload, Payload>> {
+        let LoopState { stamps, next, intake, .. } = &mut self.memory;
+        let Ok(message) = sample.inspect_err(|error| debug!(%error, "input not read")) else {
+            intake.encoding += 1;
+            return None;
+        };
+        let key = match self.input_key.read(&message.body, message.big_endian) {
+            Ok(key) => key,
+            Err(error) => {
+                debug!(%error, "input without a key");
+                match error {
+                    KeyError::Short => intake.short += 1,
+                    KeyError::Nanosec => intake.nanosec += 1,
+                }
+                return None;
+            }
+        };
+        match stamps.order(key) {
+            KeyOrder::Taken => {
+                warn!(%key, "an open message has this stamp: not taken in");
+                intake.duplicate_stamp += 1;
+                return None;
+            }
+            KeyOrder::Backwards => intake.stamp_backwards += 1,
+            KeyOrder::Forwards => {}
+        }
+        let timestamp = *next;
+        *next += 1;
+        stamps.open(key, timestamp);
+        Some(Incoming::Message { timestamp, message })
+    }
+
+    /// Something came on a source's topic: a result, if it has the key of a message.
+    pub(super) fn result(
+        &mut self,
+        place: usize,
+        sample: Sample,
+    ) -> Option<Incoming<Payload, Payload>> {
+        let source = &mut self.sources[place];
+        let key = sample.ok().and_then(|payload| {
+            let key = self.output_key.read(&payload.body, payload.big_endian).ok()?;
+            Some((key, payload))
+        });
+        let Some((key, payload)) = key else {
+            debug!(source = source.name, "result without a key");
+            source.unmatched.malformed += 1;
+            return None;
+        };
+        let Some(timestamp) = self.memory.stamps.find(key) else {
+            debug!(source = source.name, %key, "result of no message");
+            source.unmatched.unknown_stamp += 1;
+            return None;
+        };
+        Some(Incoming::Completion(Completion {
+            priority: source.priority,
+            timestamp,
+            result: Ok(payload),
+        }))
+    }
+
+    /// The environment decides the deadline: `std_msgs/msg/Float64`, seconds.
+    pub(super) fn environment(&mut self, sample: Sample) {
+        let decided = sample.ok().and_then(|payload| {
+            let bytes = *payload.body.first_chunk()?;
+            let is_big = payload.big_endian;
+            seconds(if is_big { f64::from_be_bytes(bytes) } else { f64::from_le_bytes(bytes) })
+        });
+        if let Some(deadline) = decided {
+            self.deadline = deadline;
+        } else {
+            warn!("a deadline that is no positive number of seconds: ignored");
+        }
+    }
+
+    /// The vehicle's speed came.
+    pub(super) fn take_speed(&mut self, sample: Sample) {
+        let Some(speed) = &mut self.speed else { return };
+        if !sample.is_ok_and(|payload| speed.take(Instant::now(), &payload)) {
+            debug!("a speed that is none: it counts as unknown");
+        }
+    }
+
+    /// A parameter was set.
+    pub(super) fn change(&mut self, change: Change) {
+        info!(?change, "parameter set");
+        match change {
+            Change::Deadline(deadline) => self.deadline = deadline,
+            Change::LocalDeadline(deadline) => self.sources[LOCAL].deadline = Some(deadline),
+            Change::CloudDeadline(cloud, deadline) => {
+                self.sources[LOCAL + 1 + cloud].deadline = deadline;
+            }
+            Change::CloudEnabled(cloud, enabled) => {
+                self.sources[LOCAL + 1 + cloud].enabled = enabled;
+            }
+            // ROS sees to it: it stamps what the voice publishes.
+            Change::SimTime(_) => {}
+        }
+    }
+
+    pub(crate) fn report(&mut self) {
+        let LoopState { intake, reporter, .. } = &mut self.memory;
+        let ends: Vec<&Endpoint> = self.ends.iter().map(|end| &**end).collect();
+        let blind = self.speed.as_ref().and_then(|speed| speed.missing(Instant::now()));
+        let statuses = reporter.period(self.counting.tally(), *intake, &self.sources, &ends, blind);
+        self.status_publisher.diagnostics(statuses);
+    }
+}
+
+/// A channel that has ended says nothing more.
+pub(super) fn known<T>(received: Poll<Option<T>>) -> Poll<T> {
+    match received {
+        Poll::Ready(Some(received)) => Poll::Ready(received),
+        Poll::Ready(None) | Poll::Pending => Poll::Pending,
+    }
+}

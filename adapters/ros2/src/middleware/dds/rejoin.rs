@@ -1,0 +1,154 @@
+//! Joining the domain again when the wall clock stepped back.
+//!
+//! `rustdds` stores what it receives under the time of day and reads what comes over best effort, the announcements of
+//! participants with it, up to the present time of day. After a step back it would read none of that until the clock has
+//! caught up with the latest sample. A new participant has no such samples. So everything is created once more in a second
+//! participant, which takes over when it has met the peers that the first one knows; only then is the first one left.
+
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use futures_util::future::join_all;
+use tokio::sync::Notify;
+use tokio::task::{JoinSet, spawn_blocking};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout};
+use tracing::{error, info, warn};
+
+use super::domain::{DomainHandle, NewEntity};
+use super::wall_clock::WallClock;
+use crate::error::NodeError;
+
+/// How often the wall clock is looked at.
+const CLOCK_PERIOD: Duration = Duration::from_millis(20);
+
+/// How often it is checked whether the second participant has met the peers.
+const MATCH_PERIOD: Duration = Duration::from_millis(20);
+
+/// How long it has to meet them. Some may be gone, which the first participant does not notice.
+const MATCH_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// How long both participants stay, once before the second takes over and once after: peers meet it later than it meets
+/// them, and what they sent to the first is still on its way.
+const OVERLAP: Duration = Duration::from_millis(500);
+
+/// How long what was sent by the first participant may stay unacknowledged. A subscriber that was killed acknowledges
+/// nothing.
+const ACKNOWLEDGE_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// How long after a failure it is tried again.
+const RETRY_PERIOD: Duration = Duration::from_secs(3);
+
+/// Rejoins by `tasks` whenever the clock stepped back.
+pub(super) fn spawn(tasks: &mut JoinSet<()>, domain: DomainHandle, clock: WallClock) {
+    let stepped_back = Arc::new(Notify::new());
+    tasks.spawn(watch(clock, Arc::clone(&stepped_back)));
+    tasks.spawn(async move {
+        loop {
+            stepped_back.notified().await;
+            warn!("the wall clock stepped back: joining the domain again");
+            while let Err(error) = rejoin(&domain).await {
+                error!(%error, "the domain cannot be joined again; trying once more");
+                sleep(RETRY_PERIOD).await;
+            }
+            info!("joined the domain again");
+        }
+    });
+}
+
+/// Runs beside the rejoining: a step while that is under way needs another.
+async fn watch(mut clock: WallClock, stepped_back: Arc<Notify>) {
+    let mut period = interval(CLOCK_PERIOD);
+    period.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        period.tick().await;
+        if clock.stepped_back(SystemTime::now()) {
+            stepped_back.notify_one();
+        }
+    }
+}
+
+async fn rejoin(domain: &DomainHandle) -> Result<(), NodeError> {
+    let creating = domain.clone();
+    // Not on this thread, which serves deadlines.
+    let created = spawn_blocking(move || creating.create_again()).await;
+    let (next, entities) =
+        created.map_err(|error| NodeError::System(std::io::Error::other(error)))??;
+    let patience = Instant::now() + MATCH_TIMEOUT;
+    while Instant::now() < patience && !entities.iter().all(NewEntity::is_matched) {
+        sleep(MATCH_PERIOD).await;
+    }
+    sleep(OVERLAP).await;
+    let (previous, drains) = domain.take_over(next, entities)?;
+    sleep(OVERLAP).await;
+    if timeout(ACKNOWLEDGE_TIMEOUT, join_all(drains)).await.is_err() {
+        warn!("left the first participant before all that it had sent was acknowledged");
+    }
+    previous.leave().await;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::future::ready;
+
+    use tokio::sync::mpsc;
+
+    use super::super::domain::Domain;
+    use super::*;
+    use crate::middleware::Publish;
+    use crate::raw::Payload;
+    use crate::settings::Qos;
+
+    const DOMAIN: u16 = 80;
+    const TYPE: &str = "tests/msg/Number";
+    const RELIABLE: Qos = Qos { reliable: true, transient_local: false, depth: 1000 };
+
+    fn number(number: u32) -> Payload {
+        Payload { big_endian: true, body: number.to_be_bytes().to_vec().into() }
+    }
+
+    /// D13.
+    #[tokio::test]
+    async fn what_is_sent_over_a_reliable_topic_while_either_side_rejoins_comes_once() {
+        let topic = format!("/numbers_of_{}", std::process::id());
+        let [sending, receiving] = [(); 2].map(|()| Domain::join(DOMAIN, true).unwrap());
+        let (taken, mut received) = mpsc::unbounded_channel();
+        let end = receiving.inlet(&topic, TYPE, RELIABLE, move |sample| {
+            taken.send(sample.unwrap()).unwrap();
+            ready(())
+        });
+        let (end, outlet) = (end.unwrap(), sending.outlet(&topic, TYPE, RELIABLE).unwrap());
+        while end.matched() == 0 || outlet.matched() == 0 {
+            sleep(MATCH_PERIOD).await;
+        }
+        // What comes right after discovery may be before the writer's first heartbeat.
+        sleep(OVERLAP).await;
+        let domains = [receiving.handle(), sending.handle()];
+        let rejoins = async move {
+            for domain in &domains {
+                rejoin(domain).await.unwrap();
+            }
+        };
+        tokio::pin!(rejoins);
+        let mut sent = 0;
+        let mut is_rejoining = true;
+        while is_rejoining {
+            assert!(outlet.publish(number(sent)), "the number {sent} is not sent");
+            sent += 1;
+            tokio::select! {
+                () = &mut rejoins => is_rejoining = false,
+                () = sleep(Duration::from_millis(5)) => {}
+            }
+        }
+        let mut payloads = Vec::new();
+        while let Ok(payload) = timeout(2 * OVERLAP, received.recv()).await {
+            payloads.push(payload.unwrap().body);
+        }
+        payloads.sort_unstable();
+        let expected: Vec<_> = (0..sent).map(|sent| number(sent).body).collect();
+        assert_eq!(payloads, expected);
+        assert_eq!((end.matched(), outlet.matched()), (1, 1));
+        sending.leave().await;
+        receiving.leave().await;
+    }
+}

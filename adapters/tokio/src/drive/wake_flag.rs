@@ -1,0 +1,66 @@
+//! Wakes the driver, and remembers for whom.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::{Context, Poll, Wake, Waker};
+
+use futures_util::task::AtomicWaker;
+
+/// The waker of one party that takes turns: without it, the party need not be polled.
+pub(super) struct WakeFlag {
+    flag_waker: Arc<FlagWaker>,
+    waker: Waker,
+}
+
+/// Rings for one and wakes the driver.
+pub(super) struct FlagWaker {
+    is_rung: AtomicBool,
+    driver: Arc<AtomicWaker>,
+}
+
+impl WakeFlag {
+    /// A bell that rings, so that all parties are polled at first.
+    pub(super) fn new(driver: &Arc<AtomicWaker>) -> Self {
+        let flag_waker =
+            Arc::new(FlagWaker { is_rung: AtomicBool::new(true), driver: Arc::clone(driver) });
+        Self { waker: Waker::from(Arc::clone(&flag_waker)), flag_waker }
+    }
+
+    pub(super) fn flag_waker(&self) -> Arc<FlagWaker> {
+        Arc::clone(&self.flag_waker)
+    }
+
+    /// Polls if the bell rings; it rings on unless nothing was ready.
+    pub(super) fn poll<T>(&self, poll: impl FnOnce(&mut Context<'_>) -> Poll<T>) -> Poll<T> {
+        if !self.is_rung() {
+            return Poll::Pending;
+        }
+        self.flag_waker.is_rung.store(false, Ordering::Release);
+        let polled = poll(&mut Context::from_waker(&self.waker));
+        if polled.is_ready() {
+            self.flag_waker.is_rung.store(true, Ordering::Release);
+        }
+        polled
+    }
+
+    pub(super) fn is_rung(&self) -> bool {
+        self.flag_waker.is_rung.load(Ordering::Acquire)
+    }
+
+    /// Rings without a waker; for the driver itself.
+    pub(super) fn set(&self) {
+        self.flag_waker.is_rung.store(true, Ordering::Release);
+    }
+}
+
+impl Wake for FlagWaker {
+    fn wake(self: Arc<Self>) {
+        self.wake_by_ref();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        if !self.is_rung.swap(true, Ordering::AcqRel) {
+            self.driver.wake();
+        }
+    }
+}

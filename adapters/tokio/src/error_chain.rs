@@ -1,0 +1,45 @@
+//! An error in words, with what caused it.
+
+use std::error::Error;
+use std::fmt;
+
+/// `it: its cause: the cause's cause`; a cause that the words before it name is left out.
+pub(crate) struct ErrorChain<'a>(pub(crate) &'a (dyn Error + 'static));
+
+impl fmt::Display for ErrorChain<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut logged = self.0.to_string();
+        let mut cause = self.0.source();
+        while let Some(error) = cause {
+            let error_chain = error.to_string();
+            if !logged.contains(&error_chain) {
+                logged.push_str(": ");
+                logged.push_str(&error_chain);
+            }
+            cause = error.source();
+        }
+        f.write_str(&logged)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+
+    use super::*;
+
+    #[derive(Debug, thiserror::Error)]
+    #[error("{0}")]
+    struct TopCause(&'static str, #[source] io::Error);
+
+    #[test]
+    fn a_cause_is_named_once() {
+        let cause = || io::Error::other("connection refused");
+        assert_eq!(
+            ErrorChain(&TopCause("no call", cause())).to_string(),
+            "no call: connection refused"
+        );
+        let reported = TopCause("no call, connection refused", cause());
+        assert_eq!(ErrorChain(&reported).to_string(), "no call, connection refused");
+    }
+}

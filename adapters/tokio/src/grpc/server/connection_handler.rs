@@ -1,0 +1,295 @@
+//! One connection, from its first byte to its end.
+
+use std::convert::Infallible;
+use std::io;
+use std::net::SocketAddr;
+use std::pin::pin;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use http::{HeaderMap, Request, Response};
+use hyper::body::Incoming;
+use hyper::server::conn::http2::Builder;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpStream;
+use tokio::sync::{Notify, watch};
+use tokio::time::{Instant, sleep, timeout};
+use tokio_rustls::TlsAcceptor;
+use tonic::Status;
+use tonic::body::Body;
+use tonic::codegen::Service;
+
+use crate::grpc::infer::{Infer, InferServer};
+use crate::grpc::server::held::{ReplyBody, RequestBody, RequestMemory};
+use crate::grpc::server::limits::{ConnectionPermit, RejectReason, ServerLimits};
+use crate::grpc::token::AuthCheck;
+
+/// How long a connection may be silent before it is sent a ping, and the answer may take.
+const PING: (Duration, Duration) = (Duration::from_secs(30), Duration::from_secs(10));
+
+/// Calls that were taken back before they began, at once: HTTP/2 has them in a queue of its own.
+const UNBEGUN: usize = 64;
+
+/// Streams that the client broke, before its connection is closed.
+const BROKEN: usize = 256;
+
+/// Bytes of a stream's replies that HTTP/2 holds besides what it was given.
+const SENDING: usize = 64 * 1024;
+
+/// What each connection is served with.
+pub(crate) struct ConnectionHandler<T> {
+    pub(crate) limits: Arc<ServerLimits>,
+    pub(crate) infer: InferServer<T>,
+    pub(crate) auth: AuthCheck,
+    pub(crate) tls: Option<TlsAcceptor>,
+    /// Ready when no more calls are taken on.
+    pub(crate) closing: watch::Receiver<()>,
+}
+
+impl<T> Clone for ConnectionHandler<T> {
+    fn clone(&self) -> Self {
+        Self {
+            limits: Arc::clone(&self.limits),
+            infer: self.infer.clone(),
+            auth: self.auth.clone(),
+            tls: self.tls.clone(),
+            closing: self.closing.clone(),
+        }
+    }
+}
+
+impl<T: Infer> ConnectionHandler<T> {
+    /// Serves a connection until it ends, and says so if it had to be ended.
+    pub(crate) async fn host(self, socket: TcpStream, peer: SocketAddr, permit: ConnectionPermit) {
+        let _ = socket.set_nodelay(true);
+        let (limits, mut closing) = (Arc::clone(&self.limits), self.closing.clone());
+        let since = Instant::now();
+        let greeted = async {
+            let Some(tls) = self.tls.clone() else { return self.serve(socket, peer, since).await };
+            let greeting = timeout(limits.bounds.greeting, tls.accept(socket));
+            let greeting = tokio::select! {
+                greeting = greeting => greeting,
+                _ = closing.changed() => return Ok(()),
+            };
+            let socket = greeting.map_err(|_| RejectReason::Mute)?.map_err(RejectReason::Tls)?;
+            self.serve(socket, peer, since).await
+        };
+        if let Err(why) = greeted.await {
+            limits.tell(peer, &why);
+        }
+        drop(permit);
+    }
+
+    async fn serve(
+        self,
+        socket: impl AsyncRead + AsyncWrite + Send + Unpin + 'static,
+        peer: SocketAddr,
+        since: Instant,
+    ) -> Result<(), RejectReason> {
+        let watch = Arc::new(ConnectionWatch::new(Arc::clone(&self.limits), peer, since));
+        let (watched, mut closing) = (Arc::clone(&watch), self.closing.clone());
+        let service = service_fn(move |request| {
+            let (connection_handler, watch) = (self.clone(), Arc::clone(&watched));
+            async move { Ok::<_, Infallible>(connection_handler.call(request, watch).await) }
+        });
+        let bounds = watch.limits.bounds;
+        let mut builder = Builder::new(TokioExecutor::new());
+        builder
+            .timer(TokioTimer::new())
+            .max_concurrent_streams(bounds.calls)
+            .max_header_list_size(bounds.header_bytes)
+            .max_pending_accept_reset_streams(UNBEGUN)
+            .max_local_error_reset_streams(BROKEN)
+            .max_send_buf_size(SENDING)
+            .keep_alive_interval(PING.0)
+            .keep_alive_timeout(PING.1);
+        let mut connection = pin!(builder.serve_connection(TokioIo::new(socket), service));
+        let mut is_open = true;
+        loop {
+            tokio::select! {
+                ended = &mut connection => return ended.or_else(|error| protocol(&error)),
+                why = watch.tires() => return Err(why),
+                _ = closing.changed(), if is_open => {
+                    is_open = false;
+                    connection.as_mut().graceful_shutdown();
+                }
+            }
+        }
+    }
+
+    /// One call; its time is over when its deadline ends.
+    async fn call(self, request: Request<Incoming>, watch: Arc<ConnectionWatch>) -> Response<Body> {
+        if let Err(status) = self.auth.check(request.headers()) {
+            return watch.refused(status).into_http();
+        }
+        let under_way = UnderWay::new(Arc::clone(&watch));
+        let held = RequestMemory::new(Arc::clone(&watch));
+        let deadline = deadline(request.headers()).unwrap_or(Duration::MAX);
+        let request = request.map(|body| Body::new(RequestBody::new(body, Arc::clone(&held))));
+        let mut infer = self.infer;
+        let response = match timeout(deadline, infer.call(request)).await {
+            Ok(Ok(response)) => response,
+            Err(_) => Status::deadline_exceeded("the call's deadline ended").into_http(),
+        };
+        drop(held);
+        under_way.answered();
+        response.map(|body| Body::new(ReplyBody::new(body, watch)))
+    }
+}
+
+/// What a connection did that was no HTTP/2; nothing to say of one that merely broke.
+fn protocol(error: &hyper::Error) -> Result<(), RejectReason> {
+    let mut innermost: &dyn std::error::Error = error;
+    while let Some(cause) = innermost.source() {
+        innermost = cause;
+    }
+    let is_io = innermost.is::<io::Error>();
+    if is_io || error.is_closed() || error.is_incomplete_message() {
+        return Ok(());
+    }
+    Err(RejectReason::Protocol(innermost.to_string()))
+}
+
+/// The time that the caller has left, by `grpc-timeout`: up to eight digits and a unit.
+fn deadline(headers: &HeaderMap) -> Option<Duration> {
+    let text = headers.get("grpc-timeout")?.to_str().ok()?;
+    let (digits, unit) = text.split_at_checked(text.len().checked_sub(1)?)?;
+    if digits.len() > 8 || !digits.bytes().all(|digit| digit.is_ascii_digit()) {
+        return None;
+    }
+    let count = digits.parse().ok()?;
+    Some(match unit {
+        "H" => Duration::from_secs(count * 3600),
+        "M" => Duration::from_secs(count * 60),
+        "S" => Duration::from_secs(count),
+        "m" => Duration::from_millis(count),
+        "u" => Duration::from_micros(count),
+        "n" => Duration::from_nanos(count),
+        _ => return None,
+    })
+}
+
+/// What a connection does, watched by what serves it.
+pub(crate) struct ConnectionWatch {
+    pub(crate) limits: Arc<ServerLimits>,
+    peer: SocketAddr,
+    has_called: AtomicBool,
+    under_way: AtomicUsize,
+    owed: AtomicUsize,
+    seen: Mutex<Activity>,
+    too_many: Notify,
+}
+
+/// When something last came to pass, and how many calls were taken back in this second.
+struct Activity {
+    moved: Instant,
+    second: Instant,
+    resets: u32,
+}
+
+impl ConnectionWatch {
+    fn new(limits: Arc<ServerLimits>, peer: SocketAddr, now: Instant) -> Self {
+        Self {
+            limits,
+            peer,
+            has_called: AtomicBool::new(false),
+            under_way: AtomicUsize::new(0),
+            owed: AtomicUsize::new(0),
+            seen: Mutex::new(Activity { moved: now, second: now, resets: 0 }),
+            too_many: Notify::new(),
+        }
+    }
+
+    /// Says in the log that a call was refused.
+    pub(crate) fn refused(&self, status: Status) -> Status {
+        self.limits.tell(self.peer, &RejectReason::Call(status.message().to_owned()));
+        status
+    }
+
+    /// So many bytes of a reply lie ready.
+    pub(crate) fn owe(&self, bytes: usize) {
+        if self.owed.fetch_add(bytes, Ordering::Relaxed) == 0 {
+            self.moved();
+        }
+    }
+
+    /// So many were taken, or are no longer wanted.
+    pub(crate) fn paid(&self, bytes: usize) {
+        self.owed.fetch_sub(bytes, Ordering::Relaxed);
+        self.moved();
+    }
+
+    fn moved(&self) {
+        self.seen.lock().unwrap_or_else(PoisonError::into_inner).moved = Instant::now();
+    }
+
+    /// The client no longer wants a call that is not answered.
+    pub(crate) fn taken_back(&self) {
+        let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        if now.duration_since(seen.second) >= Duration::from_secs(1) {
+            (seen.second, seen.resets) = (now, 0);
+        }
+        seen.resets += 1;
+        if seen.resets > self.limits.bounds.resets {
+            self.too_many.notify_one();
+        }
+    }
+
+    /// Ready once the connection has to be ended.
+    async fn tires(&self) -> RejectReason {
+        loop {
+            let bounds = self.limits.bounds;
+            let (owes, calls) =
+                (self.owed.load(Ordering::Relaxed) > 0, self.under_way.load(Ordering::Relaxed) > 0);
+            let (patience, why) = match (self.has_called.load(Ordering::Relaxed), owes) {
+                (false, _) => (bounds.greeting, RejectReason::Mute),
+                (true, true) => (bounds.stall, RejectReason::Unread),
+                (true, false) => (bounds.idle, RejectReason::Idle),
+            };
+            let moved = self.seen.lock().unwrap_or_else(PoisonError::into_inner).moved;
+            let left = patience.saturating_sub(moved.elapsed());
+            if left.is_zero() && (owes || !calls) {
+                return why;
+            }
+            // What it waits for changes without a word, so it looks again soon enough for each.
+            let soon = bounds.greeting.min(bounds.stall).min(bounds.idle);
+            tokio::select! {
+                () = sleep(if left.is_zero() { soon } else { left.min(soon) }) => {}
+                () = self.too_many.notified() => return RejectReason::Resets,
+            }
+        }
+    }
+}
+
+/// A call that was let in and is not answered yet.
+struct UnderWay {
+    watch: Arc<ConnectionWatch>,
+    is_answered: bool,
+}
+
+impl UnderWay {
+    fn new(watch: Arc<ConnectionWatch>) -> Self {
+        watch.has_called.store(true, Ordering::Relaxed);
+        watch.under_way.fetch_add(1, Ordering::Relaxed);
+        watch.moved();
+        Self { watch, is_answered: false }
+    }
+
+    fn answered(mut self) {
+        self.is_answered = true;
+    }
+}
+
+impl Drop for UnderWay {
+    fn drop(&mut self) {
+        self.watch.under_way.fetch_sub(1, Ordering::Relaxed);
+        self.watch.moved();
+        if !self.is_answered {
+            self.watch.taken_back();
+        }
+    }
+}

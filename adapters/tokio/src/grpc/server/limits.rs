@@ -1,0 +1,153 @@
+//! What all connections of a server share: places, bytes, and the log of who was turned away.
+
+use std::collections::HashMap;
+use std::io;
+use std::mem::{Discriminant, discriminant};
+use std::net::{IpAddr, Ipv6Addr, SocketAddr};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use thiserror::Error;
+use tokio::time::Instant;
+use tracing::warn;
+
+use crate::grpc::server::bounds::Bounds;
+
+/// How often one reason is told.
+const EVERY: Duration = Duration::from_secs(1);
+
+/// What all connections share (D8 bounded).
+pub(crate) struct ServerLimits {
+    pub(crate) bounds: Bounds,
+    seats: Mutex<HashMap<IpAddr, usize>>,
+    taken: AtomicUsize,
+    held: AtomicUsize,
+    reported: Mutex<HashMap<Discriminant<RejectReason>, SuppressedLog>>,
+}
+
+/// When a reason was last told, and how many were not told since.
+struct SuppressedLog {
+    at: Instant,
+    untold: u64,
+}
+
+/// Why a client was turned away.
+#[derive(Debug, Error)]
+pub(crate) enum RejectReason {
+    #[error("the server has as many connections as it may")]
+    Full,
+    #[error("its address has as many connections as it may")]
+    Crowd,
+    #[error("TLS: {0}")]
+    Tls(io::Error),
+    #[error("it made no call in time")]
+    Mute,
+    #[error("it makes no calls any more")]
+    Idle,
+    #[error("it does not take its replies")]
+    Unread,
+    #[error("it takes back calls faster than it may")]
+    Resets,
+    #[error("HTTP/2: {0}")]
+    Protocol(String),
+    #[error("its call: {0}")]
+    Call(String),
+}
+
+impl ServerLimits {
+    pub(crate) fn new(bounds: Bounds) -> Self {
+        Self {
+            bounds,
+            seats: Mutex::default(),
+            taken: AtomicUsize::new(0),
+            held: AtomicUsize::new(0),
+            reported: Mutex::default(),
+        }
+    }
+
+    /// A place for one more connection from this address.
+    pub(crate) fn permit(
+        self: &Arc<Self>,
+        address: IpAddr,
+    ) -> Result<ConnectionPermit, RejectReason> {
+        let from = network(address);
+        let mut seats = lock(&self.seats);
+        if self.taken.load(Ordering::Relaxed) >= self.bounds.connections {
+            return Err(RejectReason::Full);
+        }
+        let count = seats.entry(from).or_default();
+        if *count >= self.bounds.connections_each {
+            return Err(RejectReason::Crowd);
+        }
+        *count += 1;
+        self.taken.fetch_add(1, Ordering::Relaxed);
+        Ok(ConnectionPermit { limits: Arc::clone(self), from })
+    }
+
+    /// Room for so many more bytes, if there is; whoever took them gives them back.
+    pub(crate) fn take(&self, bytes: usize) -> bool {
+        let taken = self.held.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
+        let has_room = taken <= self.bounds.held_bytes;
+        if !has_room {
+            self.give_back(bytes);
+        }
+        has_room
+    }
+
+    pub(crate) fn give_back(&self, bytes: usize) {
+        self.held.fetch_sub(bytes, Ordering::Relaxed);
+    }
+
+    /// Says in the log who was turned away and why, of each reason one a second.
+    pub(crate) fn tell(&self, peer: SocketAddr, why: &RejectReason) {
+        let (mut reported, now) = (lock(&self.reported), Instant::now());
+        let others = match reported.get_mut(&discriminant(why)) {
+            Some(last) if now.duration_since(last.at) < EVERY => {
+                last.untold += 1;
+                return;
+            }
+            Some(last) => std::mem::replace(last, SuppressedLog { at: now, untold: 0 }).untold,
+            None => {
+                reported.insert(discriminant(why), SuppressedLog { at: now, untold: 0 });
+                0
+            }
+        };
+        drop(reported);
+        warn!(%peer, why = %why, others, "a client was turned away");
+    }
+}
+
+/// A connection's place, given back when it is dropped.
+pub(crate) struct ConnectionPermit {
+    limits: Arc<ServerLimits>,
+    from: IpAddr,
+}
+
+impl Drop for ConnectionPermit {
+    fn drop(&mut self) {
+        let mut seats = lock(&self.limits.seats);
+        self.limits.taken.fetch_sub(1, Ordering::Relaxed);
+        if let Some(count) = seats.get_mut(&self.from) {
+            *count -= 1;
+            if *count == 0 {
+                seats.remove(&self.from);
+            }
+        }
+    }
+}
+
+/// The address, or the /64 of IPv6, which is one host's to choose from.
+fn network(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(v6) => {
+            let [a, b, c, d, ..] = v6.segments();
+            IpAddr::V6(Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0))
+        }
+        v4 @ IpAddr::V4(_) => v4,
+    }
+}
+
+fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,390 @@
+//! The reckoning: what became of each message and of each request, read from a trace.
+//!
+//! The tables of `fuseline run` and the page of `fuseline report` tell this and no other, in the
+//! words of [`COLUMNS`].
+
+mod story;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use fuseline_traces::{Decision, DropReason, Event, Input};
+
+use crate::quantile::{Arrival, Quantile, Response, quantiles};
+use crate::statistics::story::{Call, End, MessageHistory, RequestEnd, RequestOutcome};
+
+/// What is counted about a source's requests, each with its meaning. Local has a request for each
+/// message that was taken on. The first is the sum of the next six.
+pub const COLUMNS: [(&str, &str); 8] = [
+    ("requests", "offers admitted (F2); local's are the messages taken on (F1)"),
+    ("forwarded", "its result went downstream (F7)"),
+    ("discarded", "its result came in time and was held; another source's was forwarded (F7)"),
+    ("late", "its timer fired before a result came (F5)"),
+    ("failed", "its failure was accepted (F4)"),
+    (
+        "superseded",
+        "it was pending when another source's result was forwarded: a cloud's call is cancelled \
+         then, local's goes on (F7)",
+    ),
+    ("open", "pending, or its result held, as the trace ends"),
+    ("refused", "offers refused; they are no requests (F2)"),
+];
+
+/// What a trace tells, taken line by line.
+///
+/// Each request has one fate, so that a row adds up whatever the trace holds. Where an observed
+/// trace lacks a decision's line, the request's own lines tell its fate: a result before its due
+/// instant and its message's end was in time.
+pub struct TraceStatistics {
+    /// Local's priority, the clouds', then those of strangers that a trace asks or forwards against
+    /// the rules.
+    priorities: Vec<u64>,
+    /// How many of them are local and the clouds.
+    known: usize,
+    /// Whether lines of decisions may be missing.
+    is_observed: bool,
+    /// Offers refused, by source.
+    refused: Vec<u64>,
+    /// Opens refused.
+    turned_away: u64,
+    stories: BTreeMap<u64, MessageHistory>,
+    timer_lag: Option<Duration>,
+}
+
+/// What a trace comes to.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Totals {
+    /// Messages that came: forwarded, missed, refused or open.
+    pub messages: u64,
+    /// A result went downstream (F7).
+    pub forwarded: u64,
+    /// Nothing came in time: retired without a result (F6).
+    pub missed: u64,
+    /// Opens refused (F1).
+    pub refused: u64,
+    /// Open as the trace ends.
+    pub open: u64,
+    /// Response times over all messages that ended: 50, 90 and 99 % of them do not exceed these.
+    pub response: [Option<Quantile>; 3],
+    /// Local first, then the clouds in the order given.
+    pub rows: Vec<Row>,
+}
+
+/// What one source's requests came to.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Row {
+    /// Its priority; local's is 0.
+    pub p: u64,
+    /// As [`COLUMNS`] says.
+    pub counts: [u64; 8],
+    /// Response times of the messages that its results answered.
+    pub response: [Option<Quantile>; 3],
+}
+
+/// One message: when each source's result was there, and what was forwarded.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Message {
+    /// By source; local is 0.
+    pub arrivals: Vec<Arrival>,
+    /// None: missed, or refused for a full window.
+    pub forwarded: Option<Forwarded>,
+}
+
+/// What was put out for a message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Forwarded {
+    /// Whose result, by its place in [`Message::arrivals`].
+    pub source: usize,
+    /// When it left, since the message came.
+    pub response: Duration,
+}
+
+/// What became of a timestamp.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Ending {
+    /// A result went downstream.
+    Forwarded {
+        /// Whose, by its priority.
+        p: u64,
+    },
+    /// It was retired without a result.
+    Missed,
+    /// It is open as the trace ends.
+    Open,
+    /// Its open was refused, or there is none.
+    Unopened,
+}
+
+impl Message {
+    /// Whether some cloud had neither a result for it nor a failure before the deadline, though it
+    /// was asked; none if that is not known.
+    #[must_use]
+    pub fn is_in_outage(&self, deadline: Duration) -> Option<bool> {
+        let clouds = || self.arrivals.iter().skip(1);
+        let is_lost = clouds().any(|arrival| match *arrival {
+            Arrival::At(at) | Arrival::After(at) | Arrival::Failed(at) => at >= deadline,
+            Arrival::Never => true,
+        });
+        let is_known = is_lost || !clouds().any(|arrival| matches!(arrival, Arrival::After(_)));
+        is_known.then_some(is_lost)
+    }
+}
+
+impl Row {
+    /// Offers admitted; local's are the messages taken on.
+    #[must_use]
+    pub const fn requests(&self) -> u64 {
+        self.counts[0]
+    }
+
+    /// Offers refused.
+    #[must_use]
+    pub const fn refused(&self) -> u64 {
+        self.counts[7]
+    }
+
+    /// Requests whose results came in time.
+    #[must_use]
+    pub const fn answered(&self) -> u64 {
+        self.forwarded() + self.counts[RequestOutcome::Discarded as usize]
+    }
+
+    /// Results that went downstream.
+    #[must_use]
+    pub const fn forwarded(&self) -> u64 {
+        self.counts[RequestOutcome::Forwarded as usize]
+    }
+}
+
+impl TraceStatistics {
+    /// Nothing yet, for clouds of these priorities.
+    pub fn new(clouds: impl IntoIterator<Item = u16>, is_observed: bool) -> Self {
+        let priorities: Vec<u64> =
+            [0].into_iter().chain(clouds.into_iter().map(u64::from)).collect();
+        let known = priorities.len();
+        Self {
+            refused: vec![0; known],
+            priorities,
+            known,
+            is_observed,
+            turned_away: 0,
+            stories: BTreeMap::new(),
+            timer_lag: None,
+        }
+    }
+
+    /// Takes the next line of the trace.
+    pub fn event(&mut self, event: &Event) {
+        match event {
+            Event::Input(input) => self.input(input),
+            Event::Decision(decision) => self.decision(decision),
+        }
+    }
+
+    fn input(&mut self, input: &Input) {
+        match *input {
+            Input::Open { at, t, deadline } => {
+                let story = self.stories.entry(t).or_default();
+                // No refusal came between.
+                story.accept();
+                story.offered = Some(at);
+                if story.opened.is_none() {
+                    story.call(0).due = deadline.map(|deadline| at.saturating_add(deadline));
+                }
+            }
+            Input::Offer { .. } | Input::Tick { .. } => {}
+            Input::Result { at, t, p } => self.with(t, p, |call| {
+                call.settle();
+                call.arrived.get_or_insert(at);
+                call.answered.get_or_insert(at);
+            }),
+            Input::Fail { at, t, p } => self.with(t, p, |call| {
+                call.settle();
+                call.failing = Some(at);
+            }),
+        }
+    }
+
+    fn decision(&mut self, decision: &Decision) {
+        match *decision {
+            Decision::Timer { at, t, p } => {
+                let mut due = None;
+                self.with(t, p, |call| {
+                    due = call.due;
+                    call.request_end(RequestEnd::Late, at);
+                });
+                let lag = due.map(|due| Duration::from_nanos(at.saturating_sub(due)));
+                self.timer_lag = self.timer_lag.max(lag);
+            }
+            Decision::RefuseOpen { t, .. } => {
+                self.turned_away += 1;
+                if let Some(story) = self.stories.get_mut(&t) {
+                    story.offered = None;
+                }
+            }
+            Decision::RefuseOffer { p, .. } => {
+                if let Some(source) = self.source(p) {
+                    self.refused[source] += 1;
+                }
+            }
+            Decision::Request { t, p, due, .. } => self.with_any(t, p, |call| {
+                call.is_requested = true;
+                call.due = Some(due);
+            }),
+            Decision::Hold { at, t, p } => {
+                self.with(t, p, |call| call.request_end(RequestEnd::InTime, at))
+            }
+            Decision::Drop { at, t, p, why } => self.with(t, p, |call| {
+                let was_result = call.failing.take().is_none();
+                call.answered = None;
+                if was_result && why == DropReason::Late {
+                    call.request_end(RequestEnd::Late, at);
+                }
+            }),
+            Decision::Emit { at, t, p } => {
+                self.with_any(t, p, |call| {
+                    call.is_requested = true;
+                    call.request_end(RequestEnd::InTime, at);
+                });
+                let source = self.source(p);
+                self.stories.entry(t).or_default().end.get_or_insert(End { at, source });
+            }
+            Decision::Miss { at, t } => {
+                let story = self.stories.entry(t).or_default();
+                story.end.get_or_insert(End { at, source: None });
+            }
+            Decision::Cancel { at, t, p } => {
+                self.with(t, p, |call| call.request_end(RequestEnd::Superseded, at));
+            }
+        }
+    }
+
+    /// How long after its due instant a timer was served at most; none if none fired.
+    #[must_use]
+    pub const fn timer_lag(&self) -> Option<Duration> {
+        self.timer_lag
+    }
+
+    /// What became of a timestamp.
+    #[must_use]
+    pub fn outcome(&self, t: u64) -> Ending {
+        match self.stories.get(&t) {
+            Some(MessageHistory { end: Some(End { source: Some(source), .. }), .. }) => {
+                Ending::Forwarded { p: self.priorities[*source] }
+            }
+            Some(MessageHistory { end: Some(_), .. }) => Ending::Missed,
+            Some(story) if story.is_message() => Ending::Open,
+            Some(_) | None => Ending::Unopened,
+        }
+    }
+
+    /// What became of the request for a timestamp, as its place in [`COLUMNS`]; none if there is
+    /// none.
+    #[must_use]
+    pub fn request_outcome(&self, t: u64, p: u64) -> Option<usize> {
+        let story = self.stories.get(&t).filter(|story| story.is_message())?;
+        Some(story.request_outcome(self.source(p)?, self.is_observed)? as usize)
+    }
+
+    /// What it all comes to.
+    #[must_use]
+    pub fn totals(&self) -> Totals {
+        let row = |(source, p): (usize, &u64)| {
+            let refused = self.refused.get(source).copied().unwrap_or_default();
+            (Row { p: *p, counts: [0, 0, 0, 0, 0, 0, 0, refused], response: [None; 3] }, Vec::new())
+        };
+        let mut rows: Vec<(Row, Vec<Response>)> =
+            self.priorities.iter().enumerate().map(row).collect();
+        let (mut forwarded, mut missed, mut open) = (0, 0, 0);
+        let never = Response::exactly(None);
+        let mut responses = vec![never; usize::try_from(self.turned_away).unwrap_or(0)];
+        for story in self.stories.values().filter(|story| story.is_message()) {
+            match story.end {
+                Some(end @ End { source: Some(source), .. }) => {
+                    forwarded += 1;
+                    if let Some(response) = story.response(end) {
+                        let response = Response::exactly(Some(response));
+                        responses.push(response);
+                        rows[source].1.push(response);
+                    }
+                }
+                Some(End { source: None, .. }) => {
+                    missed += 1;
+                    responses.push(never);
+                }
+                None => open += 1,
+            }
+            for (source, (row, _)) in rows.iter_mut().enumerate() {
+                if let Some(request_outcome) = story.request_outcome(source, self.is_observed) {
+                    row.counts[0] += 1;
+                    row.counts[request_outcome as usize] += 1;
+                }
+            }
+        }
+        let rows =
+            rows.into_iter().map(|(row, responses)| Row { response: quantiles(&responses), ..row });
+        Totals {
+            messages: forwarded + missed + open + self.turned_away,
+            forwarded,
+            missed,
+            refused: self.turned_away,
+            open,
+            response: quantiles(&responses),
+            rows: rows.collect(),
+        }
+    }
+
+    /// The messages that ended, for the policies: each with what each known source gave.
+    ///
+    /// What was refused nobody got. Where a call was ended before its result, `planned(source,
+    /// opened, t)` tells when that would have come since the message's instant, if it can.
+    pub fn messages(&self, planned: impl Fn(usize, u64, u64) -> Option<Arrival>) -> Vec<Message> {
+        let ended = |(t, story): (&u64, &MessageHistory)| {
+            if story.begin().is_some() && story.end.is_none() {
+                return None;
+            }
+            let arrivals = (0..self.known).map(|source| {
+                let opened = story.begin().filter(|_| story.is_requested(source));
+                // What was refused is as good as failed at once: nobody waits for it.
+                let Some(opened) = opened else { return Arrival::Failed(Duration::ZERO) };
+                let call = story.calls.get(source).copied().unwrap_or_default();
+                let bound = call.sealed.map(|(_, at)| at).or(story.end.map(|end| end.at));
+                let since = |at: u64| Duration::from_nanos(at.saturating_sub(opened));
+                match (call.arrived, story.request_outcome(source, self.is_observed)) {
+                    (Some(arrived), _) => Arrival::At(since(arrived)),
+                    (None, Some(RequestOutcome::Failed)) => {
+                        Arrival::Failed(since(call.failing.or(bound).unwrap_or(opened)))
+                    }
+                    (None, _) => planned(source, opened, *t)
+                        .unwrap_or(Arrival::After(since(bound.unwrap_or(opened)))),
+                }
+            });
+            let forwarded = story.end.and_then(|end| {
+                Some(Forwarded { source: end.source?, response: story.response(end)? })
+            });
+            Some(Message { arrivals: arrivals.collect(), forwarded })
+        };
+        self.stories.iter().filter_map(ended).collect()
+    }
+
+    /// The source's call for a timestamp, if the source is known.
+    fn with(&mut self, t: u64, p: u64, act: impl FnOnce(&mut Call)) {
+        if let Some(source) = self.source(p) {
+            act(self.stories.entry(t).or_default().call(source));
+        }
+    }
+
+    /// The same, for a stranger too.
+    fn with_any(&mut self, t: u64, p: u64, act: impl FnOnce(&mut Call)) {
+        if self.source(p).is_none() {
+            self.priorities.push(p);
+        }
+        self.with(t, p, act);
+    }
+
+    fn source(&self, p: u64) -> Option<usize> {
+        self.priorities.iter().position(|known| *known == p)
+    }
+}

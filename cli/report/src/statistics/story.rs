@@ -1,0 +1,135 @@
+//! What happened to one timestamp: its message's end and each source's request.
+
+use std::time::Duration;
+
+#[derive(Default)]
+pub(super) struct MessageHistory {
+    /// The last open that no refusal has followed.
+    pub(super) offered: Option<u64>,
+    pub(super) opened: Option<u64>,
+    pub(super) end: Option<End>,
+    /// By source, as far as they were mentioned.
+    pub(super) calls: Vec<Call>,
+}
+
+#[derive(Clone, Copy)]
+pub(super) struct End {
+    pub(super) at: u64,
+    /// Whose result went; none if the message was missed.
+    pub(super) source: Option<usize>,
+}
+
+/// One request, or a source that was not asked.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Call {
+    pub(super) is_requested: bool,
+    pub(super) due: Option<u64>,
+    pub(super) sealed: Option<(RequestEnd, u64)>,
+    /// When its first result came, whatever became of it.
+    pub(super) arrived: Option<u64>,
+    /// A result that no decision has followed.
+    pub(super) answered: Option<u64>,
+    /// A failure that was not dropped, so far.
+    pub(super) failing: Option<u64>,
+}
+
+/// How a request ceased to be pending.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum RequestEnd {
+    InTime,
+    Late,
+    Failed,
+    Superseded,
+}
+
+/// The place in [`COLUMNS`](super::COLUMNS).
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum RequestOutcome {
+    Forwarded = 1,
+    Discarded = 2,
+    Late = 3,
+    Failed = 4,
+    Superseded = 5,
+    Open = 6,
+}
+
+impl MessageHistory {
+    pub(super) fn call(&mut self, source: usize) -> &mut Call {
+        if self.calls.len() <= source {
+            self.calls.resize(source + 1, Call::default());
+        }
+        &mut self.calls[source]
+    }
+
+    /// The open that no refusal followed was accepted.
+    pub(super) fn accept(&mut self) {
+        self.opened = self.opened.or(self.offered.take());
+    }
+
+    /// When its message came, if it was taken on.
+    pub(super) fn begin(&self) -> Option<u64> {
+        self.opened.or(self.offered)
+    }
+
+    pub(super) fn is_message(&self) -> bool {
+        let is_requested = || self.calls.iter().any(|call| call.is_requested);
+        self.begin().is_some() || self.end.is_some() || is_requested()
+    }
+
+    pub(super) fn response(&self, end: End) -> Option<Duration> {
+        Some(Duration::from_nanos(end.at.saturating_sub(self.begin()?)))
+    }
+
+    pub(super) fn is_requested(&self, source: usize) -> bool {
+        source == 0 || self.calls.get(source).is_some_and(|call| call.is_requested)
+    }
+
+    /// What became of the source's request, if it was asked.
+    pub(super) fn request_outcome(
+        &self,
+        source: usize,
+        is_observed: bool,
+    ) -> Option<RequestOutcome> {
+        if !self.is_requested(source) {
+            return None;
+        }
+        let call = self.calls.get(source).copied().unwrap_or_default();
+        Some(match (call.outcome(self.end.filter(|_| is_observed)), self.end) {
+            (Some(RequestEnd::InTime), Some(end)) if end.source == Some(source) => {
+                RequestOutcome::Forwarded
+            }
+            (Some(RequestEnd::InTime), Some(_)) => RequestOutcome::Discarded,
+            (Some(RequestEnd::Late), _) => RequestOutcome::Late,
+            (Some(RequestEnd::Failed), _) => RequestOutcome::Failed,
+            (Some(RequestEnd::Superseded), _) | (None, Some(_)) => RequestOutcome::Superseded,
+            (Some(RequestEnd::InTime) | None, None) => RequestOutcome::Open,
+        })
+    }
+}
+
+impl Call {
+    /// What is sealed stays so: a held result's timer changes nothing.
+    pub(super) fn request_end(&mut self, request_end: RequestEnd, at: u64) {
+        self.sealed.get_or_insert((request_end, at));
+    }
+
+    /// A failure that was not dropped was accepted (F4).
+    pub(super) fn settle(&mut self) {
+        if let Some(at) = self.failing.take() {
+            self.request_end(RequestEnd::Failed, at);
+        }
+    }
+
+    /// How it ceased to be pending, if it did; by its own lines alone if `end`, its message's, is
+    /// given and no decision tells.
+    pub(super) fn outcome(mut self, end: Option<End>) -> Option<RequestEnd> {
+        self.settle();
+        let is_late = |at: u64| self.due.is_some_and(|due| due <= at);
+        match (self.sealed, self.answered, end) {
+            (Some((request_end, _)), ..) => Some(request_end),
+            (None, Some(at), Some(end)) if at <= end.at && !is_late(at) => Some(RequestEnd::InTime),
+            (None, _, Some(end)) if is_late(end.at) => Some(RequestEnd::Late),
+            (None, ..) => None,
+        }
+    }
+}

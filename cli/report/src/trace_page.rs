@@ -1,0 +1,121 @@
+//! The page: the traces that it shows, each judged as it is read.
+
+use std::io::{self, Write};
+
+use fuseline_traces::observed::TimeOrderError;
+use fuseline_traces::{Event, Header};
+use thiserror::Error;
+
+use crate::columns::{Columns, PageTrace};
+use crate::judging::{Findings, JudgeMode, TraceJudge};
+use crate::page::{self, Data};
+
+/// How many events a page holds; a browser takes no text much longer than theirs.
+pub const MOST_EVENTS: usize = 10_000_000;
+
+/// A page about traces.
+pub struct Page {
+    page_trace: Vec<PageTrace>,
+    /// How many events more it can hold.
+    room: usize,
+}
+
+/// One trace while it is read. If it is dropped, the page does not show it.
+pub struct TracePage<'a> {
+    page: &'a mut Page,
+    mode: JudgeMode,
+    name: String,
+    header: Header,
+    judging: TraceJudge,
+    columns: Columns,
+    room: usize,
+}
+
+/// Why a trace cannot be shown.
+#[derive(Debug, Error)]
+pub enum PageError {
+    /// The page is full.
+    #[error("{file}: a page holds 10,000,000 events, and there are more; cut the trace")]
+    TooLong {
+        /// The trace.
+        file: String,
+    },
+    /// It cannot be judged as observed.
+    #[error(transparent)]
+    TimeOrderError(#[from] TimeOrderError),
+}
+
+impl Default for Page {
+    fn default() -> Self {
+        Self { page_trace: Vec::new(), room: MOST_EVENTS }
+    }
+}
+
+impl Page {
+    /// Begins a trace, which is called `name`.
+    pub fn begin(&mut self, mode: JudgeMode, name: &str, header: &Header) -> TracePage<'_> {
+        TracePage {
+            room: self.room,
+            page: self,
+            mode,
+            name: name.to_owned(),
+            header: header.clone(),
+            judging: TraceJudge::new(mode, name, header),
+            columns: Columns::new(header, mode.is_some()),
+        }
+    }
+
+    /// Writes it: HTML in UTF-8, whole.
+    ///
+    /// # Errors
+    /// If `out` cannot be written to.
+    pub fn write(&self, out: &mut impl Write) -> io::Result<()> {
+        page::write(out, &Data::new(&self.page_trace))
+    }
+}
+
+impl TracePage<'_> {
+    /// The same, judged for an operator with this period; see [`TraceJudge::with_period`].
+    #[must_use]
+    pub fn with_period(mut self, period: u64) -> Self {
+        self.judging = self.judging.with_period(period);
+        self
+    }
+
+    /// Takes the next event, with its line.
+    ///
+    /// # Errors
+    /// If the page is full, or an observed trace is further out of order than its tolerance.
+    pub fn event(&mut self, line: u64, event: Event) -> Result<(), PageError> {
+        let too_long = || PageError::TooLong { file: self.name.clone() };
+        self.room = self.room.checked_sub(1).ok_or_else(too_long)?;
+        self.judging.line(line, &event)?;
+        self.columns.push(event);
+        Ok(())
+    }
+
+    /// Judges it as a whole and puts it on the page; see [`TraceJudge::finish`].
+    #[must_use = "whether it conforms"]
+    pub fn finish(self) -> Findings {
+        self.end(|judging| (judging.finish(), false)).0
+    }
+
+    /// The same for the trace of a run that is known to have ended; see [`TraceJudge::finish_ended`].
+    #[must_use = "whether it conforms"]
+    pub fn finish_ended(self) -> Findings {
+        self.end(|judging| (judging.finish_ended(), false)).0
+    }
+
+    /// The same for a trace that may go on, or was cut short; see [`TraceJudge::finish_early`].
+    #[must_use = "whether it conforms"]
+    pub fn finish_early(self) -> (Findings, bool) {
+        self.end(TraceJudge::finish_early)
+    }
+
+    fn end(self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
+        let (found, is_cut) = finish(self.judging);
+        self.page.page_trace.push(self.columns.page_trace(&self.header, self.mode, &found));
+        self.page.room = self.room;
+        (found, is_cut)
+    }
+}

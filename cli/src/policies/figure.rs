@@ -1,0 +1,58 @@
+//! Figures that are exact or between bounds.
+
+use serde::{Serialize, Serializer};
+
+/// A figure, as far as it is known: exact if both are the same.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Figure<T> {
+    pub(crate) at_least: T,
+    pub(crate) at_most: T,
+}
+
+impl<T: Copy + PartialOrd> Figure<T> {
+    pub(crate) const fn exactly(value: T) -> Self {
+        Self { at_least: value, at_most: value }
+    }
+
+    /// Any of these, of which there is at least one.
+    pub(crate) fn spanning(values: impl IntoIterator<Item = T>) -> Self {
+        let wider = |one: Self, other: Self| Self {
+            at_least: if other.at_least < one.at_least { other.at_least } else { one.at_least },
+            at_most: if other.at_most > one.at_most { other.at_most } else { one.at_most },
+        };
+        let figures = values.into_iter().map(Self::exactly);
+        figures.reduce(wider).expect("a message has an outcome")
+    }
+
+    /// The value, if it is known.
+    pub(crate) fn exact(self) -> Option<T> {
+        (self.at_least == self.at_most).then_some(self.at_least)
+    }
+
+    /// The bounds mapped, by what keeps their order.
+    pub(crate) fn map<U>(self, map: impl Fn(T) -> U) -> Figure<U> {
+        Figure { at_least: map(self.at_least), at_most: map(self.at_most) }
+    }
+}
+
+impl<T: std::ops::Add<Output = T>> Figure<T> {
+    pub(crate) fn add(self, other: Self) -> Self {
+        Self { at_least: self.at_least + other.at_least, at_most: self.at_most + other.at_most }
+    }
+}
+
+impl<T: Copy + PartialOrd + Serialize> Serialize for Figure<T> {
+    /// The number; `{"at_least":…,"at_most":…}` where it is not known.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Bounds<T> {
+            at_least: T,
+            at_most: T,
+        }
+        if let Some(value) = self.exact() {
+            return value.serialize(serializer);
+        }
+        let Self { at_least, at_most } = *self;
+        Bounds { at_least, at_most }.serialize(serializer)
+    }
+}

@@ -1,0 +1,122 @@
+//! Calls aside: requests whose answers are no outputs, and of which the machine knows nothing.
+
+/// A plan that the cloud made for something unlikely.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Plan {
+    pub(crate) hypothesis: Hypothesis,
+    /// How long it holds after it came, in ns.
+    pub(crate) validity: u64,
+}
+
+/// What might happen.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Hypothesis {
+    PersonEnters,
+    CarPullsOut,
+}
+
+/// What a call will bring, and after how long, in ns.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct PlanReply {
+    pub(crate) takes: u64,
+    pub(crate) plan: Plan,
+}
+
+/// Calls aside: gated by how many are under way, each bounded by a deadline. An answer in time goes into the cache and no
+/// further; one at its due instant is late.
+#[derive(Debug)]
+pub(crate) struct ContingencyCalls {
+    /// No call is made while so many are under way.
+    limit: usize,
+    under_way: Vec<Call>,
+    cache: PlanCache,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Call {
+    due: u64,
+    /// When it comes; none: never.
+    answer: Option<(u64, Plan)>,
+}
+
+/// Plans by what they are for, and until when they hold.
+#[derive(Default, Debug)]
+struct PlanCache {
+    plans: Vec<(Plan, u64)>,
+}
+
+impl ContingencyCalls {
+    pub(crate) fn new(limit: usize) -> Self {
+        Self { limit, under_way: Vec::new(), cache: PlanCache::default() }
+    }
+
+    /// Makes a call, unless the gate is shut; whether it was made.
+    pub(crate) fn call(&mut self, now: u64, deadline: u64, answer: Option<PlanReply>) -> bool {
+        self.pass(now);
+        let is_open = self.under_way.len() < self.limit;
+        if is_open {
+            let answer = answer.map(|PlanReply { takes, plan }| (now.saturating_add(takes), plan));
+            self.under_way.push(Call { due: now.saturating_add(deadline), answer });
+        }
+        is_open
+    }
+
+    /// Whether a plan for this is at hand.
+    pub(crate) fn holds(&mut self, now: u64, hypothesis: Hypothesis) -> bool {
+        self.pass(now);
+        let mut plans = self.cache.plans.iter();
+        plans.any(|(plan, until)| plan.hypothesis == hypothesis && now < *until)
+    }
+
+    /// Lets time pass: answers in time are cached, and whatever ended no longer holds the gate.
+    fn pass(&mut self, now: u64) {
+        let Self { under_way, cache, .. } = self;
+        under_way.retain(|call| match call.answer {
+            Some((at, plan)) if at < call.due => {
+                if at <= now {
+                    cache.plans.push((plan, at.saturating_add(plan.validity)));
+                }
+                at > now
+            }
+            Some(_) | None => call.due > now,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLAN: Plan = Plan { hypothesis: Hypothesis::PersonEnters, validity: 100 };
+
+    fn requested(takes: u64) -> ContingencyCalls {
+        let mut contingencies = ContingencyCalls::new(1);
+        assert!(contingencies.call(0, 50, Some(PlanReply { takes, plan: PLAN })));
+        contingencies
+    }
+
+    #[test]
+    fn an_answer_at_its_due_instant_is_late() {
+        assert!(requested(49).holds(60, Hypothesis::PersonEnters));
+        assert!(!requested(50).holds(60, Hypothesis::PersonEnters));
+    }
+
+    #[test]
+    fn a_plan_is_used_on_a_match_while_it_holds() {
+        let mut contingencies = requested(40);
+        assert!(!contingencies.holds(39, Hypothesis::PersonEnters));
+        assert!(contingencies.holds(40, Hypothesis::PersonEnters));
+        assert!(!contingencies.holds(40, Hypothesis::CarPullsOut));
+        assert!(contingencies.holds(139, Hypothesis::PersonEnters));
+        assert!(!contingencies.holds(140, Hypothesis::PersonEnters));
+    }
+
+    #[test]
+    fn the_gate_is_shut_while_a_call_is_under_way() {
+        let mut contingencies = requested(40);
+        assert!(!contingencies.call(39, 50, None));
+        assert!(contingencies.call(40, 50, None));
+        assert!(!contingencies.call(89, 50, None));
+        assert!(contingencies.call(90, 50, None));
+    }
+}

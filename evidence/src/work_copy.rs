@@ -1,0 +1,138 @@
+//! A copy of the project in which faults are seeded and witnesses run.
+
+use std::fs::{self, File};
+use std::iter;
+use std::os::unix::process::CommandExt as _;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process_group};
+
+use crate::error::Error;
+use crate::fault::SeededFault;
+use crate::kind::{Kind, Run};
+use crate::printed::Outcomes;
+use crate::tree::Tree;
+
+/// How often a running command is looked at.
+const GLANCE: Duration = Duration::from_millis(20);
+
+/// A faulty machine may take memory without end; 4 GiB are more than any sound witness takes.
+pub(crate) const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
+
+/// One copy with its own folder of built things.
+pub(crate) struct WorkCopy<'a> {
+    pub(crate) copy: Tree,
+    pub(crate) target: PathBuf,
+    /// The project's own command, built without a fault, where a kind needs it.
+    pub(crate) command: PathBuf,
+    pub(crate) limit: Duration,
+    pub(crate) stop: &'a AtomicBool,
+}
+
+impl WorkCopy<'_> {
+    /// Runs the witnesses of a kind, under a fault or under none.
+    ///
+    /// # Errors
+    /// The fault cannot be seeded, the code does not build, or no witness ran.
+    pub(crate) fn run(&self, kind: &Kind, fault: Option<&SeededFault>) -> Result<Outcomes, Error> {
+        let Some(fault) = fault else { return self.witnesses(kind, "none") };
+        let path = self.copy.path(&fault.file);
+        let sound = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        fs::write(&path, fault.seed(&sound)?).map_err(Error::file(&path))?;
+        let outcomes = self.witnesses(kind, &fault.name);
+        fs::write(&path, sound).map_err(Error::file(&path))?;
+        outcomes
+    }
+
+    fn witnesses(&self, kind: &Kind, run: &str) -> Result<Outcomes, Error> {
+        let log = self.target.join("logs").join(format!("{}.{run}.txt", kind.name));
+        let wrong = |why: &str| Error::Run {
+            kind: kind.name,
+            run: run.to_owned(),
+            why: why.to_owned(),
+            log: log.clone(),
+        };
+        self.cargo(kind, &log)?;
+        let printed = fs::read(&log).map_err(Error::file(&log))?;
+        let printed = String::from_utf8_lossy(&printed);
+        if printed.contains("error: could not compile") {
+            return Err(wrong("it does not build"));
+        }
+        let outcomes = (kind.read)(&printed);
+        if outcomes.is_empty() { Err(wrong("no witness ran")) } else { Ok(outcomes) }
+    }
+
+    /// What has cargo run what it built by the project's own command.
+    fn runner(&self, by: &[&str]) -> String {
+        let command = self.command.to_string_lossy();
+        let words: Vec<&str> = iter::once(&*command).chain(by.iter().copied()).collect();
+        format!("target.'cfg(all())'.runner = {words:?}")
+    }
+
+    /// Runs cargo until it ends or its time is up; what ended it shows in what it printed.
+    fn cargo(&self, kind: &Kind, log: &PathBuf) -> Result<(), Error> {
+        let folder = log.parent().unwrap_or(log);
+        fs::create_dir_all(folder).map_err(Error::file(folder))?;
+        let out = File::create(log).map_err(Error::file(log))?;
+        let err = out.try_clone().map_err(Error::file(log))?;
+        let mut command = Command::new("sh");
+        command.args(["-c", BOUNDED, "sh"]);
+        command.arg(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        let variables = match kind.run {
+            Run::Cargo { arguments, variables } => {
+                command.args(arguments);
+                variables
+            }
+            Run::DrivePrinted { arguments, by } => {
+                command.args(arguments).arg("--config").arg(self.runner(by));
+                &[]
+            }
+            Run::Prove { .. } | Run::Solve => return Ok(()),
+        };
+        command.current_dir(self.copy.root());
+        // Other flags of the compiler build everything anew.
+        let is_apart = variables.iter().any(|(name, _)| *name == "RUSTFLAGS");
+        let target = self.target.join(if is_apart { kind.name } else { "plain" });
+        let fixed = [
+            ("CARGO_TARGET_DIR", target.as_os_str()),
+            ("CARGO_NET_OFFLINE", "true".as_ref()),
+            ("CARGO_TERM_COLOR", "never".as_ref()),
+            ("CARGO_PROFILE_DEV_OPT_LEVEL", "1".as_ref()),
+            ("CARGO_PROFILE_DEV_DEBUG", "0".as_ref()),
+            // Which run shows it matters little here, how short it is less.
+            ("PROPTEST_MAX_SHRINK_ITERS", "300".as_ref()),
+            ("RUST_BACKTRACE", "0".as_ref()),
+            // In order, so that one that hangs is the last one named.
+            ("RUST_TEST_THREADS", "1".as_ref()),
+        ];
+        let mut child = command
+            .envs(fixed)
+            .envs(variables.iter().copied())
+            .env_remove("PROPTEST_CASES")
+            .stdin(Stdio::null())
+            .stdout(Stdio::from(out))
+            .stderr(Stdio::from(err))
+            .process_group(0)
+            .spawn()
+            .map_err(Error::file(self.copy.root()))?;
+        let group = Pid::from_child(&child);
+        let start = Instant::now();
+        loop {
+            if child.try_wait().map_err(Error::file(self.copy.root()))?.is_some() {
+                return Ok(());
+            }
+            let stopped = self.stop.load(Ordering::Acquire);
+            if stopped || start.elapsed() > self.limit {
+                // It may have ended just now.
+                let _ = kill_process_group(group, Signal::KILL);
+                child.wait().map_err(Error::file(self.copy.root()))?;
+                return if stopped { Err(Error::Interrupted) } else { Ok(()) };
+            }
+            thread::sleep(GLANCE);
+        }
+    }
+}

@@ -1,0 +1,430 @@
+//! What runs and files reached: a check that reaches little says little.
+
+use std::collections::HashMap;
+
+use fuseline_traces::{
+    Commit, Decision, Defect, DropReason, Event, Input, Line, OfferRefusal, OpenRefusal, ReadError,
+    Rule,
+};
+
+use crate::context::{HoldingReasons, RuleDecision, RunContext};
+use crate::edge::Edge;
+use crate::run::Run;
+
+/// Something that a check can reach.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Mark {
+    /// A run under this commit rule.
+    Commit(Commit),
+    /// A rule demanded something.
+    Rule(Rule),
+    /// An open was refused.
+    Open(OpenRefusal),
+    /// An offer was refused.
+    Offer(OfferRefusal),
+    /// A result was dropped.
+    Result(DropReason),
+    /// A failure was dropped.
+    Fail(DropReason),
+    /// An open was refused for the first reason although the second holds as well.
+    Opens(OpenRefusal, OpenRefusal),
+    /// An offer was refused for the first reason although the second holds as well.
+    Offers(OfferRefusal, OfferRefusal),
+    /// A result was dropped for the first reason although the second holds as well.
+    Results(DropReason, DropReason),
+    /// A failure was dropped for the first reason although the second holds as well.
+    Fails(DropReason, DropReason),
+    /// An input, or what was due before it, had this effect.
+    Outcome(Cause, Consequence),
+    /// A place where implementations go wrong.
+    Edge(Edge),
+    /// The judge found a violation of this rule.
+    Violation(Rule),
+    /// Such a line was read.
+    Line(&'static str),
+    /// A file could not be read, for such a reason.
+    Defect(&'static str),
+}
+
+/// What brings a decision about.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Cause {
+    /// Timers that fire.
+    Timer,
+    /// A result that arrives.
+    Result,
+    /// A failure that arrives.
+    Fail,
+}
+
+/// What a decision does to its timestamp.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Consequence {
+    /// Local's result is held.
+    HoldsLocal,
+    /// A cloud's result is held.
+    HoldsCloud,
+    /// Local's result is forwarded.
+    EmitsLocal,
+    /// A cloud's result is forwarded.
+    EmitsCloud,
+    /// A pending call is cancelled.
+    Cancels,
+    /// It is missed.
+    Misses,
+    /// It stays open and waits.
+    Waits,
+}
+
+/// The marks that were reached, each with how often.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Coverage(HashMap<Mark, u64>);
+
+/// One kind of marks: how many were reached, of how many, and which were not.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct CoverageShare {
+    /// What they are.
+    pub kind: &'static str,
+    /// How many of them were reached.
+    pub reached: usize,
+    /// How many there are.
+    pub all: usize,
+    /// The names of the others.
+    pub missing: Vec<String>,
+}
+
+impl Coverage {
+    /// Notes what a run comes to.
+    pub fn watch(&mut self, run: &Run) {
+        let mut context = self.begin(run);
+        for input in &run.inputs {
+            self.follow(&mut context, input);
+        }
+    }
+
+    /// Notes what a run is as a whole; the scene is the one before its first input.
+    pub fn begin(&mut self, run: &Run) -> RunContext {
+        self.edges(Edge::of_run(run));
+        RunContext::new(&run.header)
+    }
+
+    /// Lets an input happen, and notes what it comes to.
+    pub fn follow(&mut self, context: &mut RunContext, input: &Input) -> RuleDecision {
+        self.mark(Mark::Commit(context.commit()));
+        self.edges(Edge::of_input(context, input));
+        let gate: Vec<_> = Edge::of_gate(context, input).collect();
+        let step = context.apply(input);
+        self.edges(Edge::of_step(context, input, &step));
+        let own = step.own.first().map(|(decision, _)| *decision);
+        if let Some(
+            Decision::Request { .. } | Decision::RefuseOffer { why: OfferRefusal::Queue, .. },
+        ) = own
+        {
+            self.edges(gate.into_iter());
+        }
+        self.rules(input, &step);
+        self.reasons(&step.reasons);
+        self.outcomes(input, &step);
+        step
+    }
+
+    /// Notes a mark; false if it was reached before.
+    pub fn mark(&mut self, mark: Mark) -> bool {
+        let count = self.0.entry(mark).or_default();
+        *count += 1;
+        *count == 1
+    }
+
+    /// Notes a line that was read.
+    pub fn line(&mut self, line: &Line) {
+        self.mark(Mark::Line(name_of_line(line)));
+    }
+
+    /// Notes why a file could not be read.
+    pub fn defect(&mut self, error: &ReadError) {
+        self.mark(Mark::Defect(name_of_defect(&error.defect)));
+    }
+
+    /// Whether a mark was reached.
+    #[must_use]
+    pub fn has(&self, mark: Mark) -> bool {
+        self.0.contains_key(&mark)
+    }
+
+    /// Those of `marks` that were not reached.
+    #[must_use]
+    pub fn missing(&self, mut marks: Vec<Mark>) -> Vec<Mark> {
+        marks.retain(|mark| !self.has(*mark));
+        marks
+    }
+
+    /// How much of each kind that runs can come to was reached.
+    #[must_use]
+    pub fn shares(&self) -> Vec<CoverageShare> {
+        let share = |(kind, marks): (&'static str, Vec<Mark>)| {
+            let all = marks.len();
+            let missing: Vec<_> = self.missing(marks).into_iter().map(Mark::name).collect();
+            CoverageShare { kind, reached: all - missing.len(), all, missing }
+        };
+        Mark::kinds().into_iter().map(share).collect()
+    }
+
+    /// Every mark that runs can come to, by its name, with how often it was reached.
+    pub fn counts(&self) -> impl Iterator<Item = (String, u64)> {
+        let all = Mark::kinds().into_iter().flat_map(|(_, marks)| marks);
+        all.map(|mark| (mark.name(), self.0.get(&mark).copied().unwrap_or(0)))
+    }
+
+    fn edges(&mut self, edges: impl Iterator<Item = Edge>) {
+        for edge in edges {
+            self.mark(Mark::Edge(edge));
+        }
+    }
+
+    /// Notes the rules that an input shows.
+    fn rules(&mut self, input: &Input, step: &RuleDecision) {
+        // An accepted failure that decides nothing is all that there is to see of F4.
+        if matches!(input, Input::Fail { .. }) {
+            self.mark(Mark::Rule(Rule::F4));
+        }
+        for (decision, rule) in step.fired.iter().chain(&step.own) {
+            self.mark(Mark::Rule(*rule));
+            // F0 shows where the clock went back.
+            if decision.at() != input.at() {
+                self.mark(Mark::Rule(Rule::F0));
+            }
+            // P1 shows where something comes for what was forwarded or missed.
+            if let Decision::Drop { why: DropReason::Superseded, .. } = decision {
+                self.mark(Mark::Rule(Rule::P1));
+            }
+        }
+    }
+
+    /// Notes the reason that decides, and each that holds as well.
+    fn reasons(&mut self, reasons: &HoldingReasons) {
+        match reasons {
+            HoldingReasons::None => {}
+            HoldingReasons::Open(all) => self.first(all, Mark::Open, Mark::Opens),
+            HoldingReasons::Offer(all) => self.first(all, Mark::Offer, Mark::Offers),
+            HoldingReasons::Result(all) => self.first(all, Mark::Result, Mark::Results),
+            HoldingReasons::Fail(all) => self.first(all, Mark::Fail, Mark::Fails),
+        }
+    }
+
+    fn first<T: Copy>(&mut self, all: &[T], one: fn(T) -> Mark, two: fn(T, T) -> Mark) {
+        let Some((first, more)) = all.split_first() else { return };
+        self.mark(one(*first));
+        for second in more {
+            self.mark(two(*first, *second));
+        }
+    }
+
+    /// Notes what became of the timestamps that an input, or a timer before it, was for.
+    fn outcomes(&mut self, input: &Input, step: &RuleDecision) {
+        let effects = step.fired.iter().filter_map(|(decision, _)| Consequence::of(decision));
+        for effect in effects {
+            self.mark(Mark::Outcome(Cause::Timer, effect));
+        }
+        let settles = |d: &Decision| matches!(d, Decision::Emit { .. } | Decision::Miss { .. });
+        let fires = step.fired.iter().any(|(d, _)| matches!(d, Decision::Timer { .. }));
+        if fires && !step.fired.iter().any(|(decision, _)| settles(decision)) {
+            self.mark(Mark::Outcome(Cause::Timer, Consequence::Waits));
+        }
+        let cause = match input {
+            Input::Result { .. } => Cause::Result,
+            Input::Fail { .. } => Cause::Fail,
+            Input::Open { .. } | Input::Offer { .. } | Input::Tick { .. } => return,
+        };
+        for effect in step.own.iter().filter_map(|(decision, _)| Consequence::of(decision)) {
+            self.mark(Mark::Outcome(cause, effect));
+        }
+        if step.own.is_empty() {
+            self.mark(Mark::Outcome(cause, Consequence::Waits));
+        }
+    }
+}
+
+impl Consequence {
+    /// What a decision about a result, a failure or a timer does, unless it drops it.
+    const fn of(decision: &Decision) -> Option<Self> {
+        match decision {
+            Decision::Hold { p: 0, .. } => Some(Self::HoldsLocal),
+            Decision::Hold { .. } => Some(Self::HoldsCloud),
+            Decision::Emit { p: 0, .. } => Some(Self::EmitsLocal),
+            Decision::Emit { .. } => Some(Self::EmitsCloud),
+            Decision::Cancel { .. } => Some(Self::Cancels),
+            Decision::Miss { .. } => Some(Self::Misses),
+            Decision::Timer { .. }
+            | Decision::RefuseOpen { .. }
+            | Decision::RefuseOffer { .. }
+            | Decision::Request { .. }
+            | Decision::Drop { .. } => None,
+        }
+    }
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::HoldsLocal => "holds local",
+            Self::HoldsCloud => "holds a cloud",
+            Self::EmitsLocal => "forwards local",
+            Self::EmitsCloud => "forwards a cloud",
+            Self::Cancels => "cancels",
+            Self::Misses => "misses",
+            Self::Waits => "waits",
+        }
+    }
+}
+
+impl Cause {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Timer => "timer",
+            Self::Result => "result",
+            Self::Fail => "failure",
+        }
+    }
+}
+
+impl Mark {
+    /// Its name, for people.
+    #[must_use]
+    pub fn name(self) -> String {
+        match self {
+            Self::Commit(commit) => commit.to_string(),
+            Self::Rule(rule) => rule.to_string(),
+            Self::Open(why) => format!("open refused {why}"),
+            Self::Offer(why) => format!("offer refused {why}"),
+            Self::Result(why) => format!("result dropped {why}"),
+            Self::Fail(why) => format!("failure dropped {why}"),
+            Self::Opens(why, though) => format!("open refused {why} though {though}"),
+            Self::Offers(why, though) => format!("offer refused {why} though {though}"),
+            Self::Results(why, though) => format!("result dropped {why} though {though}"),
+            Self::Fails(why, though) => format!("failure dropped {why} though {though}"),
+            Self::Outcome(cause, effect) => format!("{} {}", cause.name(), effect.name()),
+            Self::Edge(edge) => edge.name().to_owned(),
+            Self::Violation(rule) => format!("violation of {rule}"),
+            Self::Line(name) => format!("line {name}"),
+            Self::Defect(name) => format!("file refused: {name}"),
+        }
+    }
+
+    /// All that runs can come to, by kind.
+    #[must_use]
+    pub fn kinds() -> [(&'static str, Vec<Self>); 5] {
+        [
+            ("rules", Rule::ALL.map(Self::Rule).into()),
+            ("reasons", Self::of_reasons()),
+            ("pairs of reasons", Self::of_pairs()),
+            ("outcomes", Self::of_outcomes()),
+            ("edges", Edge::ALL.map(|(edge, _)| Self::Edge(edge)).into()),
+        ]
+    }
+
+    /// What a handful of runs can come to: both commit rules, every rule and every reason.
+    #[must_use]
+    pub fn of_runs() -> Vec<Self> {
+        let mut all = Vec::from(Commit::ALL.map(Self::Commit));
+        all.extend(Rule::ALL.map(Self::Rule));
+        all.extend(Self::of_reasons());
+        all
+    }
+
+    /// The violations that the judge can find.
+    #[must_use]
+    pub fn of_violations() -> Vec<Self> {
+        Rule::ALL.map(Self::Violation).into()
+    }
+
+    /// What reading files can come to: every line, and every reason for which one cannot be read.
+    #[must_use]
+    pub fn of_files() -> Vec<Self> {
+        LINES.map(Self::Line).into_iter().chain(DEFECTS.map(Self::Defect)).collect()
+    }
+
+    fn of_reasons() -> Vec<Self> {
+        let mut all: Vec<_> = OpenRefusal::ALL.map(Self::Open).into();
+        all.extend(OfferRefusal::ALL.map(Self::Offer));
+        all.extend(DropReason::ALL.map(Self::Result));
+        all.extend(DropReason::ALL.map(Self::Fail));
+        all
+    }
+
+    fn of_pairs() -> Vec<Self> {
+        use DropReason::{Duplicate, Unknown, Unsolicited};
+        let drops = DropReason::ALL;
+        // Who was not asked, or cannot be, has no result in hand.
+        let can_be = |(first, second): &(DropReason, DropReason)| {
+            !matches!(first, Unknown | Unsolicited) || *second != Duplicate
+        };
+        let mut all: Vec<_> = ordered(&OpenRefusal::ALL).map(|(a, b)| Self::Opens(a, b)).collect();
+        all.extend(ordered(&OfferRefusal::ALL).map(|(a, b)| Self::Offers(a, b)));
+        all.extend(ordered(&drops).filter(can_be).map(|(a, b)| Self::Results(a, b)));
+        all.extend(ordered(&drops).filter(can_be).map(|(a, b)| Self::Fails(a, b)));
+        all
+    }
+
+    fn of_outcomes() -> Vec<Self> {
+        use Consequence::{Cancels, EmitsCloud, EmitsLocal, HoldsCloud, HoldsLocal, Misses, Waits};
+        // A result is in hand, so that none misses; a timer and a failure hold nothing.
+        let of_result = [HoldsLocal, HoldsCloud, EmitsLocal, EmitsCloud, Cancels];
+        let settled = [EmitsLocal, EmitsCloud, Cancels, Misses, Waits];
+        let mut all: Vec<_> = of_result.map(|effect| Self::Outcome(Cause::Result, effect)).into();
+        for cause in [Cause::Timer, Cause::Fail] {
+            all.extend(settled.map(|effect| Self::Outcome(cause, effect)));
+        }
+        all
+    }
+}
+
+/// Every line, by its name.
+const LINES: [&str; 14] = [
+    "header", "open", "offer", "result", "fail", "tick", "timer", "refuse", "request", "hold",
+    "drop", "emit", "miss", "cancel",
+];
+/// Every reason for which a file cannot be read.
+const DEFECTS: [&str; 7] =
+    ["bytes", "empty", "no header", "second header", "unterminated", "too long", "line"];
+
+const fn name_of_line(line: &Line) -> &'static str {
+    match line {
+        Line::Header(_) => "header",
+        Line::Event(Event::Input(input)) => match input {
+            Input::Open { .. } => "open",
+            Input::Offer { .. } => "offer",
+            Input::Result { .. } => "result",
+            Input::Fail { .. } => "fail",
+            Input::Tick { .. } => "tick",
+        },
+        Line::Event(Event::Decision(decision)) => match decision {
+            Decision::Timer { .. } => "timer",
+            Decision::RefuseOpen { .. } | Decision::RefuseOffer { .. } => "refuse",
+            Decision::Request { .. } => "request",
+            Decision::Hold { .. } => "hold",
+            Decision::Drop { .. } => "drop",
+            Decision::Emit { .. } => "emit",
+            Decision::Miss { .. } => "miss",
+            Decision::Cancel { .. } => "cancel",
+        },
+    }
+}
+
+const fn name_of_defect(defect: &Defect) -> &'static str {
+    match defect {
+        Defect::Io(_) => "bytes",
+        Defect::Empty => "empty",
+        Defect::NoHeader => "no header",
+        Defect::SecondHeader => "second header",
+        Defect::Unterminated => "unterminated",
+        Defect::TooLong => "too long",
+        Defect::Line(_) => "line",
+    }
+}
+
+/// Each pair of these, the earlier one first.
+fn ordered<T: Copy>(of: &[T]) -> impl Iterator<Item = (T, T)> {
+    let after = |i: usize| of.iter().skip(i + 1);
+    of.iter().enumerate().flat_map(move |(i, first)| after(i).map(|second| (*first, *second)))
+}
+
+#[cfg(test)]
+mod tests;

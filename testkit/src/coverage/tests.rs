@@ -1,0 +1,21 @@
+use super::*;
+use crate::generate::Generator;
+
+#[test]
+fn a_thousand_generated_runs_reach_every_rule_reason_pair_outcome_and_edge() {
+    for (seed, commit) in [(1, None), (2, Some(Commit::Eager)), (3, Some(Commit::Patient))] {
+        let (generator, mut coverage) =
+            (Generator { seed, commit, clouds: 4 }, Coverage::default());
+        (0..1000).for_each(|number| coverage.watch(&generator.run(number)));
+        for CoverageShare { kind, missing, .. } in coverage.shares() {
+            assert!(missing.is_empty(), "{generator:?}, {kind}: no run reached {missing:?}");
+        }
+    }
+}
+
+#[test]
+fn marks_of_all_kinds_have_names_of_their_own() {
+    let marks: Vec<_> = Mark::kinds().into_iter().flat_map(|(_, marks)| marks).collect();
+    let names: std::collections::BTreeSet<_> = marks.iter().map(|mark| mark.name()).collect();
+    assert_eq!(names.len(), marks.len());
+}

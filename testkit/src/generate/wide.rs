@@ -1,0 +1,163 @@
+//! Runs with many clouds, any priorities and many inputs.
+//!
+//! What the other runs seldom reach: priorities whose order differs from that of their digits or
+//! their bytes, more pending sources than a few, gates that only a refusal could have moved, and
+//! states that are old.
+
+use fuseline_traces::{Cloud, Commit, Header, Input};
+
+use super::{Generator, Writer};
+use crate::draw::Draw;
+use crate::run::Run;
+
+/// One run in so many is long.
+const LONGS: u64 = 16;
+/// One step in so many asks whether a refusal moved a gate.
+const PROBES: u64 = 8;
+/// Where neighbouring priorities begin: their digits or bytes change there.
+const EDGES: [u64; 7] = [1, 6, 95, 250, 995, 9_995, 32_761];
+/// Priorities of each length.
+const LENGTHS: [(u64, u64); 5] = [(1, 9), (10, 99), (100, 999), (1_000, 9_999), (10_000, 65_535)];
+
+impl Generator {
+    /// The wide run with this number, always the same.
+    #[must_use]
+    pub fn wide(&self, number: u64) -> Run {
+        let mut draw = Draw::new(!self.seed, number);
+        let header = self.wide_header(&mut draw);
+        let is_long = number % LONGS == LONGS / 4;
+        let steps = if is_long { draw.between(700, 1_500) } else { draw.between(10, 80) };
+        let mut writer = Writer { is_long, ..Writer::new(&header, draw) };
+        if !is_long {
+            writer.start();
+        }
+        for _ in 0..steps {
+            if writer.draw.one_in(PROBES) {
+                writer.probe_gate(&header);
+            } else {
+                writer.step(&header);
+            }
+        }
+        Run { inputs: writer.inputs, header }
+    }
+
+    fn wide_header(&self, draw: &mut Draw) -> Header {
+        let count = draw.between(u64::from(self.clouds.min(1)), u64::from(self.clouds));
+        let mut priorities = priorities(draw, count);
+        draw.shuffle(&mut priorities);
+        let clouds = priorities.into_iter().map(|p| {
+            let limit = draw.weighed(&[(1, 1), (2, 3), (2, 7), (1, u64::MAX)]);
+            let resume = if draw.one_in(2) { 0 } else { draw.between(0, limit - 1) };
+            Cloud { p, name: None, limit, resume }
+        });
+        let clouds = clouds.collect();
+        let window = draw.weighed(&[(3, 4), (3, 16), (1, 64)]);
+        let commit = draw.weighed(&[(1, Commit::Eager), (1, Commit::Patient)]);
+        Header { operator: None, window, commit: self.commit.unwrap_or(commit), clouds }
+    }
+}
+
+/// So many different priorities: neighbours, any, or of all lengths.
+fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
+    let top = u64::from(u16::MAX);
+    if draw.one_in(2) {
+        let greatest = top + 1 - count.max(1);
+        let first = EDGES.get(draw.place(EDGES.len() + 1)).copied().unwrap_or(greatest);
+        return (first..first + count).filter_map(|p| u16::try_from(p).ok()).collect();
+    }
+    let is_any = draw.one_in(2);
+    let mut priorities = Vec::new();
+    while (priorities.len() as u64) < count {
+        let (least, most) = if is_any { (1, top) } else { LENGTHS[draw.place(LENGTHS.len())] };
+        let p = u16::try_from(draw.between(least, most)).unwrap_or(u16::MAX);
+        if !priorities.contains(&p) {
+            priorities.push(p);
+        }
+    }
+    priorities
+}
+
+impl Writer {
+    /// A gate is asked last (F2): an offer that is refused for another reason must not move it. So
+    /// one is refused that would shut or open it, and the next one shows how it stands.
+    fn probe_gate(&mut self, header: &Header) {
+        let place = self.draw.place(header.clouds.len());
+        let Some(cloud) = header.clouds.get(place) else { return };
+        let (p, limit) = (u64::from(cloud.p), cloud.limit);
+        let (at, t) = (self.context.now(), self.next_t);
+        self.open(at, t, None);
+        let is_shut = self.draw.one_in(2);
+        if is_shut {
+            self.push(Input::Offer { at, t, p, deadline: 50, backlog: limit });
+        }
+        let other = match self.draw.between(0, 2) {
+            0 => self.next_t.saturating_add(5),
+            1 => self.tried_before(),
+            _ => t,
+        };
+        let backlog = if is_shut { 0 } else { limit };
+        self.push(Input::Offer { at, t: other, p, deadline: 0, backlog });
+        self.push(Input::Offer { at, t, p, deadline: 50, backlog: limit - 1 });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::context::RunContext;
+
+    const GENERATOR: Generator = Generator { seed: 1, commit: None, clouds: 15 };
+
+    fn runs() -> impl Iterator<Item = Run> {
+        (0..300).map(|number| GENERATOR.wide(number))
+    }
+
+    #[test]
+    fn a_number_always_makes_the_same_wide_run() {
+        assert_eq!(GENERATOR.wide(17), GENERATOR.wide(17));
+        assert_ne!(GENERATOR.wide(17), GENERATOR.wide(18));
+        assert_ne!(GENERATOR.wide(17), GENERATOR.run(17));
+    }
+
+    #[test]
+    fn wide_runs_have_each_count_of_clouds_and_neighbours_to_the_greatest() {
+        let counts: std::collections::BTreeSet<usize> =
+            runs().map(|run| run.header.clouds.len()).collect();
+        assert!(counts.into_iter().eq(1..=15));
+        let has = |p: u16| {
+            runs().any(|run| {
+                let has = |p| run.header.clouds.iter().any(|cloud| cloud.p == p);
+                has(p) && has(p + 1)
+            })
+        };
+        assert!([1, 9, 99, 255, 999, 9_999, 32_767, u16::MAX - 1].into_iter().all(has));
+    }
+
+    #[test]
+    fn no_two_clouds_of_a_wide_run_have_one_priority() {
+        for run in runs() {
+            let clouds = &run.header.clouds;
+            let all: std::collections::BTreeSet<u16> = clouds.iter().map(|it| it.p).collect();
+            assert_eq!(all.len(), clouds.len());
+            assert!(clouds.iter().all(|it| it.p > 0 && it.resume < it.limit));
+        }
+    }
+
+    #[test]
+    fn one_wide_run_in_sixteen_is_long_and_requests_are_made_to_its_end() {
+        let longs = runs().filter(|run| run.inputs.len() > 1_000);
+        let requests_late = |run: Run| {
+            let (mut context, mut count) = (RunContext::new(&run.header), 0);
+            for (i, input) in run.inputs.iter().enumerate() {
+                let before = context.requested().len();
+                context.apply(input);
+                count += usize::from(i > 600 && context.requested().len() > before);
+            }
+            assert!(context.now() < u64::from(u32::MAX), "the clock is at {}", context.now());
+            count
+        };
+        let counts: Vec<usize> = longs.map(requests_late).collect();
+        assert!((15..25).contains(&counts.len()), "{counts:?}");
+        assert!(counts.iter().all(|count| *count > 20), "{counts:?}");
+    }
+}

@@ -1,0 +1,221 @@
+//! What must hold of a run.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
+use fuseline_tokio::Tally;
+
+use crate::disruption::Disruption;
+use crate::fleet::{LateItem, OperatorOutcome, outputs};
+use crate::gauges::{Lateness, ResourceUsage};
+use crate::span::TimeSpan;
+
+/// A line below the header and no other.
+const STYLE: TableStyle =
+    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
+
+/// How many findings of a check are shown.
+const SHOWN: usize = 3;
+
+/// A run, as it was seen from outside of the operators.
+#[derive(Default)]
+pub(crate) struct ObservedRun {
+    pub(crate) strikes: BTreeMap<&'static str, TimeSpan>,
+    /// All calms together.
+    pub(crate) calm: TimeSpan,
+    /// Clouds that an operator had no output of during a calm.
+    pub(crate) unheard: Vec<String>,
+    /// What the process took in each calm.
+    pub(crate) taken: Vec<ResourceUsage>,
+    /// What it took before there were operators, and after.
+    pub(crate) left: (ResourceUsage, ResourceUsage),
+}
+
+/// One check and what it found.
+pub(crate) struct Check {
+    name: &'static str,
+    found: Vec<String>,
+}
+
+/// All checks.
+pub(crate) fn checks(
+    messages: u64,
+    observed: &ObservedRun,
+    fates: &[Result<OperatorOutcome, String>],
+    late: &LateItem,
+    lateness: &Lateness,
+) -> Vec<Check> {
+    let ended: Vec<&OperatorOutcome> = fates.iter().flatten().collect();
+    let each = |found: &dyn Fn(&OperatorOutcome) -> Vec<String>| {
+        ended.iter().flat_map(|f| found(f)).collect()
+    };
+    let answered: u64 =
+        ended.iter().flat_map(|operator_outcome| operator_outcome.seen.answers.values()).sum();
+    let mut once: Vec<String> = each(&|operator_outcome| operator_outcome.seen.wrong.1.clone());
+    once.extend((answered != messages).then(|| format!("{answered} of {messages} are answered")));
+    let found = [
+        (
+            "everything ends",
+            fates
+                .iter()
+                .filter_map(|operator_outcome| operator_outcome.as_ref().err().cloned())
+                .collect(),
+        ),
+        ("answered once", once),
+        ("none late", late.outputs.beyond(lateness)),
+        ("aborted", late.calls.beyond(lateness)),
+        ("the rules decide", each(&|operator_outcome| by_the_rules(operator_outcome))),
+        ("one account", each(&|operator_outcome| one_account(operator_outcome))),
+        ("each with its reason", each(&|operator_outcome| reasons(&operator_outcome.tally))),
+        ("found again", observed.unheard.clone()),
+        ("strikes bite", observed.blunt()),
+        ("flat", observed.grown()),
+        ("nothing is left", observed.left()),
+    ];
+    found.into_iter().map(|(name, found)| Check { name, found }).collect()
+}
+
+/// What the judge found in the trace, and whether all messages are in it.
+fn by_the_rules(operator_outcome: &OperatorOutcome) -> Vec<String> {
+    let (number, judged, messages) =
+        (operator_outcome.number, operator_outcome.judged, operator_outcome.tally.messages);
+    let mut found: Vec<String> = operator_outcome
+        .finding
+        .iter()
+        .map(|finding| format!("operator {number}: {finding}"))
+        .collect();
+    if judged != messages {
+        found.push(format!("operator {number}: the trace has {judged} messages of {messages}"));
+    }
+    found.extend(
+        operator_outcome.tally.unrecorded.iter().map(|why| format!("operator {number}: {why}")),
+    );
+    found
+}
+
+/// What the tally tells otherwise than the items.
+fn one_account(operator_outcome: &OperatorOutcome) -> Vec<String> {
+    let OperatorOutcome { number, seen, tally, .. } = operator_outcome;
+    let mut found = Vec::new();
+    for source in &tally.sources {
+        let name = &*source.source.name;
+        let (reported, read) = (outputs(tally, name), seen.answers.get(name).copied().unwrap_or(0));
+        if reported != read {
+            found.push(format!(
+                "operator {number}: {reported} outputs of {name} are told, {read} read"
+            ));
+        }
+    }
+    found
+}
+
+/// Failures that the tally has no room to name.
+fn reasons(tally: &Tally) -> Vec<String> {
+    let unnamed = tally.sources.iter().filter(|source| source.reasons.others() > 0);
+    unnamed.map(|source| format!("{}: {}", source.source.name, source.reasons)).collect()
+}
+
+impl ObservedRun {
+    /// Strikes that did not do what they should: the run shows nothing then.
+    fn blunt(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        for harm in Disruption::ALL {
+            let name = harm.as_str();
+            let Some(span) = self.strikes.get(name) else {
+                found.push(format!("{name}: there was none"));
+                continue;
+            };
+            // A third of the outputs is a cloud's when nothing breaks.
+            if harm.silences() && span.of_struck > span.outputs / 20 {
+                found.push(format!("{name}: the cloud answers, {span:?}"));
+            }
+            if harm.breaks_calls() && span.failed + span.timed_out == 0 {
+                found.push(format!("{name}: no call fails, {span:?}"));
+            }
+            if harm.is_reported() && span.failed == 0 {
+                found.push(format!("{name}: calls wait, {span:?}"));
+            }
+        }
+        found
+    }
+
+    /// What grew from the first calm to the last.
+    fn grown(&self) -> Vec<String> {
+        let (Some(first), Some(last)) = (self.taken.first(), self.taken.last()) else {
+            return vec!["nothing was measured".to_owned()];
+        };
+        let mut found = Vec::new();
+        let mut grew = |what: &str, first: u64, last: u64, by: u64| {
+            found.extend((last > first + by).then(|| format!("{what}: {first}, then {last}")));
+        };
+        grew("KiB", first.resident_kib, last.resident_kib, first.resident_kib / 4 + 8192);
+        // A tenth of a second is noted in 100 bytes.
+        grew("KiB allocated", first.live_kib, last.live_kib, 2048);
+        grew("open files", first.files, last.files, 10);
+        grew("tasks", first.tasks, last.tasks, 100);
+        found
+    }
+
+    /// What is there still after the operators have gone.
+    fn left(&self) -> Vec<String> {
+        let (before, after) = self.left;
+        let more = after.files > before.files || after.tasks > before.tasks;
+        more.then(|| format!("{before:?} before, {after:?} after")).into_iter().collect()
+    }
+
+    /// What was struck and what came of it.
+    pub(crate) fn table(&self) -> String {
+        let mut table = Table::new();
+        table.load_style(STYLE).set_header([
+            "what broke",
+            "times",
+            "seconds",
+            "outputs",
+            "of its cloud",
+            "of local",
+            "calls failed",
+            "timed out",
+        ]);
+        let harms = Disruption::ALL.map(Disruption::as_str).into_iter();
+        let struck = harms.filter_map(|name| Some((name, self.strikes.get(name)?)));
+        for (name, span) in struck.chain([("calm", &self.calm)]) {
+            let share = |of: u64| format!("{} %", of * 100 / span.outputs.max(1));
+            table.add_row([
+                name.to_owned(),
+                span.times.to_string(),
+                format!("{}.{}", span.ms / 1000, span.ms % 1000 / 100),
+                span.outputs.to_string(),
+                share(span.of_struck),
+                share(span.of_local),
+                span.failed.to_string(),
+                span.timed_out.to_string(),
+            ]);
+        }
+        for column in table.column_iter_mut().skip(1) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        format!("{table}\n")
+    }
+}
+
+impl Check {
+    pub(crate) fn holds(&self) -> bool {
+        self.found.is_empty()
+    }
+}
+
+impl fmt::Display for Check {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, found } = self;
+        if found.is_empty() {
+            return write!(f, "holds   {name}");
+        }
+        write!(
+            f,
+            "BROKEN  {name}, {} found: {}",
+            found.len(),
+            found[..found.len().min(SHOWN)].join("; ")
+        )
+    }
+}

@@ -1,0 +1,258 @@
+//! Operators side by side, each with a camera, a reader and a trace.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use fuseline_tokio::{
+    Config, Error, Item, Items, Recording, Running, Tally, Trace, Writer, spawn, stream,
+};
+use fuseline_traces::judge;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout_at};
+
+use crate::field::Testbed;
+use crate::gauges::Overruns;
+use crate::vehicle::{Answer, DEADLINE, Vehicle, name};
+
+/// How long operators may take to end once all cameras have.
+const ENDS: Duration = Duration::from_secs(30);
+
+/// How many wrong items of an operator are told.
+const TOLD: usize = 3;
+
+/// What was over after its deadline.
+pub(crate) struct LateItem {
+    pub(crate) outputs: Arc<Overruns>,
+    pub(crate) calls: Arc<Overruns>,
+}
+
+/// All operators.
+pub(crate) struct Fleet {
+    vessels: Vec<OperatorUnderTest>,
+    /// Items that were read.
+    read: Arc<AtomicU64>,
+    messages: u64,
+    /// Messages a second, of all operators.
+    rate: u32,
+}
+
+/// One operator with all that is around it.
+struct OperatorUnderTest {
+    number: u64,
+    /// The lower first.
+    clouds: [usize; 2],
+    running: Running,
+    trace: PathBuf,
+    camera: JoinHandle<()>,
+    reader: JoinHandle<ReaderLog>,
+}
+
+/// What a reader saw.
+#[derive(Default)]
+pub(crate) struct ReaderLog {
+    /// Messages with their own value, by who made it.
+    pub(crate) answers: BTreeMap<String, u64>,
+    /// Items that are missed, refused, another's or there twice: how many, and the first in words.
+    pub(crate) wrong: (u64, Vec<String>),
+    pub(crate) longest: Duration,
+}
+
+/// What came of one operator.
+pub(crate) struct OperatorOutcome {
+    pub(crate) number: u64,
+    pub(crate) seen: ReaderLog,
+    pub(crate) tally: Tally,
+    /// Messages that the judge found in the trace.
+    pub(crate) judged: u64,
+    pub(crate) trace_lines: u64,
+    pub(crate) trace_bytes: u64,
+    /// The judge's first finding.
+    pub(crate) finding: Option<String>,
+}
+
+impl Fleet {
+    /// Starts so many operators, which take so many messages each, so many a second. Their traces
+    /// are in this folder.
+    pub(crate) fn launch(
+        field: &Testbed,
+        operators: u32,
+        each: u64,
+        rate: u32,
+        folder: &Path,
+        late: &LateItem,
+    ) -> Result<Self, Error> {
+        let read = Arc::default();
+        let every = Duration::from_secs(1) / rate;
+        let mut vessels = Vec::new();
+        for number in 0..operators {
+            let lower = number as usize % field.len();
+            let clouds = [lower, (lower + 1) % field.len()];
+            let connected =
+                [field.remote(clouds[0])?.connect()?, field.remote(clouds[1])?.connect()?];
+            let vehicle = Vehicle {
+                number: number.into(),
+                clouds: std::array::from_fn(|place| (clouds[place], connected[place].clone())),
+                outlived: Arc::clone(&late.calls),
+            };
+            let trace = folder.join(format!("{number}.jsonl"));
+            let recorded = Trace { path: trace.clone(), recording: Recording::default() };
+            let (writer, frames) = stream(8);
+            let config = Config { trace: Some(recorded), ..Config::default() };
+            let (running, output) = spawn(vehicle, config, frames)?;
+            let camera = tokio::spawn(film(writer, each, every, every * number / operators));
+            let reader =
+                see(output, number.into(), each, Arc::clone(&read), Arc::clone(&late.outputs));
+            let reader = tokio::spawn(reader);
+            let number = number.into();
+            vessels.push(OperatorUnderTest { number, clouds, running, trace, camera, reader });
+        }
+        Ok(Self { vessels, read, messages: each * u64::from(operators), rate: rate * operators })
+    }
+
+    /// How many messages there are in all.
+    pub(crate) const fn messages(&self) -> u64 {
+        self.messages
+    }
+
+    /// How many have been answered.
+    pub(crate) fn answered(&self) -> u64 {
+        self.read.load(Ordering::Relaxed)
+    }
+
+    /// How long the cameras will still film, at least.
+    pub(crate) fn remains(&self) -> Duration {
+        let left = self.messages.saturating_sub(self.answered());
+        Duration::from_secs(left / u64::from(self.rate))
+    }
+
+    /// The operators' counts so far.
+    pub(crate) fn tallies(&self) -> Vec<Tally> {
+        self.vessels.iter().map(|subject| subject.running.tally()).collect()
+    }
+
+    /// Each operator's clouds that made no output since then.
+    pub(crate) fn unheard(&self, since: &[Tally]) -> Vec<String> {
+        let mut unheard = Vec::new();
+        for ((subject, before), now) in self.vessels.iter().zip(since).zip(self.tallies()) {
+            for cloud in subject.clouds {
+                let name = name(Some(cloud));
+                if outputs(&now, &name) == outputs(before, &name) {
+                    unheard.push(format!("operator {} of {name}", subject.number));
+                }
+            }
+        }
+        unheard
+    }
+
+    /// Waits for all ends and has the traces judged. What an operator that does not end leaves
+    /// behind is in its place.
+    pub(crate) async fn land(mut self) -> Result<Vec<Result<OperatorOutcome, String>>, Error> {
+        for subject in &mut self.vessels {
+            (&mut subject.camera).await?;
+        }
+        let (mut fates, until) = (Vec::new(), Instant::now() + ENDS);
+        for subject in self.vessels {
+            let (number, tally) = (subject.number, subject.running.tally());
+            let ended =
+                async { Ok::<_, Error>((subject.reader.await?, subject.running.join().await?)) };
+            let Ok(ended) = timeout_at(until, ended).await else {
+                fates.push(Err(format!("operator {number} does not end: {tally:?}")));
+                continue;
+            };
+            let (seen, tally) = match ended {
+                Ok(ended) => ended,
+                Err(error) => {
+                    fates.push(Err(format!("operator {number}: {error}")));
+                    continue;
+                }
+            };
+            let trace = subject.trace;
+            let judged = move || {
+                let trace_bytes = trace.metadata()?.len();
+                let verdict = judge("trace", BufReader::new(File::open(&trace)?))?;
+                std::fs::remove_file(&trace)?;
+                Ok::<_, Error>((verdict, trace_bytes))
+            };
+            let (verdict, trace_bytes) = tokio::task::spawn_blocking(judged).await??;
+            let finding = verdict.violations.first().map(|finding| format!("{finding:?}"));
+            fates.push(Ok(OperatorOutcome {
+                number,
+                seen,
+                tally,
+                judged: verdict.judged,
+                trace_lines: verdict.lines,
+                trace_bytes,
+                finding: finding.or_else(|| (!verdict.conforms).then(|| "cut off".to_owned())),
+            }));
+        }
+        Ok(fates)
+    }
+}
+
+/// Messages answered by the source of this name.
+pub(crate) fn outputs(tally: &Tally, name: &str) -> u64 {
+    let source = tally.sources.iter().find(|source| &*source.source.name == name);
+    source.map_or(0, fuseline_tokio::SourceTally::forwarded)
+}
+
+/// Writes messages at a pace; one that finds no room is written with the next turn.
+async fn film(mut writer: Writer<u64>, messages: u64, every: Duration, offset: Duration) {
+    sleep(offset).await;
+    let mut turns = interval(every);
+    turns.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut written = 0;
+    while written < messages {
+        turns.tick().await;
+        written += u64::from(writer.write(written).is_ok());
+    }
+}
+
+/// Reads items to their end.
+async fn see(
+    mut output: Items<Answer>,
+    number: u64,
+    messages: u64,
+    read: Arc<AtomicU64>,
+    late_outputs: Arc<Overruns>,
+) -> ReaderLog {
+    let mut seen = ReaderLog::default();
+    let mut times = vec![0_u8; usize::try_from(messages).unwrap_or(0)];
+    while let Some(item) = output.read().await {
+        read.fetch_add(1, Ordering::Relaxed);
+        let place = usize::try_from(item.timestamp).unwrap_or(usize::MAX);
+        let is_first = times.get_mut(place).is_some_and(|times| {
+            *times = times.saturating_add(1);
+            *times == 1
+        });
+        match item.forwarded().map(|forwarded| forwarded.value) {
+            Some(Answer { operator, message, cloud })
+                if is_first && (operator, message) == (number, item.timestamp) =>
+            {
+                *seen.answers.entry(name(cloud)).or_default() += 1;
+            }
+            Some(_) | None => seen.wrong(number, &item),
+        }
+        let took = item.took();
+        seen.longest = seen.longest.max(took);
+        let late = took.checked_sub(DEADLINE).filter(|late| !late.is_zero());
+        if let Some(by) = late {
+            late_outputs.note(by);
+        }
+    }
+    seen
+}
+
+impl ReaderLog {
+    fn wrong(&mut self, operator: u64, item: &Item<Answer>) {
+        self.wrong.0 += 1;
+        if self.wrong.1.len() < TOLD {
+            let Item { timestamp, ending, .. } = item;
+            self.wrong.1.push(format!("operator {operator}, message {timestamp}: {ending:?}"));
+        }
+    }
+}

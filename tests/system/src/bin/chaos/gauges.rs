@@ -1,0 +1,196 @@
+//! What the process takes, and how late its timers are.
+
+use std::alloc::System;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use cap::Cap;
+use tokio::runtime::Handle;
+use tokio::time::{Instant, sleep_until};
+
+/// Counts what is allocated.
+#[global_allocator]
+static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
+
+/// What the process takes at one moment.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, serde::Serialize, serde::Deserialize)]
+pub(crate) struct ResourceUsage {
+    /// What the system holds for the process, freed and not given back included.
+    pub(crate) resident_kib: u64,
+    /// What is allocated and not freed.
+    pub(crate) live_kib: u64,
+    pub(crate) files: u64,
+    pub(crate) tasks: u64,
+}
+
+impl ResourceUsage {
+    pub(crate) fn now() -> std::io::Result<Self> {
+        let pages = std::fs::read_to_string("/proc/self/statm")?;
+        let pages: u64 = pages.split(' ').nth(1).and_then(|pages| pages.parse().ok()).unwrap_or(0);
+        let page = rustix::param::page_size() as u64;
+        let files = std::fs::read_dir("/proc/self/fd")?.count() as u64;
+        let tasks = Handle::current().metrics().num_alive_tasks() as u64;
+        let live_kib = ALLOCATED.allocated() as u64 / 1024;
+        Ok(Self { resident_kib: pages * page / 1024, live_kib, files, tasks })
+    }
+
+    /// The medians of each.
+    pub(crate) fn median(of: &[Self]) -> Self {
+        let middle = |one: fn(&Self) -> u64| {
+            let mut all: Vec<u64> = of.iter().map(one).collect();
+            all.sort_unstable();
+            all.get(all.len() / 2).copied().unwrap_or(0)
+        };
+        Self {
+            resident_kib: middle(|taken| taken.resident_kib),
+            live_kib: middle(|taken| taken.live_kib),
+            files: middle(|taken| taken.files),
+            tasks: middle(|taken| taken.tasks),
+        }
+    }
+}
+
+/// Something that was over later than it should have been.
+#[derive(Clone, Copy, Debug)]
+struct Overrun {
+    /// When it was over.
+    at: Instant,
+    /// How much too late.
+    by: Duration,
+}
+
+/// The greatest overrun of each tenth of a second, of all operators: as many as there are tenths.
+pub(crate) struct Overruns {
+    start: Instant,
+    greatest: Mutex<BTreeMap<u128, Overrun>>,
+}
+
+impl Overruns {
+    /// None yet.
+    pub(crate) fn new() -> Arc<Self> {
+        Arc::new(Self { start: Instant::now(), greatest: Mutex::default() })
+    }
+
+    /// Something is over now, so much too late.
+    pub(crate) fn note(&self, by: Duration) {
+        let at = Instant::now();
+        let mut greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
+        let tenth = (at - self.start).as_millis() / TENTH;
+        let before = greatest.entry(tenth).or_insert(Overrun { at, by });
+        if before.by < by {
+            *before = Overrun { at, by };
+        }
+    }
+
+    /// Those that were greater than an operator's turn and what held the machine up.
+    pub(crate) fn beyond(&self, lateness: &Lateness) -> Vec<String> {
+        let greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
+        let reported = greatest.values().map(|over| (over, lateness.allows(*over)));
+        reported
+            .filter(|(over, allowed)| over.by > TURN + *allowed)
+            .map(|(over, allowed)| {
+                let at = (over.at - self.start).as_secs_f64();
+                format!("at {at:.1} s by {:?}, the machine by {allowed:?}", over.by)
+            })
+            .collect()
+    }
+}
+
+/// How much later than the machine's own lateness something may be: the turn of an operator's loop.
+const TURN: Duration = Duration::from_millis(2);
+
+/// Between two looks at the timer.
+const LOOK: Duration = Duration::from_millis(5);
+/// Between two looks at the threads, in milliseconds.
+const TENTH: u128 = 100;
+
+/// What the machine held up in a tenth of a second.
+#[derive(Clone, Copy, Debug, Default)]
+struct HostStall {
+    /// How late the timer was.
+    timer: Duration,
+    /// The longest that one of the process's threads was ready and had no processor.
+    thread: Duration,
+}
+
+/// How late things are by no fault of an operator: a timer in the same runtime, and what Linux says
+/// of the threads.
+pub(crate) struct Lateness {
+    start: Instant,
+    tenths: Mutex<Vec<HostStall>>,
+}
+
+impl Lateness {
+    /// Measures from now on.
+    pub(crate) fn start() -> Arc<Self> {
+        let lateness = Arc::new(Self { start: Instant::now(), tenths: Mutex::default() });
+        let measured = Arc::clone(&lateness);
+        tokio::spawn(async move {
+            let (mut looked, mut waited) = (Instant::now(), waits());
+            loop {
+                let due = Instant::now() + LOOK;
+                sleep_until(due).await;
+                let now = Instant::now();
+                measured.note(due, now, |held| held.timer = held.timer.max(now - due));
+                if (now - looked).as_millis() >= TENTH {
+                    let waits = waits();
+                    let thread = longest(&waited, &waits);
+                    measured.note(looked, now, |held| held.thread = held.thread.max(thread));
+                    (looked, waited) = (now, waits);
+                }
+            }
+        });
+        lateness
+    }
+
+    /// How much later something may be over that was due and over at about these instants: twice
+    /// the timer's lateness, and as long as a thread waited for a processor.
+    fn allows(&self, Overrun { at, by }: Overrun) -> Duration {
+        let tenths = self.tenths.lock().unwrap_or_else(PoisonError::into_inner);
+        let last = self.tenth(at) + 3;
+        let first = self.tenth(at.checked_sub(by).unwrap_or(self.start)).saturating_sub(2);
+        let about = tenths.iter().take(last).skip(first);
+        let timer = about.clone().map(|held| held.timer).max().unwrap_or_default();
+        timer * 2 + about.map(|held| held.thread).sum::<Duration>()
+    }
+
+    /// The greatest lateness of the timer.
+    pub(crate) fn greatest(&self) -> Duration {
+        let tenths = self.tenths.lock().unwrap_or_else(PoisonError::into_inner);
+        tenths.iter().map(|held| held.timer).max().unwrap_or_default()
+    }
+
+    fn note(&self, from: Instant, to: Instant, note: impl Fn(&mut HostStall)) {
+        let mut tenths = self.tenths.lock().unwrap_or_else(PoisonError::into_inner);
+        let (first, last) = (self.tenth(from), self.tenth(to));
+        if tenths.len() <= last {
+            tenths.resize(last + 1, HostStall::default());
+        }
+        tenths[first..=last].iter_mut().for_each(note);
+    }
+
+    fn tenth(&self, at: Instant) -> usize {
+        usize::try_from((at - self.start).as_millis() / TENTH).unwrap_or(0)
+    }
+}
+
+/// How long each thread was ready without a processor, since it began. Empty where Linux does not
+/// count it.
+fn waits() -> BTreeMap<std::ffi::OsString, Duration> {
+    let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let waits = threads.filter_map(|thread| {
+        let text = std::fs::read_to_string(thread.path().join("schedstat")).ok()?;
+        let waited = text.split_whitespace().nth(1)?.parse().ok()?;
+        Some((thread.file_name(), Duration::from_nanos(waited)))
+    });
+    waits.collect()
+}
+
+/// The longest that one thread waited between two looks.
+fn longest<K: Ord>(before: &BTreeMap<K, Duration>, now: &BTreeMap<K, Duration>) -> Duration {
+    let waited = now.iter().map(|(thread, waited)| {
+        waited.saturating_sub(before.get(thread).copied().unwrap_or_default())
+    });
+    waited.max().unwrap_or_default()
+}

@@ -1,0 +1,57 @@
+//! Shipped operators with real clouds over real sockets, while the network and the clouds break.
+//!
+//! `chaos/README.md` says what is done and what is checked. Nothing here is published.
+
+mod certificates;
+mod checks;
+mod cloud;
+mod disruption;
+mod field;
+mod fleet;
+mod gauges;
+mod record;
+mod soak;
+mod span;
+mod vehicle;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use fuseline_tokio::Error;
+
+#[derive(Parser)]
+#[command(
+    about = "Operators and clouds under chaos; run it by .ci/chaos, which makes the namespaces"
+)]
+enum Args {
+    /// Messages through many operators, with chaos every few seconds.
+    Soak(soak::Args),
+    /// One cloud, for the soak; it ends with its standard input.
+    #[command(hide = true)]
+    Cloud(cloud::Args),
+    /// Fails unless the kept record of a soak is of these sources, or `older.toml` says why not.
+    Record {
+        /// The project.
+        #[arg(long, default_value = ".")]
+        root: PathBuf,
+    },
+}
+
+fn main() -> ExitCode {
+    let runtime = tokio::runtime::Runtime::new().expect("a runtime starts");
+    let ended: Result<bool, Error> = match Args::parse() {
+        Args::Soak(args) => runtime.block_on(soak::soak(args)),
+        Args::Cloud(args) => runtime.block_on(cloud::cloud(args)).map(|()| true),
+        Args::Record { root } => record::shown(&root),
+    };
+    runtime.shutdown_background();
+    match ended {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(2)
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! Messages through many operators while everything around them breaks.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use fuseline_tokio::Error;
+use tokio::time::{Instant, sleep, sleep_until};
+
+use crate::checks::{ObservedRun, checks};
+use crate::disruption::{Disruption, ScheduledDisruption, schedule};
+use crate::field::Testbed;
+use crate::fleet::{Fleet, LateItem, OperatorOutcome};
+use crate::gauges::{Lateness, Overruns, ResourceUsage};
+use crate::record::{self, Soaked};
+use crate::span::{TimeSpan, Totals};
+
+/// How many clouds there are; each operator has two of them.
+const CLOUDS: usize = 3;
+
+/// After so long of calm nothing is left of what was before: pings and connecting again included.
+const SETTLES: Duration = Duration::from_secs(4);
+
+/// How long a calm is looked at.
+const LOOK: Duration = Duration::from_secs(3);
+
+/// After so long of a strike, what came before it is over.
+const BITES: Duration = Duration::from_millis(500);
+
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Messages in all, shared out among the operators.
+    #[arg(long, default_value_t = 100_000)]
+    messages: u64,
+    #[arg(long, default_value_t = 40)]
+    operators: u32,
+    /// Messages a second of each operator.
+    #[arg(long, default_value_t = 15)]
+    rate: u32,
+    /// Decides what breaks when; by default one that was never played.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Keeps the record in the project at this path.
+    #[arg(long, value_name = "ROOT")]
+    keep: Option<PathBuf>,
+}
+
+/// Whether everything held.
+pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
+    let sources = args.keep.as_deref().map(record::digest).transpose()?;
+    let seed = args.seed.unwrap_or_else(|| fastrand::u64(..));
+    let each = args.messages.div_ceil(args.operators.into());
+    let (operators, rate) = (args.operators, args.rate);
+    println!("seed {seed}: {operators} operators, {each} messages each, {rate} a second each");
+    let folder = tempfile::tempdir()?;
+    let mut field = Testbed::new(folder.path(), CLOUDS)?;
+    let lateness = Lateness::start();
+    let (start, before) = (Instant::now(), ResourceUsage::now()?);
+    let late = LateItem { outputs: Overruns::new(), calls: Overruns::new() };
+    let fleet = Fleet::launch(&field, operators, each, rate, folder.path(), &late)?;
+    let messages = fleet.messages();
+
+    let mut observed = run(&mut field, &fleet, seed, start).await?;
+    let fates = fleet.land().await?;
+    observed.left = (before, emptied(before).await?);
+    let seconds = start.elapsed().as_secs();
+    let checks = checks(messages, &observed, &fates, &late, &lateness);
+    print!("{}", observed.table());
+    for check in &checks {
+        println!("{check}");
+    }
+    let soaked = Soaked {
+        sources: sources.unwrap_or_default(),
+        seed,
+        operators,
+        messages,
+        seconds,
+        greatest_timer_lateness_us: u64::try_from(lateness.greatest().as_micros())?,
+        broken: checks.iter().filter(|check| !check.holds()).map(ToString::to_string).collect(),
+        ..summed(observed, &fates)
+    };
+    println!("{soaked}");
+    if let Some(root) = &args.keep {
+        record::keep(root, &soaked)?;
+    }
+    Ok(soaked.broken.is_empty())
+}
+
+/// Rounds of every strike, each with a calm behind it, as many strikes as there is time for, and a calm.
+async fn run(
+    field: &mut Testbed,
+    fleet: &Fleet,
+    seed: u64,
+    start: Instant,
+) -> Result<ObservedRun, Error> {
+    let mut observed = ObservedRun::default();
+    sleep(SETTLES).await;
+    for (number, disruption) in schedule(seed, CLOUDS).enumerate() {
+        let needed = disruption.lasts + disruption.calm + (SETTLES + LOOK) * 2 + LOOK;
+        if number >= Disruption::ALL.len() && needed > fleet.remains() {
+            break;
+        }
+        if number > 0 && number % Disruption::ALL.len() == 0 {
+            calm(fleet, &mut observed).await?;
+        }
+        println!("{:6.1} s: {disruption}", start.elapsed().as_secs_f64());
+        struck(field, fleet, disruption, &mut observed.strikes).await?;
+        sleep(disruption.calm).await;
+    }
+    calm(fleet, &mut observed).await?;
+    Ok(observed)
+}
+
+/// Strikes, looks and mends.
+async fn struck(
+    field: &mut Testbed,
+    fleet: &Fleet,
+    disruption: ScheduledDisruption,
+    strikes: &mut BTreeMap<&'static str, TimeSpan>,
+) -> Result<(), Error> {
+    let ends = Instant::now() + disruption.lasts;
+    field.disruption(disruption)?;
+    sleep(BITES).await;
+    let (from, before) = (Instant::now(), Totals::of(&fleet.tallies()));
+    sleep_until(ends).await;
+    let now = Totals::of(&fleet.tallies());
+    field.mend(disruption)?;
+    let of = (!disruption.harm.is_of_all()).then_some(disruption.cloud);
+    let span = now.since(&before, of, from.elapsed());
+    strikes.entry(disruption.harm.as_str()).or_default().add(&span);
+    Ok(())
+}
+
+/// Looks at what there is while nothing breaks: each operator hears each of its clouds.
+async fn calm(fleet: &Fleet, observed: &mut ObservedRun) -> Result<(), Error> {
+    sleep(SETTLES).await;
+    let (from, before) = (Instant::now(), fleet.tallies());
+    let mut taken = Vec::new();
+    while from.elapsed() < LOOK {
+        taken.push(ResourceUsage::now()?);
+        sleep(Duration::from_millis(100)).await;
+    }
+    let now = Totals::of(&fleet.tallies());
+    observed.calm.add(&now.since(&Totals::of(&before), None, from.elapsed()));
+    observed.unheard.extend(fleet.unheard(&before));
+    observed.taken.push(ResourceUsage::median(&taken));
+    Ok(())
+}
+
+/// What the process takes once it takes no more than it did before, or in ten seconds.
+async fn emptied(before: ResourceUsage) -> Result<ResourceUsage, Error> {
+    let until = Instant::now() + Duration::from_secs(10);
+    loop {
+        let now = ResourceUsage::now()?;
+        if (now.files <= before.files && now.tasks <= before.tasks) || Instant::now() > until {
+            return Ok(now);
+        }
+        sleep(Duration::from_millis(100)).await;
+    }
+}
+
+/// The sums over all operators; the rest is the caller's.
+fn summed(observed: ObservedRun, fates: &[Result<OperatorOutcome, String>]) -> Soaked {
+    let (mut answers, mut failures) = (BTreeMap::new(), BTreeMap::new());
+    let mut soaked = Soaked {
+        strikes: observed.strikes.into_iter().map(|(harm, span)| (harm.to_owned(), span)).collect(),
+        calm: observed.calm,
+        taken: observed.taken,
+        ..Soaked::default()
+    };
+    for operator_outcome in fates.iter().flatten() {
+        for (source, count) in &operator_outcome.seen.answers {
+            *answers.entry(source.clone()).or_default() += count;
+        }
+        for (why, count) in
+            operator_outcome.tally.sources.iter().flat_map(|source| source.reasons.iter())
+        {
+            *failures.entry(why.to_owned()).or_default() += count;
+        }
+        let longest = u64::try_from(operator_outcome.seen.longest.as_micros()).unwrap_or(u64::MAX);
+        soaked.longest_output_us = soaked.longest_output_us.max(longest);
+        soaked.trace_lines += operator_outcome.trace_lines;
+        soaked.trace_bytes += operator_outcome.trace_bytes;
+    }
+    Soaked { answers, failures, ..soaked }
+}

@@ -1,0 +1,73 @@
+//! What operators did in a stretch of time.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use fuseline_tokio::Tally;
+
+use crate::vehicle::name;
+
+/// What all operators have done so far.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Totals {
+    outputs: BTreeMap<String, u64>,
+    failed: u64,
+    timed_out: u64,
+}
+
+/// What they did in a stretch of time, or in several.
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
+pub(crate) struct TimeSpan {
+    pub(crate) times: u64,
+    pub(crate) ms: u64,
+    pub(crate) outputs: u64,
+    /// Outputs of the cloud that was struck, or of all if all were.
+    pub(crate) of_struck: u64,
+    pub(crate) of_local: u64,
+    /// Calls that failed, and calls that the deadline ended.
+    pub(crate) failed: u64,
+    pub(crate) timed_out: u64,
+}
+
+impl Totals {
+    pub(crate) fn of(tallies: &[Tally]) -> Self {
+        let mut done = Self::default();
+        for source in tallies.iter().flat_map(|tally| &tally.sources) {
+            *done.outputs.entry(source.source.name.to_string()).or_default() += source.forwarded();
+            done.failed += source.failed;
+            done.timed_out += source.timers;
+        }
+        done
+    }
+
+    /// What was done since then; `struck` is one cloud, or none for all.
+    pub(crate) fn since(&self, before: &Self, struck: Option<usize>, took: Duration) -> TimeSpan {
+        let by = |name: &str| {
+            let of = |done: &Self| done.outputs.get(name).copied().unwrap_or(0);
+            of(self) - of(before)
+        };
+        let outputs = self.outputs.keys().map(|name| by(name)).sum();
+        let of_local = by(&name(None));
+        TimeSpan {
+            times: 1,
+            ms: u64::try_from(took.as_millis()).unwrap_or(u64::MAX),
+            outputs,
+            of_struck: struck.map_or(outputs - of_local, |cloud| by(&name(Some(cloud)))),
+            of_local,
+            failed: self.failed - before.failed,
+            timed_out: self.timed_out - before.timed_out,
+        }
+    }
+}
+
+impl TimeSpan {
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.times += other.times;
+        self.ms += other.ms;
+        self.outputs += other.outputs;
+        self.of_struck += other.of_struck;
+        self.of_local += other.of_local;
+        self.failed += other.failed;
+        self.timed_out += other.timed_out;
+    }
+}

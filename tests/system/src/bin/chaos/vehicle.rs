@@ -1,0 +1,105 @@
+//! The operator under test: local and two clouds, nothing else configured.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::{Buf, BufMut, BytesMut};
+use fuseline_tokio::grpc::{self, Connection, Reply, Request};
+use fuseline_tokio::{Call, Error, Local, Operator, Setup};
+use tokio::time::{Instant, sleep};
+
+use crate::gauges::Overruns;
+
+/// How long a cloud may take.
+pub(crate) const DEADLINE: Duration = Duration::from_millis(100);
+
+/// How long local takes.
+const LOCAL: Duration = Duration::from_millis(5);
+
+/// Each fourth message is for the lower cloud alone, so that both are heard when nothing breaks.
+const LOWER_ALONE: u64 = 4;
+
+/// Who computed what.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Answer {
+    pub(crate) operator: u64,
+    pub(crate) message: u64,
+    /// The cloud's number; none is local.
+    pub(crate) cloud: Option<usize>,
+}
+
+/// An operator's own number, its clouds and where it tells of calls.
+pub(crate) struct Vehicle {
+    pub(crate) number: u64,
+    /// Number and connection, the lower first.
+    pub(crate) clouds: [(usize, Connection); 2],
+    /// Calls that lived on after their deadlines.
+    pub(crate) outlived: Arc<Overruns>,
+}
+
+/// A cloud's name in tallies and traces.
+pub(crate) fn name(cloud: Option<usize>) -> String {
+    cloud.map_or_else(|| "local".to_owned(), |cloud| format!("cloud-{cloud}"))
+}
+
+impl Operator for Vehicle {
+    type Input = u64;
+    type Output = Answer;
+
+    fn setup(self, setup: &mut Setup<u64, Answer>) -> Local<u64, Answer> {
+        let operator = self.number;
+        for (priority, (number, connection)) in (1..).zip(self.clouds) {
+            let message_handler = move |message: &u64, timestamp| {
+                let is_requested = priority == 1 || !message.is_multiple_of(LOWER_ALONE);
+                let mut payload = BytesMut::new();
+                payload.put_u64(operator);
+                payload.put_u64(*message);
+                let request = Request { timestamp, payload: payload.freeze() };
+                is_requested.then_some((request, DEADLINE))
+            };
+            let response_handler = move |reply: Reply| {
+                let mut payload = reply.payload;
+                let answer = Answer {
+                    operator: payload.try_get_u64()?,
+                    message: payload.try_get_u64()?,
+                    cloud: Some(usize::try_from(payload.try_get_u64()?)?),
+                };
+                let is_own = answer.cloud == Some(number);
+                is_own.then_some(answer).ok_or_else(|| "another cloud's".into())
+            };
+            let (infer, outlived) = (grpc::infer(connection), Arc::clone(&self.outlived));
+            let handle = move |request, call: Call| {
+                let life = CallGuard {
+                    ends: Instant::now() + call.deadline,
+                    outlived: Arc::clone(&outlived),
+                };
+                let call = infer(request, call);
+                async move {
+                    let _life = life;
+                    call.await
+                }
+            };
+            let cloud = setup.use_cloud(handle, message_handler, response_handler, priority);
+            cloud.name = name(Some(number));
+        }
+        Local::futures(16, move |message: Arc<u64>, _| async move {
+            sleep(LOCAL).await;
+            Ok::<_, Error>(Answer { operator, message: *message, cloud: None })
+        })
+    }
+}
+
+/// A call's life, which ends by its deadline.
+struct CallGuard {
+    ends: Instant,
+    outlived: Arc<Overruns>,
+}
+
+impl Drop for CallGuard {
+    fn drop(&mut self) {
+        let by = self.ends.elapsed();
+        if !by.is_zero() {
+            self.outlived.note(by);
+        }
+    }
+}

@@ -1,0 +1,41 @@
+//! What tests the system as it ships, each behind a feature of its name:
+//!
+//! - [`parsers`]: every parser of what comes from outside, over any bytes.
+//! - [`simulate`]: the shipped operator in virtual time, among hostile sources, readers and disks.
+//! - `chaos`, a binary: shipped operators with real clouds while the network and the clouds break.
+#![cfg_attr(
+    feature = "parsers",
+    expect(dead_code, reason = "what the command does with what it has read is not here")
+)]
+
+#[cfg(feature = "parsers")]
+pub mod parsers;
+#[cfg(feature = "simulate")]
+pub mod simulate;
+
+// The command's sources, by the names that they call each other.
+#[cfg(feature = "parsers")]
+#[path = "../../../cli/src/deadline.rs"]
+mod deadline;
+#[cfg(feature = "parsers")]
+#[path = "../../../cli/src/drives.rs"]
+mod drives;
+#[cfg(feature = "parsers")]
+#[path = "../../../cli/src/exit.rs"]
+mod exit;
+#[cfg(feature = "parsers")]
+#[path = "../../../cli/src/fault.rs"]
+mod fault;
+#[cfg(feature = "parsers")]
+#[path = "../../../cli/src/input.rs"]
+mod input;
+#[cfg(feature = "parsers")]
+mod probe;
+#[cfg(feature = "parsers")]
+#[path = "../../../cli/src/remedy.rs"]
+mod remedy;
+#[cfg(feature = "parsers")]
+mod serve;
+#[cfg(feature = "parsers")]
+#[path = "../../../cli/src/sink.rs"]
+mod sink;

@@ -1,0 +1,175 @@
+//! What stands in gRPC frames: requests as the server takes them, replies as the operator does.
+
+use std::collections::BTreeSet;
+use std::convert::Infallible;
+use std::fmt::Debug;
+use std::future::ready;
+use std::time::Duration;
+
+use bytes::Bytes;
+use fuseline_tokio::grpc::tonic::body::Body;
+use fuseline_tokio::grpc::tonic::codegen::Service;
+use fuseline_tokio::grpc::tonic::{Code, Status};
+use fuseline_tokio::grpc::{Description, Infer, InferServer, Reply, Request};
+use futures_util::{FutureExt, stream};
+use http_body::Frame;
+use http_body_util::{BodyExt, StreamBody};
+use prost::Message;
+
+use crate::parsers::{Check, Ends, fit};
+use crate::serve::location::Locations;
+use crate::serve::locations::LocationService;
+
+pub(super) const ENDS: &[&str] =
+    &["answered", "described", "refused", "shared", "no location", "no more vehicles"];
+
+/// Where a server is asked.
+const INFER: &str = "/fuseline.v1.Infer/Infer";
+const DESCRIBE: &str = "/fuseline.v1.Infer/Describe";
+/// What stands before a message in a frame: a flag, and the length in 4 bytes.
+const PREFIX: usize = 5;
+/// The most vehicles of a service.
+const VEHICLES: usize = 3;
+
+/// A byte for what is asked, one for where the bytes are cut in two, and those bytes.
+pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
+    let [what, cut, rest @ ..] = bytes else { return Ok(()) };
+    unchanged::<Reply>(rest)?;
+    unchanged::<Description>(rest)?;
+    match what % 3 {
+        0 => infer(rest, *cut, ends),
+        1 => describe(rest, *cut, ends),
+        _ => locations(rest, ends),
+    }
+}
+
+/// What can be read of a message says the same when it is written and read again.
+fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> Check {
+    let Ok(message) = M::decode(bytes) else { return Ok(()) };
+    let written = message.encode_to_vec();
+    let again = M::decode(&*written).map_err(|error| format!("{message:?}: {error}"))?;
+    if again.encode_to_vec() != written {
+        return Err(format!("{message:?} is read again as {again:?}"));
+    }
+    Ok(())
+}
+
+/// A server that gives back what it gets: it answers one whole frame, and no half.
+fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
+    let (code, replied) = ask(INFER, body, cut)?;
+    let whole = split(body).map(|(message, rest)| (Request::decode(message).ok(), rest));
+    match whole {
+        Some((Some(request), [])) => {
+            let expected = Reply { payload: request.payload }.encode_to_vec();
+            let replied = split(&replied).filter(|(_, rest)| rest.is_empty());
+            if code != Code::Ok || replied.is_none_or(|(message, _)| message != expected) {
+                return Err(format!("{code:?}, {replied:?} to {body:?}"));
+            }
+            ends.insert("answered");
+        }
+        // More than one message is an error where it is not a whole one.
+        Some((Some(_), _)) => {}
+        Some((None, _)) | None => {
+            if code == Code::Ok {
+                return Err(format!("{body:?} is no request, and is answered"));
+            }
+            ends.insert("refused");
+        }
+    }
+    Ok(())
+}
+
+/// What is served is told to whoever asks with one whole message.
+fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
+    let (code, replied) = ask(DESCRIBE, body, cut)?;
+    if code == Code::Ok {
+        ends.insert("described");
+        let reported = split(&replied).map(|(message, _)| Description::decode(message));
+        if !matches!(reported, Some(Ok(reported)) if reported == served()) {
+            return Err(format!("{body:?} is told {replied:?}"));
+        }
+    }
+    Ok(())
+}
+
+fn served() -> Description {
+    Description { model: "echo".to_owned(), runtime_ms: Some(0.5), ..Description::default() }
+}
+
+/// Gives back what it gets.
+struct Echo;
+
+impl Infer for Echo {
+    fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send {
+        ready(Ok(Reply { payload: request.payload }))
+    }
+
+    fn describe(&self) -> Option<Description> {
+        Some(served())
+    }
+}
+
+/// What the server says to a body that comes in two pieces, and with which code.
+fn ask(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String> {
+    let (first, second) = body.split_at(usize::from(cut).min(body.len()));
+    let piece = |bytes| Ok::<_, Infallible>(Frame::data(Bytes::copy_from_slice(bytes)));
+    let pieces = StreamBody::new(stream::iter([piece(first), piece(second)]));
+    let request = http::Request::post(path)
+        .header("content-type", "application/grpc")
+        .body(Body::new(pieces))
+        .map_err(|error| error.to_string())?;
+    let waits = "the server waits for what does not come";
+    let Ok(response) = InferServer::new(Echo).call(request).now_or_never().ok_or(waits)?;
+    let status = |headers: &http::HeaderMap| headers.get("grpc-status").cloned();
+    let at_once = status(response.headers());
+    let collected = response.into_body().collect().now_or_never().ok_or(waits)?;
+    let collected = collected.map_err(|status| format!("a reply breaks off: {status}"))?;
+    let reported = at_once.or_else(|| collected.trailers().and_then(status)).ok_or("no status")?;
+    Ok((Code::from_bytes(reported.as_bytes()), collected.to_bytes()))
+}
+
+/// The message of a first frame that is whole and plain, and what follows.
+fn split(body: &[u8]) -> Option<(&[u8], &[u8])> {
+    let ([0, len @ ..], rest) = body.split_first_chunk::<PREFIX>()? else { return None };
+    rest.split_at_checked(usize::try_from(u32::from_be_bytes(*len)).ok()?)
+}
+
+/// The service that shares locations: each request is a byte for its length, and its payload.
+fn locations(mut bytes: &[u8], ends: &mut Ends) -> Check {
+    let sharing = LocationService::new(VEHICLES, Duration::from_secs(3600));
+    while let Some((len, rest)) = bytes.split_first() {
+        let (payload, rest) = rest.split_at(usize::from(*len).min(rest.len()));
+        bytes = rest;
+        let request = Request { timestamp: 0, payload: Bytes::copy_from_slice(payload) };
+        let answer = sharing.infer(request).now_or_never().ok_or("an answer is awaited")?;
+        match answer {
+            Ok(reply) => {
+                ends.insert("shared");
+                others(&reply)?;
+            }
+            Err(status) => {
+                ends.insert(match status.code() {
+                    Code::InvalidArgument => "no location",
+                    Code::ResourceExhausted => "no more vehicles",
+                    code => return Err(format!("{code:?} to {payload:?}")),
+                });
+                fit(status.message())?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The others are each another, few, named, and somewhere.
+fn others(reply: &Reply) -> Check {
+    let reported = Locations::decode(reply.payload.clone()).map_err(|error| error.to_string())?;
+    let names: BTreeSet<&str> = reported.others.iter().map(|other| &*other.vehicle).collect();
+    let is_right = reported.others.iter().all(|other| {
+        let figures = [other.time_s, other.x_m, other.y_m, other.vx_mps, other.vy_mps];
+        figures.iter().all(|figure| figure.is_finite()) && (1..=64).contains(&other.vehicle.len())
+    });
+    if !is_right || names.len() != reported.others.len() || names.len() >= VEHICLES {
+        return Err(format!("the others are {reported:?}"));
+    }
+    Ok(())
+}

@@ -1,0 +1,21 @@
+#![doc = include_str!("../simulate/README.md")]
+
+mod checks;
+mod draw;
+mod kept;
+mod log;
+mod peers;
+mod play;
+mod replay;
+mod scenario;
+mod shrink;
+mod simulator;
+mod value;
+
+pub use checks::{CHECKS, Check, Finding};
+pub use kept::{KeptSeed, kept};
+pub use scenario::{
+    CallResult, Disk, Finish, Message, OfferAction, OnBoard, ReaderPlan, Remote, Scenario,
+    SourceAction,
+};
+pub use simulator::{Simulated, Simulator};

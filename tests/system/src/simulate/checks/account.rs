@@ -1,0 +1,259 @@
+//! What is counted and recorded.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use fuseline_engine::{SourceTally, Tally, Trigger};
+use fuseline_tokio::deadline::End;
+use metrics_util::debugging::DebugValue;
+
+use crate::simulate::checks::{Facts, ensure};
+use crate::simulate::play::OperatorEnd;
+use crate::simulate::replay::{AdmittedRequest, CallPath};
+use crate::simulate::scenario::{Disk, OfferAction};
+
+/// D10.
+pub(crate) fn whole_trace(facts: &Facts<'_>) -> Result<(), String> {
+    let Facts { scenario, played, replay, .. } = facts;
+    if let Some(defect) = &replay.defect {
+        return Err(defect.clone());
+    }
+    if let Some(tally) = &played.tally {
+        let is_reported = tally.unrecorded.is_some() == (played.ended == OperatorEnd::Early);
+        ensure(is_reported, || {
+            format!("it ended {:?}, unrecorded {:?}", played.ended, tally.unrecorded)
+        })?;
+    }
+    if let (Disk::FullAfter(parts, bytes), OperatorEnd::Early) = (scenario.disk, &played.ended) {
+        let header = played.trace.iter().position(|byte| *byte == b'\n').unwrap_or(0) as u64 + 1;
+        let least = parts * bytes.saturating_sub(header);
+        let len = played.trace.len() as u64;
+        ensure(len >= least, || format!("{len} bytes are written, there was room for {least}"))?;
+    }
+    Ok(())
+}
+
+/// D11.
+pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
+    let Facts { played, .. } = facts;
+    let metrics = metrics(facts);
+    if let Some(tally) = &played.tally {
+        if facts.is_whole {
+            let reported = reported(facts, tally);
+            ensure(reported == *tally, || {
+                format!("the tally is {tally:#?}\nthe trace has {reported:#?}")
+            })?;
+        }
+        let metered = if facts.scenario.metered { metered(tally) } else { BTreeMap::new() };
+        for (name, count) in &metered {
+            let other = metrics.get(name).copied().unwrap_or(0);
+            ensure(other == *count, || format!("{name} is {other}, the tally has {count}"))?;
+        }
+        let all = metrics.iter().filter(|(name, _)| !name.contains("aside"));
+        let unknown = all.filter(|(name, _)| !name.starts_with("deadlines "));
+        let unknown: Vec<_> =
+            unknown.filter(|(name, count)| **count > 0 && !metered.contains_key(*name)).collect();
+        ensure(unknown.is_empty(), || format!("the tally does not have {unknown:?}"))?;
+    }
+    sides(facts, &metrics)
+}
+
+/// What the trace tells of the tally; what it does not tell is taken from there.
+fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
+    let replay = &facts.replay;
+    let mut reported = Tally { unrecorded: tally.unrecorded.clone(), ..Tally::default() };
+    for message in &replay.opened {
+        match message.left.map(|left| left.how) {
+            Some(CallPath::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
+            Some(CallPath::Missed) => reported.missed += 1,
+            Some(CallPath::Forwarded(..)) | None => {}
+        }
+    }
+    reported.messages = replay.opened.len() as u64 - reported.refused.values().sum::<u64>();
+    reported.sources = tally.sources.iter().map(|source| source_reported(facts, source)).collect();
+    reported
+}
+
+fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
+    let replay = &facts.replay;
+    let p = tally.source.priority;
+    let requested: Vec<&AdmittedRequest> =
+        replay.requested.iter().filter(|requested| requested.p == p).collect();
+    let count = |is: fn(&AdmittedRequest) -> bool| {
+        requested.iter().filter(|requested| is(requested)).count() as u64
+    };
+    let mut reported = SourceTally {
+        admitted: requested.len() as u64,
+        refused: BTreeMap::new(),
+        outputs: BTreeMap::new(),
+        held: replay.held.iter().filter(|held| **held == p).count() as u64,
+        dropped: BTreeMap::new(),
+        failed: 0,
+        failures_dropped: BTreeMap::new(),
+        timers: count(|requested| requested.fired.is_some()),
+        cancelled: count(|requested| requested.cancelled.is_some()),
+        sent_bytes: facts.played.log.calls.iter().filter(|seen| seen.p == p && p > 0).count()
+            as u64,
+        lost: 0,
+        ..tally.clone()
+    };
+    for (_, _, why) in replay.offers.iter().filter(|(_, of, _)| *of == p) {
+        if let Some(why) = why {
+            *reported.refused.entry(*why).or_default() += 1;
+        }
+    }
+    for message in &replay.opened {
+        if let Some(CallPath::Forwarded(of, trigger)) = message.left.map(|left| left.how)
+            && of == p
+        {
+            *reported.outputs.entry(trigger).or_default() += 1;
+        }
+        reported.failed += message.failures.iter().filter(|of| **of == p).count() as u64;
+    }
+    for dropped in replay.dropped.iter().filter(|dropped| dropped.p == p) {
+        let counts =
+            if dropped.is_result { &mut reported.dropped } else { &mut reported.failures_dropped };
+        *counts.entry(dropped.why).or_default() += 1;
+    }
+    // Every accepted failure has its words.
+    if tally.reasons.iter().map(|(_, count)| count).sum::<u64>() + tally.reasons.others()
+        != reported.failed
+    {
+        reported.reasons = fuseline_engine::Reasons::default();
+    }
+    reported
+}
+
+/// The metrics that a tally says there are.
+fn metered(tally: &Tally) -> BTreeMap<String, u64> {
+    let mut all = BTreeMap::new();
+    let mut put = |name: &str, labels: &[(&str, &str)], count| {
+        all.insert(named(name, labels.iter().copied()), count);
+    };
+    put("messages", &[], tally.messages);
+    put("missed_messages", &[], tally.missed);
+    for (why, count) in &tally.refused {
+        put("refused_messages", &[("why", why.as_str())], *count);
+    }
+    for source in &tally.sources {
+        let name = &*source.source.name;
+        let mut by = |metric: &str, outcome: &str, count| {
+            put(metric, &[("source", name), ("outcome", outcome)], count);
+        };
+        by("requests", "admitted", source.admitted);
+        source.refused.iter().for_each(|(why, count)| by("requests", why.as_str(), *count));
+        source.outputs.iter().for_each(|(why, count)| by("outputs", why.as_str(), *count));
+        let at_once = source.outputs.get(&Trigger::Arrival).copied().unwrap_or(0);
+        by("results", "forwarded", at_once);
+        by("results", "held", source.held);
+        source.dropped.iter().for_each(|(why, count)| by("results", why.as_str(), *count));
+        by("failures", "accepted", source.failed);
+        source
+            .failures_dropped
+            .iter()
+            .for_each(|(why, count)| by("failures", why.as_str(), *count));
+        for (metric, count) in [
+            ("lost", source.lost),
+            ("timers", source.timers),
+            ("cancelled", source.cancelled),
+            ("sent_bytes", source.sent_bytes),
+        ] {
+            put(metric, &[("source", name)], count);
+        }
+    }
+    all
+}
+
+/// The counters that were metered.
+fn metrics(facts: &Facts<'_>) -> BTreeMap<String, u64> {
+    let mut all = BTreeMap::new();
+    for (key, value) in &facts.played.metrics {
+        let DebugValue::Counter(count) = value else { continue };
+        let key = key.key();
+        let name = key.name().trim_start_matches("fuseline_").trim_end_matches("_total");
+        let labels = key.labels().map(|label| (label.key(), label.value()));
+        all.insert(named(name, labels.filter(|(key, _)| *key != "operator")), *count);
+    }
+    all
+}
+
+fn named<'a>(name: &str, labels: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+    let mut labels: Vec<_> = labels.map(|(key, value)| format!("{key}={value}")).collect();
+    labels.sort_unstable();
+    format!("{name} {}", labels.join(" "))
+}
+
+/// Each aside is asked or refused, and what was asked ends at most once.
+fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), String> {
+    if facts.scenario.side.is_none() || !facts.is_whole || !facts.scenario.metered {
+        return Ok(());
+    }
+    let count = |outcome| {
+        let labels = [("aside", "aside-1"), ("outcome", outcome)];
+        metrics.get(&named("asides", labels.into_iter())).copied().unwrap_or(0)
+    };
+    let [requested, refused] = ["asked", "refused"].map(count);
+    let ended: u64 = ["answered", "failed", "expired"].map(count).into_iter().sum();
+    let log = &facts.played.log;
+    let wanted = facts.replay.opened.iter().filter(|message| {
+        let t = usize::try_from(message.t).unwrap_or(usize::MAX);
+        let is_refused = matches!(message.left.map(|left| left.how), Some(CallPath::Refused(_)));
+        let frame = log.written.get(t).map(|(serial, _)| &facts.scenario.frames[*serial]);
+        !is_refused && frame.is_some_and(|frame| matches!(frame.side, OfferAction::Offers(..)))
+    });
+    let wanted = wanted.count() as u64;
+    ensure(requested + refused == wanted && ended <= requested, || {
+        format!("of {wanted} asides {requested} were asked, {refused} refused, {ended} ended")
+    })?;
+    let answers = log.sides[3] as u64;
+    ensure(count("answered") <= answers && answers <= ended, || {
+        format!("{answers} answers came to the response handler, {} counted", count("answered"))
+    })
+}
+
+/// T5, D3: a policy is told of each end, once.
+pub(crate) fn every_end_is_told(facts: &Facts<'_>) -> Result<(), String> {
+    let Facts { scenario, played, replay, is_whole, .. } = facts;
+    if !is_whole || !facts.runs_out() {
+        return Ok(());
+    }
+    for cloud in scenario.clouds.iter().filter(|cloud| cloud.policy.is_some()) {
+        let of_it = replay.requested.iter().filter(|requested| requested.p == cloud.p);
+        let requested: Vec<&AdmittedRequest> = of_it.collect();
+        let reported = played.log.ends.iter().filter(|(p, _)| *p == cloud.p);
+        let reported: Vec<End> = reported.map(|(_, end)| *end).collect();
+        if !cloud.linger.is_zero() {
+            let least = requested.len().saturating_sub(cloud.calls.max(1));
+            let holds = reported.len() <= requested.len() && least <= reported.len();
+            ensure(holds, || format!("{} ends of {} were told", reported.len(), requested.len()))?;
+            continue;
+        }
+        let key = |end: &End| match end {
+            End::Answered(age) => (0, *age),
+            End::Failed(age) => (1, *age),
+            End::Censored(age) => (2, *age),
+        };
+        let mut reported: Vec<_> = reported.iter().map(key).collect();
+        let mut due: Vec<_> =
+            requested.iter().map(|requested| end(requested)).map(|end| key(&end)).collect();
+        reported.sort_unstable();
+        due.sort_unstable();
+        ensure(reported == due, || format!("{} was told {reported:?}, not {due:?}", cloud.p))?;
+    }
+    Ok(())
+}
+
+/// How a request ended, for its policy: with its own word, unless it was closed before.
+fn end(requested: &AdmittedRequest) -> End {
+    let age = |at: u64| Duration::from_nanos(at - requested.at);
+    match (requested.ended, requested.closed()) {
+        (Some((at, true)), closed) if closed.is_none_or(|closed| at <= closed) => {
+            End::Answered(age(at))
+        }
+        (Some((at, false)), closed) if closed.is_none_or(|closed| at <= closed) => {
+            End::Failed(age(at))
+        }
+        (_, Some(closed)) => End::Censored(age(closed)),
+        (_, None) => End::Censored(Duration::MAX),
+    }
+}

@@ -1,0 +1,186 @@
+//! What was seen from outside of the operator.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use fuseline_engine::Trigger;
+use fuseline_tokio::deadline::End;
+use fuseline_tokio::{DropReason, Ending, Hint, Item, OpenRefusal};
+use tokio::time::Instant;
+
+use crate::simulate::scenario::Scenario;
+use crate::simulate::value::{InstanceCounts, Value, ValueLabel};
+
+/// All that the simulated parts share.
+pub(crate) struct SimulationState {
+    pub(crate) scenario: Scenario,
+    start: Instant,
+    log: Mutex<Log>,
+    pub(crate) frames: InstanceCounts,
+    pub(crate) values: InstanceCounts,
+}
+
+/// What was seen, in the order in which it happened. Instants are nanoseconds of the operator's clock.
+#[derive(Default, PartialEq, Debug)]
+pub(crate) struct Log {
+    /// By timestamp: the message's number and when it was written.
+    pub(crate) written: Vec<(usize, u64)>,
+    /// Message handlers that were asked: cloud and timestamp.
+    pub(crate) requested: Vec<(u16, u64)>,
+    /// Calls and local computations.
+    pub(crate) calls: Vec<LoggedCall>,
+    /// What each reader read.
+    pub(crate) items: Vec<Vec<Read>>,
+    /// Which readers left.
+    pub(crate) gone: Vec<bool>,
+    pub(crate) hints: Vec<LoggedHint>,
+    /// What policies were told, by the clouds' priorities.
+    pub(crate) ends: Vec<(u16, End)>,
+    /// Asides: asked of the handler, under way now and at most, and answers that came to the response handler.
+    pub(crate) sides: [usize; 4],
+    /// When the process stood still: from, to.
+    pub(crate) stalls: Vec<(u64, u64)>,
+    /// When the operator was told to stop, or the runtime was dropped.
+    pub(crate) stopped: Option<u64>,
+    /// How many items each reader had read then; none of those that were gone.
+    pub(crate) read: Vec<Option<usize>>,
+    /// From when on the simulation is over and drops what is left.
+    pub(crate) over: Option<u64>,
+}
+
+/// A call or a local computation.
+#[derive(PartialEq, Debug)]
+pub(crate) struct LoggedCall {
+    pub(crate) p: u16,
+    pub(crate) t: u64,
+    pub(crate) serial: usize,
+    pub(crate) begun: u64,
+    /// The time left that it was told; none for local.
+    pub(crate) left: Option<Duration>,
+    /// When and how it ended.
+    pub(crate) end: Option<(u64, Stop)>,
+}
+
+/// How a call ended.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Stop {
+    Answered,
+    Failed,
+    /// It was dropped by others.
+    DroppedResult,
+}
+
+/// An item, as it was read.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Read {
+    pub(crate) t: u64,
+    /// When it was read.
+    pub(crate) at: u64,
+    pub(crate) opened: u64,
+    pub(crate) decided: u64,
+    pub(crate) left: LoggedOutcome,
+    /// Whose failures were accepted, with the words.
+    pub(crate) failures: Vec<(u16, Arc<str>)>,
+}
+
+/// How a message left.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) enum LoggedOutcome {
+    Forwarded { reported: ValueLabel, p: u16, name: Arc<str>, arrived: u64, trigger: Trigger },
+    Missed,
+    Refused(OpenRefusal),
+}
+
+/// A hint.
+#[derive(PartialEq, Debug)]
+pub(crate) struct LoggedHint {
+    pub(crate) at: u64,
+    pub(crate) t: u64,
+    pub(crate) p: u16,
+    pub(crate) reported: ValueLabel,
+    pub(crate) age: Duration,
+    pub(crate) why: DropReason,
+}
+
+impl SimulationState {
+    pub(crate) fn new(scenario: &Scenario) -> Self {
+        let readers = scenario.readers.len();
+        let log =
+            Log { items: vec![Vec::new(); readers], gone: vec![false; readers], ..Log::default() };
+        Self {
+            scenario: scenario.clone(),
+            start: Instant::now(),
+            log: Mutex::new(log),
+            frames: InstanceCounts::default(),
+            values: InstanceCounts::default(),
+        }
+    }
+
+    /// Nanoseconds since the operator's start.
+    pub(crate) fn now(&self) -> u64 {
+        nanos(self.start.elapsed())
+    }
+
+    pub(crate) fn at(&self, since_start: Duration) -> Instant {
+        self.start + since_start
+    }
+
+    pub(crate) fn log(&self) -> MutexGuard<'_, Log> {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn read(&self, reader: usize, item: &Item<Value>) {
+        let left = match &item.ending {
+            Ending::Forwarded(forwarded) => LoggedOutcome::Forwarded {
+                reported: forwarded.value.reported,
+                p: forwarded.source.priority,
+                name: Arc::clone(&forwarded.source.name),
+                arrived: nanos(forwarded.arrived),
+                trigger: forwarded.trigger,
+            },
+            Ending::Missed => LoggedOutcome::Missed,
+            Ending::Refused(why) => LoggedOutcome::Refused(*why),
+        };
+        let failures = item.failures.iter();
+        let read = Read {
+            t: item.timestamp,
+            at: self.now(),
+            opened: nanos(item.opened),
+            decided: nanos(item.decided),
+            left,
+            failures: failures.map(|it| (it.source.priority, Arc::clone(&it.why))).collect(),
+        };
+        self.log().items[reader].push(read);
+    }
+
+    pub(crate) fn hear(&self, hint: &Hint<Value>) {
+        let received = LoggedHint {
+            at: self.now(),
+            t: hint.timestamp,
+            p: hint.source.priority,
+            reported: hint.value.reported,
+            age: hint.age,
+            why: hint.why,
+        };
+        self.log().hints.push(received);
+    }
+}
+
+impl Log {
+    /// The operator is told to stop, or the runtime is dropped.
+    pub(crate) fn stop(&mut self, at: u64) {
+        let read = |(items, gone): (&Vec<Read>, &bool)| (!gone).then_some(items.len());
+        self.read = self.items.iter().zip(&self.gone).map(read).collect();
+        self.stopped = Some(at);
+    }
+
+    /// How long the process stood still between two instants.
+    pub(crate) fn stalled(&self, from: u64, to: u64) -> u64 {
+        let overlap = |(begun, ended): &(u64, u64)| to.min(*ended).saturating_sub(from.max(*begun));
+        self.stalls.iter().map(overlap).sum()
+    }
+}
+
+pub(crate) fn nanos(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}

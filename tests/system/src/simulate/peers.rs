@@ -1,0 +1,359 @@
+//! The simulated parts: sources that follow their acts, a camera, readers, a process that stands still.
+
+use std::future::pending;
+use std::panic::resume_unwind;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use fuseline_engine::{Policy, Situation};
+use fuseline_tokio::deadline::{Chosen, End, Reason};
+use fuseline_tokio::{Call, Error, Items, Local, Operator, Setup, Writer};
+use tokio::task::yield_now;
+use tokio::time::{advance, sleep, sleep_until};
+
+use crate::simulate::log::{LoggedCall, SimulationState, Stop};
+use crate::simulate::scenario::{CallResult, OfferAction, SourceAction};
+use crate::simulate::value::{Frame, Value, ValueLabel};
+
+/// The operator whose sources do as the scenario says.
+pub(crate) struct Script(pub(crate) Arc<SimulationState>);
+
+type BoxFuture = Pin<Box<dyn Future<Output = ()> + Send>>;
+
+/// A call on its way, from its begin to the response handler.
+struct CallInProgress {
+    simulation: Arc<SimulationState>,
+    /// Its place in the log.
+    place: usize,
+    reported: ValueLabel,
+    how: CallResult,
+}
+
+/// How a call goes that asks nothing of the rules.
+struct ExtraCall(Arc<SimulationState>);
+
+/// A policy as a remote has it.
+struct FixedPolicy {
+    simulation: Arc<SimulationState>,
+    p: u16,
+    deadline: Duration,
+    requested: u32,
+}
+
+impl Operator for Script {
+    type Input = Frame;
+    type Output = Value;
+
+    fn setup(self, setup: &mut Setup<Frame, Value>) -> Local<Frame, Value> {
+        let Self(simulation) = self;
+        for (place, remote) in simulation.scenario.clouds.iter().copied().enumerate() {
+            let (here, asking) = (Arc::clone(&simulation), Arc::clone(&simulation));
+            let handle = move |(serial, act): (usize, SourceAction), call: Call| {
+                let left = Some(call.deadline);
+                call.sent(1);
+                let way =
+                    CallInProgress::begin(&here, (remote.p, call.timestamp, serial), left, act.how);
+                travel(way, act)
+            };
+            let message_handler = move |frame: &Frame, t: u64| {
+                asking.log().requested.push((remote.p, t));
+                ask(frame.serial, asking.scenario.frames[frame.serial].asks[place])
+            };
+            let cloud = setup.use_cloud(handle, message_handler, CallInProgress::respond, remote.p);
+            cloud.name = name(remote.p);
+            (cloud.limit, cloud.resume, cloud.calls) = (remote.limit, remote.resume, remote.calls);
+            cloud.linger = remote.linger;
+            cloud.policy = remote.policy.map(|deadline| {
+                let simulation = Arc::clone(&simulation);
+                Box::new(FixedPolicy { simulation, p: remote.p, deadline, requested: 0 })
+                    as Box<dyn Policy + Send>
+            });
+        }
+        if let Some((limit, calls)) = simulation.scenario.side {
+            beside(&simulation, setup, limit, calls);
+        }
+        if let Some(panics) = simulation.scenario.hints {
+            let simulation = Arc::clone(&simulation);
+            setup.use_hints(move |hint| {
+                simulation.hear(&hint);
+                if panics {
+                    panic("the handler of hints panics");
+                }
+            });
+        }
+        let plan = simulation.scenario.local;
+        let mut local = Local::futures(plan.at_once, move |frame: Arc<Frame>, t| {
+            let act = simulation.scenario.frames[frame.serial].local;
+            let way = CallInProgress::begin(&simulation, (0, t, frame.serial), None, act.how);
+            if act.how == CallResult::PanicsAtOnce {
+                way.end(Stop::Failed);
+                panic(&words(way.reported));
+            }
+            async move {
+                let value = travel(way, act).await.and_then(CallInProgress::respond);
+                // Local has the message as long as it computes.
+                drop(frame);
+                value
+            }
+        });
+        (local.deadline, local.waiting) = (plan.deadline, plan.waiting);
+        local.skip_answered = plan.skip_answered;
+        local
+    }
+}
+
+/// The calls beside the rules.
+fn beside(
+    simulation: &Arc<SimulationState>,
+    setup: &mut Setup<Frame, Value>,
+    limit: u64,
+    calls: usize,
+) {
+    let (handling, asking, answered) =
+        (Arc::clone(simulation), Arc::clone(simulation), Arc::clone(simulation));
+    let handle = move |(_, act): (usize, SourceAction), _: Call| {
+        let here = ExtraCall::begin(&handling);
+        async move {
+            wait(act).await;
+            let done = match act.how {
+                CallResult::Fails => Err("the aside fails".into()),
+                CallResult::Panics | CallResult::PanicsAtOnce => panic("the aside panics"),
+                CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
+                CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
+                    Ok(act.how)
+                }
+            };
+            drop(here);
+            done
+        }
+    };
+    let message_handler =
+        move |frame: &Frame, _| ask(frame.serial, asking.scenario.frames[frame.serial].side);
+    let response_handler = move |how| {
+        answered.log().sides[3] += 1;
+        match how {
+            CallResult::PanickingResponse => panic("the response handler panics"),
+            CallResult::BadResponse => Err("the response handler refuses".into()),
+            _ => Ok(()),
+        }
+    };
+    let side = setup.use_side_request(handle, message_handler, response_handler);
+    (side.limit, side.resume, side.calls) = (limit, limit - 1, calls);
+}
+
+fn ask(serial: usize, ask: OfferAction) -> Option<((usize, SourceAction), Duration)> {
+    match ask {
+        OfferAction::Nothing => None,
+        OfferAction::Panics => panic("the message handler panics"),
+        OfferAction::Offers(deadline, act) => Some(((serial, act), deadline)),
+    }
+}
+
+/// To the response, if there is one.
+async fn travel(mut way: CallInProgress, act: SourceAction) -> Result<CallInProgress, Error> {
+    if act.how == CallResult::PanicsAtOnce {
+        way.end(Stop::Failed);
+        panic(&words(way.reported));
+    }
+    wait(act).await;
+    match act.how {
+        CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
+        CallResult::Fails => {
+            way.end(Stop::Failed);
+            Err(words(way.reported).into())
+        }
+        CallResult::Panics | CallResult::PanicsAtOnce => {
+            way.end(Stop::Failed);
+            panic(&words(way.reported))
+        }
+        CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
+            way.reported.at = way.simulation.now();
+            Ok(way)
+        }
+    }
+}
+
+async fn wait(act: SourceAction) {
+    turns(act.yields).await;
+    if !act.after.is_zero() {
+        sleep(act.after).await;
+        turns(act.yields).await;
+    }
+}
+
+async fn turns(count: u8) {
+    for _ in 0..count {
+        yield_now().await;
+    }
+}
+
+impl CallInProgress {
+    fn begin(
+        simulation: &Arc<SimulationState>,
+        (p, t, serial): (u16, u64, usize),
+        left: Option<Duration>,
+        how: CallResult,
+    ) -> Self {
+        let begun = simulation.now();
+        let mut log = simulation.log();
+        log.calls.push(LoggedCall { p, t, serial, begun, left, end: None });
+        let place = log.calls.len() - 1;
+        drop(log);
+        Self {
+            simulation: Arc::clone(simulation),
+            place,
+            reported: ValueLabel { p, t, serial, at: begun },
+            how,
+        }
+    }
+
+    /// The response handler. The result counts as made when it is done.
+    fn respond(self) -> Result<Value, Error> {
+        match self.how {
+            CallResult::PanickingResponse => {
+                self.end(Stop::Failed);
+                panic(&words(self.reported))
+            }
+            CallResult::BadResponse => {
+                self.end(Stop::Failed);
+                Err(words(self.reported).into())
+            }
+            _ => {
+                self.end(Stop::Answered);
+                Ok(Value::new(self.reported, &self.simulation.values))
+            }
+        }
+    }
+
+    fn end(&self, stop: Stop) {
+        let at = self.simulation.now();
+        self.simulation.log().calls[self.place].end.get_or_insert((at, stop));
+    }
+}
+
+impl Drop for CallInProgress {
+    fn drop(&mut self) {
+        self.end(Stop::DroppedResult);
+        if self.how == CallResult::HangsAndPanics && !std::thread::panicking() {
+            panic("it panics when it is dropped");
+        }
+    }
+}
+
+impl ExtraCall {
+    fn begin(simulation: &Arc<SimulationState>) -> Self {
+        let mut log = simulation.log();
+        log.sides[0] += 1;
+        log.sides[1] += 1;
+        log.sides[2] = log.sides[2].max(log.sides[1]);
+        drop(log);
+        Self(Arc::clone(simulation))
+    }
+}
+
+impl Drop for ExtraCall {
+    fn drop(&mut self) {
+        self.0.log().sides[1] -= 1;
+    }
+}
+
+impl Policy for FixedPolicy {
+    fn decide(&mut self, _: &Situation<'_>, _: Duration) -> Chosen {
+        self.requested += 1;
+        if self.deadline.is_zero() && self.requested.is_multiple_of(3) {
+            panic("the policy panics");
+        }
+        let deadline = self.deadline.max(Duration::from_millis(1));
+        Chosen { deadline, reason: Reason::Constant }
+    }
+
+    fn ended(&mut self, end: End) {
+        self.simulation.log().ends.push((self.p, end));
+        if self.deadline.is_zero() {
+            panic("the policy panics");
+        }
+    }
+}
+
+/// Writes the messages, each at its time; one that finds no room is not taken in.
+pub(crate) async fn camera(simulation: Arc<SimulationState>, mut writer: Writer<Frame>) {
+    let mut at = Duration::ZERO;
+    for (serial, message) in simulation.scenario.frames.iter().enumerate() {
+        at += message.gap;
+        if !message.gap.is_zero() {
+            sleep_until(simulation.at(at)).await;
+        }
+        turns(message.yields).await;
+        if let Ok(t) = writer.write(Frame::new(serial, &simulation.frames)) {
+            let now = simulation.now();
+            let mut log = simulation.log();
+            // Timestamps count from 0.
+            debug_assert_eq!(t, log.written.len() as u64);
+            log.written.push((serial, now));
+        }
+    }
+}
+
+/// Reads items as the scenario's reader does; the first one lets the others join.
+pub(crate) fn audience(
+    simulation: Arc<SimulationState>,
+    place: usize,
+    items: Items<Value>,
+) -> BoxFuture {
+    Box::pin(listen(simulation, place, items))
+}
+
+async fn listen(simulation: Arc<SimulationState>, place: usize, mut items: Items<Value>) {
+    let plan = simulation.scenario.readers[place];
+    let mut count = 0;
+    loop {
+        if place == 0 {
+            for (other, joining) in simulation.scenario.readers.iter().enumerate().skip(1) {
+                if joining.joins_after == count {
+                    tokio::spawn(audience(Arc::clone(&simulation), other, items.another()));
+                }
+            }
+        }
+        if plan.leaves_after == Some(count) {
+            simulation.log().gone[place] = true;
+            return;
+        }
+        if let Some((_, lag)) = plan.lag.filter(|(after, _)| *after == count) {
+            sleep(lag).await;
+        }
+        let Some(item) = items.read().await else { return };
+        simulation.read(place, &item);
+        drop(item);
+        count += 1;
+        if !plan.pace.is_zero() {
+            sleep(plan.pace).await;
+        }
+    }
+}
+
+/// Stands still now and then: the clock goes on, and nobody has a turn.
+pub(crate) async fn stall(simulation: Arc<SimulationState>) {
+    for (at, len) in &simulation.scenario.stalls {
+        sleep_until(simulation.at(*at)).await;
+        let from = simulation.now();
+        let to = from + crate::simulate::log::nanos(*len);
+        simulation.log().stalls.push((from, to));
+        advance(*len).await;
+    }
+}
+
+/// A cloud's name.
+pub(crate) fn name(p: u16) -> String {
+    format!("cloud {p}")
+}
+
+/// Why a source fails: its words name it and its message.
+pub(crate) fn words(reported: ValueLabel) -> String {
+    format!("{} fails {} as message {}", reported.p, reported.t, reported.serial)
+}
+
+/// A panic that prints nothing.
+fn panic(words: &str) -> ! {
+    resume_unwind(Box::new(words.to_owned()))
+}

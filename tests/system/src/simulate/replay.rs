@@ -1,0 +1,356 @@
+//! A trace read again beside a model of the queues of its own, which shares nothing with the engine's.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use fuseline_engine::Trigger;
+use fuseline_testkit::split;
+use fuseline_traces::{Decision, DropReason, Event, Events, Input, Judge, OpenRefusal, Verdict};
+
+use crate::simulate::scenario::Scenario;
+
+/// What the trace tells.
+#[derive(Default)]
+pub(crate) struct Replay {
+    pub(crate) verdict: Option<Verdict>,
+    /// Why the trace cannot be read.
+    pub(crate) defect: Option<String>,
+    /// The instant of the last input.
+    pub(crate) end: u64,
+    /// The messages in the order in which they were opened.
+    pub(crate) opened: Vec<OpenedMessage>,
+    /// Where each message stands in `opened`.
+    by_t: BTreeMap<u64, usize>,
+    /// What was asked of local and the clouds, in the order in which it was admitted.
+    pub(crate) requested: Vec<AdmittedRequest>,
+    /// The messages in the order in which they left: places in `opened`.
+    pub(crate) left: Vec<usize>,
+    /// Offers: timestamp, cloud, and how they were answered.
+    pub(crate) offers: Vec<(u64, u16, Option<fuseline_traces::OfferRefusal>)>,
+    /// Backlogs that are not the queue's length, in words.
+    pub(crate) wrong_backlogs: Vec<String>,
+    /// Local computations that failed for want of room, or did not, in words.
+    pub(crate) wrong_room: Vec<String>,
+    pub(crate) dropped: Vec<DroppedResult>,
+    pub(crate) held: Vec<u16>,
+}
+
+/// A message that was opened.
+pub(crate) struct OpenedMessage {
+    pub(crate) t: u64,
+    pub(crate) at: u64,
+    pub(crate) left: Option<MessageEnd>,
+    /// Whose failures were accepted.
+    pub(crate) failures: Vec<u16>,
+}
+
+/// How a message left.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct MessageEnd {
+    pub(crate) at: u64,
+    pub(crate) how: CallPath,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum CallPath {
+    Forwarded(u16, Trigger),
+    Missed,
+    Refused(OpenRefusal),
+}
+
+/// A request that was admitted, or a local computation.
+pub(crate) struct AdmittedRequest {
+    pub(crate) p: u16,
+    pub(crate) t: u64,
+    pub(crate) at: u64,
+    pub(crate) due: Option<u64>,
+    pub(crate) started: Option<u64>,
+    /// When its timer fired.
+    pub(crate) fired: Option<u64>,
+    /// When it was cancelled.
+    pub(crate) cancelled: Option<u64>,
+    /// When its own result or failure came, and whether it was a result.
+    pub(crate) ended: Option<(u64, bool)>,
+    /// Whether it was taken out of local's queue because its message was answered.
+    pub(crate) skipped: bool,
+}
+
+/// A result or failure that was dropped.
+pub(crate) struct DroppedResult {
+    pub(crate) at: u64,
+    pub(crate) t: u64,
+    pub(crate) p: u16,
+    pub(crate) why: DropReason,
+    pub(crate) is_result: bool,
+}
+
+/// One source's queue.
+struct Queue {
+    p: u16,
+    at_once: usize,
+    waiting: VecDeque<usize>,
+    flying: Vec<usize>,
+}
+
+/// Reads the trace line by line.
+struct Reader<'a> {
+    scenario: &'a Scenario,
+    replay: Replay,
+    queues: Vec<Queue>,
+    now: u64,
+    /// The timestamp whose local computation must fail now, unless it finds room.
+    crowded: Option<u64>,
+}
+
+impl Replay {
+    /// Reads and judges a trace.
+    pub(crate) fn of(scenario: &Scenario, trace: &[u8]) -> Self {
+        let mut events = match Events::new("trace", trace) {
+            Ok(events) => events,
+            Err(error) => return Self { defect: Some(error.to_string()), ..Self::default() },
+        };
+        let mut judge = Judge::new("trace", events.header());
+        let queue = |p, at_once: usize| Queue {
+            p,
+            at_once: at_once.max(1),
+            waiting: VecDeque::new(),
+            flying: Vec::new(),
+        };
+        let clouds = scenario.clouds.iter().map(|cloud| queue(cloud.p, cloud.calls));
+        let queues = [queue(0, scenario.local.at_once)].into_iter().chain(clouds).collect();
+        let replay = Self::default();
+        let mut reader = Reader { scenario, replay, queues, now: 0, crowded: None };
+        let mut input = None;
+        let mut decisions = Vec::new();
+        loop {
+            match events.next_event() {
+                Ok(Some(event)) => {
+                    judge.line(events.line(), &event);
+                    match event {
+                        Event::Decision(decision) => decisions.push(decision),
+                        Event::Input(next) => {
+                            if let Some(input) = input.replace(next) {
+                                reader.step(&input, &decisions);
+                            }
+                            decisions.clear();
+                        }
+                    }
+                }
+                Ok(None) => break,
+                Err(error) => {
+                    reader.replay.defect = Some(error.to_string());
+                    break;
+                }
+            }
+        }
+        if let Some(input) = input {
+            reader.step(&input, &decisions);
+        }
+        reader.replay.verdict = Some(judge.finish());
+        reader.replay
+    }
+
+    /// The message of this timestamp.
+    pub(crate) fn message(&self, t: u64) -> Option<&OpenedMessage> {
+        self.by_t.get(&t).map(|place| &self.opened[*place])
+    }
+}
+
+impl AdmittedRequest {
+    /// When it was no longer wanted, if it was closed before it ended.
+    pub(crate) fn closed(&self) -> Option<u64> {
+        self.fired.into_iter().chain(self.cancelled).min()
+    }
+}
+
+impl Reader<'_> {
+    fn step(&mut self, input: &Input, decisions: &[Decision]) {
+        self.now = self.now.max(input.at());
+        self.replay.end = self.now;
+        self.crowds(input);
+        let (fired, own) = split(input, decisions);
+        if let Input::Offer { t, p, backlog, .. } = *input {
+            let waiting = self.queue(p).map_or(0, |queue| self.queues[queue].waiting.len());
+            if waiting as u64 != backlog {
+                let reported =
+                    format!("{t} was offered to {p} with backlog {backlog}, {waiting} wait");
+                self.replay.wrong_backlogs.push(reported);
+            }
+        }
+        if let Input::Result { t, p, .. } | Input::Fail { t, p, .. } = *input {
+            self.end(t, p, matches!(input, Input::Result { .. }));
+        }
+        for decision in fired {
+            self.decide(decision, Trigger::Timer, input);
+        }
+        let trigger = match input {
+            Input::Fail { .. } => Trigger::Failure,
+            _ => Trigger::Arrival,
+        };
+        self.open(input, own);
+        for decision in own {
+            self.decide(decision, trigger, input);
+        }
+        if let Input::Fail { t, p, .. } = *input
+            && !own.iter().any(|decision| matches!(decision, Decision::Drop { .. }))
+            && let Some(place) = self.replay.by_t.get(&t)
+        {
+            self.replay.opened[*place].failures.push(short(p));
+        }
+        self.start();
+    }
+
+    /// F1, and local gets the message; a computation beyond its bound fails next.
+    fn open(&mut self, input: &Input, own: &[Decision]) {
+        let Input::Open { at, t, deadline } = *input else { return };
+        let replay = &mut self.replay;
+        replay.by_t.insert(t, replay.opened.len());
+        replay.opened.push(OpenedMessage { t, at, left: None, failures: Vec::new() });
+        if own.is_empty() {
+            let due = deadline.map(|deadline| self.now.saturating_add(deadline));
+            self.ask(0, 0, t, due);
+            self.crowded = Some(t);
+        }
+    }
+
+    /// Whether local fails where its queue is beyond its bound, and only there.
+    fn crowds(&mut self, input: &Input) {
+        let Some(t) = self.crowded else { return };
+        if matches!(input, Input::Offer { t: of, .. } if *of == t) {
+            return;
+        }
+        self.crowded = None;
+        let waiting = self.queues[0].waiting.len();
+        let bound = self.scenario.local.waiting.unwrap_or(self.scenario.window.into());
+        let fails = matches!(input, Input::Fail { t: of, p: 0, .. } if *of == t);
+        if waiting > bound && !fails {
+            let reported = format!("{waiting} wait for local, which is bounded by {bound}");
+            self.replay.wrong_room.push(reported);
+        }
+    }
+
+    fn ask(&mut self, queue: usize, p: u16, t: u64, due: Option<u64>) {
+        self.queues[queue].waiting.push_back(self.replay.requested.len());
+        self.replay.requested.push(AdmittedRequest {
+            p,
+            t,
+            at: self.now,
+            due,
+            started: None,
+            fired: None,
+            cancelled: None,
+            ended: None,
+            skipped: false,
+        });
+    }
+
+    /// The source's own word came.
+    fn end(&mut self, t: u64, p: u64, is_result: bool) {
+        if let Some(queue) = self.queue(p)
+            && let Some(requested) = self.take(queue, t)
+        {
+            self.replay.requested[requested].ended = Some((self.now, is_result));
+        } else if let Some(requested) = self
+            .replay
+            .requested
+            .iter_mut()
+            .rev()
+            .find(|requested| u64::from(requested.p) == p && requested.t == t)
+        {
+            // It came although it had been closed: it lingered, or came with its timer.
+            requested.ended.get_or_insert((self.now, is_result));
+        }
+    }
+
+    fn decide(&mut self, decision: &Decision, trigger: Trigger, input: &Input) {
+        match *decision {
+            Decision::Timer { at, t, p } => {
+                if p > 0
+                    && let Some(queue) = self.queue(p)
+                {
+                    self.take(queue, t);
+                }
+                self.mark(t, p, |requested| requested.fired = Some(at));
+            }
+            Decision::Cancel { at, t, p } => {
+                if let Some(queue) = self.queue(p) {
+                    self.take(queue, t);
+                }
+                self.mark(t, p, |requested| requested.cancelled = Some(at));
+            }
+            Decision::Request { t, p, due, .. } => {
+                self.replay.offers.push((t, short(p), None));
+                if let Some(queue) = self.queue(p) {
+                    self.ask(queue, short(p), t, Some(due));
+                }
+            }
+            Decision::RefuseOffer { t, p, why, .. } => {
+                self.replay.offers.push((t, short(p), Some(why)));
+            }
+            Decision::Emit { at, t, p } => {
+                self.leave(at, t, CallPath::Forwarded(short(p), trigger))
+            }
+            Decision::Miss { at, t } => self.leave(at, t, CallPath::Missed),
+            Decision::RefuseOpen { at, t, why } => self.leave(at, t, CallPath::Refused(why)),
+            Decision::Hold { p, .. } => self.replay.held.push(short(p)),
+            Decision::Drop { at, t, p, why } => {
+                let is_result = matches!(input, Input::Result { .. });
+                self.replay.dropped.push(DroppedResult { at, t, p: short(p), why, is_result });
+            }
+        }
+    }
+
+    fn leave(&mut self, at: u64, t: u64, how: CallPath) {
+        let Some(place) = self.replay.by_t.get(&t).copied() else { return };
+        self.replay.opened[place].left = Some(MessageEnd { at, how });
+        self.replay.left.push(place);
+        let waits = |queue: &Queue, requested: &[AdmittedRequest]| {
+            queue.waiting.iter().position(|place| requested[*place].t == t)
+        };
+        if self.scenario.local.skip_answered
+            && let Some(at) = waits(&self.queues[0], &self.replay.requested)
+            && let Some(requested) = self.queues[0].waiting.remove(at)
+        {
+            self.replay.requested[requested].skipped = true;
+        }
+    }
+
+    /// What waits is sent while there is room, the first first.
+    fn start(&mut self) {
+        for queue in &mut self.queues {
+            while queue.flying.len() < queue.at_once
+                && let Some(requested) = queue.waiting.pop_front()
+            {
+                self.replay.requested[requested].started = Some(self.now);
+                queue.flying.push(requested);
+            }
+        }
+    }
+
+    /// Takes a request out of its queue, or from what is under way.
+    fn take(&mut self, queue: usize, t: u64) -> Option<usize> {
+        let requested = &self.replay.requested;
+        let Queue { waiting, flying, .. } = &mut self.queues[queue];
+        if let Some(place) = flying.iter().position(|place| requested[*place].t == t) {
+            return Some(flying.remove(place));
+        }
+        let place = waiting.iter().position(|place| requested[*place].t == t)?;
+        waiting.remove(place)
+    }
+
+    fn mark(&mut self, t: u64, p: u64, mark: impl FnOnce(&mut AdmittedRequest)) {
+        let is_it =
+            |requested: &&mut AdmittedRequest| requested.t == t && u64::from(requested.p) == p;
+        if let Some(requested) = self.replay.requested.iter_mut().rev().find(is_it) {
+            mark(requested);
+        }
+    }
+
+    fn queue(&self, p: u64) -> Option<usize> {
+        self.queues.iter().position(|queue| u64::from(queue.p) == p)
+    }
+}
+
+/// Priorities of what the engine asks fit.
+fn short(p: u64) -> u16 {
+    u16::try_from(p).unwrap_or(u16::MAX)
+}

@@ -1,0 +1,109 @@
+//! Plays scenarios and checks them.
+
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::time::Duration;
+
+use fuseline_tokio::Tally;
+use tempfile::TempDir;
+
+use crate::simulate::checks::{Facts, Finding};
+use crate::simulate::log::Log;
+use crate::simulate::play::{OperatorEnd, RunResult, play};
+use crate::simulate::scenario::Scenario;
+use crate::simulate::shrink;
+
+/// Plays scenarios, one after the other, with files in a folder of its own, in memory if there is one.
+pub struct Simulator {
+    folder: TempDir,
+}
+
+/// What one run was.
+pub struct Simulated {
+    /// What does not hold of it.
+    pub findings: Vec<Finding>,
+    /// How many messages were written.
+    pub messages: u64,
+    /// How long it took in virtual time, until the operator was told to stop or the last item was read.
+    pub life: Duration,
+    /// The operator's trace.
+    pub trace: Vec<u8>,
+    /// What else was seen; none if a panic came through.
+    seen: Option<ExternalLog>,
+}
+
+/// What was seen outside of the trace.
+#[derive(Debug)]
+#[expect(dead_code, reason = "it is shown as a whole")]
+struct ExternalLog {
+    log: Log,
+    ended: OperatorEnd,
+    tally: Option<Tally>,
+    most: [usize; 2],
+    left: [usize; 3],
+}
+
+impl Simulator {
+    /// A simulator.
+    ///
+    /// # Errors
+    /// If there is no place for its files.
+    pub fn new() -> io::Result<Self> {
+        let memory = Path::new("/dev/shm");
+        let folder =
+            if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+        Ok(Self { folder: folder? })
+    }
+
+    /// Plays a scenario and checks it.
+    ///
+    /// # Errors
+    /// If its files cannot be used.
+    pub fn simulate(&self, scenario: &Scenario) -> io::Result<Simulated> {
+        // What the operator's own tasks do with a panic is theirs to show; this one came through.
+        let played = catch_unwind(AssertUnwindSafe(|| play(scenario, self.folder.path())));
+        let played = match played {
+            Ok(played) => played?,
+            Err(panic) => return Ok(Simulated::panicked(&*panic)),
+        };
+        let findings = Facts::new(scenario, &played).findings();
+        Ok(Simulated::new(findings, played))
+    }
+
+    /// A run as small as can be found of which this check does not hold either.
+    ///
+    /// # Errors
+    /// If its files cannot be used.
+    pub fn smallest(&self, scenario: &Scenario, check: &str) -> io::Result<Scenario> {
+        shrink::smallest(scenario, |smaller| {
+            let findings = self.simulate(smaller)?.findings;
+            Ok(findings.iter().any(|finding| finding.check == check))
+        })
+    }
+}
+
+impl Simulated {
+    fn new(findings: Vec<Finding>, played: RunResult) -> Self {
+        let last = played.log.items.iter().flatten().map(|read| read.at).max().unwrap_or(0);
+        let life = Duration::from_nanos(played.log.stopped.unwrap_or(last));
+        let RunResult { log, trace, ended, tally, most, left, .. } = played;
+        let messages = log.written.len() as u64;
+        let seen = Some(ExternalLog { log, ended, tally, most, left });
+        Self { findings, messages, life, trace, seen }
+    }
+
+    fn panicked(panic: &(dyn std::any::Any + Send)) -> Self {
+        let what = panic.downcast_ref::<String>().map(String::as_str);
+        let what = what.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no words");
+        let finding = Finding { check: "d7_no_panic_comes_through", what: what.to_owned() };
+        let (trace, seen) = (Vec::new(), None);
+        Self { findings: vec![finding], messages: 0, life: Duration::ZERO, trace, seen }
+    }
+
+    /// Everything that was seen outside of the trace, in words: the same for the same seed.
+    #[must_use]
+    pub fn seen(&self) -> String {
+        format!("{:#?}", self.seen)
+    }
+}

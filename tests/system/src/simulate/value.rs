@@ -1,0 +1,69 @@
+//! What goes in and comes out: values that name their source, message and instant, and are counted.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// A message from the camera.
+pub(crate) struct Frame {
+    pub(crate) serial: usize,
+    _alive: LiveCounter,
+}
+
+/// A result.
+pub(crate) struct Value {
+    pub(crate) reported: ValueLabel,
+    _alive: LiveCounter,
+}
+
+/// What a value says of itself.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct ValueLabel {
+    /// The source's priority.
+    pub(crate) p: u16,
+    /// The timestamp that the source was told.
+    pub(crate) t: u64,
+    /// The message that the source was given.
+    pub(crate) serial: usize,
+    /// When it was made, in ns.
+    pub(crate) at: u64,
+}
+
+/// How many of one kind there are, and were at most.
+#[derive(Clone, Default)]
+pub(crate) struct InstanceCounts(Arc<[AtomicUsize; 2]>);
+
+struct LiveCounter(InstanceCounts);
+
+impl Frame {
+    pub(crate) fn new(serial: usize, instance_counts: &InstanceCounts) -> Self {
+        Self { serial, _alive: instance_counts.born() }
+    }
+}
+
+impl Value {
+    pub(crate) fn new(reported: ValueLabel, instance_counts: &InstanceCounts) -> Self {
+        Self { reported, _alive: instance_counts.born() }
+    }
+}
+
+impl InstanceCounts {
+    pub(crate) fn now(&self) -> usize {
+        self.0[0].load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn most(&self) -> usize {
+        self.0[1].load(Ordering::Relaxed)
+    }
+
+    fn born(&self) -> LiveCounter {
+        let now = self.0[0].fetch_add(1, Ordering::Relaxed) + 1;
+        self.0[1].fetch_max(now, Ordering::Relaxed);
+        LiveCounter(self.clone())
+    }
+}
+
+impl Drop for LiveCounter {
+    fn drop(&mut self) {
+        self.0.0[0].fetch_sub(1, Ordering::Relaxed);
+    }
+}

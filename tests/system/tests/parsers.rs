@@ -1,0 +1,34 @@
+//! The seeds of the fuzz targets of every parser, replayed: what was found once is looked at by
+//! every `cargo test`.
+
+use std::alloc::System;
+use std::fs;
+use std::path::Path;
+
+use cap::Cap;
+use fuseline_system_tests::parsers::{ALL, Ends, MEMORY};
+
+/// Who asks for more ends the test.
+#[global_allocator]
+static BOUNDED: Cap<System> = Cap::new(System, MEMORY);
+
+const SEEDS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/parsers/seeds");
+
+#[test]
+fn seeds_find_nothing_and_come_to_every_end() {
+    for parser in ALL {
+        let folder = Path::new(SEEDS).join(parser.name);
+        let mut ends = Ends::new();
+        for entry in fs::read_dir(&folder).expect("a folder of seeds for each parser") {
+            let path = entry.expect("a readable folder").path();
+            let bytes = fs::read(&path).expect("a readable file");
+            if let Err(fault) = (parser.check)(&bytes, &mut ends) {
+                panic!("{}: {fault}", path.display());
+            }
+        }
+        let missing: Vec<_> = parser.ends.iter().filter(|end| !ends.contains(*end)).collect();
+        assert!(missing.is_empty(), "no seed in {} comes to {missing:?}", folder.display());
+        let unknown: Vec<_> = ends.iter().filter(|end| !parser.ends.contains(end)).collect();
+        assert!(unknown.is_empty(), "{} has ends that it does not tell: {unknown:?}", parser.name);
+    }
+}
