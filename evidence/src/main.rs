@@ -28,7 +28,7 @@ enum Command {
     Faults(Faults),
     /// Measure the tests: mutants that survive, code that never runs.
     Measure(MeasurementResult),
-    /// Write the matrix of the results into target/evidence: matrix.md, evidence.csv and evidence.json.
+    /// Write the matrix of the results into evidence/ of cargo's target folder: matrix.md, evidence.csv and evidence.json.
     ///
     /// It fails if a result is missing or older than its sources without a reason in evidence/older.toml; the files name it.
     Matrix {
@@ -155,9 +155,10 @@ fn measure(tree: &Tree, args: &MeasurementResult) -> Result<bool, Error> {
 fn matrix(tree: &Tree, check: bool) -> Result<bool, Error> {
     let matrix = Matrix::build(tree)?;
     if !check {
+        // As cargo does, but that a relative path begins at the root, whatever the working directory is.
+        let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
         for artefact in artefacts(&matrix)? {
-            artefact.save(tree)?;
-            println!("{}", artefact.name);
+            println!("{}", artefact.save(&tree.path(target.as_os_str()))?.display());
         }
     }
     for line in &matrix.wrong {

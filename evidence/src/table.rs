@@ -2,28 +2,30 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use crate::error::Error;
 use crate::kind::{KINDS, Kind};
 use crate::matrix::{Matrix, MeasurementRow, Row};
-use crate::tree::Tree;
 
 /// One file made of the matrix.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct GeneratedFile {
-    /// Its name from the root.
+    /// The name of the file.
     pub name: &'static str,
     /// Its content.
     pub text: String,
 }
 
 impl GeneratedFile {
-    /// Writes it, whole or not at all.
+    /// Writes it below cargo's target folder, whole or not at all; returns where it is.
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn save(&self, tree: &Tree) -> Result<(), Error> {
-        crate::record::write_whole(&tree.path(self.name), &self.text)
+    pub fn save(&self, target: &Path) -> Result<PathBuf, Error> {
+        let path = target.join("evidence").join(self.name);
+        crate::record::write_whole(&path, &self.text)?;
+        Ok(path)
     }
 }
 
@@ -44,9 +46,9 @@ pub fn artefacts(matrix: &Matrix) -> Result<[GeneratedFile; 3], Error> {
     ])
 }
 
-const CHAPTER: &str = "target/evidence/matrix.md";
-const CSV: &str = "target/evidence/evidence.csv";
-const JSON: &str = "target/evidence/evidence.json";
+const CHAPTER: &str = "matrix.md";
+const CSV: &str = "evidence.csv";
+const JSON: &str = "evidence.json";
 
 const HEAD: &str = "\
 # The matrix
@@ -223,6 +225,7 @@ fn csv(matrix: &Matrix) -> Result<String, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tree::Tree;
 
     #[test]
     fn what_is_made_is_written_below_the_target_folder_alone() -> Result<(), Error> {
@@ -238,11 +241,13 @@ mod tests {
             wrong: Vec::new(),
         };
         for artefact in artefacts(&matrix)? {
-            artefact.save(&tree)?;
+            artefact.save(root.path())?;
         }
         let written = ["evidence.csv", "evidence.json", "matrix.md"];
-        assert_eq!(tree.files(&["."])?, written.map(|name| format!("target/evidence/{name}")));
-        assert!(tree.text(CHAPTER)?.contains("- races under loom: the window moved\n"));
+        assert_eq!(tree.files(&["."])?, written.map(|name| format!("evidence/{name}")));
+        assert!(
+            tree.text("evidence/matrix.md")?.contains("- races under loom: the window moved\n")
+        );
         Ok(())
     }
 }
