@@ -182,7 +182,8 @@ fn measurement(standing: &MeasurementRow, text: &mut String) {
     let _ = writeln!(text, "\n| where | what | why it may stay |\n|---|---|---|");
     for (gap, because) in &standing.gaps {
         let cell = |text: &str| text.replace('|', "\\|");
-        let (line, what) = (cell(&gap.line), cell(&gap.what));
+        // Types with parameters are no HTML.
+        let (line, what) = (cell(&gap.line), cell(&gap.what).replace('<', "\\<"));
         let _ = writeln!(text, "| `{}`: `{line}` | {what} | {} |", gap.file, cell(because));
     }
 }
@@ -225,18 +226,29 @@ fn csv(matrix: &Matrix) -> Result<String, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gap::Gap;
     use crate::tree::Tree;
 
     #[test]
     fn what_is_made_is_written_below_the_target_folder_alone() -> Result<(), Error> {
         let root = tempfile::tempdir().map_err(Error::file("a temporary folder".as_ref()))?;
         let tree = Tree::new(root.path().to_owned());
+        let gap = Gap {
+            file: "core/src/clouds.rs".to_owned(),
+            line: "a | b".to_owned(),
+            what: "replace | with ^ in Clouds<CLOUDS>::insert".to_owned(),
+        };
         let matrix = Matrix {
             built_by: BTreeMap::new(),
             ran: BTreeMap::new(),
             rows: Vec::new(),
             faults: Vec::new(),
-            measured: Vec::new(),
+            measured: vec![MeasurementRow {
+                title: "mutants of the core",
+                by: "cargo-mutants".to_owned(),
+                counts: BTreeMap::new(),
+                gaps: vec![(gap, "The two are equal.".to_owned())],
+            }],
             older: vec![("races under loom", "the window moved".to_owned())],
             wrong: Vec::new(),
         };
@@ -245,8 +257,10 @@ mod tests {
         }
         let written = ["evidence.csv", "evidence.json", "matrix.md"];
         assert_eq!(tree.files(&["."])?, written.map(|name| format!("evidence/{name}")));
+        let chapter = tree.text("evidence/matrix.md")?;
+        assert!(chapter.contains("- races under loom: the window moved\n"));
         assert!(
-            tree.text("evidence/matrix.md")?.contains("- races under loom: the window moved\n")
+            chapter.contains(r"`a \| b` | replace \| with ^ in Clouds\<CLOUDS>::insert | The two")
         );
         Ok(())
     }
