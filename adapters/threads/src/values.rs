@@ -90,6 +90,6 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for ValueOwner<'_, T, CLOUDS, WINDOW> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Intake").field(&self.owner).finish()
+        f.debug_tuple("ValueOwner").field(&self.owner).finish()
     }
 }
