@@ -28,9 +28,11 @@ enum Command {
     Faults(Faults),
     /// Measure the tests: mutants that survive, code that never runs.
     Measure(MeasurementResult),
-    /// Make EVIDENCE.md, its CSV and its JSON from the results.
+    /// Write the matrix of the results into evidence/ of cargo's target folder: matrix.md, evidence.csv and evidence.json.
+    ///
+    /// It fails if a result is missing or older than its sources without a reason in evidence/older.toml; the files name it.
     Matrix {
-        /// Change nothing; fail if something is missing, stale or different.
+        /// Write nothing; only fail as above.
         #[arg(long)]
         check: bool,
     },
@@ -149,19 +151,18 @@ fn measure(tree: &Tree, args: &MeasurementResult) -> Result<bool, Error> {
     Ok(true)
 }
 
-/// Whether the matrix stands, and is what is there already if it is only checked.
+/// Whether the matrix stands; its files are written even if it does not, for they name what is missing.
 fn matrix(tree: &Tree, check: bool) -> Result<bool, Error> {
     let matrix = Matrix::build(tree)?;
-    let mut wrong = matrix.wrong.clone();
-    for artefact in artefacts(&matrix)? {
-        if !check {
-            artefact.save(tree)?;
-        } else if !artefact.is_current(tree) {
-            wrong.push(format!("{} is not what the results make it", artefact.name));
+    if !check {
+        // As cargo does, but that a relative path begins at the root, whatever the working directory is.
+        let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
+        for artefact in artefacts(&matrix)? {
+            println!("{}", artefact.save(&tree.path(target.as_os_str()))?.display());
         }
     }
-    for line in &wrong {
+    for line in &matrix.wrong {
         eprintln!("{line}");
     }
-    Ok(wrong.is_empty())
+    Ok(matrix.wrong.is_empty())
 }

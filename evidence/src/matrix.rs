@@ -25,9 +25,6 @@ pub struct Matrix {
     pub rows: Vec<Row>,
     /// The faults in their order, each with who caught it.
     pub faults: Vec<Seeded>,
-    /// What the proofs show of which code, for which sizes, and what is left to trust, as their README has it.
-    #[serde(skip)]
-    pub proved: String,
     /// The measurements of the tests, in their order.
     pub measured: Vec<MeasurementRow>,
     /// The results that are older than their sources, by title, each with the reason.
@@ -147,26 +144,11 @@ impl Matrix {
             ran: records.iter().map(|(kind, record)| (kind.name, record.held.len())).collect(),
             rows,
             faults: seeded,
-            proved: proved(&tree.text(PROOFS)?, &mut wrong),
             measured,
             older,
             wrong,
         })
     }
-}
-
-const PROOFS: &str = "proofs/README.md";
-
-/// The table of what is shown, and the paragraph on what is left to trust.
-fn proved(readme: &str, wrong: &mut Vec<String>) -> String {
-    let parts = ["| what is shown |", "**What is left to trust:**"].map(|begin| {
-        let part = readme.split("\n\n").find(|part| part.starts_with(begin));
-        part.unwrap_or_else(|| {
-            wrong.push(format!("{PROOFS}: no part begins with {begin}"));
-            ""
-        })
-    });
-    parts.join("\n\n")
 }
 
 /// The record of a kind; says if it has no witness. None counts as older than its sources.

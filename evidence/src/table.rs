@@ -2,60 +2,60 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use crate::error::Error;
 use crate::kind::{KINDS, Kind};
 use crate::matrix::{Matrix, MeasurementRow, Row};
-use crate::tree::Tree;
 
 /// One file made of the matrix.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct GeneratedFile {
-    /// Its name from the root.
+    /// The name of the file.
     pub name: &'static str,
-    /// What it says.
+    /// Its content.
     pub text: String,
 }
 
 impl GeneratedFile {
-    /// Writes it, whole or not at all.
+    /// Writes it below cargo's target folder, whole or not at all; returns where it is.
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn save(&self, tree: &Tree) -> Result<(), Error> {
-        crate::record::write_whole(&tree.path(self.name), &self.text)
-    }
-
-    /// Whether the file in this tree says the same.
-    #[must_use]
-    pub fn is_current(&self, tree: &Tree) -> bool {
-        std::fs::read_to_string(tree.path(self.name)).is_ok_and(|text| text == self.text)
+    pub fn save(&self, target: &Path) -> Result<PathBuf, Error> {
+        let path = target.join("evidence").join(self.name);
+        crate::record::write_whole(&path, &self.text)?;
+        Ok(path)
     }
 }
 
-/// All files made of the matrix.
+/// All files made of the matrix: a chapter of the book, and the same as CSV and JSON.
+///
+/// They are built into the target folder and are not tracked.
 ///
 /// # Errors
 /// Never in practice: the matrix consists of text.
 pub fn artefacts(matrix: &Matrix) -> Result<[GeneratedFile; 3], Error> {
-    let json = "evidence/evidence.json";
-    let mut text = serde_json::to_string_pretty(matrix)
-        .map_err(|error| Error::content(json.as_ref(), error.to_string()))?;
-    text.push('\n');
+    let mut json = serde_json::to_string_pretty(matrix)
+        .map_err(|error| Error::content(JSON.as_ref(), error.to_string()))?;
+    json.push('\n');
     Ok([
-        GeneratedFile { name: "EVIDENCE.md", text: markdown(matrix) },
-        GeneratedFile { name: "evidence/evidence.csv", text: csv(matrix)? },
-        GeneratedFile { name: json, text },
+        GeneratedFile { name: CHAPTER, text: markdown(matrix) },
+        GeneratedFile { name: CSV, text: csv(matrix)? },
+        GeneratedFile { name: JSON, text: json },
     ])
 }
 
-const HEAD: &str = "\
-# Evidence
+const CHAPTER: &str = "matrix.md";
+const CSV: &str = "evidence.csv";
+const JSON: &str = "evidence.json";
 
-What shows each rule, promise and ambiguity of `SPEC.md`, by result: a witness stands in its row only if it cites
-the identifier and went red under a seeded fault that violates it. The faults are in `tests/faults.toml` and
-`tests/faults-around.toml`, the results in `evidence/results/`. The obligations of the rules have faults of their own, in
-`proofs/rules/faults.toml`. This file is made by `cargo run -p fuseline-evidence -- matrix`; do not edit it.
+const HEAD: &str = "\
+# The matrix
+
+Which witnesses show each rule, promise and ambiguity of `SPEC.md`, by the results of the last campaigns. A witness is in a row
+only if it cites the identifier and failed under a seeded fault that violates it; [Seeded faults and the matrix](evidence.md)
+explains how this is measured. The command `cargo run -p fuseline-evidence -- matrix` writes this chapter; do not edit it.
 ";
 
 fn markdown(matrix: &Matrix) -> String {
@@ -73,13 +73,18 @@ fn markdown(matrix: &Matrix) -> String {
         matrix.wrong.iter().for_each(|line| text.extend(["- ", line, "\n"]));
     }
     if !matrix.older.is_empty() {
-        text.push_str("\n## Older than their sources\n\nTo be taken again; what they say is of an earlier state.\n\n");
+        text.push_str(
+            "\n## Older than their sources\n\nThese results are of an earlier state of the sources and are to be measured again.\n\n",
+        );
         for (title, because) in &matrix.older {
             let _ = writeln!(text, "- {title}: {because}");
         }
     }
-    let _ = writeln!(text, "\n## What the proofs show of which code\n\n{}", matrix.proved);
-    text.push_str("\n## In short\n\n");
+    text.push_str(
+        "\n## What the proofs are about\n\n[Proofs](proofs.md) has the code that each proof covers, the sizes for which it holds, and what \
+         it trusts.\n\n## In short\n\nHow many places of the code cite each identifier, how many witnesses of each kind show it, and \
+         how many seeded faults violate it.\n\n",
+    );
     overview(matrix, &mut text);
     for (family, title) in [
         ('F', "Rules"),
@@ -95,7 +100,7 @@ fn markdown(matrix: &Matrix) -> String {
         }
     }
     text.push_str(
-        "\n## Seeded faults\n\nHow many witnesses of each kind each fault turned red.\n\n",
+        "\n## Seeded faults\n\nHow many witnesses of each kind failed under each fault.\n\n",
     );
     faults(matrix, &mut text);
     matrix.measured.iter().for_each(|standing| measurement(standing, &mut text));
@@ -177,7 +182,8 @@ fn measurement(standing: &MeasurementRow, text: &mut String) {
     let _ = writeln!(text, "\n| where | what | why it may stay |\n|---|---|---|");
     for (gap, because) in &standing.gaps {
         let cell = |text: &str| text.replace('|', "\\|");
-        let (line, what) = (cell(&gap.line), cell(&gap.what));
+        // Types with parameters are no HTML.
+        let (line, what) = (cell(&gap.line), cell(&gap.what).replace('<', "\\<"));
         let _ = writeln!(text, "| `{}`: `{line}` | {what} | {} |", gap.file, cell(because));
     }
 }
@@ -193,7 +199,7 @@ fn number(count: usize) -> String {
 
 /// A line for each thing that stands in a row of the matrix.
 fn csv(matrix: &Matrix) -> Result<String, Error> {
-    let name = "evidence/evidence.csv".as_ref();
+    let name = CSV.as_ref();
     let mut writer = csv::Writer::from_writer(Vec::new());
     let mut write = |cells: [&str; 3]| {
         writer.write_record(cells).map_err(|error| Error::content(name, error.to_string()))
@@ -215,4 +221,47 @@ fn csv(matrix: &Matrix) -> Result<String, Error> {
     let bytes =
         writer.into_inner().map_err(|error| Error::content(name, error.error().to_string()))?;
     String::from_utf8(bytes).map_err(|error| Error::content(name, error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::Gap;
+    use crate::tree::Tree;
+
+    #[test]
+    fn what_is_made_is_written_below_the_target_folder_alone() -> Result<(), Error> {
+        let root = tempfile::tempdir().map_err(Error::file("a temporary folder".as_ref()))?;
+        let tree = Tree::new(root.path().to_owned());
+        let gap = Gap {
+            file: "core/src/clouds.rs".to_owned(),
+            line: "a | b".to_owned(),
+            what: "replace | with ^ in Clouds<CLOUDS>::insert".to_owned(),
+        };
+        let matrix = Matrix {
+            built_by: BTreeMap::new(),
+            ran: BTreeMap::new(),
+            rows: Vec::new(),
+            faults: Vec::new(),
+            measured: vec![MeasurementRow {
+                title: "mutants of the core",
+                by: "cargo-mutants".to_owned(),
+                counts: BTreeMap::new(),
+                gaps: vec![(gap, "The two are equal.".to_owned())],
+            }],
+            older: vec![("races under loom", "the window moved".to_owned())],
+            wrong: Vec::new(),
+        };
+        for artefact in artefacts(&matrix)? {
+            artefact.save(root.path())?;
+        }
+        let written = ["evidence.csv", "evidence.json", "matrix.md"];
+        assert_eq!(tree.files(&["."])?, written.map(|name| format!("evidence/{name}")));
+        let chapter = tree.text("evidence/matrix.md")?;
+        assert!(chapter.contains("- races under loom: the window moved\n"));
+        assert!(
+            chapter.contains(r"`a \| b` | replace \| with ^ in Clouds\<CLOUDS>::insert | The two")
+        );
+        Ok(())
+    }
 }

@@ -141,7 +141,7 @@ def digest() -> str:
 
 
 def record(run: Run, disagreeing: list[str]) -> str:
-    """What `EVIDENCE.md` can be made from: what each obligation shows, and what breaks it."""
+    """What the matrix of evidence reads: what each obligation shows, and what breaks it."""
     kept = {
         "sources": digest(),
         "solvers": run.versions,

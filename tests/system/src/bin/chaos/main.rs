@@ -1,6 +1,6 @@
 //! Shipped operators with real clouds over real sockets, while the network and the clouds break.
 //!
-//! `chaos/README.md` says what is done and what is checked. Nothing here is published.
+//! The chapter `docs/book/src/verified/chaos.md` says what is done and what is checked. Nothing here is published.
 
 mod certificates;
 mod checks;
