@@ -8,8 +8,8 @@ use crate::policy::{Case, Chosen, End, Policy, Reason, Situation, rounded_down};
 use crate::span::Span;
 use crate::units::Metres;
 
-/// The longest deadline with which fusion never hits what local alone would not have hit: T2 of the crate's
-/// documentation, under its conditions. T4 is what it does not guarantee.
+/// The longest deadline with which fusion never hits what local alone would not have hit: T2 of the project's
+/// `SPEC.md`, under the conditions of the book's chapter *Deadlines that are safe*. T4 is what it does not guarantee.
 ///
 /// The planner has its part of the conditions: it counts timestamps, not arrivals, and an output without a report breaks a
 /// row of reports only if local has a result for its timestamp.
