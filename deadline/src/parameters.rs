@@ -11,7 +11,8 @@ use crate::units::{Metres, MetresPerSecondSquared};
 ///
 /// A figure that is not known exactly is a [`Span`], of which the end that keeps the guarantee counts. The default is the
 /// vehicle of the traffic jam; each field names its figure. Of these the paper states local's response, the frames and
-/// their rate; the others are chosen so that the paper's table comes out, as `SCENARIOS.md` of the project says.
+/// their rate; the others are chosen so that the paper's table comes out, as the book's chapter *The paper's scenarios*
+/// says.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Parameters {
     /// Full braking; 7.5 m/s².
