@@ -8,8 +8,9 @@ use std::time::Duration;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use csv::{Position, ReaderBuilder, StringRecord, Trim};
 use fuseline_deadline::{
-    Assessment, Case, Choice, Classes, Guard, Hazard, Impact, Invalid, Loss, Observation,
-    Parameters, Situation, Source, Span, Survival, least_loss, mean_loss,
+    Assessment, Case, Choice, Classes, Guard, Hazard, Impact, Invalid, Loss, Metres,
+    MetresPerSecond, MetresPerSecondSquared, Observation, Parameters, Situation, Source, Span,
+    Survival, least_loss, mean_loss,
 };
 use serde::Serialize;
 use thiserror::Error;
@@ -64,26 +65,26 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     observed: Option<PathBuf>,
     /// Full braking, in m/s².
-    #[arg(long, value_name = "A", default_value = "7.5", value_parser = span)]
-    deceleration: Span,
+    #[arg(long, value_name = "A", default_value = "7.5", value_parser = deceleration)]
+    deceleration: Span<MetresPerSecondSquared>,
     /// From the decision to brake until the brakes act, in s.
-    #[arg(long, value_name = "S", default_value = "0.1", value_parser = span)]
-    brake_delay: Span,
+    #[arg(long, value_name = "S", default_value = "0.1", value_parser = time)]
+    brake_delay: Span<Duration>,
     /// Frames of the camera, in Hz.
     #[arg(long, value_name = "HZ", default_value = "30", value_parser = rate)]
-    rate: Span,
+    rate: Span<f64>,
     /// How far away local begins to report an obstacle, in m.
-    #[arg(long, value_name = "M", default_value = "39", value_parser = span)]
-    range_local: Span,
+    #[arg(long, value_name = "M", default_value = "39", value_parser = distance)]
+    range_local: Span<Metres>,
     /// How far away the cloud begins to report an obstacle, in m.
-    #[arg(long, value_name = "M", default_value = "57", value_parser = span)]
-    range_cloud: Span,
+    #[arg(long, value_name = "M", default_value = "57", value_parser = distance)]
+    range_cloud: Span<Metres>,
     /// From a frame's capture until local's result, in s.
-    #[arg(long, value_name = "S", default_value = "0.3017", value_parser = span)]
-    local_response: Span,
+    #[arg(long, value_name = "S", default_value = "0.3017", value_parser = time)]
+    local_response: Span<Duration>,
     /// The nearest place from which something may come into sight, in m [default: none].
     #[arg(long, value_name = "M", value_parser = reveal)]
-    reveal: Option<f64>,
+    reveal: Option<Metres>,
     /// A class of hazards, with its weight and both ranges, in m; instead of the two ranges, again for each class.
     #[arg(
         long,
@@ -145,6 +146,10 @@ pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
         let is_class = !args.class.is_empty() && options.starts_with("--range");
         DeadlineError::Invalid { invalid, options: if is_class { "--class" } else { options } }
     })?;
+    for speed in &args.speed {
+        let implausible = |invalid| DeadlineError::Invalid { invalid, options: options(invalid) };
+        args.situation(*speed).check().map_err(implausible)?;
+    }
     let observed = match &args.observed {
         Some(path) => {
             let (name, file) = open(path)?;
@@ -168,9 +173,16 @@ pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
     Ok(Exit::Conforms)
 }
 
+impl Args {
+    fn situation(&self, speed: f64) -> Situation<'static> {
+        Situation { reveal: self.reveal, ..Situation::at(MetresPerSecond(speed)) }
+    }
+}
+
 fn guard(args: &Args) -> Result<Guard, Invalid> {
     let Args { deceleration, brake_delay, range_local, range_cloud, local_response, .. } = *args;
-    let period = Span::new(args.rate.greatest.recip(), args.rate.least.recip());
+    let [shortest, longest] = [args.rate.greatest, args.rate.least].map(Span::of_rate);
+    let period = Span::new(shortest.least, longest.greatest);
     let classes = match &args.class[..] {
         [] => Hazard { weight: 1.0, range_local, range_cloud }.into(),
         classes => Classes::new(classes)?,
@@ -188,7 +200,7 @@ fn guard(args: &Args) -> Result<Guard, Invalid> {
 
 impl Row {
     fn new(args: &Args, guard: &Guard, observed: &[Observation], speed: f64) -> Self {
-        let situation = Situation { reveal: args.reveal, ..Situation::at(speed) };
+        let situation = args.situation(speed);
         let Assessment { budget_local, budget_cloud, case, deadline: cap } =
             guard.judge(&situation);
         let impact = Impact::from(guard);
@@ -316,11 +328,28 @@ pub(crate) fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fau
 }
 
 /// `FIGURE` or `LEAST..GREATEST`.
-fn span(text: &str) -> Result<Span, String> {
+fn span(text: &str) -> Result<Span<f64>, String> {
     let (least, greatest) = text.split_once("..").unwrap_or((text, text));
     match (least.parse(), greatest.parse()) {
         (Ok(least), Ok(greatest)) => Ok(Span::new(least, greatest)),
         _ => Err("write a number, or LEAST..GREATEST such as 7.2..7.7".to_owned()),
+    }
+}
+
+fn deceleration(text: &str) -> Result<Span<MetresPerSecondSquared>, String> {
+    Ok(span(text)?.map(MetresPerSecondSquared))
+}
+
+fn distance(text: &str) -> Result<Span<Metres>, String> {
+    Ok(span(text)?.map(Metres))
+}
+
+/// Seconds.
+fn time(text: &str) -> Result<Span<Duration>, String> {
+    let Span { least, greatest } = span(text)?.map(Duration::try_from_secs_f64);
+    match (least, greatest) {
+        (Ok(least), Ok(greatest)) => Ok(Span::new(least, greatest)),
+        _ => Err("write a number of seconds of 0 or more, or LEAST..GREATEST".to_owned()),
     }
 }
 
@@ -330,10 +359,10 @@ fn hazard(text: &str) -> Result<Hazard, String> {
     let cells: Vec<&str> = text.split(',').collect();
     let [weight, local, cloud] = cells[..] else { return Err(wrong.to_owned()) };
     let weight = weight.parse().map_err(|_| wrong)?;
-    Ok(Hazard { weight, range_local: span(local)?, range_cloud: span(cloud)? })
+    Ok(Hazard { weight, range_local: distance(local)?, range_cloud: distance(cloud)? })
 }
 
-fn rate(text: &str) -> Result<Span, String> {
+fn rate(text: &str) -> Result<Span<f64>, String> {
     let rate = span(text)?;
     let is_rate = rate.least > 0.0 && rate.greatest.is_finite();
     is_rate.then_some(rate).ok_or_else(|| "write a number of Hz above 0".to_owned())
@@ -345,8 +374,8 @@ fn speed(text: &str) -> Result<f64, String> {
     speed.ok_or_else(|| "write a number of m/s above 0".to_owned())
 }
 
-fn reveal(text: &str) -> Result<f64, String> {
+fn reveal(text: &str) -> Result<Metres, String> {
     let reveal: Option<f64> = text.parse().ok();
     let reveal = reveal.filter(|reveal| reveal.is_finite() && *reveal >= 0.0);
-    reveal.ok_or_else(|| "write a number of metres, 0 or more".to_owned())
+    reveal.map(Metres).ok_or_else(|| "write a number of metres, 0 or more".to_owned())
 }

@@ -83,16 +83,23 @@ fn a_table_says_why() {
 #[test]
 fn what_makes_no_sense_is_told_in_one_line_with_a_remedy() {
     let observed = &["--speed", "20", "--observed", "-"];
-    let cases: [(&[&str], &str, &str); 12] = [
+    let cases: [(&[&str], &str, &str); 14] = [
         (&[], "", "--speed <V,V,…>; see --help"),
         (&["--speed", "20,0"], "", "write a number of m/s above 0; see --help"),
         (&["--speed", "20", "--rate", "0"], "", "write a number of Hz above 0; see --help"),
         (
             &["--speed", "20", "--deceleration", "-1"],
             "",
-            "must not be below 0; change --deceleration",
+            "deceleration: -1 m/s²; it may be from 0.1 to 20 m/s²; change --deceleration",
         ),
         (&["--speed", "20", "--local-response", "2..1"], "", "change --local-response"),
+        // Milliseconds as seconds, and a speed that is none.
+        (
+            &["--speed", "20", "--local-response", "301.7"],
+            "",
+            "301.7 s; it may be from 0.000001 to",
+        ),
+        (&["--speed", "200"], "", "speed: 200 m/s; it may be from 0 to 150 m/s; change --speed"),
         (
             &["--speed", "20", "--range-cloud", "30"],
             "",

@@ -3,7 +3,9 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use fuseline_deadline::{End, Expected, Guard, Impact, Parameters, Policy, Situation};
+use fuseline_deadline::{
+    End, Expected, Guard, Impact, MetresPerSecond, Parameters, Policy, Situation,
+};
 
 /// Measurements of each figure; the least is told, for other programs only ever add to it.
 const TIMES: u32 = 300;
@@ -20,10 +22,11 @@ fn main() {
 fn row<const WINDOW: usize>() {
     let guard = Guard::new(Parameters::default()).expect("the default is sound");
     let impact = Impact::from(&guard);
-    let expected = Expected::<_, WINDOW>::new(impact, 0.3017, None).expect("a sound response");
+    let expected = Expected::<_, WINDOW>::new(impact, Duration::from_micros(301_700), None)
+        .expect("a sound response");
     let mut policy = guard.caps(expected);
     // At 22 m/s waiting may pay, so every observation is looked at.
-    let situation = Situation::at(22.0);
+    let situation = Situation::at(MetresPerSecond(22.0));
     let (mut calls, mut first) = (0_u64, None);
     for after in [10_000, 100_000, 1_000_000, 10_000_000] {
         while calls < after {

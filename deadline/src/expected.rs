@@ -2,11 +2,11 @@
 
 use core::time::Duration;
 
-use crate::invalid::{Figure, Invalid};
+use crate::figure::Figure;
+use crate::invalid::Invalid;
 use crate::loss::{Loss, Source};
 use crate::observations::Observations;
-use crate::parameters::above_0;
-use crate::policy::{Chosen, End, Policy, Reason, Situation, rounded_down};
+use crate::policy::{Chosen, End, Policy, Reason, Situation};
 use crate::span::Span;
 use crate::survival::{Observation, Step, Survival};
 
@@ -38,20 +38,21 @@ pub struct Choice {
 }
 
 impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
-    /// A policy that has seen no call yet; `local_response` is how long local takes, in seconds.
+    /// A policy that has seen no call yet; `local_response` is how long local takes.
     ///
     /// One message in `probe_every` is a probe, beginning with the first. Give none if the driver lets calls run on
     /// past their due instants and reports their true ends: then there is nothing to probe.
     ///
     /// # Errors
-    /// If local's response is not a time above 0, or `probe_every` is 0 or greater than `WINDOW`.
+    /// If local's response or a figure of the loss is not plausible, or `probe_every` is 0 or greater than `WINDOW`.
     pub fn new(
         loss: L,
-        local_response: impl Into<Span>,
+        local_response: impl Into<Span<Duration>>,
         probe_every: Option<u32>,
     ) -> Result<Self, Invalid> {
         let local_response = local_response.into();
-        above_0(Figure::LocalResponse, local_response)?;
+        Figure::LocalResponse.check(local_response)?;
+        loss.check()?;
         if let Some(every) = probe_every
             && (every == 0 || every as usize > WINDOW)
         {
@@ -60,7 +61,7 @@ impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
         let Span { least, greatest } = local_response;
         Ok(Self {
             loss,
-            local_response: (rounded_down(least), rounded_down(greatest)),
+            local_response: (least, greatest),
             probe_every,
             observations: Observations::new(),
             since: u32::MAX,

@@ -6,9 +6,13 @@ use crate::invalid::Invalid;
 use crate::parameters::{Hazard, Parameters};
 use crate::policy::{Case, Chosen, End, Policy, Reason, Situation, rounded_down};
 use crate::span::Span;
+use crate::units::Metres;
 
 /// The longest deadline with which fusion never hits what local alone would not have hit: T2 of the crate's
 /// documentation, under its conditions. T4 is what it does not guarantee.
+///
+/// The planner has its part of the conditions: it counts timestamps, not arrivals, and an output without a report breaks a
+/// row of reports only if local has a result for its timestamp.
 ///
 /// Any shorter deadline keeps that guarantee, so it also holds for every policy that the guard [`caps`](Policy::caps).
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -55,7 +59,10 @@ impl Guard {
     /// The longest deadline that is safe now, and why. It looks at each class once.
     #[must_use]
     pub fn judge(&self, situation: &Situation<'_>) -> Assessment {
-        let Parameters { local_response, lateness, margin, .. } = self.parameters;
+        let Parameters { local_response, margin: Metres(margin), .. } = self.parameters;
+        let Span { least: shortest, greatest: longest } = local_response;
+        let (local_response, lateness) = (local_response.numbers(), self.parameters.lateness);
+        let lateness = lateness.as_secs_f64();
         let (mut stops, mut least, mut cloud) = (None, f64::NAN, f64::NAN);
         let mut is_unsure = false;
         for hazard in self.parameters.classes.as_slice() {
@@ -71,27 +78,29 @@ impl Guard {
             }
         }
         let (case, deadline) = match stops {
-            _ if is_unsure => (Case::Unsure, local_response.least),
+            _ if is_unsure => (Case::Unsure, shortest),
             Some(stops) => {
                 // At rest time has no end, and no margin is needed.
-                let spared =
-                    if stops.is_finite() { margin / situation.speed.greatest } else { 0.0 };
-                (Case::LocalStops, local_response.greatest.max(stops - lateness - spared))
+                let speed = situation.speed.numbers().greatest;
+                let spared = if stops.is_finite() { margin / speed } else { 0.0 };
+                (Case::LocalStops, longest.max(rounded_down(stops - lateness - spared)))
             }
             // A held result goes no later than its due instant and the lateness.
-            None if cloud - lateness > local_response.least => (Case::CloudAlone, cloud - lateness),
+            None if cloud - lateness > local_response.least => {
+                (Case::CloudAlone, rounded_down(cloud - lateness))
+            }
             // T1: with local's least response no output is later than local's own.
-            None => (Case::Unsure, local_response.least),
+            None => (Case::Unsure, shortest),
         };
         let budget_local = stops.filter(|_| !is_unsure).unwrap_or(least);
-        Assessment { budget_local, budget_cloud: cloud, case, deadline: rounded_down(deadline) }
+        Assessment { budget_local, budget_cloud: cloud, case, deadline }
     }
 
     /// Local's least and greatest response.
     #[must_use]
     pub const fn local_response(&self) -> (Duration, Duration) {
         let Span { least, greatest } = self.parameters.local_response;
-        (rounded_down(least), rounded_down(greatest))
+        (least, greatest)
     }
 
     /// What the guard was made of.
@@ -103,7 +112,10 @@ impl Guard {
     fn sight(&self, hazard: &Hazard, situation: &Situation<'_>) -> HazardTimes {
         let Parameters { deceleration, brake_delay, frames, .. } = self.parameters;
         let Parameters { period_local, period_cloud, .. } = self.parameters;
-        let Hazard { range_local, range_cloud, .. } = *hazard;
+        let (deceleration, brake_delay) = (deceleration.numbers(), brake_delay.numbers());
+        let (period_local, period_cloud) = (period_local.numbers(), period_cloud.numbers());
+        let (range_local, range_cloud) =
+            (hazard.range_local.numbers(), hazard.range_cloud.numbers());
         let Some((speed, reveal)) = known(situation) else {
             return HazardTimes { local: f64::NAN, lost: f64::NAN, cloud: f64::NAN };
         };
@@ -140,10 +152,10 @@ impl Policy for Guard {
 }
 
 /// The speed, and the distance to the nearest place behind which something may be; none if either is not a number.
-pub(crate) fn known(situation: &Situation<'_>) -> Option<(Span, f64)> {
-    let reveal = situation.reveal.unwrap_or(f64::INFINITY);
-    let is_known = situation.speed.is_sound() && situation.speed.least >= 0.0 && reveal >= 0.0;
-    let Span { least, greatest } = situation.speed;
+pub(crate) fn known(situation: &Situation<'_>) -> Option<(Span<f64>, f64)> {
+    // T7: a situation that makes no sense.
+    situation.check().ok()?;
+    let reveal = situation.reveal.map_or(f64::INFINITY, |Metres(reveal)| reveal);
     // -0 is also at rest, but dividing by it gives the other sign.
-    is_known.then_some((Span::new(least.abs(), greatest.abs()), reveal))
+    Some((situation.speed.numbers().map(f64::abs), reveal))
 }

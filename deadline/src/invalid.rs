@@ -3,17 +3,21 @@
 use core::error::Error;
 use core::fmt::{self, Display, Formatter};
 
+use crate::figure::Figure;
 use crate::parameters::Classes;
 
 /// Why there is no policy with these figures. Nothing is refused later.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Invalid {
-    /// An end is infinite or not a number, or the least is above the greatest.
-    Span(Figure),
-    /// The figure must be above 0, even at its least.
-    NotAbove0(Figure),
-    /// The figure must not be below 0.
-    Below0(Figure),
+    /// The least is above the greatest.
+    Order(Figure),
+    /// The figure, or an end of its span, is not what it may [plausibly be](Figure::plausible), or not a number.
+    Implausible {
+        /// The figure.
+        figure: Figure,
+        /// What was given, in its [unit](Figure::unit).
+        value: f64,
+    },
     /// The planner must need at least one frame.
     NoFrames,
     /// The number of classes of hazards given; there must be at least one, and at most [`Classes::MOST`].
@@ -30,39 +34,15 @@ pub enum Invalid {
     },
 }
 
-/// A figure that a policy is made of.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Figure {
-    /// Deceleration, in m/s².
-    Deceleration,
-    /// Delay of the brakes, in seconds.
-    BrakeDelay,
-    /// Time between frames that local takes, in seconds.
-    PeriodLocal,
-    /// Time between frames that the cloud takes, in seconds.
-    PeriodCloud,
-    /// Local's response, in seconds.
-    LocalResponse,
-    /// Lateness of an output, in seconds.
-    Lateness,
-    /// Margin, in metres.
-    Margin,
-    /// Weight of a class of hazards.
-    Weight,
-    /// Distance from which local reports, in metres.
-    RangeLocal,
-    /// Distance from which the cloud reports, in metres.
-    RangeCloud,
-}
-
 impl Display for Invalid {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Span(figure) => {
-                write!(f, "{figure}: it must be finite, and its least not above its greatest")
+            Self::Order(figure) => write!(f, "{figure}: its least is above its greatest"),
+            Self::Implausible { figure, value } => {
+                let ((low, high), unit) = (figure.plausible(), figure.unit());
+                let space = if unit.is_empty() { "" } else { " " };
+                write!(f, "{figure}: {value}{space}{unit}; it may be from {low} to {high}{space}{unit}")
             }
-            Self::NotAbove0(figure) => write!(f, "{figure}: it must be above 0"),
-            Self::Below0(figure) => write!(f, "{figure}: it must not be below 0"),
             Self::NoFrames => f.write_str("0 frames to brake; the planner needs at least one"),
             Self::Classes(classes) => {
                 write!(f, "{classes} classes of hazards; there must be 1 to {}", Classes::MOST)
@@ -78,20 +58,3 @@ impl Display for Invalid {
 }
 
 impl Error for Invalid {}
-
-impl Display for Figure {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Deceleration => "deceleration",
-            Self::BrakeDelay => "delay of the brakes",
-            Self::PeriodLocal => "time between local's frames",
-            Self::PeriodCloud => "time between the cloud's frames",
-            Self::LocalResponse => "local's response",
-            Self::Lateness => "lateness",
-            Self::Margin => "margin",
-            Self::Weight => "weight of a class",
-            Self::RangeLocal => "local's range",
-            Self::RangeCloud => "the cloud's range",
-        })
-    }
-}

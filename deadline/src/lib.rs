@@ -14,6 +14,7 @@
 extern crate std;
 
 mod expected;
+mod figure;
 mod guard;
 mod invalid;
 mod loss;
@@ -22,13 +23,16 @@ mod parameters;
 mod policy;
 mod span;
 mod survival;
+mod units;
 
 pub use expected::{Choice, Expected, least_loss, mean_loss};
+pub use figure::Figure;
 pub use guard::{Assessment, Guard};
-pub use invalid::{Figure, Invalid};
+pub use invalid::Invalid;
 pub use loss::{Accuracy, Impact, Loss, Source};
 pub use observations::Observations;
 pub use parameters::{Classes, Hazard, Parameters};
 pub use policy::{Capped, Case, Chosen, Constant, End, Policy, Reason, Situation};
 pub use span::Span;
 pub use survival::{Observation, Step, Survival};
+pub use units::{Metres, MetresPerSecond, MetresPerSecondSquared};

@@ -2,9 +2,13 @@
 
 use core::time::Duration;
 
+use crate::figure::Figure;
 use crate::guard::{Guard, known};
+use crate::invalid::Invalid;
 use crate::parameters::{Hazard, Parameters};
 use crate::policy::Situation;
+use crate::span::Span;
+use crate::units::Metres;
 
 /// What an output of a source costs at a time after capture. In any unit; less is better.
 ///
@@ -12,6 +16,14 @@ use crate::policy::Situation;
 pub trait Loss {
     /// The loss of one message.
     fn loss(&self, situation: &Situation<'_>, source: Source, response: Duration) -> f64;
+
+    /// Refuses figures that are not plausible, when a policy is made of it.
+    ///
+    /// # Errors
+    /// The first figure that makes no sense.
+    fn check(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
 }
 
 /// Whose result an output is.
@@ -66,6 +78,12 @@ impl Loss for Accuracy {
         };
         self.local.max(self.cloud) - accuracy + self.price_per_ms * response.as_secs_f64() * 1e3
     }
+
+    fn check(&self) -> Result<(), Invalid> {
+        Figure::AccuracyLocal.check(Span::exactly(self.local))?;
+        Figure::AccuracyCloud.check(Span::exactly(self.cloud))?;
+        Figure::Price.check(Span::exactly(self.price_per_ms))
+    }
 }
 
 impl<F: Fn(&Situation<'_>, Source, Duration) -> f64> Loss for F {
@@ -89,11 +107,12 @@ impl Impact {
             Source::Cloud => (hazard.range_cloud, self.parameters.period_cloud),
         };
         let speed = speed.greatest;
-        let delay =
-            response.as_secs_f64() + brake_delay.greatest + f64::from(frames) * period.greatest;
-        let gap = range.least.min(reveal) - speed * delay;
+        let (brake_delay, period) = (brake_delay.numbers().greatest, period.numbers().greatest);
+        let delay = response.as_secs_f64() + brake_delay + f64::from(frames) * period;
+        let Metres(range) = range.least;
+        let gap = range.min(reveal) - speed * delay;
         if gap > 0.0 {
-            (speed * speed - 2.0 * deceleration.least * gap).max(0.0)
+            (speed * speed - 2.0 * deceleration.numbers().least * gap).max(0.0)
         } else {
             speed * speed
         }

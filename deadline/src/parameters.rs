@@ -1,32 +1,37 @@
 //! What is known of the vehicle, its sources and the hazards.
 
-use crate::invalid::{Figure, Invalid};
-use crate::span::Span;
+use core::time::Duration;
 
-/// The vehicle, its sources and the hazards, in metres and seconds.
+use crate::figure::Figure;
+use crate::invalid::Invalid;
+use crate::span::Span;
+use crate::units::{Metres, MetresPerSecondSquared};
+
+/// The vehicle, its sources and the hazards.
 ///
 /// A figure that is not known exactly is a [`Span`], of which the end that keeps the guarantee counts. The default is the
-/// vehicle of the traffic jam; each field names its figure.
+/// vehicle of the traffic jam; each field names its figure. Of these the paper states local's response, the frames and
+/// their rate; the others are chosen so that the paper's table comes out, as `SCENARIOS.md` of the project says.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Parameters {
-    /// Full braking, in m/s²; 7.5.
-    pub deceleration: Span,
-    /// From the decision to brake until the brakes act, in seconds; 0.1.
-    pub brake_delay: Span,
+    /// Full braking; 7.5 m/s².
+    pub deceleration: Span<MetresPerSecondSquared>,
+    /// From the decision to brake until the brakes act; 0.1 s.
+    pub brake_delay: Span<Duration>,
     /// How many frames in a row must report an obstacle before the vehicle brakes; 3.
     pub frames: u32,
-    /// Seconds between two frames that local takes: the camera's if calls overlap; else local's response, rounded up
-    /// to frames. 1/30.
-    pub period_local: Span,
-    /// Seconds between two frames that the cloud takes; 1/30.
-    pub period_cloud: Span,
-    /// From a frame's capture until local's result, in seconds; 0.3017.
-    pub local_response: Span,
-    /// How much later than capture + deadline an output may leave, in seconds: late timers, and the time from capture
-    /// until the request is made if the deadline counts from there. 0.005.
-    pub lateness: f64,
-    /// The distance to keep from an obstacle where local alone stops anyway, in metres; 2.
-    pub margin: f64,
+    /// The time between two frames that local takes: the camera's if calls overlap; else local's response, rounded up
+    /// to frames. 1/30 s.
+    pub period_local: Span<Duration>,
+    /// The time between two frames that the cloud takes; 1/30 s.
+    pub period_cloud: Span<Duration>,
+    /// From a frame's capture until local's result; 0.3017 s.
+    pub local_response: Span<Duration>,
+    /// How much later than capture + deadline an output may leave: late timers, and the time from capture until the
+    /// request is made if the deadline counts from there. 5 ms.
+    pub lateness: Duration,
+    /// The distance to keep from an obstacle where local alone stops anyway; 2 m.
+    pub margin: Metres,
     /// What may be on the road; one class, which local sees from 39 m on and the cloud from 57 m on.
     pub classes: Classes,
 }
@@ -36,10 +41,10 @@ pub struct Parameters {
 pub struct Hazard {
     /// How much it counts among the classes, above 0; only for losses, since a guarantee counts all classes alike.
     pub weight: f64,
-    /// How far away local begins to report it, in metres.
-    pub range_local: Span,
-    /// How far away the cloud begins to report it, in metres; no less far than local.
-    pub range_cloud: Span,
+    /// How far away local begins to report it.
+    pub range_local: Span<Metres>,
+    /// How far away the cloud begins to report it; no less far than local.
+    pub range_cloud: Span<Metres>,
 }
 
 /// One to [`Classes::MOST`] classes of hazards.
@@ -52,16 +57,16 @@ pub struct Classes {
 impl Parameters {
     /// Checks every figure.
     pub(crate) fn check(&self) -> Result<(), Invalid> {
-        above_0(Figure::Deceleration, self.deceleration)?;
-        not_below_0(Figure::BrakeDelay, self.brake_delay)?;
+        Figure::Deceleration.check(self.deceleration)?;
+        Figure::BrakeDelay.check(self.brake_delay)?;
         if self.frames == 0 {
             return Err(Invalid::NoFrames);
         }
-        above_0(Figure::PeriodLocal, self.period_local)?;
-        above_0(Figure::PeriodCloud, self.period_cloud)?;
-        above_0(Figure::LocalResponse, self.local_response)?;
-        not_below_0(Figure::Lateness, self.lateness.into())?;
-        not_below_0(Figure::Margin, self.margin.into())?;
+        Figure::PeriodLocal.check(self.period_local)?;
+        Figure::PeriodCloud.check(self.period_cloud)?;
+        Figure::LocalResponse.check(self.local_response)?;
+        Figure::Lateness.check(Span::exactly(self.lateness))?;
+        Figure::Margin.check(Span::exactly(self.margin))?;
         self.classes.as_slice().iter().try_for_each(Hazard::check)
     }
 }
@@ -69,14 +74,14 @@ impl Parameters {
 impl Default for Parameters {
     fn default() -> Self {
         Self {
-            deceleration: 7.5.into(),
-            brake_delay: 0.1.into(),
+            deceleration: MetresPerSecondSquared(7.5).into(),
+            brake_delay: Duration::from_millis(100).into(),
             frames: 3,
-            period_local: (1.0 / 30.0).into(),
-            period_cloud: (1.0 / 30.0).into(),
-            local_response: 0.3017.into(),
-            lateness: 0.005,
-            margin: 2.0,
+            period_local: Span::of_rate(30.0),
+            period_cloud: Span::of_rate(30.0),
+            local_response: Duration::from_micros(301_700).into(),
+            lateness: Duration::from_millis(5),
+            margin: Metres(2.0),
             classes: Hazard::default().into(),
         }
     }
@@ -85,9 +90,9 @@ impl Default for Parameters {
 impl Hazard {
     fn check(&self) -> Result<(), Invalid> {
         let Self { weight, range_local, range_cloud } = *self;
-        above_0(Figure::Weight, weight.into())?;
-        above_0(Figure::RangeLocal, range_local)?;
-        above_0(Figure::RangeCloud, range_cloud)?;
+        Figure::Weight.check(Span::exactly(weight))?;
+        Figure::RangeLocal.check(range_local)?;
+        Figure::RangeCloud.check(range_cloud)?;
         if range_cloud.least < range_local.least || range_cloud.greatest < range_local.greatest {
             return Err(Invalid::CloudSeesLess);
         }
@@ -97,7 +102,7 @@ impl Hazard {
 
 impl Default for Hazard {
     fn default() -> Self {
-        Self { weight: 1.0, range_local: 39.0.into(), range_cloud: 57.0.into() }
+        Self { weight: 1.0, range_local: Metres(39.0).into(), range_cloud: Metres(57.0).into() }
     }
 }
 
@@ -129,16 +134,4 @@ impl From<Hazard> for Classes {
     fn from(hazard: Hazard) -> Self {
         Self { hazards: [hazard; Self::MOST], len: 1 }
     }
-}
-
-pub(crate) fn above_0(figure: Figure, span: Span) -> Result<(), Invalid> {
-    not_below_0(figure, span)?;
-    if span.least > 0.0 { Ok(()) } else { Err(Invalid::NotAbove0(figure)) }
-}
-
-fn not_below_0(figure: Figure, span: Span) -> Result<(), Invalid> {
-    if !span.is_sound() {
-        return Err(Invalid::Span(figure));
-    }
-    if span.least >= 0.0 { Ok(()) } else { Err(Invalid::Below0(figure)) }
 }

@@ -2,7 +2,10 @@
 
 use core::time::Duration;
 
+use crate::figure::Figure;
+use crate::invalid::Invalid;
 use crate::span::Span;
+use crate::units::{Metres, MetresPerSecond};
 
 /// Chooses the deadlines of one cloud's requests.
 ///
@@ -30,14 +33,15 @@ pub trait Policy {
 /// What a policy may know when it is asked.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Situation<'a> {
-    /// The vehicle's speed from this message's capture until it could brake for it, in m/s.
+    /// The vehicle's speed from this message's capture until it could brake for it.
     ///
-    /// If the span is not a speed, for example not a number or below 0, nothing is known and nothing is risked.
-    pub speed: Span,
-    /// The distance to the nearest place from which something may have come or may come into sight, in metres, if that
-    /// is known: a corner, a parked van. A place counts until [`frames`](crate::Parameters::frames) frames after
-    /// whatever is behind it is in sight.
-    pub reveal: Option<f64>,
+    /// If the span is not a speed, for example not a number, below 0 or above 150 m/s, nothing is known and nothing is
+    /// risked.
+    pub speed: Span<MetresPerSecond>,
+    /// The distance to the nearest place from which something may have come or may come into sight, if that is known:
+    /// a corner, a parked van. A place counts until [`frames`](crate::Parameters::frames) frames after whatever is
+    /// behind it is in sight.
+    pub reveal: Option<Metres>,
     /// The age of each call under way, the oldest first. It may be left empty; policies then see an outage later.
     pub under_way: &'a [Duration],
 }
@@ -103,10 +107,23 @@ pub struct Capped<C, P> {
 }
 
 impl Situation<'_> {
-    /// A vehicle at `speed`, in m/s, with nothing else known.
+    /// Nothing is known, and nothing is risked.
+    pub const UNKNOWN: Self =
+        Self { speed: Span::exactly(MetresPerSecond(f64::NAN)), reveal: None, under_way: &[] };
+
+    /// A vehicle at `speed`, with nothing else known.
     #[must_use]
-    pub fn at(speed: impl Into<Span>) -> Self {
-        Self { speed: speed.into(), reveal: None, under_way: &[] }
+    pub fn at(speed: impl Into<Span<MetresPerSecond>>) -> Self {
+        Self { speed: speed.into(), ..Self::UNKNOWN }
+    }
+
+    /// Whether something is known: policies do not fail for what is not, but wait no longer than local takes.
+    ///
+    /// # Errors
+    /// The first figure that makes no sense.
+    pub fn check(&self) -> Result<(), Invalid> {
+        Figure::Speed.check(self.speed)?;
+        self.reveal.map_or(Ok(()), |reveal| Figure::Reveal.check(Span::exactly(reveal)))
     }
 }
 

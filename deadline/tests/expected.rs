@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use fuseline_deadline::{
     Accuracy, Choice, Chosen, Constant, End, Expected, Figure, Guard, Impact, Invalid, Loss,
-    Observation, Observations, Parameters, Policy, Reason, Situation, Source, Survival, least_loss,
-    mean_loss,
+    MetresPerSecond, Observation, Observations, Parameters, Policy, Reason, Situation, Source,
+    Survival, least_loss, mean_loss,
 };
 use proptest::prelude::*;
 
@@ -32,12 +32,12 @@ fn survival<'a>(
 }
 
 fn policy<const WINDOW: usize>(probe_every: Option<u32>) -> Expected<Accuracy, WINDOW> {
-    Expected::new(ACCURACY, 0.3, probe_every).unwrap()
+    Expected::new(ACCURACY, ms(300), probe_every).unwrap()
 }
 
 /// What becomes of the next message when the cloud would answer after so many ms; `None` never.
 fn message(policy: &mut impl Policy, response: Option<u64>) -> Chosen {
-    let decision = policy.decide(&Situation::at(10.0), ms(500));
+    let decision = policy.decide(&Situation::at(MetresPerSecond(10.0)), ms(500));
     let answered = response.map(ms).filter(|response| *response < decision.deadline);
     policy.ended(answered.map_or(End::Censored(decision.deadline), End::Answered));
     decision
@@ -89,7 +89,9 @@ fn a_call_that_failed_is_never_answered() {
 fn calls_under_way_show_an_outage_before_they_end() {
     let calls = [observation(320, true, 10)];
     let choose = |under_way: &[Duration]| {
-        let loss = |source, response| ACCURACY.loss(&Situation::at(10.0), source, response);
+        let loss = |source, response| {
+            ACCURACY.loss(&Situation::at(MetresPerSecond(10.0)), source, response)
+        };
         least_loss(survival(&calls, under_way), (ms(LOCAL_MS), ms(LOCAL_MS)), ms(500), loss)
             .deadline
     };
@@ -162,7 +164,7 @@ fn the_best_below_a_cap_is_not_the_cap() {
     for millis in [400, 460, 460, 460] {
         policy.ended(End::Answered(ms(millis)));
     }
-    let mut deadline = |cap| policy.decide(&Situation::at(10.0), ms(cap)).deadline;
+    let mut deadline = |cap| policy.decide(&Situation::at(MetresPerSecond(10.0)), ms(cap)).deadline;
     assert_eq!(deadline(500), ms(460) + Duration::from_nanos(1));
     assert_eq!(deadline(450), ms(LOCAL_MS), "a share of a quarter is not worth the wait");
     assert_eq!(deadline(250), ms(250));
@@ -171,18 +173,21 @@ fn the_best_below_a_cap_is_not_the_cap() {
 #[test]
 fn a_constant_caps_a_guard_that_caps_what_is_expected() {
     let guard = Guard::new(Parameters::default()).unwrap();
-    let expected = Expected::<_, 16>::new(Impact::from(&guard), 0.3017, None).unwrap();
+    let expected =
+        Expected::<_, 16>::new(Impact::from(&guard), Duration::from_micros(301_700), None).unwrap();
     let mut policy = Constant(ms(800)).caps(guard.caps(expected));
     (0..16).for_each(|_| policy.ended(End::Answered(ms(600))));
-    let mut at = |speed: f64| policy.decide(&Situation::at(speed), Duration::MAX);
+    let mut at = |speed: f64| policy.decide(&Situation::at(MetresPerSecond(speed)), Duration::MAX);
     let rho = Duration::from_micros(301_700);
     assert_eq!(at(20.0).deadline, rho, "the guard allows too little to reach 600 ms");
     assert_eq!(at(22.0).deadline, ms(600) + Duration::from_nanos(1));
     assert_eq!(at(18.0).deadline, rho, "local alone stops as well, so waiting buys nothing");
     // A probe waits as long as is allowed, no longer.
-    let probing = Expected::<_, 16>::new(Impact::from(&guard), 0.3017, Some(1)).unwrap();
+    let probing =
+        Expected::<_, 16>::new(Impact::from(&guard), Duration::from_micros(301_700), Some(1))
+            .unwrap();
     let mut policy = Constant(ms(800)).caps(guard.caps(probing));
-    let decision = policy.decide(&Situation::at(22.0), Duration::MAX);
+    let decision = policy.decide(&Situation::at(MetresPerSecond(22.0)), Duration::MAX);
     assert_eq!((decision.deadline, decision.reason), (ms(800), Reason::Probe));
 }
 
@@ -199,12 +204,19 @@ fn a_loss_that_is_no_number_decides_nothing() {
 /// T7.
 #[test]
 fn a_policy_that_could_not_work_is_refused() {
-    let made = |local: f64, probe_every| Expected::<_, 8>::new(ACCURACY, local, probe_every).err();
-    assert_eq!(made(0.3, Some(8)), None);
-    assert_eq!(made(0.3, Some(9)), Some(Invalid::Probes { every: 9, window: 8 }));
-    assert_eq!(made(0.3, Some(0)), Some(Invalid::Probes { every: 0, window: 8 }));
-    assert_eq!(made(0.0, None), Some(Invalid::NotAbove0(Figure::LocalResponse)));
-    assert_eq!(made(f64::NAN, None), Some(Invalid::Span(Figure::LocalResponse)));
+    let made =
+        |local: Duration, probe_every| Expected::<_, 8>::new(ACCURACY, local, probe_every).err();
+    assert_eq!(made(ms(300), Some(8)), None);
+    assert_eq!(made(ms(300), Some(9)), Some(Invalid::Probes { every: 9, window: 8 }));
+    assert_eq!(made(ms(300), Some(0)), Some(Invalid::Probes { every: 0, window: 8 }));
+    let implausible = |figure, value| Some(Invalid::Implausible { figure, value });
+    assert_eq!(made(ms(0), None), implausible(Figure::LocalResponse, 0.0));
+    assert_eq!(made(ms(301_700), None), implausible(Figure::LocalResponse, 301.7));
+    let price = Accuracy { price_per_ms: -0.1, ..ACCURACY };
+    let refused = Expected::<_, 8>::new(price, ms(300), None).err();
+    assert_eq!(refused, implausible(Figure::Price, -0.1));
+    let share = Accuracy { cloud: f64::NAN, ..ACCURACY };
+    assert!(Expected::<_, 8>::new(share, ms(300), None).is_err());
 }
 
 /// Counted, not timed: the loss is asked at most twice for each call that is remembered, and twice more.
@@ -215,12 +227,12 @@ fn a_decision_costs_no_more_after_a_million_calls() {
         requested.set(requested.get() + 1);
         ACCURACY.loss(situation, source, response)
     };
-    let mut policy = Expected::<_, 128>::new(&loss, 0.3, None).unwrap();
+    let mut policy = Expected::<_, 128>::new(&loss, ms(300), None).unwrap();
     for number in 1..=1_000_000_u64 {
         policy.ended(End::Answered(Duration::from_micros(300_000 + number * 7919 % 190_000)));
         if [1000, 10_000, 1_000_000].contains(&number) {
             requested.set(0);
-            policy.decide(&Situation::at(10.0), ms(500));
+            policy.decide(&Situation::at(MetresPerSecond(10.0)), ms(500));
             assert!(
                 (128..=2 * 128 + 1).contains(&requested.get()),
                 "{} after {number}",
@@ -270,7 +282,7 @@ proptest! {
     /// T3.
     #[test]
     fn no_deadline_costs_less_than_the_one_chosen(calls in observations(), cap in 250..450_u64) {
-        let loss = |source, response| ACCURACY.loss(&Situation::at(10.0), source, response);
+        let loss = |source, response| ACCURACY.loss(&Situation::at(MetresPerSecond(10.0)), source, response);
         let steps = || survival(&calls, &[]);
         let Choice { deadline, loss: least } = least_loss(steps(), (ms(200), ms(260)), ms(cap), loss);
         prop_assert!(deadline >= ms(200) && deadline <= ms(cap));

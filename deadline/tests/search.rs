@@ -4,8 +4,12 @@ mod random;
 mod vehicle;
 
 use std::sync::LazyLock;
+use std::time::Duration;
 
-use fuseline_deadline::{Classes, Guard, Hazard, Parameters, Situation, Span};
+use fuseline_deadline::{
+    Classes, Guard, Hazard, Metres, MetresPerSecond, MetresPerSecondSquared, Parameters, Situation,
+    Span,
+};
 use random::Random;
 use vehicle::{Drive, Frame};
 
@@ -16,16 +20,34 @@ const DRIVES: u64 = 240_000;
 struct Setting {
     drive: Drive,
     parameters: Parameters,
-    speed: Span,
+    speed: Span<MetresPerSecond>,
 }
 
 /// A span around the truth; exact in half of the cases.
-fn around(random: &mut Random, truth: f64) -> Span {
+fn around(random: &mut Random, truth: f64) -> Span<f64> {
     if random.chance(0.5) {
         return Span::exactly(truth);
     }
     let (below, above) = (random.between(0.9, 1.0), random.between(1.0, 1.1));
     Span::new(truth * below, truth * above)
+}
+
+/// When the obstacle can be seen.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum View {
+    /// From the greatest range on.
+    Free,
+    /// From somewhere on, which may be near.
+    Late,
+    /// Like [`Late`](Self::Late) or [`Free`](Self::Free), but for frames on which something passes before it.
+    Broken,
+}
+
+/// A time, and a nanosecond less and more, for it is rounded.
+fn time(seconds: Span<f64>) -> Span<Duration> {
+    const ROUNDING: Duration = Duration::from_nanos(1);
+    let Span { least, greatest } = seconds.map(Duration::from_secs_f64);
+    Span::new(least.saturating_sub(ROUNDING), greatest + ROUNDING)
 }
 
 /// How a cloud behaves during one drive.
@@ -37,7 +59,7 @@ enum Network {
     Outage,
 }
 
-fn setting(number: u64, is_hidden: bool) -> Setting {
+fn setting(number: u64, view: View) -> Setting {
     let random = &mut Random(number);
     let period = 1.0 / random.one_of(&[10.0, 20.0, 30.0]);
     let speed = random.between(8.0, 32.0);
@@ -47,7 +69,9 @@ fn setting(number: u64, is_hidden: bool) -> Setting {
     let local_response = Span::new(least, least + span);
     let range_local = random.between(20.0, 65.0);
     let range_cloud = range_local * random.between(1.0, 1.8);
-    let hidden_beyond = if is_hidden { random.between(3.0, range_cloud) } else { f64::INFINITY };
+    let is_late = view == View::Late || (view == View::Broken && random.chance(0.5));
+    let hidden_beyond = if is_late { random.between(3.0, range_cloud) } else { f64::INFINITY };
+    let covered = if view == View::Broken { random.between(0.0, 0.5) } else { 0.0 };
     let reports = random.one_of(&[1, 2, 3, 4_u32]);
     let lateness = random.one_of(&[0.0, 0.005, 0.02]);
     let is_serial = random.chance(0.3);
@@ -79,43 +103,46 @@ fn setting(number: u64, is_hidden: bool) -> Setting {
             Network::Silent | Network::Outage => f64::INFINITY,
         };
         let lateness = random.between(0.0, lateness);
-        frames.push(Frame { captured, gap, local: is_taken.then_some(takes), cloud, lateness });
+        let is_covered = covered > 0.0 && random.chance(covered);
+        let local = is_taken.then_some(takes);
+        frames.push(Frame { captured, gap, local, cloud, lateness, is_covered });
     }
 
     let rounded_up = |response: f64| (response / period - 1e-9).ceil() * period;
     let period_local = if is_serial {
         Span::new(rounded_up(local_response.least), rounded_up(local_response.greatest))
     } else {
-        period.into()
+        Span::exactly(period)
     };
     let hazard = Hazard {
         weight: 1.0,
-        range_local: around(random, range_local),
-        range_cloud: range_cloud.into(),
+        range_local: around(random, range_local).map(Metres),
+        range_cloud: Metres(range_cloud).into(),
     };
     let margin = random.one_of(&[0.0, 2.0]);
-    let widest = range_cloud.max(hazard.range_local.greatest);
-    let hazard = Hazard { range_cloud: Span::new(range_cloud.min(widest), widest), ..hazard };
+    let widest = range_cloud.max(hazard.range_local.greatest.0);
+    let range = Span::new(range_cloud.min(widest), widest).map(Metres);
+    let hazard = Hazard { range_cloud: range, ..hazard };
     let other = Hazard {
         weight: 2.0,
-        range_local: random.between(10.0, 70.0).into(),
-        range_cloud: random.between(70.0, 90.0).into(),
+        range_local: Metres(random.between(10.0, 70.0)).into(),
+        range_cloud: Metres(random.between(70.0, 90.0)).into(),
     };
     let classes =
         if random.chance(0.3) { Classes::new(&[other, hazard]).unwrap() } else { hazard.into() };
     Setting {
         parameters: Parameters {
-            deceleration: around(random, deceleration),
-            brake_delay: around(random, brake_delay),
+            deceleration: around(random, deceleration).map(MetresPerSecondSquared),
+            brake_delay: time(around(random, brake_delay)),
             frames: reports,
-            period_local,
-            period_cloud: period.into(),
-            local_response,
-            lateness,
-            margin,
+            period_local: time(period_local),
+            period_cloud: time(Span::exactly(period)),
+            local_response: time(local_response),
+            lateness: time(Span::exactly(lateness)).greatest,
+            margin: Metres(margin),
             classes,
         },
-        speed: around(random, speed),
+        speed: around(random, speed).map(MetresPerSecond),
         drive: Drive {
             speed,
             deceleration,
@@ -149,16 +176,19 @@ struct Search {
     local_stops: u64,
     /// By case of the guard for an obstacle in sight.
     cases: [u64; 3],
+    /// Drives in which fusion under T1 collides and local alone does not, if any output without a report breaks a row.
+    worse_where_any_output_counts: u64,
 }
 
 /// The deadline of a frame, in seconds.
 type Deadline = fn(&Setting, &Guard, &Frame) -> f64;
 
 const DEADLINES: [Deadline; 4] = [
-    |setting, _, _| setting.parameters.local_response.least,
+    |setting, _, _| setting.parameters.local_response.least.as_secs_f64(),
     |setting, guard, _| guard.judge(&Situation::at(setting.speed)).deadline.as_secs_f64(),
     |setting, guard, frame| {
-        let situation = Situation { reveal: Some(frame.gap), ..Situation::at(setting.speed) };
+        let situation =
+            Situation { reveal: Some(Metres(frame.gap)), ..Situation::at(setting.speed) };
         guard.judge(&situation).deadline.as_secs_f64()
     },
     |_, _, _| 0.5,
@@ -168,19 +198,25 @@ const GUARD: usize = 1;
 const GUARD_THAT_IS_TOLD: usize = 2;
 const HALF_A_SECOND: usize = 3;
 
-static IN_SIGHT: LazyLock<Search> = LazyLock::new(|| search(false));
-static HIDDEN: LazyLock<Search> = LazyLock::new(|| search(true));
+static IN_SIGHT: LazyLock<Search> = LazyLock::new(|| search(View::Free));
+static HIDDEN: LazyLock<Search> = LazyLock::new(|| search(View::Late));
+static COVERED: LazyLock<Search> = LazyLock::new(|| search(View::Broken));
 
-fn search(is_hidden: bool) -> Search {
+fn search(view: View) -> Search {
     let mut search = Search::default();
     for seed in 0..DRIVES {
-        let setting = setting(seed, is_hidden);
+        let setting = setting(seed, view);
         let guard = Guard::new(setting.parameters).unwrap();
         let drive = &setting.drive;
         let local_stops = !drive.collides(&drive.local_alone());
         search.local_stops += u64::from(local_stops);
         let case = guard.judge(&Situation::at(setting.speed)).case;
         search.cases[usize::from(case.number()) - 1] += 1;
+        if local_stops && view == View::Broken {
+            let outputs = drive.fused(|frame| DEADLINES[T1](&setting, &guard, frame));
+            let is_worse = drive.collides_where_any_output_counts(&outputs);
+            search.worse_where_any_output_counts += u64::from(is_worse);
+        }
         for (found, deadline) in search.found.iter_mut().zip(DEADLINES) {
             let stops = !drive.collides(&drive.fused(|frame| deadline(&setting, &guard, frame)));
             found.better += u64::from(stops && !local_stops);
@@ -195,7 +231,7 @@ fn search(is_hidden: bool) -> Search {
 
 #[test]
 fn the_search_sees_every_case_and_every_outcome() {
-    for search in [&IN_SIGHT, &HIDDEN] {
+    for search in [&IN_SIGHT, &HIDDEN, &COVERED] {
         assert!(search.cases.iter().all(|seen| *seen > 10_000), "{search:?}");
         assert!(search.found.iter().all(|found| found.better > 1000), "{search:?}");
         assert!(search.local_stops > 10_000 && search.local_stops < DRIVES - 10_000, "{search:?}");
@@ -204,9 +240,16 @@ fn the_search_sees_every_case_and_every_outcome() {
 
 #[test]
 fn t1_no_deadline_up_to_locals_least_response_is_ever_worse() {
-    for search in [&IN_SIGHT, &HIDDEN] {
+    for search in [&IN_SIGHT, &HIDDEN, &COVERED] {
         assert_eq!(search.found[T1].worse, 0, "{search:?}");
     }
+}
+
+/// What is covered on a frame that local skips: an output that truly shows nothing there must break no row of local's.
+#[test]
+fn t4_a_planner_for_which_any_output_breaks_a_row_is_worse_in_dozens_of_drives() {
+    let search = &COVERED;
+    assert!(search.worse_where_any_output_counts > 20, "{search:?}");
 }
 
 #[test]
@@ -236,12 +279,13 @@ fn half_a_second_for_every_message_is_worse_in_thousands_of_drives() {
 fn t4_a_blind_cloud_in_time_hides_what_local_sees_at_any_deadline() {
     let mut worse = 0;
     for seed in 0..2000 {
-        let Setting { mut drive, parameters, .. } = setting(seed, false);
+        let Setting { mut drive, parameters, .. } = setting(seed, View::Free);
         let local_stops = !drive.collides(&drive.local_alone());
         drive.range_cloud = 0.0;
         drive.frames.iter_mut().for_each(|frame| frame.cloud = 0.01);
         worse += u32::from(
-            local_stops && drive.collides(&drive.fused(|_| parameters.local_response.least)),
+            local_stops
+                && drive.collides(&drive.fused(|_| parameters.local_response.least.as_secs_f64())),
         );
     }
     assert!(worse > 500, "{worse}");

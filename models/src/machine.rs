@@ -22,7 +22,7 @@ pub struct InputResponse {
     /// The input's own decisions.
     pub own: Vec<Decision>,
     /// How it came to an end.
-    pub end: Completion,
+    pub end: WholeAnswer,
 }
 
 /// What followed from the timers of one timestamp at one due instant.
@@ -38,7 +38,7 @@ pub struct FiredTimers {
 
 /// Whether an input got its whole answer (F8).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub enum Completion {
+pub enum WholeAnswer {
     /// Yes.
     #[default]
     Whole,
@@ -64,7 +64,7 @@ pub(crate) fn machine(header: &Header) -> Option<Machine> {
 /// answer is whole.
 pub(crate) fn answer(machine: &mut Machine, input: &Input, most: usize) -> InputResponse {
     // Until the machine says otherwise.
-    let mut answer = InputResponse { end: Completion::Panicked, ..InputResponse::default() };
+    let mut answer = InputResponse { end: WholeAnswer::Panicked, ..InputResponse::default() };
     IN_MACHINE.set(true);
     let _ = panic::catch_unwind(AssertUnwindSafe(|| apply(machine, input, most, &mut answer)));
     IN_MACHINE.set(false);
@@ -88,7 +88,7 @@ thread_local! {
 fn apply(machine: &mut Machine, input: &Input, most: usize, answer: &mut InputResponse) {
     let own = machine.apply(input, |at, firing| {
         if answer.fired.len() >= most {
-            answer.end = Completion::Endless;
+            answer.end = WholeAnswer::Endless;
             // No other way leads out of a machine that never ends.
             panic!("more timers fired than were live");
         }
@@ -98,5 +98,5 @@ fn apply(machine: &mut Machine, input: &Input, most: usize, answer: &mut InputRe
         answer.fired.push(FiredTimers { t, due, decisions });
     });
     own.decisions(machine.now(), |decision| answer.own.push(decision));
-    answer.end = Completion::Whole;
+    answer.end = WholeAnswer::Whole;
 }

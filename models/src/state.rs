@@ -9,7 +9,7 @@ use fuseline_testkit::{History, Ledger};
 use fuseline_traces::{Decision, ExpectedDecisions, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
-use crate::machine::{Completion, InputResponse, Machine, answer, machine};
+use crate::machine::{InputResponse, Machine, WholeAnswer, answer, machine};
 use crate::sighting::Sightings;
 use crate::world::World;
 
@@ -63,9 +63,9 @@ impl State {
         let mut next = Self { ahead: OnceLock::new(), ..self.clone() };
         let most = self.ledger.timer_count();
         let answer = answer(&mut next.machine, input, most);
-        next.violated.insert_if(Claim::F8, answer.end == Completion::Panicked);
-        next.violated.insert_if(Claim::P9, answer.end == Completion::Endless);
-        if answer.end == Completion::Whole {
+        next.violated.insert_if(Claim::F8, answer.end == WholeAnswer::Panicked);
+        next.violated.insert_if(Claim::P9, answer.end == WholeAnswer::Endless);
+        if answer.end == WholeAnswer::Whole {
             next.enter(config, input, &answer);
             next.compare(config, input, &answer);
             let same = next.mirror(config, input, &answer, self.ledger.now(), most);
@@ -135,7 +135,7 @@ impl State {
         let ticks = between.flat_map(|at| [Input::Tick { at: *at }, Input::Tick { at: 0 }]);
         for input in ticks.chain([*input]) {
             let answer = answer(&mut self.twin, &input, most);
-            if answer.end != Completion::Whole {
+            if answer.end != WholeAnswer::Whole {
                 return false;
             }
             decisions.extend(answer.decisions().map(|decision| decision.redated(0)));

@@ -1,4 +1,5 @@
-//! One public name, one concept: a name that stands in two places says the same in both.
+//! One public name, one concept: a name that stands in two places says the same in both. And no type, public or not, has a
+//! name that only somebody who knows this project could guess.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -18,6 +19,22 @@ const LIBRARIES: [&str; 5] = ["core", "traces", "testkit", "deadline", "models"]
 static TYPE: LazyLock<Regex> = LazyLock::new(|| {
     regex(r"(?m)^ *pub (?:const |unsafe |auto )*(?:struct|enum|union|trait|type) (\w+)")
 });
+/// Any type, tests' own ones among them.
+static ANY_TYPE: LazyLock<Regex> = LazyLock::new(|| {
+    regex(
+        r"(?m)^ *(?:pub(?:\([a-z: ]+\))? )?(?:const |unsafe |auto )*(?:struct|enum|union|trait|type) (\w+)",
+    )
+});
+/// What no type is called: body parts, furniture, a household, verbs of speech, participles and riddles of one word.
+const NOT_NAMES: &str = "About Act Alive Asked Asker Aside Beside Bell Bill Bomb Bond Book Brought Came Caught Coming Course \
+    Desk Does Doorman Ears Fate Flaw Forsaken Found Garbage Given Going Guest Hall Hands Harm Heard Here Home House How Judged Kept \
+    Known Lane Leave Left Liar Life Made Manner Misbehaviour Mouth Named Nothing Of Only Out Outer Outside Owed Part Place Placed \
+    Played Priced Ran Realm Rest Rhythm Ring Room Said Seal Seat Seen Settled Shaky Sheet Shown Sight Speak Spell Spot Standing \
+    Story Strays Strike Tape Taken Tallied Teller Told Trouble Turn Turned Unread Vessel Voice Waits Wanted Watch Way Weather What \
+    Woken Wonder Word Words";
+/// Types of the core and of its proofs, which are on record by the digest of their sources.
+const ON_RECORD: [&str; 2] = ["core/src/", "proofs/"];
+
 /// The enum and the set that the models' table of properties makes.
 static TABLE: LazyLock<Regex> =
     LazyLock::new(|| regex(r"(?s)\bproperties! \{.*?\n    (\w+),\n.*?\n    (\w+),\n"));
@@ -124,6 +141,38 @@ fn a_public_name_serves_one_concept() {
     }
     let wrong = wrong(&names, &shared());
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// The names of a file that no type should have.
+fn riddles(text: &str) -> Vec<&str> {
+    let not_names: BTreeSet<&str> = NOT_NAMES.split_whitespace().collect();
+    let names = ANY_TYPE.captures_iter(text).map(|found| found.extract::<1>().1[0]);
+    names.filter(|name| not_names.contains(name)).collect()
+}
+
+#[test]
+fn no_type_has_a_name_that_only_its_authors_could_guess() {
+    let mut read = 0;
+    let mut riddles_found = Vec::new();
+    for entry in WalkBuilder::new(ROOT).require_git(false).build() {
+        let path = entry.expect("a readable folder").into_path();
+        let place = path.strip_prefix(ROOT).expect("below the root").display().to_string();
+        let is_on_record = ON_RECORD.iter().any(|start| place.starts_with(start));
+        if path.extension().is_none_or(|extension| extension != "rs") || is_on_record {
+            continue;
+        }
+        let text = fs::read_to_string(&path).expect("UTF-8");
+        riddles_found.extend(riddles(&text).iter().map(|name| format!("{place}: {name}")));
+        read += 1;
+    }
+    assert!(read > 400, "only {read} files were read");
+    assert!(riddles_found.is_empty(), "{riddles_found:#?}");
+}
+
+#[test]
+fn a_riddle_is_seen_whether_or_not_it_is_public() {
+    let text = "struct Told;\n    pub(crate) enum Fate {}\npub struct Report;\nfn f() { struct Way; }\ntype What = u8;";
+    assert_eq!(riddles(text), ["Told", "Fate", "What"]);
 }
 
 #[test]

@@ -104,9 +104,9 @@ fn conforms_alone(options: &Options, trace: &[u8]) -> bool {
     }
 }
 
-type Found = (u64, Option<u64>, Vec<(String, u64)>);
+type FoundByOption = (u64, Option<u64>, Vec<(String, u64)>);
 
-fn with_options(options: &Options, trace: &[u8]) -> Found {
+fn with_options(options: &Options, trace: &[u8]) -> FoundByOption {
     let Some(slack) = &options.observed else {
         assert_eq!(options.period, None, "a period is of observed traces");
         let mut reader = Events::new("trace", trace).expect("it has a header");

@@ -61,17 +61,17 @@ fn naive(commit: Commit, slack: Slack, end: u64, events: &[Event]) -> [BTreeSet<
         }
         records_opens |= matches!(event, Event::Input(Input::Open { .. }));
     }
-    let fates: Vec<(u64, Option<Fate>)> =
+    let fates: Vec<(u64, Option<MessageEnding>)> =
         by_t.into_iter().map(|(t, events)| (t, fate(commit, slack, end, &events))).collect();
     let of = |fate| {
         let are = fates.iter().filter(move |(_, other)| *other == Some(fate));
         are.map(|(t, _)| *t).collect()
     };
-    [of(Fate::Breaks), of(Fate::Open)]
+    [of(MessageEnding::Breaks), of(MessageEnding::Open)]
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Fate {
+enum MessageEnding {
     Breaks,
     /// Nothing came out, nor had to.
     Open,
@@ -123,7 +123,7 @@ fn gaps(most: u64, slack: Slack, events: &[Event]) -> usize {
     instants.windows(2).filter(|pair| pair[1] - pair[0] > most).count()
 }
 
-fn fate(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> Option<Fate> {
+fn fate(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> Option<MessageEnding> {
     let reach = 2 * slack.tolerance + slack.lateness;
     let mut story = MessageHistory::default();
     let (mut opens, mut refusals, mut is_stranger) = (vec![], BTreeSet::new(), false);
@@ -168,16 +168,16 @@ fn fate(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> Opt
         refused_from.is_some_and(|refused| known.is_none_or(|known| known + reach >= refused));
     if opens.is_empty() && was_refused {
         let is_none = story.requests.is_empty() && story.outputs.is_empty();
-        return (!is_none).then_some(Fate::Breaks);
+        return (!is_none).then_some(MessageEnding::Breaks);
     }
     if known.is_none() && story.results.is_empty() && story.failures.is_empty() {
         return None;
     }
     story.open = opens.first().copied();
     if opens.len() > 1 || is_stranger || !story.is_explained(commit, slack, end) {
-        return Some(Fate::Breaks);
+        return Some(MessageEnding::Breaks);
     }
-    story.outputs.is_empty().then_some(Fate::Open)
+    story.outputs.is_empty().then_some(MessageEnding::Open)
 }
 
 /// What the reference machine does, with instants that are off and lines out of order.

@@ -564,12 +564,12 @@ typedef struct fuseline_message {
  * Names one open message to the machine for many threads that opened it. Another machine refuses it, and one that is
  * all 0, FUSELINE_STATUS_MESSAGE_ID.
  */
-typedef struct fuseline_message_id {
+typedef struct CMessageId {
   /**
    * Opaque.
    */
   uint64_t opaque[3];
-} fuseline_message_id;
+} CMessageId;
 
 #ifdef __cplusplus
 extern "C" {
@@ -757,13 +757,13 @@ fuseline_status fuseline_shared_init(void *storage,
 FUSELINE_CHECKED fuseline_status fuseline_shared_end(struct fuseline_shared *machine);
 
 /**
- * F1, the owner's: a message came. `*message id` names it if it is accepted, else nothing.
+ * F1, the owner's: a message came. `*message_id` names it if it is accepted, else nothing.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_open(struct fuseline_shared *machine,
                                      uint64_t now,
                                      uint64_t t,
-                                     struct fuseline_message_id *message_id,
+                                     struct CMessageId *message_id,
                                      struct fuseline_answer *answer);
 
 /**
@@ -774,7 +774,7 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
                                             uint64_t now,
                                             uint64_t t,
                                             uint64_t deadline,
-                                            struct fuseline_message_id *message_id,
+                                            struct CMessageId *message_id,
                                             struct fuseline_answer *answer);
 
 /**
@@ -783,7 +783,7 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
                                       uint64_t now,
-                                      struct fuseline_message_id message_id,
+                                      struct CMessageId message_id,
                                       uint64_t p,
                                       uint64_t deadline,
                                       uint64_t backlog,
@@ -797,7 +797,7 @@ fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
                                        uint64_t now,
-                                       struct fuseline_message_id message_id,
+                                       struct CMessageId message_id,
                                        uint64_t p,
                                        struct fuseline_answer *fired,
                                        struct fuseline_answer *answer);
@@ -808,7 +808,7 @@ fuseline_status fuseline_shared_result(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_fail(struct fuseline_shared *machine,
                                      uint64_t now,
-                                     struct fuseline_message_id message_id,
+                                     struct CMessageId message_id,
                                      uint64_t p,
                                      struct fuseline_answer *fired,
                                      struct fuseline_answer *answer);
@@ -819,7 +819,7 @@ fuseline_status fuseline_shared_fail(struct fuseline_shared *machine,
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
                                        uint64_t now,
-                                       struct fuseline_message_id message_id,
+                                       struct CMessageId message_id,
                                        struct fuseline_answer *fired,
                                        struct fuseline_answer *answer);
 
@@ -828,7 +828,7 @@ fuseline_status fuseline_shared_expire(struct fuseline_shared *machine,
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_next_due(struct fuseline_shared *machine,
-                                         struct fuseline_message_id message_id,
+                                         struct CMessageId message_id,
                                          uint64_t *due);
 
 #ifdef __cplusplus

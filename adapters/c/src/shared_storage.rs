@@ -218,7 +218,7 @@ pub(crate) unsafe fn handle<A>(
     // SAFETY: by the caller's promise.
     let header = unsafe { StorageHeader::of(machine, answers) }?;
     with_room!(header.capacity, R = SharedStorage => {
-        // SAFETY: the seal says that a hall of this capacity was written here. The desk takes calls of any threads.
+        // SAFETY: the seal says that a storage of this capacity was written here. The shared handle takes calls of any threads.
         Ok(call(unsafe { (*machine.cast::<R>()).handle }))
     }, else Err(CStatus::Foreign))
 }
@@ -239,7 +239,7 @@ pub(crate) unsafe fn owner<A>(
         return Err(CStatus::Busy);
     }
     let answer_list = with_room!(header.capacity, R = SharedStorage => {
-        // SAFETY: the seal says that a hall of this capacity was written here.
+        // SAFETY: the seal says that a storage of this capacity was written here.
         let owner = unsafe { addr_of_mut!((*machine.cast::<R>()).owner) };
         // SAFETY: as above, and `busy` says that no other call uses the owner's half.
         Ok(call(unsafe { &mut *owner }, header))

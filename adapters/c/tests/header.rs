@@ -15,7 +15,7 @@ fn the_header_is_what_the_sources_say() {
         .with_config(config)
         .with_src(root.join("src/plain.rs"))
         .with_src(root.join("src/storage.rs"))
-        .with_src(root.join("src/hall.rs"))
+        .with_src(root.join("src/shared_storage.rs"))
         .with_src(root.join("src/calls.rs"))
         .with_src(root.join("src/shared.rs"))
         .generate();

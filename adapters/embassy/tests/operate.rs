@@ -106,7 +106,7 @@ fn five_messages_leave_and_the_judge_finds_nothing() {
         }
     };
     let reported = |at: fuseline_core::Instant, reported: Report<1>| {
-        record(&mut trace, at.as_nanos(), &reported)
+        record(&mut trace, at.as_nanos(), &reported);
     };
     block_on(select(operate(&mut fusion, inbox.receiver(), reported), script));
 

@@ -65,7 +65,7 @@ impl<V, R> Engine<V, R> {
         }
         let state = OperatorState::new(operator, queues, local);
         // Unknown until it is set: policies risk nothing.
-        Ok(Self { arbiter, state, situation: Situation::at(f64::NAN) })
+        Ok(Self { arbiter, state, situation: Situation::UNKNOWN })
     }
 
     /// Lets `policy` choose the deadlines of cloud `p`, each at most the one offered, and reports to it

@@ -147,7 +147,8 @@ impl Run {
 #[test]
 fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() {
     let loss = Accuracy { local: 42.0, cloud: 58.0, price_per_ms: 0.01 };
-    let (policy, reasons) = noting(Expected::<_, 16>::new(loss, 0.02, Some(4)).unwrap());
+    let (policy, reasons) =
+        noting(Expected::<_, 16>::new(loss, Duration::from_millis(20), Some(4)).unwrap());
     let (answers, wests) = (Vec::new(), Vec::new());
     let mut run = Run { engine: engine(policy), now: 0, is_west_gone: true, answers, wests };
     run.burst(0..2);

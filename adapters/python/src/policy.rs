@@ -5,13 +5,16 @@ use std::time::Duration;
 
 use fuseline_deadline as deadline;
 use fuseline_deadline::{
-    Accuracy, Assessment, Chosen, Classes, End, Hazard, Impact, Invalid, Loss, Parameters, Policy,
-    Reason, Situation, Source, Span, Survival,
+    Accuracy, Assessment, Chosen, Classes, End, Hazard, Impact, Invalid, Loss, Metres,
+    MetresPerSecond, MetresPerSecondSquared, Parameters, Policy, Reason, Situation, Source, Span,
+    Survival,
 };
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
 use crate::raised::DeadlineError;
-use crate::time::Nanos;
+use crate::time::{Nanos, Plain};
 use crate::words::AnswerClasses;
 
 /// How many calls are remembered.
@@ -23,55 +26,40 @@ type DeadlineFields = (u64, &'static str, Option<u8>, Option<f64>);
 /// A response in nanoseconds, whether it was answered then, and how many calls.
 type ObservedCall = (u64, bool, u64);
 
-/// A figure: a number, or the least and the greatest.
-#[derive(FromPyObject)]
-pub(crate) enum Figure {
-    Exactly(f64),
-    Between(f64, f64),
-}
+/// A figure: a number or a time, or the least and the greatest.
+pub(crate) struct Figure<T>(Span<T>);
 
 /// What a policy knows: an object with these attributes.
-#[derive(FromPyObject)]
 pub(crate) struct SituationFields {
-    speed: Figure,
-    reveal: Option<f64>,
+    speed: Figure<Plain>,
+    reveal: Option<Plain>,
     under_way: Vec<Nanos>,
 }
 
-/// What an output costs: an object with the attributes of one of them.
-#[derive(FromPyObject)]
+/// What an output costs: an object with the attributes of one of them, or a function.
 pub(crate) enum LossFields {
-    Impact {
-        vehicle: Vehicle,
-    },
-    Accuracy {
-        local: f64,
-        cloud: f64,
-        price_per_ms: f64,
-    },
-    #[pyo3(transparent)]
+    Impact { vehicle: Vehicle },
+    Accuracy { local: Plain, cloud: Plain, price_per_ms: Plain },
     Function(Py<PyAny>),
 }
 
 /// A class of hazards: an object with these attributes.
-#[derive(FromPyObject)]
 pub(crate) struct Class {
-    range_local: Figure,
-    range_cloud: Figure,
-    weight: f64,
+    range_local: Figure<Plain>,
+    range_cloud: Figure<Plain>,
+    weight: Plain,
 }
 
 /// A vehicle, its sources and the hazards: an object with these attributes.
-#[derive(FromPyObject)]
 pub(crate) struct Vehicle {
-    deceleration: Figure,
-    brake_delay: Figure,
+    deceleration: Figure<Plain>,
+    brake_delay: Figure<Nanos>,
     frames: u32,
-    period_local: Figure,
-    period_cloud: Figure,
-    local_response: Figure,
-    lateness: f64,
-    margin: f64,
+    period_local: Figure<Nanos>,
+    period_cloud: Figure<Nanos>,
+    local_response: Figure<Nanos>,
+    lateness: Nanos,
+    margin: Plain,
     hazards: Vec<Class>,
 }
 
@@ -130,12 +118,17 @@ impl Guard {
 impl Expected {
     #[new]
     #[pyo3(signature = (loss, local_response, probe_every))]
-    fn new(loss: LossFields, local_response: Figure, probe_every: Option<u32>) -> PyResult<Self> {
+    fn new(
+        loss: LossFields,
+        local_response: Figure<Nanos>,
+        probe_every: Option<u32>,
+    ) -> PyResult<Self> {
         let loss = AnyLoss::try_from(loss)?;
         let function = match &loss {
             AnyLoss::Function(function) => Some(Arc::clone(function)),
             AnyLoss::Impact(_) | AnyLoss::Accuracy(_) => None,
         };
+        let local_response = local_response.times();
         let policy = deadline::Expected::new(loss, local_response, probe_every).map_err(invalid)?;
         Ok(Self { policy, function })
     }
@@ -211,6 +204,14 @@ impl Loss for AnyLoss {
             Self::Function(function) => function.loss(source, response),
         }
     }
+
+    fn check(&self) -> Result<(), Invalid> {
+        match self {
+            Self::Impact(loss) => loss.check(),
+            Self::Accuracy(loss) => loss.check(),
+            Self::Function(_) => Ok(()),
+        }
+    }
 }
 
 impl TryFrom<LossFields> for AnyLoss {
@@ -220,6 +221,7 @@ impl TryFrom<LossFields> for AnyLoss {
         Ok(match loss {
             LossFields::Impact { vehicle } => Self::Impact(Box::new(Impact::from(&guard(vehicle)?))),
             LossFields::Accuracy { local, cloud, price_per_ms } => {
+                let [local, cloud, price_per_ms] = [local.0, cloud.0, price_per_ms.0];
                 Self::Accuracy(Accuracy { local, cloud, price_per_ms })
             }
             LossFields::Function(function) => {
@@ -251,38 +253,137 @@ impl Function {
 
 impl SituationFields {
     fn split(self) -> (Situation<'static>, Vec<Duration>) {
-        let situation = Situation { reveal: self.reveal, ..Situation::at(self.speed) };
+        let reveal = self.reveal.map(|Plain(reveal)| Metres(reveal));
+        let situation = Situation { reveal, ..Situation::at(self.speed.numbers(MetresPerSecond)) };
         (situation, ages(self.under_way))
     }
 }
 
-impl From<Figure> for Span {
-    fn from(figure: Figure) -> Self {
-        match figure {
-            Figure::Exactly(figure) => Self::exactly(figure),
-            Figure::Between(least, greatest) => Self::new(least, greatest),
+impl<'a, 'py, T> FromPyObject<'a, 'py> for Figure<T>
+where
+    T: Copy + for<'b> FromPyObject<'b, 'py, Error = PyErr>,
+{
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        let Ok(ends) = object.cast::<PyTuple>() else {
+            return Ok(Self(Span::exactly(object.extract()?)));
+        };
+        if ends.len() != 2 {
+            let told = format!("a figure of {} ends; give one, or (least, greatest)", ends.len());
+            return Err(PyTypeError::new_err(told));
         }
+        Ok(Self(Span::new(ends.get_item(0)?.extract()?, ends.get_item(1)?.extract()?)))
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for SituationFields {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self {
+            speed: field(object, "speed")?,
+            reveal: field(object, "reveal")?,
+            under_way: field(object, "under_way")?,
+        })
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for LossFields {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if object.hasattr("vehicle")? {
+            return Ok(Self::Impact { vehicle: field(object, "vehicle")? });
+        }
+        if object.hasattr("price_per_ms")? {
+            return Ok(Self::Accuracy {
+                local: field(object, "local")?,
+                cloud: field(object, "cloud")?,
+                price_per_ms: field(object, "price_per_ms")?,
+            });
+        }
+        if !object.is_callable() {
+            let told = format!("{}: a loss is Impact, Accuracy or a function", object.repr()?);
+            return Err(PyTypeError::new_err(told));
+        }
+        Ok(Self::Function(object.to_owned().unbind()))
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Class {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self {
+            range_local: field(object, "range_local")?,
+            range_cloud: field(object, "range_cloud")?,
+            weight: field(object, "weight")?,
+        })
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Vehicle {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self {
+            deceleration: field(object, "deceleration")?,
+            brake_delay: field(object, "brake_delay")?,
+            frames: field(object, "frames")?,
+            period_local: field(object, "period_local")?,
+            period_cloud: field(object, "period_cloud")?,
+            local_response: field(object, "local_response")?,
+            lateness: field(object, "lateness")?,
+            margin: field(object, "margin")?,
+            hazards: field(object, "hazards")?,
+        })
+    }
+}
+
+/// An attribute; what is wrong with it is raised with its name before it.
+fn field<'py, T>(object: Borrowed<'_, 'py, PyAny>, name: &str) -> PyResult<T>
+where
+    T: for<'b> FromPyObject<'b, 'py, Error: Into<PyErr>>,
+{
+    let attribute = object.getattr(name)?;
+    T::extract(attribute.as_borrowed()).map_err(Into::into).map_err(|error: PyErr| {
+        let py = object.py();
+        PyErr::from_type(error.get_type(py), format!("{name}: {}", error.value(py)))
+    })
+}
+
+impl Figure<Nanos> {
+    fn times(self) -> Span<Duration> {
+        self.0.map(|Nanos(nanos)| Duration::from_nanos(nanos))
+    }
+}
+
+impl Figure<Plain> {
+    fn numbers<T>(self, unit: impl FnMut(f64) -> T) -> Span<T> {
+        self.0.map(|Plain(number)| number).map(unit)
     }
 }
 
 impl From<Class> for Hazard {
     fn from(class: Class) -> Self {
-        let Class { range_local, range_cloud, weight } = class;
-        Self { weight, range_local: range_local.into(), range_cloud: range_cloud.into() }
+        let Class { range_local, range_cloud, weight: Plain(weight) } = class;
+        let (range_local, range_cloud) = (range_local.numbers(Metres), range_cloud.numbers(Metres));
+        Self { weight, range_local, range_cloud }
     }
 }
 
 fn guard(vehicle: Vehicle) -> PyResult<deadline::Guard> {
     let hazards: Vec<Hazard> = vehicle.hazards.into_iter().map(Hazard::from).collect();
     let parameters = Parameters {
-        deceleration: vehicle.deceleration.into(),
-        brake_delay: vehicle.brake_delay.into(),
+        deceleration: vehicle.deceleration.numbers(MetresPerSecondSquared),
+        brake_delay: vehicle.brake_delay.times(),
         frames: vehicle.frames,
-        period_local: vehicle.period_local.into(),
-        period_cloud: vehicle.period_cloud.into(),
-        local_response: vehicle.local_response.into(),
-        lateness: vehicle.lateness,
-        margin: vehicle.margin,
+        period_local: vehicle.period_local.times(),
+        period_cloud: vehicle.period_cloud.times(),
+        local_response: vehicle.local_response.times(),
+        lateness: Duration::from_nanos(vehicle.lateness.0),
+        margin: Metres(vehicle.margin.0),
         classes: Classes::new(&hazards).map_err(invalid)?,
     };
     deadline::Guard::new(parameters).map_err(invalid)

@@ -16,6 +16,10 @@ pub(crate) struct Nanos(pub(crate) u64);
 #[derive(Clone, Copy)]
 pub(crate) struct Number(pub(crate) u64);
 
+/// A number in the unit of its figure, which is no time: a duration that was given for one is refused.
+#[derive(Clone, Copy)]
+pub(crate) struct Plain(pub(crate) f64);
+
 /// A second, in nanoseconds.
 const SECOND: f64 = 1e9;
 
@@ -39,6 +43,24 @@ impl<'py> FromPyObject<'_, 'py> for Number {
             return number(index.as_borrowed());
         }
         number(object)
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Plain {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if object.is_instance_of::<PyDelta>() || AnswerClasses::get(object.py())?.is_ns(object) {
+            let told = format!(
+                "{}: a duration stands where a number in m, m/s or m/s² belongs",
+                object.repr()?
+            );
+            return Err(PyTypeError::new_err(told));
+        }
+        if object.is_instance_of::<PyBool>() {
+            return Err(PyTypeError::new_err("a number, not bool"));
+        }
+        object.extract().map(Self)
     }
 }
 

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import math
+import pickle
+from datetime import timedelta
+from typing import Any
 
 import pytest
-from fuseline import ns
+from fuseline import DeadlineError, TimeError, ns
 from fuseline.deadline import (
     Accuracy,
+    Case,
     Constant,
     End,
     Expected,
+    Figure,
+    Guard,
+    Hazard,
     Impact,
     Parameters,
     Reason,
     Situation,
+    Time,
     Whose,
 )
 
@@ -79,3 +87,69 @@ def test_durations_that_come_out_can_go_in() -> None:
     assert Constant(chosen.deadline).decide(Situation(), cap=1.0) == chosen
     with pytest.raises(TypeError, match=r"100000000\.0 for seconds, or ns\(100000000\)"):
         Constant(chosen.deadline // 2)
+
+
+#: No type checker lets it stand where metres belong.
+MARGIN: Any = timedelta(seconds=2)
+
+
+@pytest.mark.parametrize("response", [0.3017, timedelta(milliseconds=301.7), ns(301_700_000)])
+@pytest.mark.parametrize("period", [0.04, timedelta(milliseconds=40), ns(40_000_000)])
+def test_times_of_a_vehicle_are_durations(response: Time, period: Time) -> None:
+    vehicle = Parameters(local_response=response, period_local=period)
+    assessment = Guard(vehicle).judge(Situation(speed=18.0))
+    assert assessment.case is Case.LOCAL_STOPS
+    seconds = Parameters(local_response=0.3017, period_local=0.04)
+    assert assessment == Guard(seconds).judge(Situation(speed=18.0))
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "error", "message"),
+    [
+        (Parameters(local_response=301_700_000), TypeError, r"local_response: .* ns\(301700000\)"),
+        (Parameters(lateness=5), TypeError, r"lateness: a duration of 5: write 5\.0 for seconds"),
+        (Parameters(brake_delay=(0.1, 100)), TypeError, r"brake_delay: .* ns\(100\)"),
+        (Parameters(local_response=301.7), DeadlineError, "local's response: 301.7 s; it may be"),
+        (Parameters(brake_delay=-0.1), TimeError, "brake_delay: a duration of -0.1 s"),
+        (Parameters(deceleration=ns(7)), TypeError, r"deceleration: ns\(7\): a duration stands"),
+        (Parameters(margin=MARGIN), TypeError, r"margin: .* a duration stands"),
+        (
+            Parameters(hazards=(Hazard(range_local=39e3, range_cloud=57e3),)),
+            DeadlineError,
+            "local's range: 39000 m; it may be from 0.01 to 10000 m",
+        ),
+    ],
+)
+def test_a_figure_in_a_wrong_unit_is_refused(
+    vehicle: Parameters, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        Guard(vehicle)
+    with pytest.raises(error, match=message):
+        Expected(Impact(vehicle), local_response=0.3)
+
+
+@pytest.mark.parametrize("speed", [ns(18), timedelta(seconds=18), (15.0, ns(18))])
+def test_a_speed_is_no_duration(speed: Figure) -> None:
+    with pytest.raises(TypeError, match=r"speed: .* a duration stands"):
+        Guard().judge(Situation(speed=speed))
+
+
+def test_a_policy_of_expected_checks_its_figures() -> None:
+    loss = Accuracy(0.3, 0.5, 0.001)
+    with pytest.raises(TypeError, match=r"ns\(300\)"):
+        Expected(loss, local_response=300)
+    with pytest.raises(DeadlineError, match="price of a millisecond: -1"):
+        Expected(Accuracy(0.3, 0.5, -1.0), local_response=0.3)
+    with pytest.raises(TypeError, match="a loss is Impact, Accuracy or a function"):
+        Expected(5, local_response=0.3)  # type: ignore[arg-type]
+
+
+def test_nanoseconds_are_whole_and_in_their_range() -> None:
+    for part in (0.5, 1.0, "7", True, None):
+        with pytest.raises(TypeError, match="nanoseconds are a whole number"):
+            ns(part)  # type: ignore[arg-type]
+    for beyond in (-1, 2**64):
+        with pytest.raises(TimeError, match="nanoseconds are from 0"):
+            ns(beyond)
+    assert pickle.loads(pickle.dumps(ns(2**64 - 1))) == ns(2**64 - 1)

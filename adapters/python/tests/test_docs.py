@@ -11,6 +11,7 @@ from pathlib import Path
 import fuseline
 
 README = Path(__file__).parents[1] / "README.md"
+CHAPTER = Path(__file__).parents[3] / "docs/book/src/use/python.md"
 
 
 def test_the_machines_own_example_runs() -> None:
@@ -22,9 +23,13 @@ def test_the_machines_own_example_runs() -> None:
     assert doctest.DocTestRunner().run(example).failed == 0
 
 
-def test_the_readmes_code_runs(tmp_path: Path) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
-    assert blocks
+def test_the_documents_code_runs(tmp_path: Path) -> None:
+    readme, chapter = [
+        re.findall(r"```python\n(.*?)```", document.read_text(), re.DOTALL)
+        for document in (README, CHAPTER)
+    ]
+    assert readme and chapter
+    blocks = readme + chapter
     for place, block in enumerate(blocks):
         if block.startswith("# /// needs"):
             continue  # run by tests/engines

@@ -23,7 +23,7 @@ from drives import drive, spoiled
 from fuseline import fleet
 
 COMMAND = os.environ.get("FUSELINE_COMMAND")
-README = Path(__file__).parents[1] / "README.md"
+CHAPTER = Path(__file__).parents[3] / "docs/book/src/use/python.md"
 
 
 @pytest.fixture(scope="module")
@@ -193,10 +193,10 @@ def test_a_trace_of_any_length_takes_the_same_memory(tmp_path: Path) -> None:
     assert most < least + 4 * 1024, f"{least} and {most} KiB"
 
 
-def test_the_schema_is_that_of_the_rows_and_of_the_readme() -> None:
+def test_the_schema_is_that_of_the_rows_and_of_the_chapter() -> None:
     names = fleet.schema().names
     assert tuple(names) == fleet.Row._fields
-    said = README.read_text().partition("| column |")[2].partition("\n\n")[0]
+    said = CHAPTER.read_text().partition("| column |")[2].partition("\n\n")[0]
     documented = [
         word.strip("` ") for line in said.splitlines()[2:] for word in line.split("|")[1].split(",")
     ]

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use fuseline_deadline::MetresPerSecond;
 use fuseline_engine::Situation;
 use tokio::time::Instant;
 
@@ -33,7 +34,7 @@ impl Speed {
 
     /// What policies are to know: nothing, if the last speed is too old.
     pub(crate) fn situation(&self, now: Instant) -> Situation<'static> {
-        Situation::at(self.fresh(now).unwrap_or(f64::NAN))
+        self.fresh(now).map_or(Situation::UNKNOWN, |speed| Situation::at(MetresPerSecond(speed)))
     }
 
     /// That nothing is known, if that is so.
@@ -120,11 +121,15 @@ mod tests {
         for frames in [["odom", "base_link"], ["", ""], ["a", "bc"], ["abcdefg", "x"]] {
             for big_endian in [false, true] {
                 let mut speed = Speed::new(&topic("nav_msgs/msg/Odometry"));
-                assert!(speed.situation(Instant::now()).speed.least.is_nan());
+                assert!(speed.situation(Instant::now()).speed.least.0.is_nan());
                 assert!(
                     speed.take(Instant::now(), &odometry(frames, [-3.0, 4.0, 12.0], big_endian))
                 );
-                assert_eq!(speed.situation(Instant::now()), Situation::at(13.0), "{frames:?}");
+                assert_eq!(
+                    speed.situation(Instant::now()),
+                    Situation::at(MetresPerSecond(13.0)),
+                    "{frames:?}"
+                );
             }
         }
     }
@@ -138,16 +143,16 @@ mod tests {
         };
         let start = Instant::now();
         assert!(speed.take(start, &reported(-18.0)));
-        assert_eq!(speed.situation(start + AGE), Situation::at(18.0));
+        assert_eq!(speed.situation(start + AGE), Situation::at(MetresPerSecond(18.0)));
         assert_eq!(speed.missing(start + AGE), None);
         let old = start + AGE + Duration::from_nanos(1);
-        assert!(speed.situation(old).speed.least.is_nan());
+        assert!(speed.situation(old).speed.least.0.is_nan());
         assert_eq!(speed.missing(old).unwrap(), "no speed on /odom for 0.5 s");
         for none in [f64::NAN, f64::INFINITY] {
             assert!(speed.take(start, &reported(1.0)));
             assert!(!speed.take(start, &reported(none)));
             assert_eq!(speed.missing(start).unwrap(), "no speed on /odom");
-            assert!(speed.situation(start).speed.least.is_nan());
+            assert!(speed.situation(start).speed.least.0.is_nan());
         }
     }
 
@@ -162,7 +167,7 @@ mod tests {
             let payload = Payload { big_endian: false, body: body.into() };
             let now = Instant::now();
             let is_known = speed.take(now, &payload);
-            prop_assert_eq!(is_known, speed.situation(now).speed.least.is_finite());
+            prop_assert_eq!(is_known, speed.situation(now).speed.least.0.is_finite());
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::message_id::MessageId;
 /// An open message, to serve its timers; any number of threads may share it.
 pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) handle: &'a SharedHandle<CLOUDS, WINDOW>,
-    pub(crate) message_id: MessageId,
+    pub(crate) id: MessageId,
     pub(crate) cells: Arc<Cells<T, CLOUDS>>,
 }
 
@@ -43,20 +43,20 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
     /// The message's timestamp.
     #[must_use]
     pub const fn timestamp(&self) -> Timestamp {
-        self.message_id.timestamp()
+        self.id.timestamp()
     }
 
     /// The earliest due instant of its timers, as from [`SharedHandle::next_due`].
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
-        self.handle.next_due(self.message_id)
+        self.handle.next_due(self.id)
     }
 
     /// F5: time went by. Returns the timers that were due, if any, and the value to send downstream if they say
     /// forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn expire(&self, now: Instant) -> Option<(Firing<CLOUDS>, Option<T>)> {
-        let firing = self.handle.expire(now, self.message_id)?;
+        let firing = self.handle.expire(now, self.id)?;
         Some((firing, self.forwarded(&firing.outcome)))
     }
 
@@ -79,10 +79,10 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Call<'_, T, CLOUDS, WINDOW> {
     /// F3: the result came.
     pub fn result(self, now: Instant, value: T) -> CallOutcome<T, CLOUDS> {
         let Self { message, source } = self;
-        let Message { handle, message_id, cells } = &message;
+        let Message { handle, id, cells } = &message;
         // Before the machine knows of it: as soon as it is held, any thread may forward it.
         cells.put(source, value);
-        let (fired, outcome) = handle.result(now, *message_id, handle.priority(source));
+        let (fired, outcome) = handle.result(now, *id, handle.priority(source));
         let unused = matches!(outcome, Outcome::Dropped(_)).then(|| cells.take(source)).flatten();
         message.answered(fired, outcome, unused)
     }
@@ -91,7 +91,7 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Call<'_, T, CLOUDS, WINDOW> {
     pub fn fail(self, now: Instant) -> CallOutcome<T, CLOUDS> {
         let Self { message, source } = self;
         let (fired, outcome) =
-            message.handle.fail(now, message.message_id, message.handle.priority(source));
+            message.handle.fail(now, message.id, message.handle.priority(source));
         message.answered(fired, outcome, None)
     }
 }
@@ -112,18 +112,18 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> Clone for Message<'_, T, CLOUDS, WINDOW> {
     fn clone(&self) -> Self {
-        Self { handle: self.handle, message_id: self.message_id, cells: Arc::clone(&self.cells) }
+        Self { handle: self.handle, id: self.id, cells: Arc::clone(&self.cells) }
     }
 }
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for Message<'_, T, CLOUDS, WINDOW> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Message").field(&self.message_id).finish()
+        f.debug_tuple("Message").field(&self.id).finish()
     }
 }
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for Call<'_, T, CLOUDS, WINDOW> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Call").field(&self.message.message_id).field(&self.source).finish()
+        f.debug_tuple("Call").field(&self.message.id).field(&self.source).finish()
     }
 }

@@ -218,7 +218,7 @@ impl<const CLOUDS: usize> WindowSlot<CLOUDS> {
 
 impl<const CLOUDS: usize, const WINDOW: usize> core::fmt::Debug for SharedHandle<CLOUDS, WINDOW> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("Desk")
+        f.debug_struct("SharedHandle")
             .field("commit", &self.commit)
             .field("window", &self.window)
             .finish_non_exhaustive()

@@ -51,7 +51,7 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
             // A call of the place's last message is still under way and may still fill its cell.
             None => *cells = Arc::new(Cells::new()),
         }
-        let message = Message { handle: self.handle, message_id, cells: Arc::clone(cells) };
+        let message = Message { handle: self.handle, id: message_id, cells: Arc::clone(cells) };
         let call = Call { message: message.clone(), source: Source::LOCAL };
         Ok((message, call))
     }
@@ -75,8 +75,7 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
         Option<(Firing<CLOUDS>, Option<T>)>,
         Result<(Call<'a, T, CLOUDS, WINDOW>, Instant), OfferRefusal>,
     ) {
-        let (fired, admission) =
-            self.owner.offer(now, message.message_id, cloud, deadline, backlog);
+        let (fired, admission) = self.owner.offer(now, message.id, cloud, deadline, backlog);
         let fired = fired.map(|firing| (firing, message.forwarded(&firing.outcome)));
         let call = match admission {
             Admission::Admitted { due } => match self.handle.source(cloud) {
@@ -91,6 +90,6 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> fmt::Debug for ValueOwner<'_, T, CLOUDS, WINDOW> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Intake").field(&self.owner).finish()
+        f.debug_tuple("ValueOwner").field(&self.owner).finish()
     }
 }

@@ -49,7 +49,7 @@ fn messages_and_calls_are_printed_by_their_tickets() {
     let mut intake = ValueOwner::<(), 1, 1>::new(&mut shared);
     let (message, local) = intake.open(START, Timestamp::new(7), None).expect("it is new");
     for printed in [format!("{message:?}"), format!("{local:?}")] {
-        assert!(printed.contains("Ticket") && printed.contains('7'), "{printed}");
+        assert!(printed.contains("MessageId") && printed.contains('7'), "{printed}");
     }
-    assert!(format!("{intake:?}").starts_with("Intake(Owner"), "{intake:?}");
+    assert!(format!("{intake:?}").starts_with("ValueOwner(Owner"), "{intake:?}");
 }

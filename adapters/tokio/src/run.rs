@@ -111,7 +111,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         Some(assessed.unwrap_or_else(|panic| {
             let why = reason(&*panic);
             error!(timestamp, why, "the situation's handler panicked: nothing is known");
-            Situation::at(f64::NAN)
+            Situation::UNKNOWN
         }))
     }
 

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// State that local, handlers and asides have in common; clones share it.
 ///
 /// ```
-/// # use fuseline_tokio::Common;
-/// let plans = Common::new(Vec::new());
+/// # use fuseline_tokio::SharedState;
+/// let plans = SharedState::new(Vec::new());
 /// let cached = plans.clone(); // one for each closure
 /// cached.with(|plans| plans.push("swerve left"));
 /// assert_eq!(plans.with(|plans| plans.len()), 1);

@@ -7,7 +7,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fuseline_tokio::deadline::{
-    Accuracy, Chosen, Constant, End, Expected, Guard, Parameters, Policy, Reason, Situation,
+    Accuracy, Chosen, Constant, End, Expected, Guard, MetresPerSecond, Parameters, Policy, Reason,
+    Situation,
 };
 use fuseline_tokio::{Call, Config, Error, Local, Setup, spawn, stream};
 use support::{ClosureOperator, RunResult, line, play};
@@ -27,7 +28,7 @@ struct RecordingPolicy {
 impl Policy for RecordingPolicy {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         let Situation { speed, under_way, .. } = situation;
-        let speed = speed.greatest;
+        let MetresPerSecond(speed) = speed.greatest;
         self.log.lock().unwrap().push(format!("at {speed} m/s up to {cap:?}, {under_way:?}"));
         let deadline = self.deadlines[0] * MS;
         if self.deadlines.len() > 1 {
@@ -98,7 +99,8 @@ fn noting(log: &Log, deadlines: &[u32]) -> Box<dyn Policy + Send> {
 async fn a_policy_chooses_up_to_what_is_offered_and_knows_speed_and_calls_under_way() {
     let log = Log::default();
     let run = played(&[0, 30, 60], |setup| {
-        setup.use_situation(|_, t| Situation::at(if t == 1 { 18.0 } else { 11.0 }));
+        setup
+            .use_situation(|_, t| Situation::at(MetresPerSecond(if t == 1 { 18.0 } else { 11.0 })));
         cloud(setup, 1, |_| Hangs, 150 * MS).policy = Some(noting(&log, &[100, 50, 900]));
         local(20)
     });
@@ -216,7 +218,7 @@ async fn a_policy_that_panics_asks_nothing_and_is_asked_again() {
     struct FailingPolicy;
     impl Policy for FailingPolicy {
         fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
-            assert!(situation.speed.greatest < 20.0, "as told");
+            assert!(situation.speed.greatest < MetresPerSecond(20.0), "as told");
             Constant(50 * MS).decide(situation, cap)
         }
         fn ended(&mut self, _: End) {
@@ -224,7 +226,8 @@ async fn a_policy_that_panics_asks_nothing_and_is_asked_again() {
         }
     }
     let run = played(&[0, 100], |setup| {
-        setup.use_situation(|_, t| Situation::at(if t == 0 { 22.0 } else { 18.0 }));
+        setup
+            .use_situation(|_, t| Situation::at(MetresPerSecond(if t == 0 { 22.0 } else { 18.0 })));
         cloud(setup, 1, |_| Answers(40), 100 * MS).policy = Some(Box::new(FailingPolicy));
         local(20)
     });
@@ -253,7 +256,9 @@ async fn the_guard_waits_as_long_as_the_speed_allows_and_risks_nothing_without_o
     let guard = || Guard::new(Parameters::default()).unwrap();
     let speeds = [18.0, f64::NAN, 20.0];
     let run = played(&[0, 2000, 4000], |setup| {
-        setup.use_situation(move |_, t| Situation::at(speeds[usize::try_from(t).unwrap()]));
+        setup.use_situation(move |_, t| {
+            Situation::at(MetresPerSecond(speeds[usize::try_from(t).unwrap()]))
+        });
         cloud(setup, 1, |_| Hangs, Duration::MAX).policy = Some(Box::new(guard()));
         local(300)
     });
@@ -269,7 +274,7 @@ async fn the_guard_waits_as_long_as_the_speed_allows_and_risks_nothing_without_o
 #[tokio::test(start_paused = true)]
 async fn an_expecting_policy_stops_waiting_for_a_cloud_that_is_gone_and_finds_it_when_it_returns() {
     let loss = Accuracy { local: 42.0, cloud: 58.0, price_per_ms: 0.01 };
-    let expected = Expected::<_, 16>::new(loss, 0.02, Some(8)).unwrap();
+    let expected = Expected::<_, 16>::new(loss, Duration::from_millis(20), Some(8)).unwrap();
     let policy = Constant(400 * MS).caps(expected);
     let (mut camera, frames) = stream(8);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {

@@ -6,7 +6,7 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use fuseline_tokio::deadline::{Guard, Parameters, Situation};
+use fuseline_tokio::deadline::{Guard, MetresPerSecond, Parameters, Situation};
 use fuseline_tokio::{Config, Local, Operator, Setup, prometheus, spawn, stream};
 
 struct Double;
@@ -75,7 +75,7 @@ impl Operator for Vehicle {
     type Output = f64;
 
     fn setup(self, setup: &mut Setup<f64, f64>) -> Local<f64, f64> {
-        setup.use_situation(|speed, _| Situation::at(*speed));
+        setup.use_situation(|speed, _| Situation::at(MetresPerSecond(*speed)));
         let message_handler = |speed: &f64, _| Some((*speed, Duration::from_secs(2)));
         let cloud = setup.use_cloud(|speed, _| async move { Ok(speed) }, message_handler, Ok, 1);
         cloud.name = "west".into();

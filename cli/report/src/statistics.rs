@@ -3,7 +3,7 @@
 //! The tables of `fuseline run` and the page of `fuseline report` tell this and no other, in the
 //! words of [`COLUMNS`].
 
-mod story;
+mod history;
 #[cfg(test)]
 mod tests;
 
@@ -13,7 +13,7 @@ use std::time::Duration;
 use fuseline_traces::{Decision, DropReason, Event, Input};
 
 use crate::quantile::{Arrival, Quantile, Response, quantiles};
-use crate::statistics::story::{Call, End, MessageHistory, RequestEnd, RequestOutcome};
+use crate::statistics::history::{Call, End, MessageHistory, RequestEnd, RequestOutcome};
 
 /// What is counted about a source's requests, each with its meaning. Local has a request for each
 /// message that was taken on. The first is the sum of the next six.
@@ -213,7 +213,7 @@ impl TraceStatistics {
                 let mut due = None;
                 self.with(t, p, |call| {
                     due = call.due;
-                    call.request_end(RequestEnd::Late, at);
+                    call.end_with(RequestEnd::Late, at);
                 });
                 let lag = due.map(|due| Duration::from_nanos(at.saturating_sub(due)));
                 self.timer_lag = self.timer_lag.max(lag);
@@ -234,19 +234,19 @@ impl TraceStatistics {
                 call.due = Some(due);
             }),
             Decision::Hold { at, t, p } => {
-                self.with(t, p, |call| call.request_end(RequestEnd::InTime, at))
+                self.with(t, p, |call| call.end_with(RequestEnd::InTime, at));
             }
             Decision::Drop { at, t, p, why } => self.with(t, p, |call| {
                 let was_result = call.failing.take().is_none();
                 call.answered = None;
                 if was_result && why == DropReason::Late {
-                    call.request_end(RequestEnd::Late, at);
+                    call.end_with(RequestEnd::Late, at);
                 }
             }),
             Decision::Emit { at, t, p } => {
                 self.with_any(t, p, |call| {
                     call.is_requested = true;
-                    call.request_end(RequestEnd::InTime, at);
+                    call.end_with(RequestEnd::InTime, at);
                 });
                 let source = self.source(p);
                 self.stories.entry(t).or_default().end.get_or_insert(End { at, source });
@@ -256,7 +256,7 @@ impl TraceStatistics {
                 story.end.get_or_insert(End { at, source: None });
             }
             Decision::Cancel { at, t, p } => {
-                self.with(t, p, |call| call.request_end(RequestEnd::Superseded, at));
+                self.with(t, p, |call| call.end_with(RequestEnd::Superseded, at));
             }
         }
     }
@@ -350,7 +350,7 @@ impl TraceStatistics {
                 // What was refused is as good as failed at once: nobody waits for it.
                 let Some(opened) = opened else { return Arrival::Failed(Duration::ZERO) };
                 let call = story.calls.get(source).copied().unwrap_or_default();
-                let bound = call.sealed.map(|(_, at)| at).or(story.end.map(|end| end.at));
+                let bound = call.ended.map(|(_, at)| at).or(story.end.map(|end| end.at));
                 let since = |at: u64| Duration::from_nanos(at.saturating_sub(opened));
                 match (call.arrived, story.request_outcome(source, self.is_observed)) {
                     (Some(arrived), _) => Arrival::At(since(arrived)),

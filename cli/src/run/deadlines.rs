@@ -53,7 +53,7 @@ impl Deadlines {
         price: f64,
     ) -> Self {
         let (least, greatest) = local.runtimes();
-        let response = Span::new(least.as_secs_f64(), greatest.as_secs_f64());
+        let response = Span::new(least, greatest);
         let policy = |cloud: Option<f64>| {
             let (local, cloud) = local.ap.zip(cloud).unwrap_or((0.0, UNKNOWN_GAIN));
             let loss = Accuracy { local, cloud, price_per_ms: price / 1000.0 };
@@ -66,7 +66,7 @@ impl Deadlines {
 
     /// A message came: chooses for all clouds. No policy asks for more of the vehicle.
     pub(crate) fn next(&self) -> Situation<'static> {
-        let situation = Situation::at(f64::NAN);
+        let situation = Situation::UNKNOWN;
         let State { cap, commit, policies, chosen, .. } = &mut *self.state();
         *chosen = policies.iter_mut().map(|policy| policy.decide(&situation, *cap)).collect();
         // Under eager the first timer that finds something in hand commits for all clouds (A4). So

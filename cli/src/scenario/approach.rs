@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use fuseline_deadline::{Guard, Hazard, Invalid, Parameters};
+use fuseline_deadline::{
+    Guard, Hazard, Invalid, Metres, MetresPerSecond, MetresPerSecondSquared, Parameters, Situation,
+    Span,
+};
 use serde::Serialize;
 
 use crate::scenario::braking::{Brakes, DriveOutcome};
@@ -70,6 +73,10 @@ pub(crate) fn seconds(nanos: u64) -> f64 {
     nanos as f64 / 1e9
 }
 
+fn time(seconds: f64) -> Duration {
+    Duration::from_nanos(nanos(seconds))
+}
+
 /// A duration in nanoseconds.
 pub(crate) fn whole(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
@@ -102,19 +109,25 @@ impl Vehicle {
     pub(crate) fn guard(&self) -> Result<Guard, Invalid> {
         let hazard = Hazard {
             weight: 1.0,
-            range_local: self.range_local.into(),
-            range_cloud: self.range_cloud.into(),
+            range_local: Metres(self.range_local).into(),
+            range_cloud: Metres(self.range_cloud).into(),
         };
         Guard::new(Parameters {
-            deceleration: self.deceleration.into(),
-            brake_delay: self.brake_delay.into(),
+            deceleration: MetresPerSecondSquared(self.deceleration).into(),
+            brake_delay: time(self.brake_delay).into(),
             frames: self.frames,
-            period_local: self.period_local().into(),
-            period_cloud: self.period().into(),
-            local_response: self.local_response.into(),
+            period_local: Span::of_rate(self.rate / self.frames_of_local()),
+            period_cloud: Span::of_rate(self.rate),
+            local_response: time(self.local_response).into(),
             classes: hazard.into(),
             ..Parameters::default()
         })
+    }
+
+    /// What policies know at this speed.
+    pub(crate) fn situation(&self, speed: f64) -> Situation<'static> {
+        let reveal = self.reveal.map(Metres);
+        Situation { reveal, ..Situation::at(MetresPerSecond(speed)) }
     }
 
     /// The same with the cloud's model on board and nothing else.

@@ -15,6 +15,9 @@ pub(crate) enum FrameStatus {
 
 /// Counts timestamps, not arrivals (A12): it decides once the outputs of so many consecutive timestamps have come and
 /// all report. Timestamps without output are passed over.
+///
+/// T1 also needs that an output without a report breaks no row if local skips its frame. That changes nothing here: what
+/// has come into sight stays in sight.
 #[derive(Clone, Debug)]
 pub(crate) struct Planner {
     wanted: usize,

@@ -29,6 +29,8 @@ pub(crate) struct Frame {
     pub(crate) cloud: f64,
     /// How late this frame's timer is.
     pub(crate) lateness: f64,
+    /// Whether something passes before the obstacle just then, so that no source sees it.
+    pub(crate) is_covered: bool,
 }
 
 /// An output for one timestamp.
@@ -37,18 +39,21 @@ pub(crate) struct Output {
     pub(crate) at: f64,
     /// Whether it reports the obstacle; none if there is no output, which is known at that instant.
     pub(crate) reports: Option<bool>,
+    /// Whether local takes the frame.
+    pub(crate) is_taken: bool,
 }
 
 impl Drive {
     fn sees(&self, range: f64, frame: &Frame) -> bool {
-        frame.gap <= range && frame.gap <= self.hidden_beyond
+        frame.gap <= range && frame.gap <= self.hidden_beyond && !frame.is_covered
     }
 
     /// The outputs of local alone.
     pub(crate) fn local_alone(&self) -> Vec<Output> {
         let output = |frame: &Frame| {
             let at = frame.captured + frame.local.unwrap_or(0.0);
-            Output { at, reports: frame.local.map(|_| self.sees(self.range_local, frame)) }
+            let reports = frame.local.map(|_| self.sees(self.range_local, frame));
+            Output { at, reports, is_taken: frame.local.is_some() }
         };
         self.frames.iter().map(output).collect()
     }
@@ -56,10 +61,10 @@ impl Drive {
     /// The outputs of fusion, with this deadline for each frame.
     pub(crate) fn fused(&self, deadline: impl Fn(&Frame) -> f64) -> Vec<Output> {
         let output = |frame: &Frame| {
-            let deadline = deadline(frame);
+            let (deadline, is_taken) = (deadline(frame), frame.local.is_some());
             if frame.cloud < deadline {
-                let reports = self.sees(self.range_cloud, frame);
-                return Output { at: frame.captured + frame.cloud, reports: Some(reports) };
+                let reports = Some(self.sees(self.range_cloud, frame));
+                return Output { at: frame.captured + frame.cloud, reports, is_taken };
             }
             // Local's result is an input: by its arrival every timer that was due has fired, however late timers are.
             let wait = match frame.local {
@@ -67,14 +72,24 @@ impl Drive {
                 _ => deadline + frame.lateness,
             };
             let reports = frame.local.map(|_| self.sees(self.range_local, frame));
-            Output { at: frame.captured + wait, reports }
+            Output { at: frame.captured + wait, reports, is_taken }
         };
         self.frames.iter().map(output).collect()
     }
 
-    /// Whether the vehicle hits the obstacle: it brakes once enough timestamps in a row report; those without output are
-    /// passed over when that is known.
+    /// Whether the vehicle hits the obstacle: it brakes once enough timestamps in a row report. Those without output are
+    /// passed over when that is known, and so is an output without a report for a frame that local does not take.
     pub(crate) fn collides(&self, outputs: &[Output]) -> bool {
+        self.collides_where(outputs, |output| output.is_taken)
+    }
+
+    /// The same if any output without a report breaks a row, whether local takes its frame or not.
+    pub(crate) fn collides_where_any_output_counts(&self, outputs: &[Output]) -> bool {
+        self.collides_where(outputs, |_| true)
+    }
+
+    /// Whether it hits the obstacle if those outputs without a report break a row.
+    fn collides_where(&self, outputs: &[Output], breaks: impl Fn(&Output) -> bool) -> bool {
         let mut decided = f64::INFINITY;
         for first in 0..outputs.len() {
             let (mut reports, mut at) = (0, 0.0_f64);
@@ -82,8 +97,8 @@ impl Drive {
                 at = at.max(output.at);
                 match output.reports {
                     Some(true) => reports += 1,
-                    Some(false) => break,
-                    None => {}
+                    Some(false) if breaks(output) => break,
+                    Some(false) | None => {}
                 }
                 if reports == self.reports {
                     decided = decided.min(at);

@@ -17,13 +17,13 @@ const WINDOW: usize = 2;
 const GATE: (u64, u64) = (3, 1);
 
 /// What one thread does, and for how many turns of an empty loop it waits before each call.
-type Part = Vec<(Timed, u8)>;
+type ThreadScript = Vec<(Timed, u8)>;
 
 fn sequential(commit: Commit) -> Sequential {
     Sequential::new(commit, WINDOW, vec![Gate::new(GATE.0, GATE.1).unwrap(); CLOUDS])
 }
 
-fn make(mut member: ThreadHandle<CLOUDS, WINDOW>, part: &Part) {
+fn make(mut member: ThreadHandle<CLOUDS, WINDOW>, part: &ThreadScript) {
     let (calls, pauses): (Vec<Timed>, Vec<u8>) = part.iter().copied().unzip();
     let mut pauses = pauses.into_iter();
     member.make(&calls, || match pauses.next() {
@@ -33,7 +33,7 @@ fn make(mut member: ThreadHandle<CLOUDS, WINDOW>, part: &Part) {
 }
 
 /// The owner's calls alone, then its others beside those of other threads.
-fn race(commit: Commit, before: &[Timed], threads: &[Part]) -> History {
+fn race(commit: Commit, before: &[Timed], threads: &[ThreadScript]) -> History {
     let clouds =
         [1, 2].map(|p| Cloud { priority: Priority::new(p), limit: GATE.0, resume: GATE.1 });
     let mut shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, commit, &clouds).unwrap();
@@ -76,7 +76,7 @@ fn by_the_owner() -> impl Strategy<Value = Timed> {
     prop_oneof![3 => (0..10_u64, input), 1 => by_any_thread()]
 }
 
-fn part(call: impl Strategy<Value = Timed>) -> impl Strategy<Value = Part> {
+fn part(call: impl Strategy<Value = Timed>) -> impl Strategy<Value = ThreadScript> {
     vec((call, any::<u8>()), 1..7)
 }
 

@@ -14,7 +14,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, TypeVar
+from operator import index
+from typing import Generic, SupportsIndex, TypeVar
+
+from fuseline._errors import TimeError
 
 
 class _Word(str, Enum):
@@ -102,6 +105,10 @@ class ns(int):  # noqa: N801 - it stands where a unit stands
     Where a duration goes in, a plain int is refused: it could be meant as seconds. What is reckoned
     from one, such as half of it, is a plain int again.
 
+    Raises:
+        TypeError: for what is no whole number, such as ``ns(0.5)``.
+        TimeError: for what is out of that range, such as ``ns(-1)``.
+
     >>> from fuseline import nanoseconds
     >>> nanoseconds(0.5)
     ns(500000000)
@@ -110,6 +117,18 @@ class ns(int):  # noqa: N801 - it stands where a unit stands
     """
 
     __slots__ = ()
+
+    def __new__(cls, nanoseconds: SupportsIndex, /) -> ns:
+        """So many nanoseconds."""
+        if isinstance(nanoseconds, bool) or not hasattr(nanoseconds, "__index__"):
+            raise TypeError(
+                f"ns({nanoseconds!r}): nanoseconds are a whole number as an int; for seconds write "
+                "fuseline.nanoseconds(0.5), or pass seconds as a float"
+            )
+        number = index(nanoseconds)
+        if not 0 <= number < 2**64:
+            raise TimeError(f"ns({number}): nanoseconds are from 0 to 2**64 - 1")
+        return super().__new__(cls, number)
 
     def __repr__(self) -> str:
         return f"ns({int(self)})"

@@ -9,9 +9,10 @@ and learns how each call ended. Keep one for each cloud, and give it to `Operato
 >>> policy.decide(Situation(speed=(17.5, 18.0)), cap=2.0).reason  # the first measures the cloud
 Reason.PROBE
 
-`deadline/README.md` of the project has the conditions and the proofs. Durations that go in are
-seconds as a float, a timedelta, or nanoseconds as `fuseline.ns`; those that come out are `ns`.
-Figures are in metres and seconds.
+`deadline/README.md` of the project has the conditions and the proofs. Durations that go in,
+figures too, are a timedelta, seconds as a float, or nanoseconds as `fuseline.ns`; a plain int is
+refused, and what comes out is `ns`. Other figures are numbers in m, m/s and m/s². A figure that is
+not plausible, such as milliseconds given as seconds, is refused with the range that it may have.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from fuseline._words import ns
 
 #: A number, or, if it is not known exactly, the least and the greatest that it may be.
 Figure: TypeAlias = float | tuple[float, float]
+#: A duration, or the shortest and the longest that it may be.
+Time: TypeAlias = Duration | tuple[Duration, Duration]
 
 __all__ = [
     "Accuracy",
@@ -49,6 +52,7 @@ __all__ = [
     "Reason",
     "Situation",
     "Step",
+    "Time",
     "Whose",
 ]
 
@@ -151,17 +155,17 @@ class Parameters:
     #: Full braking, in m/s².
     deceleration: Figure = 7.5
     #: From the decision to brake until the brakes act.
-    brake_delay: Figure = 0.1
+    brake_delay: Time = 0.1
     #: How many frames in a row must report an obstacle before the vehicle brakes.
     frames: int = 3
     #: The time between two frames that local takes.
-    period_local: Figure = 1.0 / 30.0
+    period_local: Time = 1.0 / 30.0
     #: The time between two frames that the cloud takes.
-    period_cloud: Figure = 1.0 / 30.0
+    period_cloud: Time = 1.0 / 30.0
     #: From a frame's capture until local's result.
-    local_response: Figure = 0.3017
+    local_response: Time = 0.3017
     #: How much later than capture + deadline an output may leave.
-    lateness: float = 0.005
+    lateness: Duration = 0.005
     #: The distance to keep from an obstacle where local alone stops anyway, in metres.
     margin: float = 2.0
     #: What may be on the road: one to eight classes.
@@ -318,7 +322,7 @@ class Expected(_Capping):
     Args:
         loss: What an output costs: `Impact`, `Accuracy`, or a function of the situation, the
             source ("local" or "cloud") and the response. What a function raises, ``decide`` raises.
-        local_response: How long local takes, in seconds.
+        local_response: How long local takes.
         probe_every: 1 to 64, or None.
 
     Raises:
@@ -328,7 +332,7 @@ class Expected(_Capping):
     def __init__(
         self,
         loss: Loss,
-        local_response: Figure,
+        local_response: Time,
         probe_every: int | None = 16,
     ) -> None:
         self._expected = _fuseline.Expected(loss, local_response, probe_every)

@@ -3,7 +3,10 @@
 use std::fmt;
 use std::time::Duration;
 
-use fuseline_deadline::{Accuracy, Expected, Guard, Hazard, Impact, Invalid, Parameters, Span};
+use fuseline_deadline::{
+    Accuracy, Expected, Guard, Hazard, Impact, Invalid, Metres, MetresPerSecondSquared, Parameters,
+    Span,
+};
 use fuseline_engine::{CapacityErrors, Policy, Workload};
 
 use crate::parameters::Value;
@@ -106,7 +109,7 @@ impl Settings {
         let (Some(rate), true) = (*rate, *kind != PolicyKind::Set) else { return Ok(()) };
         let clouds = || self.clouds.iter();
         let longest = clouds().map(|cloud| cloud.deadline.unwrap_or(self.deadline)).max();
-        let local_response = Duration::from_secs_f64(parameters.local_response.greatest);
+        let local_response = parameters.local_response.greatest;
         let workload =
             Workload { rate, longest_deadline: longest.unwrap_or_default(), local_response };
         let calls = clouds().map(|cloud| (cloud.name.as_str(), cloud.in_flight.into()));
@@ -151,9 +154,9 @@ pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
     )?;
     let rate = Some(rate.value).filter(|rate| *rate > 0.0);
     let usual = Parameters::default();
-    let period = rate.map_or(usual.period_local, |rate| Span::exactly(1.0 / rate));
+    let period = rate.map_or(usual.period_local, Span::of_rate);
     let about = "How long local takes at least and at most, in seconds";
-    let local_response = span(r, "policy.local_response", usual.local_response, about)?;
+    let local_response = times(r, "policy.local_response", usual.local_response, about)?;
     let mut figure =
         |name: &str, default: f64, about| figure(r, &format!("policy.{name}"), default, about);
     let deceleration = figure("deceleration", 7.5, "Full braking, in m/s²")?;
@@ -170,17 +173,17 @@ pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
     let about = "One message in this many measures how long a cloud takes";
     let probe_every = r.integer("policy.probe_every", 1..=64, 16, about)?.value;
     let parameters = Parameters {
-        deceleration: deceleration.into(),
-        brake_delay: brake_delay.into(),
+        deceleration: MetresPerSecondSquared(deceleration).into(),
+        brake_delay: time(brake_delay).into(),
         period_local: period,
         period_cloud: period,
         local_response,
-        lateness,
-        margin,
+        lateness: time(lateness),
+        margin: Metres(margin),
         classes: Hazard {
             weight: 1.0,
-            range_local: range_local.into(),
-            range_cloud: range_cloud.into(),
+            range_local: Metres(range_local).into(),
+            range_cloud: Metres(range_cloud).into(),
         }
         .into(),
         ..usual
@@ -209,15 +212,20 @@ fn figure(
     figure.map(|figure| figure.value)
 }
 
-/// A figure and the greatest that it may be: `<name>` and `<name>_most`.
-fn span(
+/// A time and the greatest that it may be: `<name>` and `<name>_most`.
+fn times(
     r: &mut Reader,
     name: &str,
-    default: Span,
+    default: Span<Duration>,
     about: &'static str,
-) -> Result<Span, SettingsError> {
-    let least = figure(r, name, default.least, about)?;
-    Ok(Span::new(least, figure(r, &format!("{name}_most"), least, about)?))
+) -> Result<Span<Duration>, SettingsError> {
+    let least = figure(r, name, default.least.as_secs_f64(), about)?;
+    Ok(Span::new(least, figure(r, &format!("{name}_most"), least, about)?).map(time))
+}
+
+/// A time that is not implausible is not so long.
+fn time(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
 }
 
 fn speed(r: &mut Reader) -> Result<Option<SpeedTopic>, SettingsError> {

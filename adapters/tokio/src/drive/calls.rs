@@ -94,7 +94,7 @@ impl<V: Send + 'static> Calls<V> {
         let span = debug_span!("call", priority, timestamp);
         match self {
             Self::InlineCalls(here) => {
-                here.begin(Running { key: (priority, timestamp), call, span })
+                here.begin(Running { key: (priority, timestamp), call, span });
             }
             Self::Tasks { sender, under_way, .. } => {
                 let error_chain = sender.clone();

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::scenario::jaywalking::swerve::{FRONT, Swerve};
 use crate::scenario::shape::{Rectangle, first_contact};
 
 /// The car's length and width.
@@ -17,7 +18,7 @@ const END: f64 = 60.0;
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Manoeuvre {
-    /// To the left, with speed and heading kept.
+    /// To the left, with the speed kept.
     Swerve,
     Brake,
 }
@@ -28,25 +29,25 @@ pub(crate) struct Geometry {
     /// From the car's front to the person's line at 0 s.
     pub(crate) distance: f64,
     pub(crate) person_speed: f64,
-    /// To the left.
+    /// To the left, at most.
     pub(crate) lateral: f64,
+    /// How fast the wheels turn, in rad/s.
+    pub(crate) steering_rate: f64,
     pub(crate) deceleration: f64,
 }
 
 impl Geometry {
-    /// The car, if it does so from `from` on.
-    pub(crate) fn car(&self, now: f64, speed: f64, manoeuvre: Manoeuvre, from: f64) -> Rectangle {
+    fn swerve(&self, speed: f64) -> Swerve {
+        Swerve::new(speed, self.lateral, self.steering_rate)
+    }
+
+    /// The car, if it brakes from `from` on.
+    fn braking(&self, now: f64, speed: f64, from: f64) -> Rectangle {
         let acting = (now - from).max(0.0);
-        let front = match manoeuvre {
-            Manoeuvre::Swerve => [speed * now, self.lateral * acting * acting / 2.0],
-            Manoeuvre::Brake => {
-                let braking = acting.min(speed / self.deceleration);
-                let lost = speed * (acting - braking) + self.deceleration * braking * braking / 2.0;
-                [speed * now - lost, 0.0]
-            }
-        };
+        let braking = acting.min(speed / self.deceleration);
+        let lost = speed * (acting - braking) + self.deceleration * braking * braking / 2.0;
         let (length, width) = CAR;
-        Rectangle { front, heading: [1.0, 0.0], length, width }
+        Rectangle { front: [speed * now - lost, 0.0], heading: [1.0, 0.0], length, width }
     }
 
     /// The person.
@@ -61,21 +62,40 @@ impl Geometry {
 
     /// When the car touches the person, if it responds after so long.
     pub(crate) fn contact(&self, speed: f64, manoeuvre: Manoeuvre, response: f64) -> Option<f64> {
-        // Until the car is past, or stands and the person has crossed: then nothing more can happen.
-        let past = (self.distance + CAR.0 + RADIUS) / speed;
-        let end = match manoeuvre {
-            Manoeuvre::Swerve => past,
-            Manoeuvre::Brake => (response + speed / self.deceleration).max(self.crossed()),
-        };
-        let contingency = match manoeuvre {
-            Manoeuvre::Swerve => self.lateral * (end - response).max(0.0),
-            Manoeuvre::Brake => 0.0,
-        };
-        let fastest = speed.hypot(self.person_speed + contingency);
-        first_contact((0.0, end), fastest, |now| {
-            let car = self.car(now, speed, manoeuvre, response);
-            (car.distance_to(self.person(now)) - RADIUS).max(0.0)
-        })
+        let gap = |car: Rectangle, now: f64| (car.distance_to(self.person(now)) - RADIUS).max(0.0);
+        match manoeuvre {
+            Manoeuvre::Swerve => {
+                let swerve = self.swerve(speed);
+                let end = self.past(&swerve, response);
+                first_contact((0.0, end), swerve.fastest() + self.person_speed, |now| {
+                    gap(swerving(&swerve, now, response), now)
+                })
+            }
+            Manoeuvre::Brake => {
+                // Until it stands and the person has crossed: then nothing more can happen.
+                let end = (response + speed / self.deceleration).max(self.crossed());
+                first_contact((0.0, end), speed.hypot(self.person_speed), |now| {
+                    gap(self.braking(now, speed, response), now)
+                })
+            }
+        }
+    }
+
+    /// When a car that swerves is past the person's line with all of it, or drives across the road: then it is ahead of the
+    /// person, or has not come so far.
+    fn past(&self, swerve: &Swerve, response: f64) -> f64 {
+        const STEP: f64 = 0.01;
+        let mut now = 0.0;
+        while now < END {
+            let car = swerving(swerve, now, response);
+            let rearmost =
+                car.corners().into_iter().fold(f64::INFINITY, |x, corner| x.min(corner[0]));
+            if rearmost > self.distance + RADIUS || car.heading[0] <= 0.0 {
+                break;
+            }
+            now += STEP;
+        }
+        now
     }
 
     /// The greatest speed up to which it touches nobody, in m/s; none if it always might.
@@ -91,4 +111,14 @@ impl Geometry {
         }
         Some(low)
     }
+}
+
+/// A car that begins to swerve at `from`.
+fn swerving(swerve: &Swerve, now: f64, from: f64) -> Rectangle {
+    let (length, width) = CAR;
+    let ([x, y], angle) = swerve.pose((now - from).max(0.0));
+    let (across, along) = angle.sin_cos();
+    // At 0 s its front is at 0, with the rear axle so far behind.
+    let front = [swerve.speed() * now.min(from) + x + FRONT * (along - 1.0), y + FRONT * across];
+    Rectangle { front, heading: [along, across], length, width }
 }

@@ -4,6 +4,7 @@ mod contingency;
 mod geometry;
 mod planning;
 mod plots;
+mod swerve;
 mod text;
 
 use serde::Serialize;
@@ -20,8 +21,8 @@ const WORDS: &str = "A person walks onto the road just before a car. The planner
     cloud made for this case, and that is in a cache, is there sooner. The plan came by a call aside: a gate admitted it, \
     a deadline bounded it, and the machine does not know of it.";
 /// What is modelled.
-const MODEL: &str = "The person's speed, how hard the car swerves and brakes, and when the call aside is made are model \
-    choices. The paper states the distance and both responses.";
+const MODEL: &str = "The car's and the person's speed, how hard the car swerves and brakes, how fast it steers, and when the \
+    call aside is made are model choices. The paper states the distance and both responses.";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -35,7 +36,8 @@ comes, the plan on board leaves exactly when it would without a cloud.
 
 Figures marked † are model choices: the paper does not state them. The person
 is a disc of radius 0.3 m, starts 1.75 m right of the middle of the car's lane,
-and walks to the left.
+and walks to the left. The car is a single track without slip, 2.58 m from axle
+to axle. With --steering-rate 100000 it swerves as hard as it can at once.
 
 Exit code 0 when done, 2 if an option or a folder is of no use.
 
@@ -50,17 +52,20 @@ pub(crate) struct Args {
     /// How fast the person walks to the left, in m/s †.
     #[arg(long, value_name = "V", default_value = "1.5", value_parser = not_below_0)]
     person_speed: f64,
-    /// How hard the car swerves to the left, in m/s² †.
+    /// How hard the car swerves to the left at most, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7", value_parser = above_0)]
     lateral: f64,
+    /// How fast the wheels turn until it swerves so hard, in rad/s †.
+    #[arg(long, value_name = "R", default_value = "0.4", value_parser = above_0)]
+    steering_rate: f64,
     /// Full braking, in m/s² †.
     #[arg(long, value_name = "A", default_value = "7.5", value_parser = above_0)]
     deceleration: f64,
     /// Responses, in s: the first is that of the planner on board, the last that of a cached plan.
     #[arg(long, value_name = "S,S,…", value_delimiter = ',', default_value = "0.5,0.4", value_parser = not_below_0)]
     response: Vec<f64>,
-    /// Speeds of the car, in m/s.
-    #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "10", value_parser = speed)]
+    /// Speeds of the car, in m/s †.
+    #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "9", value_parser = speed)]
     speed: Vec<f64>,
     #[command(flatten)]
     leave: OutputOptions,
@@ -94,6 +99,7 @@ impl Args {
             distance: self.distance,
             person_speed: self.person_speed,
             lateral: self.lateral,
+            steering_rate: self.steering_rate,
             deceleration: self.deceleration,
         }
     }

@@ -6,7 +6,7 @@ mod text;
 
 use std::time::Duration;
 
-use fuseline_deadline::{Guard, Observation, Situation};
+use fuseline_deadline::{Guard, Observation};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -221,7 +221,7 @@ impl Start<'_> {
         speed: f64,
         mode: ResponsePolicy,
     ) -> Result<DriveOutcome, Fault> {
-        let situation = Situation { reveal: setting.vehicle.reveal, ..Situation::at(speed) };
+        let situation = setting.vehicle.situation(speed);
         let deadline = deadline(mode, setting.guard.as_ref(), &situation, &self.observed);
         let run = approach::Drive {
             vehicle: &setting.vehicle,

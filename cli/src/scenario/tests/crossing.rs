@@ -82,28 +82,40 @@ fn a_car_touches_a_person_where_small_steps_of_time_say_so() {
             person_speed: random.between(0.5, 3.0),
             lateral: random.between(3.0, 9.0),
             deceleration: random.between(4.0, 9.0),
+            steering_rate: random.between(0.2, 2.0),
         };
         let manoeuvre = random.one_of(&[Manoeuvre::Swerve, Manoeuvre::Brake]);
         let (speed, response) = (random.between(4.0, 16.0), random.between(0.2, 0.8));
         let first = street.contact(speed, manoeuvre, response).is_some();
-        let (mut front, mut now_speed, mut contingency, mut drift) = (0.0, speed, 0.0, 0.0);
+        // The rear axle, 3.38 m behind the front and 2.58 m behind the front axle, and the angles of car and wheels.
+        let (mut rear, mut now_speed) = ([-3.38, 0.0], speed);
+        let (mut heading, mut steering) = (0.0_f64, 0.0_f64);
         let mut nearest = f64::INFINITY;
         for step in 0..20_000 {
             let now = f64::from(step) * STEP;
             let person = [street.distance, street.person_speed * now - 1.75];
-            let x = (person[0] - front).max(front - 4.7 - person[0]).max(0.0);
-            let y = ((person[1] - contingency).abs() - 0.95).max(0.0);
-            nearest = f64::min(nearest, x.hypot(y) - 0.3);
+            let (sin, cos) = heading.sin_cos();
+            let apart = [person[0] - rear[0], person[1] - rear[1]];
+            let (ahead, left) = (apart[0] * cos + apart[1] * sin, apart[1] * cos - apart[0] * sin);
+            let x = (ahead - 3.38).max(-1.32 - ahead).max(0.0);
+            let y = (left.abs() - 0.95).max(0.0);
+            if heading < std::f64::consts::FRAC_PI_2 {
+                nearest = f64::min(nearest, x.hypot(y) - 0.3);
+            }
             let is_acting = now >= response;
             match manoeuvre {
-                Manoeuvre::Swerve if is_acting => drift += street.lateral * STEP,
+                Manoeuvre::Swerve if is_acting => {
+                    let is_hard = speed * speed * steering.tan() / 2.58 >= street.lateral;
+                    let more = if is_hard { 0.0 } else { street.steering_rate * STEP };
+                    steering = (steering + more).min(1.066);
+                }
                 Manoeuvre::Brake if is_acting => {
                     now_speed = (now_speed - street.deceleration * STEP).max(0.0);
                 }
                 Manoeuvre::Swerve | Manoeuvre::Brake => {}
             }
-            front += now_speed * STEP;
-            contingency += drift * STEP;
+            rear = [rear[0] + now_speed * STEP * cos, rear[1] + now_speed * STEP * sin];
+            heading += now_speed * STEP * steering.tan() / 2.58;
         }
         if nearest.abs() > 0.03 {
             compared += 1;

@@ -2,9 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_deadline::{
-    Choice, Guard, Impact, Loss, Observation, Situation, Source, Survival, least_loss,
-};
+use fuseline_deadline::{Choice, Guard, Impact, Loss, Observation, Source, Survival, least_loss};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -112,7 +110,7 @@ impl Jam {
 
     /// The deadline of each request of *ours*.
     pub(crate) fn deadline(&self, speed: f64, response: f64) -> Duration {
-        let situation = Situation { reveal: self.vehicle.reveal, ..Situation::at(speed) };
+        let situation = self.vehicle.situation(speed);
         let cap = self.guard.map_or(Duration::MAX, |guard| guard.judge(&situation).deadline);
         match (self.deadline, self.guard) {
             (Deadline::Constant(deadline), _) => deadline,

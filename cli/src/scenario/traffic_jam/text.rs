@@ -87,6 +87,13 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     let colour = if same == known { GOOD } else { BAD };
     let sum = paint(colour, &format!("{same} of the {known} cells"));
     writeln!(text, "\n{sum} that are in the paper's table are as there.")?;
+    if same == known && known > 0 {
+        writeln!(
+            text,
+            "Fitted: --deceleration, --brake-delay, --range-local, --range-cloud were chosen\n\
+            so. What remains is that one choice of them serves all of these cells."
+        )?;
+    }
     let Some(beside) = &found.beside else { return Ok(()) };
     match &beside.narrow {
         Some(intervals) => {

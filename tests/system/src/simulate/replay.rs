@@ -47,11 +47,11 @@ pub(crate) struct OpenedMessage {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct MessageEnd {
     pub(crate) at: u64,
-    pub(crate) how: CallPath,
+    pub(crate) how: Departure,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum CallPath {
+pub(crate) enum Departure {
     Forwarded(u16, Trigger),
     Missed,
     Refused(OpenRefusal),
@@ -287,10 +287,10 @@ impl Reader<'_> {
                 self.replay.offers.push((t, short(p), Some(why)));
             }
             Decision::Emit { at, t, p } => {
-                self.leave(at, t, CallPath::Forwarded(short(p), trigger))
+                self.leave(at, t, Departure::Forwarded(short(p), trigger));
             }
-            Decision::Miss { at, t } => self.leave(at, t, CallPath::Missed),
-            Decision::RefuseOpen { at, t, why } => self.leave(at, t, CallPath::Refused(why)),
+            Decision::Miss { at, t } => self.leave(at, t, Departure::Missed),
+            Decision::RefuseOpen { at, t, why } => self.leave(at, t, Departure::Refused(why)),
             Decision::Hold { p, .. } => self.replay.held.push(short(p)),
             Decision::Drop { at, t, p, why } => {
                 let is_result = matches!(input, Input::Result { .. });
@@ -299,7 +299,7 @@ impl Reader<'_> {
         }
     }
 
-    fn leave(&mut self, at: u64, t: u64, how: CallPath) {
+    fn leave(&mut self, at: u64, t: u64, how: Departure) {
         let Some(place) = self.replay.by_t.get(&t).copied() else { return };
         self.replay.opened[place].left = Some(MessageEnd { at, how });
         self.replay.left.push(place);

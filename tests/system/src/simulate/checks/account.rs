@@ -9,7 +9,7 @@ use metrics_util::debugging::DebugValue;
 
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::play::OperatorEnd;
-use crate::simulate::replay::{AdmittedRequest, CallPath};
+use crate::simulate::replay::{AdmittedRequest, Departure};
 use crate::simulate::scenario::{Disk, OfferAction};
 
 /// D10.
@@ -64,9 +64,9 @@ fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
     let mut reported = Tally { unrecorded: tally.unrecorded.clone(), ..Tally::default() };
     for message in &replay.opened {
         match message.left.map(|left| left.how) {
-            Some(CallPath::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
-            Some(CallPath::Missed) => reported.missed += 1,
-            Some(CallPath::Forwarded(..)) | None => {}
+            Some(Departure::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
+            Some(Departure::Missed) => reported.missed += 1,
+            Some(Departure::Forwarded(..)) | None => {}
         }
     }
     reported.messages = replay.opened.len() as u64 - reported.refused.values().sum::<u64>();
@@ -103,7 +103,7 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
         }
     }
     for message in &replay.opened {
-        if let Some(CallPath::Forwarded(of, trigger)) = message.left.map(|left| left.how)
+        if let Some(Departure::Forwarded(of, trigger)) = message.left.map(|left| left.how)
             && of == p
         {
             *reported.outputs.entry(trigger).or_default() += 1;
@@ -197,7 +197,7 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
     let log = &facts.played.log;
     let wanted = facts.replay.opened.iter().filter(|message| {
         let t = usize::try_from(message.t).unwrap_or(usize::MAX);
-        let is_refused = matches!(message.left.map(|left| left.how), Some(CallPath::Refused(_)));
+        let is_refused = matches!(message.left.map(|left| left.how), Some(Departure::Refused(_)));
         let frame = log.written.get(t).map(|(serial, _)| &facts.scenario.frames[*serial]);
         !is_refused && frame.is_some_and(|frame| matches!(frame.side, OfferAction::Offers(..)))
     });

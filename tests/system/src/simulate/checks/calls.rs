@@ -2,7 +2,7 @@
 
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{LoggedCall, Stop};
-use crate::simulate::replay::{AdmittedRequest, CallPath};
+use crate::simulate::replay::{AdmittedRequest, Departure};
 use crate::simulate::scenario::{CallResult, Finish, OfferAction};
 
 /// tokio's timers tick once in a millisecond.
@@ -17,10 +17,9 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     if !is_whole {
         return Ok(());
     }
-    let taken = replay
-        .opened
-        .iter()
-        .filter(|message| !matches!(message.left.map(|left| left.how), Some(CallPath::Refused(_))));
+    let taken = replay.opened.iter().filter(|message| {
+        !matches!(message.left.map(|left| left.how), Some(Departure::Refused(_)))
+    });
     let mut handlers = Vec::new();
     let mut offers = Vec::new();
     for message in taken {

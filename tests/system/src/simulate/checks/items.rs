@@ -4,7 +4,7 @@ use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{LoggedOutcome, Read};
 use crate::simulate::peers::{name, words};
 use crate::simulate::play::RunResult;
-use crate::simulate::replay::{CallPath, MessageEnd, Replay};
+use crate::simulate::replay::{Departure, MessageEnd, Replay};
 use crate::simulate::scenario::CallResult;
 use crate::simulate::value::ValueLabel;
 
@@ -86,10 +86,10 @@ fn waits(facts: &Facts<'_>, handed: usize) -> bool {
 fn is_same(read: &Read, left: MessageEnd) -> bool {
     let how = match (&read.left, left.how) {
         (LoggedOutcome::Forwarded { p, trigger, .. }, how) => {
-            how == CallPath::Forwarded(*p, *trigger)
+            how == Departure::Forwarded(*p, *trigger)
         }
-        (LoggedOutcome::Missed, how) => how == CallPath::Missed,
-        (LoggedOutcome::Refused(why), how) => how == CallPath::Refused(*why),
+        (LoggedOutcome::Missed, how) => how == Departure::Missed,
+        (LoggedOutcome::Refused(why), how) => how == Departure::Refused(*why),
     };
     how && read.decided == left.at
 }

@@ -307,7 +307,7 @@ fn states(
             Disturbance::Set(Change::Deadline(deadline)) => state.deadline = deadline,
             Disturbance::Set(Change::LocalDeadline(deadline)) => state.local = deadline,
             Disturbance::Set(Change::CloudDeadline(cloud, own)) => {
-                state.peers[cloud + 1].deadline = own
+                state.peers[cloud + 1].deadline = own;
             }
             Disturbance::Set(Change::CloudEnabled(cloud, enabled)) => {
                 state.peers[cloud + 1].is_enabled = enabled;

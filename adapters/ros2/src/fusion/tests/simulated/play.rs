@@ -349,7 +349,7 @@ impl SimulationState {
             DisturbanceKind::Result => {}
             DisturbanceKind::Stray => self.log().unmatched[value.place].unknown_stamp += 1,
             DisturbanceKind::Short | DisturbanceKind::NotCdr => {
-                self.log().unmatched[value.place].malformed += 1
+                self.log().unmatched[value.place].malformed += 1;
             }
         }
         // The node may have ended.

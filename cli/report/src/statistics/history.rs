@@ -24,7 +24,7 @@ pub(super) struct End {
 pub(super) struct Call {
     pub(super) is_requested: bool,
     pub(super) due: Option<u64>,
-    pub(super) sealed: Option<(RequestEnd, u64)>,
+    pub(super) ended: Option<(RequestEnd, u64)>,
     /// When its first result came, whatever became of it.
     pub(super) arrived: Option<u64>,
     /// A result that no decision has followed.
@@ -108,15 +108,15 @@ impl MessageHistory {
 }
 
 impl Call {
-    /// What is sealed stays so: a held result's timer changes nothing.
-    pub(super) fn request_end(&mut self, request_end: RequestEnd, at: u64) {
-        self.sealed.get_or_insert((request_end, at));
+    /// What is ended stays so: a held result's timer changes nothing.
+    pub(super) fn end_with(&mut self, request_end: RequestEnd, at: u64) {
+        self.ended.get_or_insert((request_end, at));
     }
 
     /// A failure that was not dropped was accepted (F4).
     pub(super) fn settle(&mut self) {
         if let Some(at) = self.failing.take() {
-            self.request_end(RequestEnd::Failed, at);
+            self.end_with(RequestEnd::Failed, at);
         }
     }
 
@@ -125,7 +125,7 @@ impl Call {
     pub(super) fn outcome(mut self, end: Option<End>) -> Option<RequestEnd> {
         self.settle();
         let is_late = |at: u64| self.due.is_some_and(|due| due <= at);
-        match (self.sealed, self.answered, end) {
+        match (self.ended, self.answered, end) {
             (Some((request_end, _)), ..) => Some(request_end),
             (None, Some(at), Some(end)) if at <= end.at && !is_late(at) => Some(RequestEnd::InTime),
             (None, _, Some(end)) if is_late(end.at) => Some(RequestEnd::Late),

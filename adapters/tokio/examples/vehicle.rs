@@ -1,0 +1,78 @@
+//! An operator whose deadlines follow the vehicle's speed, and which asks a planner beside its outputs. Run it with
+//! `cargo run -p fuseline-tokio --example vehicle`.
+
+use std::time::Duration;
+
+use fuseline_tokio::deadline::{
+    Expected, Guard, Impact, Invalid, MetresPerSecond, Parameters, Policy, Situation,
+};
+use fuseline_tokio::{Call, Config, Error, Local, Operator, Setup, SharedState, spawn, stream};
+
+#[derive(Clone, Debug)]
+struct Frame {
+    speed: f64,
+}
+
+#[derive(Clone, Default)]
+struct Plan {
+    lane: u32,
+}
+
+struct Vehicle;
+
+impl Operator for Vehicle {
+    type Input = Frame;
+    type Output = String;
+
+    fn setup(self, setup: &mut Setup<Frame, String>) -> Local<Frame, String> {
+        use_detector(setup).expect("the parameters are sound");
+        use_planner(setup)
+    }
+}
+
+// ANCHOR: deadlines
+/// A cloud that gets as long as is safe at this speed and worth it, and 2 s at most.
+fn use_detector(setup: &mut Setup<Frame, String>) -> Result<(), Invalid> {
+    let guard = Guard::new(Parameters::default())?;
+    let expected =
+        Expected::<_>::new(Impact::from(&guard), Duration::from_micros(301_700), Some(16))?;
+    let handle = |_frame: Frame, _call: Call| async { Ok("by the cloud".to_owned()) };
+    let message_handler = |frame: &Frame, _t| Some((frame.clone(), Duration::from_secs(2)));
+    let cloud = setup.use_cloud(handle, message_handler, Ok, 1);
+    cloud.policy = Some(Box::new(guard.caps(expected)));
+    setup.use_situation(|frame, _t| Situation::at(MetresPerSecond(frame.speed)));
+    Ok(())
+}
+// ANCHOR_END: deadlines
+
+// ANCHOR: side
+/// A planner whose answers help local with later messages, and are no outputs.
+fn use_planner(setup: &mut Setup<Frame, String>) -> Local<Frame, String> {
+    let plan = SharedState::new(Plan::default());
+    let newest = plan.clone();
+    let message_handler = |frame: &Frame, _t| Some((frame.clone(), Duration::from_secs(1)));
+    let response_handler = move |answer| {
+        newest.with(|plan| *plan = answer);
+        Ok(())
+    };
+    setup.use_side_request(ask_planner, message_handler, response_handler).calls = 2;
+    setup.use_hints(|hint| println!("{} came {:?} after its message", hint.value, hint.age));
+    Local::blocking(move |_frame, _t| Ok(plan.with(|plan| format!("on board, lane {}", plan.lane))))
+}
+// ANCHOR_END: side
+
+async fn ask_planner(_: Frame, _: Call) -> Result<Plan, Error> {
+    Ok(Plan { lane: 1 })
+}
+
+#[tokio::main(flavor = "current_thread")]
+async fn main() -> Result<(), Error> {
+    let (mut camera, frames) = stream(8);
+    let (_running, mut output) = spawn(Vehicle, Config::default(), frames)?;
+    for speed in [0.0, 12.0, 25.0] {
+        camera.write(Frame { speed })?;
+        let item = output.read().await.expect("one item for each message");
+        println!("at {speed} m/s: {:?}", item.forwarded().map(|forwarded| &forwarded.value));
+    }
+    Ok(())
+}
