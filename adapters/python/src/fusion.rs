@@ -30,7 +30,7 @@ type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 /// Args:
 ///     clouds: Up to 15, in any order.
 ///     window: How many timestamps may be open at once, 1 to 1024.
-///     commit: When the best result in hand goes although a better one is pending (F6).
+///     commit: When the best available result is forwarded although a better one is pending (F6).
 ///     operator: A name, for people.
 ///     record: Whether `take_trace` gives the trace.
 ///
