@@ -55,7 +55,7 @@ Exit codes:
 
 Set RUST_LOG, for example RUST_LOG=info, to see on standard error what happens inside.";
 
-/// Runs an operator that forwards the best result in hand by each message's deadline, replays its
+/// Runs an operator that forwards the best result available by each message's deadline, replays its
 /// inputs, and judges its trace or another implementation. Without a command it is `fuseline run`.
 #[derive(Parser)]
 #[command(version, after_help = EXITS, max_term_width = 100)]

@@ -170,7 +170,7 @@ fn check_tells_a_violation_with_line_rule_and_story() {
     for part in [
         "bad.jsonl: does not conform (1 violation)",
         "bad.jsonl:11: timestamp 0 breaks F6\n",
-        "\n  rule      After a failure or a timer the best in hand goes",
+        "\n  rule      After a failure or a timer the best available result goes",
         r#"  found     {"ev":"hold","at":500,"t":0,"p":1}"#,
         r#"  expected  {"ev":"emit","at":500,"t":0,"p":1}"#,
         r#"  so far    2: {"ev":"open","at":0,"t":0}"#,

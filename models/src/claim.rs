@@ -24,7 +24,7 @@ properties! {
     F8 = "F8 every input has an outcome",
     P1 = "P1 once",
     P2 = "P2 never late",
-    P3 = "P3 best in hand",
+    P3 = "P3 best available",
     P4 = "P4 prompt",
     P5 = "P5 local floor",
     P6 = "P6 free without cloud",

@@ -158,7 +158,7 @@ impl RunContext {
         &self.requested
     }
 
-    /// A request that is outranked by what is in hand, and was not made before.
+    /// A request that is outranked by what is available, and was not made before.
     #[must_use]
     pub fn outranked(&self) -> Option<(u64, u64)> {
         self.open.iter().rev().take(RECENT).find_map(|t| {

@@ -352,7 +352,7 @@ impl Mark {
     fn of_pairs() -> Vec<Self> {
         use DropReason::{Duplicate, Unknown, Unsolicited};
         let drops = DropReason::ALL;
-        // Who was not asked, or cannot be, has no result in hand.
+        // Who was not asked, or cannot be, has no result available.
         let can_be = |(first, second): &(DropReason, DropReason)| {
             !matches!(first, Unknown | Unsolicited) || *second != Duplicate
         };
@@ -365,7 +365,7 @@ impl Mark {
 
     fn of_outcomes() -> Vec<Self> {
         use Consequence::{Cancels, EmitsCloud, EmitsLocal, HoldsCloud, HoldsLocal, Misses, Waits};
-        // A result is in hand, so that none misses; a timer and a failure hold nothing.
+        // A result is available, so that none misses; a timer and a failure hold nothing.
         let of_result = [HoldsLocal, HoldsCloud, EmitsLocal, EmitsCloud, Cancels];
         let settled = [EmitsLocal, EmitsCloud, Cancels, Misses, Waits];
         let mut all: Vec<_> = of_result.map(|effect| Self::Outcome(Cause::Result, effect)).into();

@@ -105,13 +105,13 @@ impl History {
         self.source(p).is_some_and(|source| source.stage == Stage::Pending)
     }
 
-    /// Whether a result of `p` is in hand.
+    /// Whether a result of `p` is available.
     #[must_use]
     pub fn is_held(&self, p: u64) -> bool {
         self.source(p).is_some_and(Source::is_held)
     }
 
-    /// Whether a result of `p` is in hand that came too late.
+    /// Whether a result of `p` is available that came too late.
     #[must_use]
     pub fn is_held_late(&self, p: u64) -> bool {
         self.source(p).is_some_and(|source| source.stage == Stage::HeldLate)
@@ -130,13 +130,13 @@ impl History {
         pending.map(|source| source.p)
     }
 
-    /// The sources whose results are in hand, ascending.
+    /// The sources whose results are available, ascending.
     #[must_use]
     pub fn held(&self) -> impl DoubleEndedIterator<Item = u64> {
         self.sources.iter().filter(|source| source.is_held()).map(|source| source.p)
     }
 
-    /// The best result in hand.
+    /// The best available result.
     #[must_use]
     pub fn best(&self) -> Option<u64> {
         self.held().next_back()

@@ -264,7 +264,7 @@ impl Ledger {
                     let best = history.best();
                     if best != Some(p) {
                         violate(violations, Promise::P3, || {
-                            format!("{p} is forwarded for {t}, the best in hand is {best:?}")
+                            format!("{p} is forwarded for {t}, the best available is {best:?}")
                         });
                     }
                 }
@@ -274,7 +274,7 @@ impl Ledger {
                 Some(history) => {
                     if history.best().is_some() {
                         violate(violations, Promise::P5, || {
-                            format!("{t} is missed with a result in hand")
+                            format!("{t} is missed with a result available")
                         });
                     }
                     if history.is_held(0) {
@@ -394,7 +394,7 @@ impl Promise {
         match self {
             Self::P1 => "P1 once",
             Self::P2 => "P2 never late",
-            Self::P3 => "P3 best in hand",
+            Self::P3 => "P3 best available",
             Self::P4 => "P4 prompt",
             Self::P5 => "P5 local floor",
             Self::P6 => "P6 free without cloud",

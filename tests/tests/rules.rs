@@ -369,7 +369,7 @@ fn a4_a_lesser_timer_commits_under_eager_and_closes_its_own_under_patient() {
 }
 
 #[test]
-fn p3_of_several_in_hand_the_best_goes() {
+fn p3_of_several_available_the_best_goes() {
     for (commit, at_10, at_30) in [
         (Commit::Eager, "0: [1], 2 goes, cancels [3]", None),
         (Commit::Patient, "0: [1], waits", Some("0: [3], 2 goes, cancels []")),

@@ -100,7 +100,7 @@ class Operator:
             self.settle(t, message, by_timer=True)
 
     def settle(self, t, message, by_timer):
-        """F6: the first timer that finds something in hand commits the best of it."""
+        """F6: the first timer that finds results available commits the best of them."""
         if message.cached:
             best = max(message.cached)
             if by_timer or not any(q > best for q in message.pending):

@@ -32,7 +32,7 @@ pub struct Header {
     pub operator: Option<String>,
     /// How many timestamps may be open at once, 1 to 1024.
     pub window: u16,
-    /// When the best result in hand goes (F6).
+    /// When the best available result is forwarded (F6).
     pub commit: Commit,
     /// The registered clouds, up to 15, in the order written.
     pub clouds: Vec<Cloud>,
@@ -54,7 +54,7 @@ pub struct Cloud {
 /// The commit rule (F6).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum Commit {
-    /// The first cloud's timer to fire commits the best in hand.
+    /// The first cloud's timer to fire commits the best available result.
     #[default]
     Eager,
     /// A timer closes its own request alone.

@@ -22,7 +22,7 @@ pub enum OfferRefusal {
     Closed,
     /// Asked for before.
     Duplicate,
-    /// Something better is in hand.
+    /// Something better is available.
     Outranked,
     /// Due at once.
     Deadline,
@@ -39,7 +39,7 @@ pub enum DropReason {
     Superseded,
     /// Never asked for.
     Unsolicited,
-    /// Already in hand.
+    /// Available already.
     Duplicate,
     /// Closed by its timer or a failure.
     Late,
@@ -77,7 +77,7 @@ impl OfferRefusal {
             Self::Unknown => ("unknown", "no such cloud, or no such message so far"),
             Self::Closed => ("closed", "that message is over"),
             Self::Duplicate => ("duplicate", "this cloud was asked before"),
-            Self::Outranked => ("outranked", "something better is in hand"),
+            Self::Outranked => ("outranked", "something better is available"),
             Self::Deadline => ("deadline", "it would be due at once"),
             Self::Queue => ("queue", "too many requests are queued"),
         }
@@ -94,7 +94,7 @@ impl DropReason {
             Self::Unknown => ("unknown", "no such source, or no such message so far"),
             Self::Superseded => ("superseded", "that message is over"),
             Self::Unsolicited => ("unsolicited", "this cloud was never asked"),
-            Self::Duplicate => ("duplicate", "its result is in hand already"),
+            Self::Duplicate => ("duplicate", "its result is available already"),
             Self::Late => ("late", "its timer fired, or it failed before"),
         }
     }

@@ -231,7 +231,7 @@ impl Reference {
         }
     }
 
-    /// F6: some requests were closed; forward the best in hand, miss, or wait.
+    /// F6: some requests were closed; forward the best available, miss, or wait.
     fn settle(&mut self, t: u64, cause: Cause, out: &mut ExpectedDecisions) {
         let Some(open) = self.open.get(&t) else { return };
         match open.cached.last().copied() {
@@ -243,7 +243,7 @@ impl Reference {
                     self.forward(t, best, Rule::F6, out);
                 }
             }
-            // F6 miss: nothing in hand, nothing to come.
+            // F6 miss: nothing available, nothing to come.
             None if open.pending.is_empty() => {
                 self.retire(t);
                 out.push((Decision::Miss { at: self.now, t }, Rule::F6));

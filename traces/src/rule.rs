@@ -102,9 +102,9 @@ impl Rule {
                  never."
             }
             Self::F6 => {
-                "After a failure or a timer the best in hand goes if nothing pending outranks \
-                 it, or, under eager, if a cloud's timer fired; with nothing in hand and nothing \
-                 pending the timestamp is missed."
+                "After a failure or a timer the best available result goes if nothing pending \
+                 outranks it, or, under eager, if a cloud's timer fired; with nothing available \
+                 and nothing pending the timestamp is missed."
             }
             Self::F7 => {
                 "What is forwarded retires its timestamp, and each cloud still pending is \

@@ -93,7 +93,7 @@ fn p2_never_late() {
 }
 
 #[test]
-fn p3_best_in_hand() {
+fn p3_best_available() {
     let events =
         ["open 0 1", "request 0 1 1 10", "request 0 1 2 10", "result 3 1 0", "result 4 1 1"];
     is_broken(&[&events[..], &["emit 10 1 0"]].concat(), 7, "P3", None);
@@ -130,7 +130,7 @@ fn p5_p6_p7_something_comes_out() {
 }
 
 #[test]
-fn f6_nothing_is_missed_with_something_in_hand_or_pending() {
+fn f6_nothing_is_missed_with_something_available_or_pending() {
     let events = ["open 0 1", "request 0 1 1 10", "result 3 1 0", "miss 10 1"];
     is_broken(&events, 5, "F6", None);
     is_broken(&["open 0 1 10", "miss 5 1"], 3, "F6", None);

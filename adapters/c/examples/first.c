@@ -33,7 +33,7 @@ int main(void) {
   do tell(status = fuseline_offer(machine, 0, 7, 1, 400 * ms, 0, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
   /* Local is ready first, and held: the cloud outranks it. */
   do tell(status = fuseline_result(machine, 300 * ms, 7, 0, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
-  /* Nothing else comes. At the due instant the best in hand goes. */
+  /* Nothing else comes. At the due instant the best available result is forwarded. */
   if (fuseline_next_due(machine, &due) != FUSELINE_STATUS_DONE) return 1;
   while ((status = fuseline_tick(machine, due, &a)) == FUSELINE_STATUS_AGAIN) tell(status, &a);
   /* The cloud's result comes late, and is dropped. */

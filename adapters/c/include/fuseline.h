@@ -347,7 +347,7 @@ typedef uint32_t fuseline_capacity;
 #endif // __cplusplus
 
 /**
- * When the best result in hand goes although a better one is pending (F6).
+ * When the best available result is forwarded although a better one is pending (F6).
  */
 enum fuseline_commit
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L

@@ -91,7 +91,7 @@ const _: () = {
     assert!(CCapacity::C15W1024 as u32 == capacity_of(15, 1024), "its name says it");
 };
 
-/// When the best result in hand goes although a better one is pending (F6).
+/// When the best available result is forwarded although a better one is pending (F6).
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CCommit {

@@ -35,7 +35,7 @@ pub struct Failure {
 /// Forwarded, missed or refused.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Ending<V> {
-    /// The best result in hand (F7, P3).
+    /// The best available result (F7, P3).
     Forwarded(Forwarded<V>),
     /// No result came and none will (F6).
     Missed,

@@ -50,7 +50,7 @@ impl<V> OpenMessages<V> {
         }
     }
 
-    /// F3: a result is in hand; it is kept if it is the best, with its own message (D2 its own value).
+    /// F3: a result is available; it is kept if it is the best, with its own message (D2 its own value).
     pub(crate) fn hold(&mut self, t: u64, p: u16, arrived: u64, value: V) {
         if let Some(open_message) = self.find(t)
             && open_message.held.as_ref().is_none_or(|held| held.p < p)

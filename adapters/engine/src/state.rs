@@ -143,7 +143,7 @@ impl<V, R> OperatorState<V, R> {
             }
             Outcome::Forwarded { .. } => {
                 self.counts.source(place, Event::Forwarded);
-                // It is the best in hand now, which is what goes.
+                // It is the best available now, which is what is sent.
                 self.open_messages.hold(t, p, at, value);
                 self.settle(at, t, Trigger::Arrival, outcome);
             }
@@ -196,7 +196,7 @@ impl<V, R> OperatorState<V, R> {
         }
     }
 
-    /// The message is no longer open: the best in hand goes, if there is any.
+    /// The message is no longer open: the best available result is sent, if there is any.
     fn retire(&mut self, at: u64, t: u64, trigger: Trigger) {
         if self.local.skip_answered {
             self.queues[LOCAL].withdraw(t);

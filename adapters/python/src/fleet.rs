@@ -2,12 +2,12 @@
 
 use pyo3::prelude::*;
 
-use crate::judging::{ObservedSlack, Told, judged, told};
+use crate::judging::{ObservedSlack, VerdictFields, judged, told};
 use crate::reading::with_trace;
 use crate::tally::{SummaryFields, Tally};
 
 /// The operator's name, the verdict, and what was counted.
-type TraceSummary = (Option<String>, Told, SummaryFields);
+type TraceSummary = (Option<String>, VerdictFields, SummaryFields);
 
 /// Judges a trace, as observed if a tolerance and a lateness are given, and counts what came out.
 #[pyfunction]

@@ -10,7 +10,7 @@ use pyo3::types::{PyBytes, PyTuple};
 
 use crate::raised::config;
 use crate::time::{Nanos, Number};
-use crate::words::{CLOUDS, AnswerClasses};
+use crate::words::{AnswerClasses, CLOUDS};
 
 /// What fired before an input, then the input's own answer.
 type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
@@ -30,7 +30,7 @@ type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 /// Args:
 ///     clouds: Up to 15, in any order.
 ///     window: How many timestamps may be open at once, 1 to 1024.
-///     commit: When the best result in hand goes although a better one is pending (F6).
+///     commit: When the best available result is forwarded although a better one is pending (F6).
 ///     operator: A name, for people.
 ///     record: Whether `take_trace` gives the trace.
 ///
@@ -94,7 +94,7 @@ impl Fusion {
             .map_err(|window| config(format!("a window of {window}; it must be from 1 to 1024")))?;
         let commit = match commit {
             "eager" => trace::Commit::Eager,
-            "patient" => trace::Commit::InterruptibleReader,
+            "patient" => trace::Commit::Patient,
             other => {
                 return Err(config(format!("a commit rule {other}; it is eager or patient")));
             }
@@ -151,7 +151,12 @@ impl Fusion {
 
     /// F3: the result of source `p` came; 0 is local.
     #[pyo3(signature = (now, t, p))]
-    fn result(slf: &Bound<'_, Self>, now: Number, t: Number, p: Number) -> PyResult<FiredThenAnswer> {
+    fn result(
+        slf: &Bound<'_, Self>,
+        now: Number,
+        t: Number,
+        p: Number,
+    ) -> PyResult<FiredThenAnswer> {
         answer(slf, &Input::Result { at: now.0, t: t.0, p: p.0 })
     }
 

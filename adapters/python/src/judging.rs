@@ -3,7 +3,7 @@
 use std::io::BufRead;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_report::{Found, TraceJudge, Manner, Page};
+use fuseline_report::{Findings, JudgeMode, Page, TraceJudge};
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Decision, Event, Events, Header, Input, Verdict};
 use pyo3::prelude::*;
@@ -24,7 +24,7 @@ type CountFields = (Option<u64>, Option<u64>, Option<u64>, Option<u64>, Option<u
 /// A tolerance and a lateness, if a trace is to be judged as observed.
 pub(crate) type ObservedSlack = Option<(Nanos, Nanos)>;
 
-pub(crate) fn mode(slack: ObservedSlack) -> Manner {
+pub(crate) fn mode(slack: ObservedSlack) -> JudgeMode {
     slack.map(|(tolerance, lateness)| Slack { tolerance: tolerance.0, lateness: lateness.0 })
 }
 
@@ -45,7 +45,7 @@ pub(crate) fn judged(
     name: &str,
     trace: impl BufRead,
     mut each: impl FnMut(&Event),
-) -> PyResult<(Header, Found)> {
+) -> PyResult<(Header, Findings)> {
     let mode = mode(slack);
     let mut reader = reader(mode, name, trace)?;
     let mut judging = TraceJudge::new(mode, name, reader.header());
@@ -83,16 +83,16 @@ pub(crate) fn report<'py>(
     Ok((verdicts, PyBytes::new(py, &html)))
 }
 
-fn reader<R: BufRead>(mode: Manner, name: &str, trace: R) -> PyResult<Events<R>> {
+fn reader<R: BufRead>(mode: JudgeMode, name: &str, trace: R) -> PyResult<Events<R>> {
     let read = if mode.is_none() { Events::new } else { Events::observed };
     read(name, trace).map_err(unreadable)
 }
 
 /// A verdict as the package takes it.
-pub(crate) fn told(found: Found) -> VerdictFields {
+pub(crate) fn told(found: Findings) -> VerdictFields {
     match found {
-        Found::Strict(verdict) => strict(verdict),
-        Found::Observed(verdict) => observed(verdict),
+        Findings::Strict(verdict) => strict(verdict),
+        Findings::Observed(verdict) => observed(verdict),
     }
 }
 

@@ -158,7 +158,12 @@ impl Expected {
 /// What an output of local or of the cloud costs, so long after capture.
 #[pyfunction]
 #[pyo3(signature = (loss, known, source, response))]
-pub(crate) fn loss(loss: LossFields, known: SituationFields, source: &str, response: Nanos) -> PyResult<f64> {
+pub(crate) fn loss(
+    loss: LossFields,
+    known: SituationFields,
+    source: &str,
+    response: Nanos,
+) -> PyResult<f64> {
     let source = match source {
         "local" => Source::Local,
         "cloud" => Source::Cloud,
@@ -219,7 +224,9 @@ impl TryFrom<LossFields> for AnyLoss {
 
     fn try_from(loss: LossFields) -> PyResult<Self> {
         Ok(match loss {
-            LossFields::Impact { vehicle } => Self::Impact(Box::new(Impact::from(&guard(vehicle)?))),
+            LossFields::Impact { vehicle } => {
+                Self::Impact(Box::new(Impact::from(&guard(vehicle)?)))
+            }
             LossFields::Accuracy { local, cloud, price_per_ms } => {
                 let [local, cloud, price_per_ms] = [local.0, cloud.0, price_per_ms.0];
                 Self::Accuracy(Accuracy { local, cloud, price_per_ms })
@@ -410,7 +417,7 @@ fn locked<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
 fn end_of(end: &str, age: Nanos) -> PyResult<End> {
     let age = Duration::from_nanos(age.0);
     match end {
-        "answered" => Ok(End::FiredThenAnswer(age)),
+        "answered" => Ok(End::Answered(age)),
         "failed" => Ok(End::Failed(age)),
         "censored" => Ok(End::Censored(age)),
         _ => {

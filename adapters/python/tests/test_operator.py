@@ -93,7 +93,7 @@ def test_the_best_that_is_in_time_goes(run: Run[Any], tmp_path: Path) -> None:
         return await items_of(operator, ["a"])
 
     (item,) = run(main)
-    # East's timer commits the best in hand, which is west's.
+    # East's timer commits the best available result, which is west's.
     assert item.value == "a by west"
     assert (str(item.source), item.trigger, item.ending) == (
         "west",

@@ -265,7 +265,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
     let commit = r.choice(
         "commit",
         "eager",
-        "When the best result in hand goes",
+        "When the best available result is sent",
         &[("eager", Commit::Eager), ("patient", Commit::Patient)],
     )?;
     let timers = r.choice(

@@ -47,7 +47,7 @@ async fn local_goes_at_once_when_the_cloud_fails() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn nothing_in_hand_and_nothing_to_come_is_missed() {
+async fn nothing_available_and_nothing_to_come_is_missed() {
     let script = Script { local: |_| Fails(20), ..Script::new() };
     let played = play_default(script.cloud(1, 100, |_| Never), &[0]).await;
     assert_eq!(played.items, "100.000 ms: 0 missed\n");

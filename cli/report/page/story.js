@@ -42,7 +42,7 @@ function ending({ outcome, response, start, end, sources, observed }, k) {
     const after = Number.isNaN(response[k]) ? "" : `, ${time(response[k])} after its message`;
     return `The result of ${sources[outcome[k]].label} was forwarded${after}; it came ${came}.`;
   }
-  if (outcome[k] === MISSED) return `Missed ${time(end[k] - start[k])} after its message, which came ${came}: nothing was in hand, and nothing would come.`;
+  if (outcome[k] === MISSED) return `Missed ${time(end[k] - start[k])} after its message, which came ${came}: nothing was available, and nothing would come.`;
   if (outcome[k] === OPEN) return `Still open as the trace ends; its message came ${came}.`;
   return observed ? "It was not opened." : `Never opened; first heard of ${came}.`;
 }
@@ -60,7 +60,7 @@ function words({ ev, p, a, b, sources, refusals, drops }, i) {
     case "q": return of("request", `Requested of ${name}`, a[i] < 2 ** 63 ? `due ${time(a[i])} from here` : "due at the end of time");
     case "h": return of("hold", "Held", "something better is pending");
     case "e": return of("emit", `Forwarded: ${name}`);
-    case "m": return of("miss", "Missed", "nothing in hand, nothing pending");
+    case "m": return of("miss", "Missed", "nothing available, nothing pending");
     case "c": return of("cancel", `Call of ${name} cancelled`, "no longer wanted");
     case "n": {
       const { word, sentence } = refusals[a[i]];

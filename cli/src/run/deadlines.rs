@@ -69,9 +69,9 @@ impl Deadlines {
         let situation = Situation::UNKNOWN;
         let State { cap, commit, policies, chosen, .. } = &mut *self.state();
         *chosen = policies.iter_mut().map(|policy| policy.decide(&situation, *cap)).collect();
-        // Under eager the first timer that finds something in hand commits for all clouds (A4). So
+        // Under eager the first timer that finds a result available commits for all clouds (A4). So
         // they share the longest deadline that is worth it for one: the timer of a cloud that is
-        // gone fires once the others' results are here, or before local's is, with nothing in hand.
+        // gone fires once the others' results are here, or before local's is, with nothing available.
         if let (Commit::Eager, Some(longest)) =
             (*commit, chosen.iter().copied().max_by_key(|chosen| chosen.deadline))
         {

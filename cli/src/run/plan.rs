@@ -58,7 +58,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "AP", default_value = "10", value_parser = price,
         allow_negative_numbers = true)]
     price: f64,
-    /// When the best result in hand goes.
+    /// When the best available result is forwarded.
     #[arg(long, value_enum, default_value = "eager")]
     commit: CommitRule,
     /// How many messages may be open at once, 1 to 1024.

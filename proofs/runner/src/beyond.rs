@@ -12,14 +12,14 @@ use crate::error::Error;
 /// What no harness can catch, each with the reason.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Exemptions {
+pub(crate) struct Beyond {
     /// By the beginnings of their files' names.
     files: BTreeMap<String, String>,
     /// By their own names.
     faults: BTreeMap<String, String>,
 }
 
-impl Exemptions {
+impl Beyond {
     /// Those among these faults.
     ///
     /// # Errors

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::error::Error;
 use crate::source::Harness;
-use crate::tools::{Limits, ToolOutput, Tools};
+use crate::tools::{Limits, Ran, Tools};
 use crate::translate::{Copy, Generated};
 
 /// Loops of the memory run as often as there are bytes to move; all others as often as the harness says.
@@ -45,15 +45,15 @@ pub(crate) struct Counterexample {
 
 /// A verdict and what it cost.
 #[derive(Clone, Debug)]
-pub(crate) struct CheckResult {
+pub(crate) struct Checked {
     pub(crate) verdict: Verdict,
     pub(crate) seconds: f64,
     pub(crate) peak_mib: u64,
 }
 
-impl CheckResult {
+impl Checked {
     /// Counts what a run cost.
-    fn add(&mut self, ran: ToolOutput) -> ToolOutput {
+    fn add(&mut self, ran: Ran) -> Ran {
         self.seconds += ran.seconds;
         self.peak_mib = self.peak_mib.max(ran.peak_mib);
         ran
@@ -87,13 +87,13 @@ pub(crate) fn prove(
     copy: &Copy,
     harness: &Harness,
     limits: Limits,
-) -> Result<CheckResult, Error> {
-    let mut checked = CheckResult { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
+) -> Result<Checked, Error> {
+    let mut checked = Checked { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
     let mut unreached: BTreeSet<u32> = harness.covers.iter().copied().collect();
     for case in cases(harness) {
         let generated = match copy.generate(harness, case)? {
             Ok(generated) => generated,
-            Err(why) => return Ok(CheckResult::broken(why)),
+            Err(why) => return Ok(Checked::broken(why)),
         };
         let ran =
             checked.add(ask(tools, &generated, harness, limits, &["--unwinding-assertions"])?);
@@ -107,7 +107,7 @@ pub(crate) fn prove(
                 let only = ["--unwinding-assertions", "--trace", "--property", &property];
                 let ran = checked.add(ask(tools, &generated, harness, limits, &only)?);
                 match held(&ran, &generated) {
-                    printed_text @ (Verdict::Refuted(_) | Verdict::Broken(_)) => printed_text,
+                    told @ (Verdict::Refuted(_) | Verdict::Broken(_)) => told,
                     _ => verdict,
                 }
             }
@@ -132,12 +132,12 @@ pub(crate) fn refute(
     copy: &Copy,
     harness: &Harness,
     limits: Limits,
-) -> Result<CheckResult, Error> {
-    let mut checked = CheckResult { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
+) -> Result<Checked, Error> {
+    let mut checked = Checked { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
     for case in cases(harness).into_iter().filter(|case| case.is_none() || *case != harness.cases) {
         let generated = match copy.generate(harness, case)? {
             Ok(generated) => generated,
-            Err(why) => return Ok(CheckResult::broken(why)),
+            Err(why) => return Ok(Checked::broken(why)),
         };
         let ran = checked.add(ask(tools, &generated, harness, limits, &ASSERTION)?);
         checked.verdict = held(&ran, &generated);
@@ -162,7 +162,7 @@ fn ask(
     harness: &Harness,
     limits: Limits,
     more: &[&str],
-) -> Result<ToolOutput, Error> {
+) -> Result<Ran, Error> {
     let mut arguments: Vec<String> = [
         "main.gb",
         "--json-ui",
@@ -191,36 +191,32 @@ fn ask(
 }
 
 /// The properties with their results, or why there are none.
-fn results(ran: &ToolOutput) -> Result<Vec<Value>, Verdict> {
+fn results(ran: &Ran) -> Result<Vec<Value>, Verdict> {
     if ran.timed_out {
         return Err(Verdict::TimedOut);
     }
     let lines = || ran.complained.lines().chain(ran.printed.lines().rev());
     let why = |code: Option<i32>| {
-        let tool_output =
-            lines().find(|line| line.contains("rror")).unwrap_or("nothing said").trim();
-        Verdict::Unknown(format!("cbmc ended with {code:?}: {tool_output}"))
+        let said = lines().find(|line| line.contains("rror")).unwrap_or("nothing said").trim();
+        Verdict::Unknown(format!("cbmc ended with {code:?}: {said}"))
     };
     // 0: all hold, 10: some do not. Anything else is no verdict.
     if !matches!(ran.code, Some(0 | 10)) {
         return Err(why(ran.code));
     }
-    let tool_output: Vec<Value> = serde_json::from_str(&ran.printed).map_err(|_| why(ran.code))?;
+    let said: Vec<Value> = serde_json::from_str(&ran.printed).map_err(|_| why(ran.code))?;
     let of_status = |message: &Value| message["messageText"].as_str().map(str::to_owned);
-    if let Some(error) =
-        tool_output.iter().filter(|m| m["messageType"] == "ERROR").find_map(of_status)
-    {
+    if let Some(error) = said.iter().filter(|m| m["messageType"] == "ERROR").find_map(of_status) {
         return Err(Verdict::Unknown(error));
     }
-    tool_output
-        .iter()
+    said.iter()
         .find_map(|message| message["result"].as_array().cloned())
         .filter(|results| !results.is_empty())
         .ok_or_else(|| why(ran.code))
 }
 
 /// The properties that must hold: covers and the end are not of these.
-fn required(ran: &ToolOutput) -> Result<Vec<Value>, Verdict> {
+fn required(ran: &Ran) -> Result<Vec<Value>, Verdict> {
     let mut results = results(ran)?;
     results.retain(|result| {
         let description = result["description"].as_str().unwrap_or_default();
@@ -238,7 +234,7 @@ fn is_assertion(result: &Value) -> bool {
 }
 
 /// The name of a property that fails, an assertion if one does.
-fn failing(ran: &ToolOutput) -> Option<String> {
+fn failing(ran: &Ran) -> Option<String> {
     let required = required(ran).ok()?;
     let assertion = required.iter().find(|result| failed(result) && is_assertion(result));
     let found = assertion.or_else(|| required.iter().find(|result| failed(result)))?;
@@ -246,7 +242,7 @@ fn failing(ran: &ToolOutput) -> Option<String> {
 }
 
 /// Whether every property holds that must.
-fn held(ran: &ToolOutput, generated: &Generated) -> Verdict {
+fn held(ran: &Ran, generated: &Generated) -> Verdict {
     let results = match required(ran) {
         Ok(results) => results,
         Err(verdict) => return verdict,
@@ -270,7 +266,7 @@ fn held(ran: &ToolOutput, generated: &Generated) -> Verdict {
 }
 
 /// Whether the end is not reached: the harness leaves this case out.
-fn left_out(ran: &ToolOutput) -> Verdict {
+fn left_out(ran: &Ran) -> Verdict {
     match reached(ran, &mut BTreeSet::new()) {
         Verdict::Unreached(_) => Verdict::Proved,
         Verdict::Proved => Verdict::Broken("there are more cases than are asked about".to_owned()),
@@ -279,7 +275,7 @@ fn left_out(ran: &ToolOutput) -> Verdict {
 }
 
 /// Whether the end is reached: whether its property fails. Takes the covers that are reached out of the set.
-fn reached(ran: &ToolOutput, unreached: &mut BTreeSet<u32>) -> Verdict {
+fn reached(ran: &Ran, unreached: &mut BTreeSet<u32>) -> Verdict {
     let results = match results(ran) {
         Ok(results) => results,
         Err(verdict) => return verdict,

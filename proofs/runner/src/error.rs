@@ -22,14 +22,14 @@ pub(crate) enum Error {
         why: String,
     },
     /// A tool failed where it must not.
-    #[error("{tool} failed for {what}:\n{tool_output}")]
+    #[error("{tool} failed for {what}:\n{said}")]
     Tool {
         /// Which.
         tool: &'static str,
         /// On what.
         what: String,
         /// What it said.
-        tool_output: String,
+        said: String,
     },
     /// The seeded faults cannot be read, or one cannot be seeded.
     #[error(transparent)]

@@ -26,7 +26,7 @@ const NOT_YET: &str = "not proved yet";
 /// By question (a harness, or a fault and a harness), the good verdict about it and what it cost.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct VerdictLedger {
+pub(crate) struct Kept {
     /// The machine in a few words.
     machine: String,
     proved: BTreeMap<String, Proof>,
@@ -40,12 +40,12 @@ struct Proof {
     seconds: f64,
     memory_mib: u64,
     #[serde(flatten)]
-    about: VerdictKey,
+    about: About,
 }
 
 /// What a verdict is about: the same verdict would be given again while this is the same.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
-pub(crate) struct VerdictKey {
+pub(crate) struct About {
     /// A digest of the sources, of what asks the checker among them.
     sources: String,
     /// The checker and the compiler, with their versions.
@@ -55,7 +55,7 @@ pub(crate) struct VerdictKey {
     change: String,
 }
 
-impl VerdictKey {
+impl About {
     /// The sources as they are, without a fault.
     ///
     /// # Errors
@@ -70,7 +70,7 @@ impl VerdictKey {
     }
 }
 
-impl VerdictLedger {
+impl Kept {
     fn path(root: &Path) -> PathBuf {
         root.join("proofs/results/kept.json")
     }
@@ -89,7 +89,7 @@ impl VerdictLedger {
     /// The file cannot be written.
     pub(crate) fn take(&mut self, root: &Path, sources: &Sources) -> Result<(), Error> {
         let harnesses = &sources.harnesses;
-        self.proved.retain(|question, _| harnesses.iter().any(|of| of.name == requested(question)));
+        self.proved.retain(|question, _| harnesses.iter().any(|of| of.name == asked(question)));
         for harness in harnesses {
             self.proved.entry(harness.name.clone()).or_insert_with(|| Proof {
                 bounds: harness.bounds.clone(),
@@ -105,12 +105,7 @@ impl VerdictLedger {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub(crate) fn add(
-        &mut self,
-        root: &Path,
-        line: &Line,
-        about: &VerdictKey,
-    ) -> Result<(), Error> {
+    pub(crate) fn add(&mut self, root: &Path, line: &Line, about: &About) -> Result<(), Error> {
         if !line.good {
             return Ok(());
         }
@@ -137,16 +132,15 @@ impl VerdictLedger {
     /// drawn anew, as took about `budget`; one at least. Says what was left out.
     pub(crate) fn sample(
         &self,
-        questions: &[(String, VerdictKey)],
+        questions: &[(String, About)],
         budget: Duration,
     ) -> (BTreeSet<String>, String) {
-        let answered = |(name, about): &&(String, VerdictKey)| {
+        let answered = |(name, about): &&(String, About)| {
             self.proved.get(name).is_some_and(|p| p.verdict != NOT_YET && p.about == *about)
         };
         let (mut kept, open): (Vec<_>, Vec<_>) = questions.iter().partition(answered);
-        let mut requested: BTreeSet<String> =
-            open.into_iter().map(|(name, _)| name.clone()).collect();
-        let (new, all) = (requested.len(), kept.len());
+        let mut asked: BTreeSet<String> = open.into_iter().map(|(name, _)| name.clone()).collect();
+        let (new, all) = (asked.len(), kept.len());
         fastrand::shuffle(&mut kept);
         let mut left = budget.as_secs_f64();
         let all_too_long = kept.iter().all(|(name, _)| self.seconds(name) > left);
@@ -154,21 +148,21 @@ impl VerdictLedger {
             let seconds = self.seconds(name);
             if nth == 0 && all_too_long || seconds <= left {
                 left -= seconds;
-                requested.insert(name.clone());
+                asked.insert(name.clone());
             }
         }
-        let printed_text = format!(
+        let told = format!(
             "{all} of {} are in the ledger of these very sources: {} of them, drawn anew, and {new} others are asked",
             questions.len(),
-            requested.len() - new,
+            asked.len() - new,
         );
-        (requested, printed_text)
+        (asked, told)
     }
 
     /// What is wrong with it: a harness that it lacks, or one that is gone.
     pub(crate) fn differs(&self, sources: &Sources) -> Vec<String> {
         let there: BTreeSet<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();
-        let kept: BTreeSet<&str> = self.proved.keys().map(|question| requested(question)).collect();
+        let kept: BTreeSet<&str> = self.proved.keys().map(|question| asked(question)).collect();
         let own = self.proved.keys().map(String::as_str).collect();
         let lacks = there.difference(&own).map(|name| format!("the ledger lacks {name}"));
         let more = kept.difference(&there).map(|name| format!("the ledger has {name}"));
@@ -176,9 +170,8 @@ impl VerdictLedger {
     }
 
     /// How many harnesses are proved, and which are not or were as other sources than these, in words.
-    pub(crate) fn printed_text(&self, digest: &str) -> String {
-        let harnesses =
-            || self.proved.iter().filter(|(question, _)| requested(question) == *question);
+    pub(crate) fn told(&self, digest: &str) -> String {
+        let harnesses = || self.proved.iter().filter(|(question, _)| asked(question) == *question);
         let names = |wanted: &dyn Fn(&Proof) -> bool| {
             let of = harnesses().filter(|(_, proof)| wanted(proof));
             of.map(|(name, _)| name.as_str()).collect::<Vec<_>>()
@@ -186,20 +179,20 @@ impl VerdictLedger {
         let open = names(&|proof| proof.verdict == NOT_YET);
         let stale = names(&|proof| proof.verdict != NOT_YET && proof.about.sources != digest);
         let all = harnesses().count();
-        let mut printed_text = format!("ledger: {} of {all} harnesses proved", all - open.len());
+        let mut told = format!("ledger: {} of {all} harnesses proved", all - open.len());
         for (names, what) in [(open, NOT_YET), (stale, "of earlier sources")] {
             match names.len() {
                 0 => {}
-                many @ 9.. => drop(write!(printed_text, "; {what}: {many}")),
-                _ => drop(write!(printed_text, "; {what}: {}", names.join(", "))),
+                many @ 9.. => drop(write!(told, "; {what}: {many}")),
+                _ => drop(write!(told, "; {what}: {}", names.join(", "))),
             }
         }
-        printed_text
+        told
     }
 }
 
 /// The harness that a question is asked of.
-fn requested(question: &str) -> &str {
+fn asked(question: &str) -> &str {
     question.rsplit_once(" / ").map_or(question, |(_, harness)| harness)
 }
 

@@ -119,7 +119,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     if cli.record {
         record.take(&sources);
         record.save(tree)?;
-        kept::VerdictLedger::load(tree)?.take(tree, &sources)?;
+        kept::Kept::load(tree)?.take(tree, &sources)?;
         return Ok(true);
     }
     let limits = Limits { time: Duration::from_secs(cli.time), memory_mib: cli.memory };
@@ -146,11 +146,11 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     let whole = cli.harness.is_empty();
     if whole {
         let mut wrong = record.shrunk(&sources);
-        let kept = kept::VerdictLedger::load(tree)?;
+        let kept = kept::Kept::load(tree)?;
         wrong.extend(kept.differs(&sources));
-        let (of_mutants, printed_text) = mutants::checked(tree)?;
+        let (of_mutants, told) = mutants::checked(tree)?;
         wrong.extend(of_mutants);
-        eprintln!("{}\n{printed_text}", kept.printed_text(&kept::digest(tree)?));
+        eprintln!("{}\n{told}", kept.told(&kept::digest(tree)?));
         for wrong in &wrong {
             eprintln!("{wrong}");
         }

@@ -38,13 +38,13 @@ struct Function {
 
 #[derive(Deserialize)]
 struct Span {
-    start: SourcePosition,
-    end: SourcePosition,
+    start: Spot,
+    end: Spot,
 }
 
 /// Both count from 1.
 #[derive(Deserialize)]
-struct SourcePosition {
+struct Spot {
     line: usize,
     column: usize,
 }
@@ -52,7 +52,7 @@ struct SourcePosition {
 impl Mutant {
     /// The file's text with the change in it; none if it does not have the place.
     pub(crate) fn seed(&self, text: &str) -> Option<String> {
-        let at = |spot: &SourcePosition| {
+        let at = |spot: &Spot| {
             let line = text.split_inclusive('\n').take(spot.line.checked_sub(1)?);
             let before: usize = line.map(str::len).sum();
             let rest = text.get(before..)?;
@@ -84,9 +84,9 @@ fn cargo(root: &Path, words: &[&str]) -> Result<String, Error> {
     if output.status.success() {
         return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
     }
-    let tool_output = String::from_utf8_lossy(&output.stderr).into_owned();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
     let what = "the list of mutants; cargo install cargo-mutants installs it".to_owned();
-    Err(Error::Tool { tool: "cargo mutants", what, tool_output })
+    Err(Error::Tool { tool: "cargo mutants", what, said })
 }
 
 /// What became of each.
@@ -99,12 +99,12 @@ pub(crate) struct Mutants {
     pub(crate) files: String,
     /// A digest of what the verdicts depend on.
     pub(crate) sources: String,
-    pub(crate) of: BTreeMap<String, MutantOutcome>,
+    pub(crate) of: BTreeMap<String, Fate>,
 }
 
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum MutantOutcome {
+pub(crate) enum Fate {
     /// An assertion of this harness fails.
     CaughtBy(String),
     /// No compiler takes it.
@@ -112,7 +112,7 @@ pub(crate) enum MutantOutcome {
     /// No harness of its group notices it.
     Missed,
     /// It is not looked for: `mutants.toml` has the reason.
-    UnaskedMutants,
+    Left,
 }
 
 impl Mutants {
@@ -121,13 +121,11 @@ impl Mutants {
     /// # Errors
     /// It cannot be read.
     pub(crate) fn current(root: &Path, by: String, sources: String) -> Result<Self, Error> {
-        let (mut kept, left) = (Self::load(root)?, UnaskedMutants::load(root)?);
+        let (mut kept, left) = (Self::load(root)?, Left::load(root)?);
         if kept.sources != sources || kept.by != by {
             kept.of.clear();
         }
-        kept.of.retain(|name, mutant_outcome| {
-            (*mutant_outcome == MutantOutcome::UnaskedMutants) == left.holds(name)
-        });
+        kept.of.retain(|name, fate| (*fate == Fate::Left) == left.holds(name));
         Ok(Self { by, files: digest(root)?, sources, of: kept.of })
     }
 
@@ -136,11 +134,9 @@ impl Mutants {
         let same = listed.iter().filter(|other| other.function == mutant.function);
         let fates = same.filter_map(|other| self.of.get(&other.name));
         fates
-            .filter_map(|mutant_outcome| match mutant_outcome {
-                MutantOutcome::CaughtBy(harness) => Some(harness.clone()),
-                MutantOutcome::NotBuilt | MutantOutcome::Missed | MutantOutcome::UnaskedMutants => {
-                    None
-                }
+            .filter_map(|fate| match fate {
+                Fate::CaughtBy(harness) => Some(harness.clone()),
+                Fate::NotBuilt | Fate::Missed | Fate::Left => None,
             })
             .collect()
     }
@@ -156,16 +152,15 @@ impl Mutants {
     }
 
     /// How many there are of each fate, in words.
-    pub(crate) fn printed_text(&self) -> String {
-        let count = |wanted: fn(&MutantOutcome) -> bool| {
-            self.of.values().filter(|mutant_outcome| wanted(mutant_outcome)).count()
-        };
+    pub(crate) fn told(&self) -> String {
+        let count =
+            |wanted: fn(&Fate) -> bool| self.of.values().filter(|fate| wanted(fate)).count();
         format!(
             "mutants of façade and window: {} caught, {} missed, {} left with a reason, {} do not build",
-            count(|mutant_outcome| matches!(mutant_outcome, MutantOutcome::CaughtBy(_))),
-            count(|mutant_outcome| *mutant_outcome == MutantOutcome::Missed),
-            count(|mutant_outcome| *mutant_outcome == MutantOutcome::UnaskedMutants),
-            count(|mutant_outcome| *mutant_outcome == MutantOutcome::NotBuilt),
+            count(|fate| matches!(fate, Fate::CaughtBy(_))),
+            count(|fate| *fate == Fate::Missed),
+            count(|fate| *fate == Fate::Left),
+            count(|fate| *fate == Fate::NotBuilt),
         )
     }
 }
@@ -173,7 +168,7 @@ impl Mutants {
 /// Mutants that no harness is asked about, each with the reason.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct UnaskedMutants {
+pub(crate) struct Left {
     left: Vec<Reason>,
 }
 
@@ -186,7 +181,7 @@ struct Reason {
     because: String,
 }
 
-impl UnaskedMutants {
+impl Left {
     /// # Errors
     /// The file cannot be read.
     pub(crate) fn load(root: &Path) -> Result<Self, Error> {
@@ -205,26 +200,24 @@ impl UnaskedMutants {
 /// # Errors
 /// A file cannot be read.
 pub(crate) fn checked(root: &Path) -> Result<(Vec<String>, String), Error> {
-    let (kept, left) = (Mutants::load(root)?, UnaskedMutants::load(root)?);
+    let (kept, left) = (Mutants::load(root)?, Left::load(root)?);
     let mut wrong = Vec::new();
     if kept.files != digest(root)? {
         wrong.push("the mutants are those of other files: use --mutants".to_owned());
     }
-    for (name, mutant_outcome) in &kept.of {
-        if *mutant_outcome == MutantOutcome::Missed {
+    for (name, fate) in &kept.of {
+        if *fate == Fate::Missed {
             wrong.push(format!("no harness catches {name}"));
-        } else if *mutant_outcome == MutantOutcome::UnaskedMutants && !left.holds(name) {
+        } else if *fate == Fate::Left && !left.holds(name) {
             wrong.push(format!("no harness was asked about {name}: use --mutants"));
         }
     }
     for Reason { what, .. } in &left.left {
-        if !kept.of.iter().any(|(name, mutant_outcome)| {
-            *mutant_outcome == MutantOutcome::UnaskedMutants && name.contains(what)
-        }) {
+        if !kept.of.iter().any(|(name, fate)| *fate == Fate::Left && name.contains(what)) {
             wrong.push(format!("{LEFT}: no mutant is left that says {what:?}"));
         }
     }
-    Ok((wrong, kept.printed_text()))
+    Ok((wrong, kept.told()))
 }
 
 fn digest(root: &Path) -> Result<String, Error> {
@@ -236,7 +229,7 @@ mod tests {
     use super::*;
 
     fn mutant(start: (usize, usize), end: (usize, usize)) -> Mutant {
-        let spot = |(line, column)| SourcePosition { line, column };
+        let spot = |(line, column)| Spot { line, column };
         let span = Span { start: spot(start), end: spot(end) };
         Mutant {
             name: String::new(),

@@ -8,7 +8,7 @@ use fuseline_evidence::SeededFault;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::beyond::Exemptions;
+use crate::beyond::Beyond;
 use crate::error::Error;
 use crate::source::Sources;
 
@@ -21,13 +21,13 @@ pub(crate) struct Record {
     /// By file and function, how many assertions it makes.
     pub(crate) assertions: BTreeMap<String, usize>,
     /// By fault, who caught it.
-    pub(crate) faults: BTreeMap<String, FaultCatch>,
+    pub(crate) faults: BTreeMap<String, Caught>,
 }
 
 /// Who caught a fault.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct FaultCatch {
+pub(crate) struct Caught {
     /// A digest of the change that the fault makes.
     pub(crate) change: String,
     /// The harnesses of which an assertion failed.
@@ -89,7 +89,7 @@ impl Record {
     }
 
     /// The faults that a harness should catch, and that none is recorded to catch as they are now.
-    pub(crate) fn uncaught(&self, faults: &[SeededFault], beyond: &Exemptions) -> Vec<String> {
+    pub(crate) fn uncaught(&self, faults: &[SeededFault], beyond: &Beyond) -> Vec<String> {
         let wrong = |fault: &SeededFault| match self.faults.get(&fault.name) {
             Some(caught) if caught.change != fault.digest() => {
                 Some(format!("{} is not the fault of the record: search again", fault.name))

@@ -10,13 +10,13 @@ use std::time::Duration;
 use fuseline_evidence::{SeededFault, Tree, load_faults};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::beyond::Exemptions;
-use crate::check::{self, CheckResult, Verdict};
+use crate::beyond::Beyond;
+use crate::check::{self, Checked, Verdict};
 use crate::error::Error;
-use crate::kept::{self, VerdictKey, VerdictLedger};
+use crate::kept::{self, About, Kept};
 use crate::ledger::{Line, under};
-use crate::mutants::{self, Mutant, MutantOutcome, Mutants, UnaskedMutants};
-use crate::record::{FaultCatch, Record};
+use crate::mutants::{self, Fate, Left, Mutant, Mutants};
+use crate::record::{Caught, Record};
 use crate::source::{Harness, Sources};
 use crate::tools::{Limits, Tools};
 use crate::translate::Copy;
@@ -51,13 +51,13 @@ impl Run<'_> {
         };
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let kept = Mutex::new(VerdictLedger::load(self.tree)?);
-        let about = VerdictKey::now(self.tree, &tools)?;
+        let kept = Mutex::new(Kept::load(self.tree)?);
+        let about = About::now(self.tree, &tools)?;
         self.draw(&kept, &mut harnesses, |harness| Ok((harness.name.clone(), about.clone())))?;
         let lines = self.all(
             "harnesses",
             &harnesses,
-            |line| self.print_report(line),
+            |line| self.tell(line),
             |harness| {
                 let checked = check::prove(&tools, &copy, harness, self.limits)?;
                 let line = line(harness, None, checked);
@@ -74,7 +74,7 @@ impl Run<'_> {
     /// As for [`harnesses`](Self::harnesses).
     pub(crate) fn faults(&self, record: &Record, names: &[String]) -> Result<bool, Error> {
         let faults = load_faults(&Tree::new(self.tree.to_owned()))?;
-        let beyond = Exemptions::load(self.tree, &faults)?;
+        let beyond = Beyond::load(self.tree, &faults)?;
         let mut good = true;
         let mut wrong = |what: String| {
             eprintln!("{what}");
@@ -97,8 +97,8 @@ impl Run<'_> {
         }
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let kept = Mutex::new(VerdictLedger::load(self.tree)?);
-        let about = VerdictKey::now(self.tree, &tools)?;
+        let kept = Mutex::new(Kept::load(self.tree)?);
+        let about = About::now(self.tree, &tools)?;
         let known = |name: &String| {
             let fault = faults.iter().find(|known| known.name == *name);
             fault.ok_or_else(|| none("fault", name))
@@ -109,7 +109,7 @@ impl Run<'_> {
         let lines = self.all(
             "faults",
             &pairs,
-            |line| self.print_report(line),
+            |line| self.tell(line),
             |(fault, name)| {
                 let (harness, fault) = (self.harness(name)?, known(fault)?);
                 let checked = self.under(&tools, &copy, fault, harness)?;
@@ -132,7 +132,7 @@ impl Run<'_> {
         by: &[String],
     ) -> Result<bool, Error> {
         let faults = load_faults(&Tree::new(self.tree.to_owned()))?;
-        let beyond = Exemptions::load(self.tree, &faults)?;
+        let beyond = Beyond::load(self.tree, &faults)?;
         record.take(self.sources);
         record.faults.retain(|name, _| faults.iter().any(|fault| fault.name == *name));
         let wanted: Vec<&SeededFault> = faults
@@ -154,7 +154,7 @@ impl Run<'_> {
             let change = fault.digest();
             let entry = record.faults.entry(fault.name.clone()).or_default();
             if entry.change != change {
-                *entry = FaultCatch { change, by: BTreeSet::new() };
+                *entry = Caught { change, by: BTreeSet::new() };
             }
             if caught {
                 entry.by.insert(harness.name.clone());
@@ -224,14 +224,14 @@ impl Run<'_> {
         let open: Vec<(usize, &Mutant)> = open.collect();
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let kept = VerdictLedger::load(self.tree)?;
-        let (record, left) = (Mutex::new(mutants), UnaskedMutants::load(self.tree)?);
+        let kept = Kept::load(self.tree)?;
+        let (record, left) = (Mutex::new(mutants), Left::load(self.tree)?);
         let lock = || record.lock().unwrap_or_else(PoisonError::into_inner);
-        let keep = |mutant: &Mutant, mutant_outcome: MutantOutcome| {
+        let keep = |mutant: &Mutant, fate: Fate| {
             let mut record = lock();
-            record.of.insert(mutant.name.clone(), mutant_outcome.clone());
+            record.of.insert(mutant.name.clone(), fate.clone());
             record.save(self.tree)?;
-            Ok((mutant.name.clone(), mutant_outcome))
+            Ok((mutant.name.clone(), fate))
         };
         self.all(
             "mutants",
@@ -239,17 +239,16 @@ impl Run<'_> {
             |_| {},
             |(at, mutant)| {
                 if left.holds(&mutant.name) {
-                    return keep(mutant, MutantOutcome::UnaskedMutants);
+                    return keep(mutant, Fate::Left);
                 }
                 let first = lock().catchers(&listed, mutant);
                 let place = (format!("mutant-{at}"), first);
-                let mutant_outcome =
-                    self.mutant_outcome(&tools, &copy, &kept, (&place.0, &place.1), mutant)?;
-                keep(mutant, mutant_outcome)
+                let fate = self.fate(&tools, &copy, &kept, (&place.0, &place.1), mutant)?;
+                keep(mutant, fate)
             },
         )?;
-        let (wrong, printed_text) = mutants::checked(self.tree)?;
-        println!("{printed_text}");
+        let (wrong, told) = mutants::checked(self.tree)?;
+        println!("{told}");
         for wrong in &wrong {
             println!("{wrong}");
         }
@@ -257,14 +256,14 @@ impl Run<'_> {
     }
 
     /// What becomes of one mutant: the harnesses of its group are asked, `first` and then the quickest.
-    fn mutant_outcome(
+    fn fate(
         &self,
         tools: &Tools,
         copy: &Copy,
-        kept: &VerdictLedger,
+        kept: &Kept,
         (folder, first): (&str, &BTreeSet<String>),
         mutant: &Mutant,
-    ) -> Result<MutantOutcome, Error> {
+    ) -> Result<Fate, Error> {
         let text = Tree::new(self.tree.to_owned()).text(&mutant.file)?;
         let changed = mutant.seed(&text).ok_or_else(|| none("place", &mutant.name))?;
         let of_mutant = copy.with(folder, &mutant.file, &changed)?;
@@ -275,15 +274,15 @@ impl Run<'_> {
         able.sort_by(|a, b| kept.seconds(&a.name).total_cmp(&kept.seconds(&b.name)));
         // What caught one mutant of a function mostly catches the next.
         able.sort_by_key(|harness| !first.contains(&harness.name));
-        let mut mutant_outcome = MutantOutcome::Missed;
+        let mut fate = Fate::Missed;
         for harness in able {
             match check::refute(tools, &of_mutant, harness, self.limits) {
-                Ok(CheckResult { verdict: Verdict::Refuted(_), .. }) => {
-                    mutant_outcome = MutantOutcome::CaughtBy(harness.name.clone());
+                Ok(Checked { verdict: Verdict::Refuted(_), .. }) => {
+                    fate = Fate::CaughtBy(harness.name.clone());
                     break;
                 }
                 Err(Error::Tool { .. }) => {
-                    mutant_outcome = MutantOutcome::NotBuilt;
+                    fate = Fate::NotBuilt;
                     break;
                 }
                 Ok(_) => {}
@@ -291,33 +290,28 @@ impl Run<'_> {
             }
         }
         of_mutant.remove();
-        Ok(mutant_outcome)
+        Ok(fate)
     }
 
     /// Leaves of `tasks` those to ask, if a sample is enough, and says how many are left out.
     fn draw<T>(
         &self,
-        kept: &Mutex<VerdictLedger>,
+        kept: &Mutex<Kept>,
         tasks: &mut Vec<T>,
-        question: impl Fn(&T) -> Result<(String, VerdictKey), Error>,
+        question: impl Fn(&T) -> Result<(String, About), Error>,
     ) -> Result<(), Error> {
         let Some(budget) = self.sample else { return Ok(()) };
         let questions = tasks.iter().map(question).collect::<Result<Vec<_>, _>>()?;
         let kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let (requested, printed_text) = kept.sample(&questions, budget);
-        eprintln!("{printed_text}");
+        let (asked, told) = kept.sample(&questions, budget);
+        eprintln!("{told}");
         let mut questions = questions.into_iter();
-        tasks.retain(|_| questions.next().is_some_and(|(name, _)| requested.contains(&name)));
+        tasks.retain(|_| questions.next().is_some_and(|(name, _)| asked.contains(&name)));
         Ok(())
     }
 
     /// Keeps a good line in the ledger, if that was asked for.
-    fn keep(
-        &self,
-        kept: &Mutex<VerdictLedger>,
-        line: &Line,
-        about: &VerdictKey,
-    ) -> Result<(), Error> {
+    fn keep(&self, kept: &Mutex<Kept>, line: &Line, about: &About) -> Result<(), Error> {
         if !self.keep {
             return Ok(());
         }
@@ -331,10 +325,10 @@ impl Run<'_> {
         copy: &Copy,
         fault: &SeededFault,
         harness: &Harness,
-    ) -> Result<CheckResult, Error> {
+    ) -> Result<Checked, Error> {
         if !fault.file.starts_with("core/src/") {
             let verdict = Verdict::Unknown(format!("{} is not proved", fault.file));
-            return Ok(CheckResult { verdict, seconds: 0.0, peak_mib: 0 });
+            return Ok(Checked { verdict, seconds: 0.0, peak_mib: 0 });
         }
         let name = format!("{}.{}", fault.name, harness.name);
         let faulty = copy.with(
@@ -366,7 +360,7 @@ impl Run<'_> {
     }
 
     /// Prints a line of the ledger.
-    fn print_report(&self, line: &Line) {
+    fn tell(&self, line: &Line) {
         if self.json {
             println!("{}", serde_json::to_string(line).unwrap_or_default());
         } else {
@@ -379,7 +373,7 @@ impl Run<'_> {
         &self,
         what: &'static str,
         tasks: &[T],
-        print_report: impl Fn(&R) + Sync,
+        tell: impl Fn(&R) + Sync,
         work: impl Fn(&T) -> Result<(String, R), Error> + Sync,
     ) -> Result<BTreeMap<String, R>, Error> {
         let bar = ProgressBar::new(tasks.len() as u64);
@@ -392,7 +386,7 @@ impl Run<'_> {
             while let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
                 match work(task) {
                     Ok((name, result)) => {
-                        bar.suspend(|| print_report(&result));
+                        bar.suspend(|| tell(&result));
                         bar.set_message(name.clone());
                         done.insert(name, result);
                     }
@@ -422,7 +416,7 @@ impl Run<'_> {
 }
 
 /// What the ledger says of one question.
-fn line(harness: &Harness, fault: Option<&SeededFault>, checked: CheckResult) -> Line {
+fn line(harness: &Harness, fault: Option<&SeededFault>, checked: Checked) -> Line {
     let good = match (&checked.verdict, fault) {
         (Verdict::Proved, None) | (Verdict::Refuted(_), Some(_)) => true,
         (_, _) => false,

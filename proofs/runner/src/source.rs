@@ -107,9 +107,9 @@ impl Harness {
             let head = format!("#[kani::{word}(");
             above.iter().find_map(|line| line.strip_prefix(&head)?.strip_suffix(")]"))
         };
-        let tool_output = above.iter().filter_map(|line| line.strip_prefix("///")).map(str::trim);
+        let said = above.iter().filter_map(|line| line.strip_prefix("///")).map(str::trim);
         let (bounds, says): (Vec<&str>, Vec<&str>) =
-            tool_output.partition(|line| line.starts_with("Bounds: "));
+            said.partition(|line| line.starts_with("Bounds: "));
         let (cases, says): (Vec<&str>, Vec<&str>) =
             says.into_iter().partition(|line| line.starts_with("Cases: "));
         let lacks = |what: &str| format!("{name} has no {what}");

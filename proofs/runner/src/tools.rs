@@ -28,7 +28,7 @@ pub(crate) struct Limits {
 
 /// What a run did.
 #[derive(Debug)]
-pub(crate) struct ToolOutput {
+pub(crate) struct Ran {
     /// Its exit code, or none if it was ended.
     pub(crate) code: Option<i32>,
     pub(crate) timed_out: bool,
@@ -68,7 +68,7 @@ impl Tools {
         limits: Limits,
         tool: &str,
         arguments: &[String],
-    ) -> Result<ToolOutput, Error> {
+    ) -> Result<Ran, Error> {
         const BOUNDED: &str =
             "cd \"$1\" && export TMPDIR=\"$1\" && ulimit -v \"$2\" && shift 2 && exec \"$@\"";
         let inside = Path::new("/").join(folder.strip_prefix(&self.root).unwrap_or(folder));
@@ -119,7 +119,7 @@ impl Tools {
                 .map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
                 .map_err(Error::file(path))
         };
-        Ok(ToolOutput {
+        Ok(Ran {
             code: status.code(),
             timed_out,
             printed: text(&out)?,
@@ -134,14 +134,14 @@ impl Tools {
     /// # Errors
     /// One does not tell it.
     pub(crate) fn versions(&self) -> Result<String, Error> {
-        let mut printed_text = Vec::new();
+        let mut told = Vec::new();
         for tool in ["cbmc", "rustc"] {
             let ran = self.succeed(self.work(), tool, "its version", &["--version".to_owned()])?;
             let version =
                 ran.printed.split_whitespace().find(|word| word.starts_with(char::is_numeric));
-            printed_text.push(format!("{tool} {}", version.unwrap_or("of no known version")));
+            told.push(format!("{tool} {}", version.unwrap_or("of no known version")));
         }
-        Ok(printed_text.join(", "))
+        Ok(told.join(", "))
     }
 
     /// Runs a tool that must succeed.
@@ -164,15 +164,14 @@ impl Tools {
         tool: &'static str,
         what: &str,
         arguments: &[String],
-    ) -> Result<ToolOutput, Error> {
+    ) -> Result<Ran, Error> {
         const LIMITS: Limits = Limits { time: Duration::from_secs(120), memory_mib: 8192 };
         let ran = self.run(folder, LIMITS, tool, arguments)?;
         if ran.code == Some(0) {
             return Ok(ran);
         }
-        let tool_output =
-            if ran.timed_out { "it took too long".to_owned() } else { ran.complained };
-        Err(Error::Tool { tool, what: what.to_owned(), tool_output })
+        let said = if ran.timed_out { "it took too long".to_owned() } else { ran.complained };
+        Err(Error::Tool { tool, what: what.to_owned(), said })
     }
 }
 

@@ -129,5 +129,5 @@ fn a_window_of_nothing_or_beyond_its_capacity_is_refused() {
 fn a_desk_shows_its_rule_and_its_window() {
     let shared = Shared::<CLOUDS, WINDOW>::new(2, Commit::Patient, &[]).unwrap();
     let shown = format!("{shared:?}");
-    assert!(shown.contains("Desk { commit: Patient, window: 2, .. }"), "{shown}");
+    assert!(shown.contains("SharedHandle { commit: Patient, window: 2, .. }"), "{shown}");
 }

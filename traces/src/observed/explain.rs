@@ -8,7 +8,7 @@
 //!   is pending to the end, held, failed or fired, and each of these is possible within one interval ([`Source`]).
 //! - **Later is better.** Until the retirement something pending outranks all that is held, and something is pending
 //!   (P4, P7). Of the ways that a source may close, the one that leaves it pending longest serves the others best.
-//!   The one thing that must not be late is, under eager, a cloud's timer that is to find nothing in hand: all such
+//!   The one thing that must not be late is, under eager, a cloud's timer that is to find nothing available: all such
 //!   fire before the first result is held. So the instant between the two, the *turn*, is tried.
 //!
 //! What retires the timestamp, when it does and where the turn is are tried in turn: for `n` clouds at most
@@ -150,7 +150,7 @@ impl ObservedFacts {
             Output::Emit(best) => {
                 let above = all.clone().skip(best + 1);
                 let frees = above.clone().flat_map(|q| [Cause::Failure(q), Cause::Timer(q)]);
-                // Eager: the best in hand, whoever's timer it is.
+                // Eager: the best available, whoever's timer it is.
                 let commits = all.take(best + 1).skip(1).map(Cause::Timer);
                 let commits = commits.filter(|_| self.is_eager);
                 std::iter::once(Cause::Result(best)).chain(frees).chain(commits).collect()
@@ -238,7 +238,7 @@ impl ObservedFacts {
         let stays = (outlasts && at <= source.last).then_some(NEVER);
         let mut held = before(source.returns()).filter(|until| *until >= turn || !self.is_eager);
         let mut fired = source.fires();
-        // A cloud's timer that finds something in hand commits it.
+        // A cloud's timer that finds something available commits it.
         if self.is_eager && q > 0 {
             held = held.filter(|_| outlasts);
             fired.to = fired.to.min(turn);
@@ -285,7 +285,7 @@ impl Source {
         }
     }
 
-    /// When its timer may be served, its result perhaps in hand.
+    /// When its timer may be served, its result perhaps available.
     fn serves(&self) -> Span {
         match self.timer {
             Some(timer) => {

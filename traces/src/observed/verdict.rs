@@ -56,7 +56,7 @@ pub enum BrokenRule {
     Rule(Rule),
     /// Never late.
     P2,
-    /// Best in hand.
+    /// Best available.
     P3,
     /// Prompt.
     P4,
@@ -92,7 +92,9 @@ impl BrokenRule {
         match self {
             Self::Rule(rule) => rule.sentence(),
             Self::P2 => "A forwarded result arrived before its due instant, if it had one.",
-            Self::P3 => "A forwarded result outranks every other result in hand for its timestamp.",
+            Self::P3 => {
+                "A forwarded result outranks every other available result for its timestamp."
+            }
             Self::P4 => "While anything is held, something pending outranks all of it.",
             Self::P5 => {
                 "Once local's result was accepted, its timestamp is forwarded, at once or by the \

@@ -1,6 +1,6 @@
 /*
  * Cases of misuse: each has a name, the misuse and what happens, and is run by the main of its file. What happens is
- * that the misuse is refused or told; what cannot be told is listed in the README and in the chapter safety.md.
+ * that the misuse is refused or reported; what is not detected is listed in docs/book/src/use/c.md.
  *
  *     misuse-c [NAME]      all, or the one of this name: a line for each, "name | misuse | what happens"
  */

@@ -14,7 +14,7 @@ V = TypeVar("V")
 class Ending(Enum):
     """How a message left."""
 
-    #: The best result in hand went (F7, P3).
+    #: The best available result was sent (F7, P3).
     FORWARDED = "forwarded"
     #: No result came and none will (F6).
     MISSED = "missed"

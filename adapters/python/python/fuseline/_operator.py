@@ -55,7 +55,7 @@ class Operator(Generic[M, V]):
             timestamp, or a plain function of them, which runs in a thread of its own.
         name: The operator's name in logs and traces.
         window: How many messages may be open at once, 1 to 1024; one more is refused ``full`` (F1).
-        commit: When the best result in hand goes although a better one is pending (F6).
+        commit: When the best available result is sent although a better one is pending (F6).
         output_len: How many items the reader may lag behind. While it lags further, no message is
             taken in; what is open goes on.
         trace: The file that the run is recorded to; it is overwritten.

@@ -31,7 +31,7 @@ class _Word(str, Enum):
 
 
 class Commit(_Word):
-    """When the best result in hand goes although a better one is pending (F6)."""
+    """When the best available result is forwarded although a better one is pending (F6)."""
 
     #: With the first cloud's timer that fires.
     EAGER = "eager"
@@ -59,7 +59,7 @@ class OfferRefusal(_Word):
     CLOSED = "closed"
     #: The cloud was asked for this timestamp before.
     DUPLICATE = "duplicate"
-    #: A result in hand outranks whatever this cloud would return.
+    #: An available result outranks whatever this cloud would return.
     OUTRANKED = "outranked"
     #: The due instant is not after now.
     DEADLINE = "deadline"
@@ -76,7 +76,7 @@ class DropReason(_Word):
     SUPERSEDED = "superseded"
     #: The source was not asked for this timestamp.
     UNSOLICITED = "unsolicited"
-    #: The source's result is already in hand.
+    #: The source's result is available already.
     DUPLICATE = "duplicate"
     #: The request was closed by its timer or by a failure.
     LATE = "late"
@@ -167,7 +167,7 @@ class Dropped:
 
 @dataclass(frozen=True)
 class Held:
-    """Keep the result: it is in hand, but something pending outranks it (F3)."""
+    """Keep the result: it is available, but something pending outranks it (F3)."""
 
 
 @dataclass(frozen=True)

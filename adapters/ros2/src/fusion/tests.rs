@@ -166,7 +166,7 @@ async fn a_nearer_due_instant_is_served_in_its_time() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_panic_and_a_failure_of_a_call_let_what_is_in_hand_go_at_once() {
+async fn a_panic_and_a_failure_of_a_call_let_what_is_available_go_at_once() {
     let clouds: Vec<(u64, Plan)> = vec![(500, |t| if t == 0 { Panics(50) } else { Fails(30) })];
     let script = Script { local: |_| Answers(20), clouds, messages: vec![0, 100] };
     let expected = [

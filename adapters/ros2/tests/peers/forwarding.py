@@ -46,7 +46,7 @@ def is_big(stamp):
     return stamp // PERIOD_NS % 2 == 1
 
 
-def the_best_result_in_hand_by_the_deadline_leaves_once_byte_for_byte(bench):
+def the_best_result_available_by_the_deadline_is_sent_once_byte_for_byte(bench):
     plans = {
         "local=0.01 west=0.03 east=0.06": ("east", "F3"),
         "local=0.10 west=0.06 east=0.03": ("east", "F3"),

@@ -181,18 +181,18 @@ def _with_certificate(file, who):
     return ";".join(f"{key}={value}" for key, value in parts.items())
 
 
-def the_access_control_of_the_readme_lets_in_whom_it_names(bench):
+def the_access_control_of_the_book_lets_in_whom_it_names(bench):
     over_zenoh_alone()
     bench.router.kill()
     bench.router.wait()
     file = _certificates(bench)
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    config = readme.partition("```json5\n")[2].partition("```")[0]
+    chapter = (Path(__file__).parents[4] / "docs/book/src/use/ros2.md").read_text()
+    config = chapter.partition("```json5\n")[2].partition("```")[0]
     domain = os.environ["ROS_DOMAIN_ID"]
     for written, meant in {"0/camera/image_raw/": "0/input/", "0/detections/": "0/output/", '"0/': f'"{domain}/',
                            "@ros2_lv/0/": f"@ros2_lv/{domain}/", '"ca.pem"': file("ca.pem"),
                            '"router.pem"': file("router.pem"), '"router.key"': file("router.key")}.items():
-        assert written in config, f"the README has no {written}"
+        assert written in config, f"the chapter has no {written}"
         config = config.replace(written, meant)
     (bench.folder / "router.json5").write_text(config)
     bench.starts_router(str(bench.folder / "router.json5"))

@@ -183,7 +183,9 @@ def main():
         alone(chosen.alone, programs)
     names = [name for name in cases() if not chosen.names or any(part in name for part in chosen.names)]
     if chosen.sample:
-        names = sorted(random.sample(names, min(chosen.sample, len(names))), key=names.index)
+        # Whoever breaks things on purpose needs a computer of its own.
+        calm = [name for name in names if name not in vars(chaos)]
+        names = sorted(random.sample(calm, min(chosen.sample, len(calm))), key=calm.index)
     if chosen.list:
         print("\n".join(names))
         return 0

@@ -15,7 +15,7 @@ use zenoh::Wait;
 use crate::image::{self, CAMERA};
 use crate::{Any, graph_scene};
 
-/// Local is the first with its result, so that it is in hand when the better one comes.
+/// Local is the first with its result, so that it is available when the better one comes.
 const LOCAL_TAKES: Duration = Duration::from_millis(5);
 const WEST_TAKES: Duration = Duration::from_millis(20);
 
