@@ -266,8 +266,8 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
         ("sent_ms,rtt_ms\n0,-2\n", "wrong.csv:2: rtt_ms is -2; it must be milliseconds from 0 "),
         ("sent_ms,rtt_ms\n0,NaN\n", "wrong.csv:2: rtt_ms is NaN; "),
         ("sent_ms,rtt_ms,lat,lon\n0,1,91,0\n", "wrong.csv:2: lat is 91; it must be degrees"),
-        ("second\n0\n", "wrong.csv: "),
-        (&"x".repeat(1 << 20), "wrong.csv: a line of more than 64 KiB; "),
+        ("second\n0\n", "wrong.csv:2: missing field `sent_ms`; "),
+        (&"x".repeat(1 << 20), "wrong.csv:1: a line of more than 64 KiB; "),
     ] {
         fs::write(dir.path().join("wrong.csv"), wrong).unwrap();
         let refused = plot("wrong.csv");

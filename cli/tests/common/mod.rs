@@ -21,6 +21,7 @@ pub(crate) fn run(args: &[&str], input: &str) -> Output {
 }
 
 /// What it printed.
+#[allow(dead_code, reason = "not every test reads it")]
 pub(crate) fn out(output: &Output) -> &str {
     str::from_utf8(&output.stdout).unwrap()
 }
