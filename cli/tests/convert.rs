@@ -98,7 +98,7 @@ fn a_row_that_is_none_is_told_with_its_line_and_writes_nothing() {
         let dir = folder(&rows.join("\n"));
         let output = dir.path().join("trace.jsonl");
         fs::write(&output, "as it was").unwrap();
-        let refused = convert(&dir, &["-o", output.to_str().unwrap()]);
+        let refused = convert(&dir, &["--force", "-o", output.to_str().unwrap()]);
         assert_eq!(refused.status.code(), Some(2), "{row}");
         let place = format!("events.csv:{line}: ");
         assert!(

@@ -288,7 +288,7 @@ fn a_plot_that_cannot_be_written_is_one_error_and_the_recording_stays() {
     let server = Server::start(dir.path(), &[]);
     // A file cannot take a folder's name.
     fs::create_dir_all(dir.path().join("plots/round-trips.svg/taken")).unwrap();
-    let probe = ["probe", &server.url, "--seconds", "0.5", "-o", "plots"];
+    let probe = ["probe", &server.url, "--seconds", "0.5", "--force", "-o", "plots"];
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(2));
     let printed = err(&probed);
@@ -336,12 +336,21 @@ fn positions_of_gpsd_and_of_a_file_are_joined_by_the_time_of_day() {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
     let sentences: String = (now..now + 60).map(rmc).collect();
     fs::write(dir.path().join("drive.nmea"), sentences).unwrap();
-    let probed = fuseline(&["probe", &server.url, "--seconds", "1", "--nmea", "drive.nmea"])
-        .current_dir(dir.path())
-        .output()
-        .unwrap();
+    let probed = fuseline(&[
+        "probe",
+        &server.url,
+        "--seconds",
+        "1",
+        "--nmea",
+        "drive.nmea",
+        "--csv",
+        "nmea.csv",
+    ])
+    .current_dir(dir.path())
+    .output()
+    .unwrap();
     assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
-    for row in rows(&dir.path().join("fuseline-probe.csv")) {
+    for row in rows(&dir.path().join("nmea.csv")) {
         assert_eq!((&*row[2], &*row[3]), ("49.2741667", "-123.1853333"), "{row:?}");
     }
 }

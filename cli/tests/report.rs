@@ -16,7 +16,7 @@ fn corpus(name: &str) -> PathBuf {
 /// The page of these traces, and how the command ended.
 fn page(dir: &TempDir, traces: &[&Path], more: &[&str]) -> (String, Option<i32>) {
     let path = dir.path().join("report.html");
-    let mut args = vec!["report", "-o", path.to_str().unwrap()];
+    let mut args = vec!["report", "--force", "-o", path.to_str().unwrap()];
     args.extend(more);
     args.extend(traces.iter().map(|trace| trace.to_str().unwrap()));
     let done = run(&args, "");
