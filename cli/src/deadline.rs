@@ -6,12 +6,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
-use csv::{Position, ReaderBuilder, StringRecord, Trim};
+use csv::{ReaderBuilder, Trim};
 use fuseline_deadline::{
     Assessment, Case, Choice, Classes, Guard, Hazard, Impact, Invalid, Loss, Metres,
     MetresPerSecond, MetresPerSecondSquared, Observation, Parameters, Situation, Source, Span,
     Survival, least_loss, mean_loss,
 };
+use fuseline_traces::rows::{TableError, TableReader};
 use serde::Serialize;
 use thiserror::Error;
 
@@ -280,21 +281,17 @@ impl fmt::Display for DeadlineTable<'_> {
 /// The observations in a file, sorted.
 pub(crate) fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fault> {
     let fault = |line, message| DeadlineError::Row { file: file.to_owned(), line, message };
-    let broken = |error: csv::Error| {
-        let line = error.position().map_or(1, Position::line);
-        fault(line, error.to_string())
-    };
-    let mut rows = ReaderBuilder::new().trim(Trim::All).from_reader(inner);
-    let names = rows.headers().map_err(broken)?.clone();
+    let broken = |error: TableError| fault(error.line, error.to_string());
+    let mut rows = TableReader::new(inner, ReaderBuilder::new().trim(Trim::All));
+    let names = rows.names().map_err(broken)?;
     let places = COLUMNS.map(|column| names.iter().position(|name| name == column));
     let [Some(response), Some(answered), count] = places else {
         let missing = if places[0].is_none() { COLUMNS[0] } else { COLUMNS[1] };
         let message = format!("no column {missing:?}; the first row names the columns");
         return Err(fault(1, message).into());
     };
-    let (mut row, mut observed) = (StringRecord::new(), Vec::new());
-    while rows.read_record(&mut row).map_err(broken)? {
-        let line = row.position().map_or(0, Position::line);
+    let mut observed = Vec::new();
+    while let Some((line, row)) = rows.next_row().map_err(broken)? {
         let cell = |place: usize| row.get(place).unwrap_or_default();
         let wrong = |column, text: &str, wanted| {
             fault(line, format!("column {column:?}: {text:?} is {wanted}"))

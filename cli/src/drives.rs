@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::time::Duration;
 
+use fuseline_traces::rows::{TableError, TableReader};
 use thiserror::Error;
 
 /// A drive file may be this large; the recorded ones are a thousandth of it.
@@ -57,8 +58,8 @@ pub(crate) enum DriveError {
     Open { name: String, source: io::Error },
     #[error("{name}: more than 64 MiB; give a shorter recording")]
     TooLarge { name: String },
-    #[error("{name}: {source}; a drive is CSV with a line of column names first")]
-    Csv { name: String, source: csv::Error },
+    #[error("{name}:{}: {source}; a drive is CSV with a line of column names first", source.line)]
+    Csv { name: String, source: TableError },
     #[error("{name}:1: no time column; name one `sent_ms` or `second`")]
     NoTime { name: String },
     #[error("{name}:1: no column {wanted:?}; it has {found}")]
@@ -108,8 +109,9 @@ impl Drive {
     fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
         let owned = || file.to_owned();
         let fault = |source| csv_error(file, source);
-        let mut rows = csv::Reader::from_reader(SizeLimit { text, left: FILE_BYTES });
-        let columns = rows.headers().map_err(fault)?.clone();
+        let text = SizeLimit { text, left: FILE_BYTES };
+        let mut rows = TableReader::new(text, &csv::ReaderBuilder::new());
+        let columns = rows.names().map_err(fault)?;
         let (time, unit) = columns
             .iter()
             .position(|column| column == "sent_ms")
@@ -120,9 +122,7 @@ impl Drive {
 
         let mut samples: Vec<Sample> = Vec::new();
         let mut first = None;
-        let mut row = csv::StringRecord::new();
-        while rows.read_record(&mut row).map_err(fault)? {
-            let line = row.position().map_or(0, csv::Position::line);
+        while let Some((line, row)) = rows.next_row().map_err(fault)? {
             let field = |i: usize| row.get(i).unwrap_or_default();
             let seconds = field(time).parse().ok().map(|time: f64| time * unit);
             let start = *first.get_or_insert(seconds.unwrap_or_default());
@@ -243,9 +243,9 @@ fn nanos(nanos: u128) -> Duration {
 }
 
 /// Whether an error is the end that [`SizeLimit`] made.
-fn csv_error(file: &str, source: csv::Error) -> DriveError {
+fn csv_error(file: &str, source: TableError) -> DriveError {
     let name = file.to_owned();
-    match source.kind() {
+    match source.source.kind() {
         csv::ErrorKind::Io(error) if error.kind() == io::ErrorKind::FileTooLarge => {
             DriveError::TooLarge { name }
         }
@@ -353,7 +353,7 @@ mod tests {
             ("second,rtt_ms\n0,1\n1e19,1\n", "d.csv:3: second is \"1e19\""),
             ("sent_ms,rtt_ms\nx,1\n1,1\n", "d.csv:2: sent_ms is \"x\""),
             ("sent_ms,rtt_ms\n0,1\ninf,1\n", "d.csv:3: sent_ms is \"inf\""),
-            ("sent_ms,rtt_ms\n0,1\n2\n", "d.csv: CSV error"),
+            ("sent_ms,rtt_ms\n0,1\n2\n", "d.csv:3: 1 cells, where the first row has 2"),
             ("", "d.csv:1: no time column"),
         ] {
             assert!(fault(text).contains(what), "{text:?}: {}", fault(text));

@@ -20,7 +20,7 @@ pub(crate) enum Fault {
     Judge(#[from] JudgeError),
     #[error(transparent)]
     TimeOrderError(#[from] TimeOrderError),
-    #[error("{name}: {}; give a file in a directory that can be written to", plain(.source))]
+    #[error("{name}: {}; {}", plain(.source), room(.source))]
     Create { name: String, source: io::Error },
     #[error("{name}: {}; name a folder that can be written to", plain(.source))]
     Folder { name: String, source: io::Error },
@@ -45,6 +45,16 @@ impl Fault {
     /// Whether the reader of the output has gone away, which is no error.
     pub(crate) fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
+    }
+}
+
+/// What helps where a file cannot be written.
+fn room(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "make room, or give a file on another disk"
+        }
+        _ => "give a file in a directory that can be written to",
     }
 }
 

@@ -20,8 +20,26 @@ static UNFINISHED: Mutex<Option<PathBuf>> = Mutex::new(None);
 /// Where a command writes; never one of the files that it reads.
 pub(crate) struct Output {
     name: String,
-    /// The file, links followed; none for standard output.
-    file: Option<PathBuf>,
+    target: Target,
+    overwrite: Overwrite,
+}
+
+/// What an output is.
+enum Target {
+    Stdout,
+    /// A file, links followed.
+    File(PathBuf),
+    /// A device or a pipe.
+    Special(PathBuf),
+}
+
+/// What becomes of files that are there already.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(crate) struct Overwrite {
+    /// Replace files that exist. Without it a file that is named is refused if it exists, and one that is not named
+    /// gets a number.
+    #[arg(long)]
+    pub(crate) force: bool,
 }
 
 /// Why a path cannot be written.
@@ -33,6 +51,10 @@ enum OutputError {
     Special(String),
     #[error("{0}: a link to a file that is not there; name the file itself")]
     Dangling(String),
+    #[error("{0}: another run writes to it; name another file")]
+    Busy(String),
+    #[error("{0}: it exists; name another file, or replace it with --force")]
+    Exists(String),
 }
 
 impl From<OutputError> for Fault {
@@ -45,18 +67,47 @@ impl Output {
     /// The file at `path`, or standard output for `-`.
     ///
     /// # Errors
-    /// If one of `inputs` is the same file, however it is named, or it can be no file.
-    pub(crate) fn new(path: &Path, inputs: &[&Path]) -> Result<Self, Fault> {
+    /// If one of `inputs` is the same file, however it is named, or it can be no file, or there is one already that
+    /// is not to be replaced.
+    pub(crate) fn new(path: &Path, inputs: &[&Path], overwrite: Overwrite) -> Result<Self, Fault> {
         if input::is_standard(path) {
             refuse_onto_stdout(inputs)?;
-            return Ok(Self { name: "standard output".to_owned(), file: None });
+            let (name, target) = ("standard output".to_owned(), Target::Stdout);
+            return Ok(Self { name, target, overwrite });
         }
-        Ok(Self { name: path.display().to_string(), file: Some(file(path, inputs)?) })
+        let name = path.display().to_string();
+        if is_special(path) {
+            return Ok(Self { name, target: Target::Special(path.to_owned()), overwrite });
+        }
+        let target = Target::File(file(path, inputs, overwrite)?);
+        Ok(Self { name, target, overwrite })
+    }
+
+    /// The file at `path`, or, if none is given, one called `default`, or numbered where there is such a file.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub(crate) fn or_numbered(
+        path: Option<&Path>,
+        default: &str,
+        inputs: &[&Path],
+        overwrite: Overwrite,
+    ) -> Result<Self, Fault> {
+        match path {
+            Some(path) => Self::new(path, inputs, overwrite),
+            None if overwrite.force => Self::new(Path::new(default), inputs, overwrite),
+            None => Self::new(&unused(default), inputs, overwrite),
+        }
+    }
+
+    /// What it is called.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
     }
 
     /// Whether what is written goes to standard output.
     pub(crate) const fn is_stdout(&self) -> bool {
-        self.file.is_none()
+        matches!(self.target, Target::Stdout)
     }
 
     /// Writes by `put`; if that fails or Ctrl-C ends the process, nothing was written.
@@ -68,7 +119,11 @@ impl Output {
         put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>,
     ) -> Result<(), Fault> {
         static CAUGHT: Once = Once::new();
-        let Some(path) = &self.file else { return to_stdout(put) };
+        let path = match &self.target {
+            Target::Stdout => return to_stdout(put),
+            Target::Special(path) => return self.to_special(path, put),
+            Target::File(path) => path,
+        };
         CAUGHT.call_once(|| {
             // Where the command has caught it, that discards the file; where the system refuses, it stays.
             let _ = ctrlc::set_handler(|| {
@@ -96,8 +151,25 @@ impl Output {
             error => error,
         })?;
         out.flush().map_err(fault)?;
+        if !self.overwrite.force && path.exists() {
+            return Err(OutputError::Exists(self.name.clone()).into());
+        }
         whole.persist(path).map_err(|error| fault(error.error))?;
         Ok(())
+    }
+
+    /// Writes to a device or a pipe once all is there.
+    fn to_special(
+        &self,
+        path: &Path,
+        put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
+        let mut whole = gathered(put)?;
+        let copied = File::options().write(true).open(path).and_then(|mut special| {
+            io::copy(&mut whole, &mut special)?;
+            special.flush()
+        });
+        copied.map_err(|source| self.fault(source))
     }
 
     fn fault(&self, source: io::Error) -> Fault {
@@ -117,11 +189,31 @@ fn unfinished() -> MutexGuard<'static, Option<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// The first name that no file has, of `name.end`, `name-2.end`, `name-3.end`, …
+pub(crate) fn unused(name: &str) -> PathBuf {
+    let is_unused = |path: &PathBuf| path.symlink_metadata().is_err();
+    let mut names = (1_u64..).map(|number| numbered(name, number));
+    names.find(is_unused).unwrap_or_else(|| name.into())
+}
+
+fn numbered(name: &str, number: u64) -> PathBuf {
+    match name.rsplit_once('.') {
+        _ if number == 1 => name.into(),
+        Some((stem, end)) => format!("{stem}-{number}.{end}").into(),
+        None => format!("{name}-{number}").into(),
+    }
+}
+
+/// Whether there is a device or a pipe.
+fn is_special(path: &Path) -> bool {
+    path.metadata().is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir())
+}
+
 /// The file at a path, links followed.
 ///
 /// # Errors
-/// If one of `inputs` is the same file, however it is named, or it is no file.
-pub(crate) fn file(path: &Path, inputs: &[&Path]) -> Result<PathBuf, Fault> {
+/// If one of `inputs` is the same file, however it is named, or it is no file, or not to be replaced.
+pub(crate) fn file(path: &Path, inputs: &[&Path], overwrite: Overwrite) -> Result<PathBuf, Fault> {
     let name = || path.display().to_string();
     let metadata = match path.metadata() {
         Ok(metadata) => metadata,
@@ -138,6 +230,9 @@ pub(crate) fn file(path: &Path, inputs: &[&Path]) -> Result<PathBuf, Fault> {
     }
     if let Some(input) = same(&metadata, Some(path), inputs) {
         return Err(Fault::Same { output: name(), input });
+    }
+    if !overwrite.force {
+        return Err(OutputError::Exists(name()).into());
     }
     path.canonicalize().map_err(|source| Fault::Create { name: name(), source })
 }
@@ -177,12 +272,18 @@ fn is_one(_: &Metadata, output: Option<&Path>, _: &Metadata, input: &Path) -> bo
     output.is_some() && output == input
 }
 
-/// Gathers all in a file without a name first.
-fn to_stdout(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Result<(), Fault> {
+/// What is written, in a file without a name.
+fn gathered(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Result<File, Fault> {
     let mut out = BufWriter::new(tempfile::tempfile().map_err(Fault::Output)?);
     put(&mut out)?;
     let mut whole = out.into_inner().map_err(|error| Fault::Output(error.into_error()))?;
     whole.rewind().map_err(Fault::Output)?;
+    Ok(whole)
+}
+
+/// Gathers all first.
+fn to_stdout(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Result<(), Fault> {
+    let mut whole = gathered(put)?;
     // Who reads no more still wants the exit code.
     let mut stdout = Sink::new(io::stdout().lock());
     io::copy(&mut whole, &mut stdout).and_then(|_| stdout.flush()).map_err(Fault::Output)
@@ -201,6 +302,10 @@ fn beside(path: &Path) -> io::Result<NamedTempFile> {
     prefix.push(path.file_name().unwrap_or_default());
     builder.prefix(&prefix).suffix(".tmp").tempfile_in(directory)
 }
+
+mod growing;
+
+pub(crate) use self::growing::Growing;
 
 #[cfg(test)]
 mod tests;

@@ -10,12 +10,15 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::judging::{End, JudgeOptions, next_event, noted, reader};
-use crate::output::Output;
+use crate::output::{Output, Overwrite};
 use crate::sink::Sink;
 use crate::verdict;
 
 #[cfg(test)]
 mod tests;
+
+/// What the page is called if it has no other name.
+pub(crate) const PAGE: &str = "report.html";
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -34,9 +37,11 @@ pub(crate) struct Args {
     /// The traces, plain or packed (gzip, zstd, MCAP); - is standard input.
     #[arg(value_name = "TRACE", required = true)]
     traces: Vec<PathBuf>,
-    /// The page; - is standard output.
-    #[arg(short, long, value_name = "FILE", default_value = "report.html")]
-    output: PathBuf,
+    /// The page; - is standard output [default: report.html, or report-2.html and so on if that exists].
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
     #[command(flatten)]
     how: JudgeOptions,
 }
@@ -50,7 +55,7 @@ impl From<PageError> for Fault {
 /// Judges each trace and writes the page once all are read.
 pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     let inputs: Vec<&Path> = args.traces.iter().map(PathBuf::as_path).collect();
-    let output = Output::new(&args.output, &inputs)?;
+    let output = Output::or_numbered(args.output.as_deref(), PAGE, &inputs, args.overwrite)?;
     let (mut page, mut exit) = (Page::default(), Exit::Conforms);
     let mut out: Box<dyn Write> = if output.is_stdout() {
         Box::new(Sink::new(anstream::stderr()))
@@ -63,15 +68,17 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
         exit = exit.max(verdict::exit(&found));
     }
     write(&output, &page)?;
+    if !output.is_stdout() {
+        writeln!(out, "{}: the page", output.name()).map_err(Fault::Output)?;
+    }
     Ok(exit)
 }
 
 /// Makes the page of one trace, judged strictly.
-pub(crate) fn of(trace: &Path, output: &Path) -> Result<(), Fault> {
-    let output = Output::new(output, &[trace])?;
+pub(crate) fn of(trace: &Path, output: &Output) -> Result<(), Fault> {
     let mut page = Page::default();
     read_file(&mut page, &JudgeOptions::strictly(), trace)?;
-    write(&output, &page)
+    write(output, &page)
 }
 
 fn write(output: &Output, page: &Page) -> Result<(), Fault> {

@@ -92,13 +92,13 @@ fn a_row_that_is_none_is_told_with_its_line_and_writes_nothing() {
         ("40,result,7,,,", 4, "key \"p\" is missing"),
         ("40.0000001,result,7,0,,", 4, "column \"stamp_ms\": \"40.0000001\" is not a number"),
         ("40,result,-7,0,,", 4, "column \"t\": \"-7\" is not a number"),
-        ("40,result", 4, "found record with 2 fields"),
+        ("40,result", 4, "2 cells, where the first row has 6"),
     ] {
         let rows: Vec<&str> = ROWS.lines().take(3).chain([row]).collect();
         let dir = folder(&rows.join("\n"));
         let output = dir.path().join("trace.jsonl");
         fs::write(&output, "as it was").unwrap();
-        let refused = convert(&dir, &["-o", output.to_str().unwrap()]);
+        let refused = convert(&dir, &["--force", "-o", output.to_str().unwrap()]);
         assert_eq!(refused.status.code(), Some(2), "{row}");
         let place = format!("events.csv:{line}: ");
         assert!(

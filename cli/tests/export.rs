@@ -134,7 +134,7 @@ fn bad_input_is_one_line_and_leaves_the_output_as_it_was() {
     fs::write(&output, "as it was").unwrap();
     let output = output.to_str().unwrap();
     let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
-    let cut = run(&["export", "--mcap", "-o", output], &format!("{header}{{\"ev\":"));
+    let cut = run(&["export", "--force", "--mcap", "-o", output], &format!("{header}{{\"ev\":"));
     assert_eq!(cut.status.code(), Some(2));
     assert!(err(&cut).starts_with("error: stdin:2:"), "{}", err(&cut));
     assert_eq!(fs::read_to_string(output).unwrap(), "as it was");

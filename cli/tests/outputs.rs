@@ -137,8 +137,9 @@ fn a_link_as_output_is_followed_and_stays() {
     fs::write(path("folder/far.json"), "as it was").unwrap();
     symlink("folder/far.json", path("out")).unwrap();
     symlink("nowhere", path("dangling")).unwrap();
-    let export =
-        |output| in_directory(dir.path(), &["export", "--perfetto", "t.jsonl", "-o", output]);
+    let export = |output| {
+        in_directory(dir.path(), &["export", "--force", "--perfetto", "t.jsonl", "-o", output])
+    };
     assert_eq!(export("out").status.code(), Some(0));
     assert!(path("out").is_symlink());
     assert!(fs::read_to_string(path("folder/far.json")).unwrap().contains("traceEvents"));
@@ -155,7 +156,7 @@ fn what_cannot_be_written_is_told_by_its_own_name_and_a_plain_cause() {
     for (output, what) in [
         ("none/x.json", "none/x.json: No such file or directory; "),
         ("folder", "folder: a directory; "),
-        ("/dev/full", "/dev/full: a device or a pipe; "),
+        ("/dev/full", "/dev/full: No space left on device; make room"),
     ] {
         for command in [&["export", "--mcap", "t.jsonl"][..], &["report", "t.jsonl"]] {
             let refused = in_directory(dir.path(), &[command, &["-o", output]].concat());

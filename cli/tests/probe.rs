@@ -266,8 +266,8 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
         ("sent_ms,rtt_ms\n0,-2\n", "wrong.csv:2: rtt_ms is -2; it must be milliseconds from 0 "),
         ("sent_ms,rtt_ms\n0,NaN\n", "wrong.csv:2: rtt_ms is NaN; "),
         ("sent_ms,rtt_ms,lat,lon\n0,1,91,0\n", "wrong.csv:2: lat is 91; it must be degrees"),
-        ("second\n0\n", "wrong.csv: "),
-        (&"x".repeat(1 << 20), "wrong.csv: a line of more than 64 KiB; "),
+        ("second\n0\n", "wrong.csv:2: missing field `sent_ms`; "),
+        (&"x".repeat(1 << 20), "wrong.csv:1: a line of more than 64 KiB; "),
     ] {
         fs::write(dir.path().join("wrong.csv"), wrong).unwrap();
         let refused = plot("wrong.csv");
@@ -288,7 +288,7 @@ fn a_plot_that_cannot_be_written_is_one_error_and_the_recording_stays() {
     let server = Server::start(dir.path(), &[]);
     // A file cannot take a folder's name.
     fs::create_dir_all(dir.path().join("plots/round-trips.svg/taken")).unwrap();
-    let probe = ["probe", &server.url, "--seconds", "0.5", "-o", "plots"];
+    let probe = ["probe", &server.url, "--seconds", "0.5", "--force", "-o", "plots"];
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(2));
     let printed = err(&probed);
@@ -336,12 +336,21 @@ fn positions_of_gpsd_and_of_a_file_are_joined_by_the_time_of_day() {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
     let sentences: String = (now..now + 60).map(rmc).collect();
     fs::write(dir.path().join("drive.nmea"), sentences).unwrap();
-    let probed = fuseline(&["probe", &server.url, "--seconds", "1", "--nmea", "drive.nmea"])
-        .current_dir(dir.path())
-        .output()
-        .unwrap();
+    let probed = fuseline(&[
+        "probe",
+        &server.url,
+        "--seconds",
+        "1",
+        "--nmea",
+        "drive.nmea",
+        "--csv",
+        "nmea.csv",
+    ])
+    .current_dir(dir.path())
+    .output()
+    .unwrap();
     assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
-    for row in rows(&dir.path().join("fuseline-probe.csv")) {
+    for row in rows(&dir.path().join("nmea.csv")) {
         assert_eq!((&*row[2], &*row[3]), ("49.2741667", "-123.1853333"), "{row:?}");
     }
 }

@@ -16,7 +16,7 @@ fn corpus(name: &str) -> PathBuf {
 /// The page of these traces, and how the command ended.
 fn page(dir: &TempDir, traces: &[&Path], more: &[&str]) -> (String, Option<i32>) {
     let path = dir.path().join("report.html");
-    let mut args = vec!["report", "-o", path.to_str().unwrap()];
+    let mut args = vec!["report", "--force", "-o", path.to_str().unwrap()];
     args.extend(more);
     args.extend(traces.iter().map(|trace| trace.to_str().unwrap()));
     let done = run(&args, "");
@@ -253,4 +253,30 @@ fn without_a_readable_trace_there_is_no_page() {
     let nowhere = run(&["report", "-", "-o", dir.path().to_str().unwrap()], header);
     assert_eq!(nowhere.status.code(), Some(2));
     assert_eq!(fs::read_dir(&dir).unwrap().count(), 0);
+}
+
+/// All violations are on the page, though only the first hundred in full.
+#[test]
+fn the_page_marks_every_violation() {
+    const MESSAGES: u64 = 250;
+    let dir = tempfile::tempdir().unwrap();
+    let trace = dir.path().join("many.jsonl");
+    let mut text = "{\"fuseline\":1,\"window\":9,\"clouds\":[]}\n".to_owned();
+    for n in 0..MESSAGES {
+        let (open, miss) = ("{\"ev\":\"open\"", "{\"ev\":\"miss\"");
+        text.extend([format!("{open},\"at\":{n},\"t\":{n}}}\n{miss},\"at\":{n},\"t\":{n}}}\n")]);
+    }
+    fs::write(&trace, text).unwrap();
+    for more in [&[][..], &["--observed", "--tolerance", "0s", "--lateness", "0s"]] {
+        let (page, code) = page(&dir, &[&trace], more);
+        let printed = &data(&page)["traces"][0];
+        let (full, places) = (printed["violations"].as_array().unwrap(), &printed["places"]);
+        let lines = sums(&places["line"]);
+        assert_eq!((code, full.len() + lines.len()), (Some(1), usize::try_from(MESSAGES).unwrap()));
+        assert_eq!(lines.last(), Some(&i64::try_from(2 * MESSAGES + 1).unwrap()), "{more:?}");
+        for column in ["rule", "t"] {
+            assert_eq!(places[column].as_array().unwrap().len(), lines.len());
+        }
+        assert!(places["rules"][0][0].as_str().unwrap().starts_with(['F', 'P']), "{places}");
+    }
 }

@@ -61,7 +61,7 @@ fn when_both_networks_are_lost_local_answers_everything_and_nobody_waits_for_the
     let dir = tempdir().unwrap();
     for (commit, policy) in [("eager", "expected"), ("patient", "expected"), ("eager", "constant")]
     {
-        let chosen = ["--commit", commit, "--policy", policy, "--trace", "t.jsonl"];
+        let chosen = ["--commit", commit, "--policy", policy, "--force", "--trace", "t.jsonl"];
         let ran = run_in(dir.path(), &[&LOST[..], &chosen].concat());
         let report = report(&ran);
         adds_up(&report);
@@ -195,7 +195,7 @@ fn a_request_is_a_picture_and_a_few_bytes_around_it() {
 #[test]
 fn a_run_leaves_its_page_if_wanted_and_never_in_place_of_its_trace() {
     let dir = tempdir().unwrap();
-    let short = ["--seconds", "0.3", "--trace", "t.jsonl"];
+    let short = ["--force", "--seconds", "0.3", "--trace", "t.jsonl"];
     let ran = run_in(dir.path(), &[&short[..], &["--report"]].concat());
     assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
     assert_eq!(out(&ran).lines().last(), Some("report.html: the page of this run"));
@@ -221,7 +221,7 @@ fn people_read_tables_of_at_most_100_columns() {
     let dir = tempdir().unwrap();
     // What there was before is named as it was given, too.
     fs::write(dir.path().join("mine.jsonl"), "earlier").unwrap();
-    let ran = run_in(dir.path(), &["--seconds", "1", "--trace", "mine.jsonl"]);
+    let ran = run_in(dir.path(), &["--force", "--seconds", "1", "--trace", "mine.jsonl"]);
     for part in [
         "DETR-ResNet-50 on Orin",
         "pipelined over 4 workers",

@@ -39,6 +39,8 @@ pub struct Judge {
     /// The timestamps that have a result or failure and are still open.
     touched: BTreeSet<u64>,
     recent: VecDeque<(u64, Event)>,
+    /// Whether the places of all violations are wanted.
+    keeps_places: bool,
     verdict: Verdict,
 }
 
@@ -64,6 +66,20 @@ pub struct Verdict {
     /// How many violations more there are.
     #[serde(skip_serializing_if = "is_zero")]
     pub more: u64,
+    /// Where those are, if that was wanted; see [`Judge::with_places`].
+    #[serde(skip)]
+    pub places: Vec<ViolationPlace<Rule>>,
+}
+
+/// Where a violation is, without its details.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct ViolationPlace<R> {
+    /// Its line, as that of a [`Violation`].
+    pub line: u64,
+    /// The timestamp that it is about.
+    pub t: Option<u64>,
+    /// The rule that is broken.
+    pub rule: R,
 }
 
 /// One decision that is not what the rules demand.
@@ -111,6 +127,7 @@ impl Judge {
             differs: false,
             touched: BTreeSet::new(),
             recent: VecDeque::new(),
+            keeps_places: false,
             verdict: Verdict {
                 file,
                 conforms: true,
@@ -119,8 +136,16 @@ impl Judge {
                 lines: 1,
                 violations: Vec::new(),
                 more: 0,
+                places: Vec::new(),
             },
         }
+    }
+
+    /// The same judge, which also notes where each violation is beyond the first 100. Its memory grows with their number.
+    #[must_use]
+    pub const fn with_places(mut self) -> Self {
+        self.keeps_places = true;
+        self
     }
 
     /// Judges the next line, which has this number.
@@ -217,6 +242,10 @@ impl Judge {
         self.verdict.conforms = false;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
+            if self.keeps_places {
+                let (line, (t, rule)) = (self.verdict.lines, self.blame(found, demand));
+                self.verdict.places.push(ViolationPlace { line, t, rule });
+            }
             return;
         }
         let reported = |reported: Option<Decision>| {
@@ -309,6 +338,14 @@ impl Judge {
         }
         self.recent.push_back((line, *event));
         self.verdict.lines = line;
+    }
+}
+
+impl<R: Copy> ViolationPlace<R> {
+    /// The same with another rule.
+    pub fn map<S>(&self, rule: impl FnOnce(R) -> S) -> ViolationPlace<S> {
+        let Self { line, t, rule: broken } = *self;
+        ViolationPlace { line, t, rule: rule(broken) }
     }
 }
 

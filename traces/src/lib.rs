@@ -19,7 +19,7 @@ mod word;
 mod write;
 
 pub use event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
-pub use judge::{Judge, Verdict, Violation, judge};
+pub use judge::{Judge, Verdict, Violation, ViolationPlace, judge};
 pub use parse::{ParseError, parse};
 pub use read::{Defect, Events, LINE, ReadError, unpack};
 pub use reason::{DropReason, OfferRefusal, OpenRefusal};

@@ -4,10 +4,14 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::Read;
 
-use csv::{Position, Reader, ReaderBuilder, StringRecord, Trim};
+use csv::{ReaderBuilder, StringRecord, Trim};
 use thiserror::Error;
 
+pub use self::table::{TableError, TableReader};
+
 use crate::{Event, Line, observed};
+
+mod table;
 
 /// The keys that an event may have, with those that are instants and durations.
 const KEYS: [(&str, bool); 8] = [
@@ -65,12 +69,14 @@ pub struct Columns<'a> {
 /// row's event has; an empty cell is none.
 #[derive(Debug)]
 pub struct Rows<'a, R> {
-    inner: Reader<R>,
-    row: StringRecord,
+    inner: TableReader<R>,
     /// The keys that it has, with their columns.
-    keys: Vec<(&'static str, bool, usize, String)>,
+    keys: Vec<Key>,
     columns: Columns<'a>,
 }
+
+/// A key, whether it is a time, and the place and name of its column.
+type Key = (&'static str, bool, usize, String);
 
 /// What is wrong with a row.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
@@ -146,9 +152,9 @@ impl<'a, R: Read> Rows<'a, R> {
     /// # Errors
     /// If it cannot be read, or a column is missing.
     pub fn new(inner: R, columns: Columns<'a>) -> Result<Self, RowError> {
-        let mut inner = ReaderBuilder::new().trim(Trim::All).from_reader(inner);
+        let mut inner = TableReader::new(inner, ReaderBuilder::new().trim(Trim::All));
         let fault = |message: String| RowError { line: 1, message };
-        let names = inner.headers().map_err(|error| fault(error.to_string()))?.clone();
+        let names = inner.names()?;
         let mut keys = Vec::new();
         for (key, is_time) in KEYS {
             let name = columns.named.get(key).copied();
@@ -165,7 +171,7 @@ impl<'a, R: Read> Rows<'a, R> {
             };
             keys.push((key, is_time, place, name.unwrap_or(key).to_owned()));
         }
-        Ok(Self { inner, row: StringRecord::new(), keys, columns })
+        Ok(Self { inner, keys, columns })
     }
 
     /// The next row's event; none at the end.
@@ -173,58 +179,55 @@ impl<'a, R: Read> Rows<'a, R> {
     /// # Errors
     /// If the row cannot be read, or is no event.
     pub fn next_event(&mut self) -> Result<Option<Event>, RowError> {
-        let read = self.inner.read_record(&mut self.row);
-        if !read.map_err(|error| {
-            let line = error.position().map_or(0, Position::line);
-            RowError { line, message: error.to_string() }
-        })? {
-            return Ok(None);
-        }
-        match observed::parse(self.line()?.as_bytes()) {
+        let Some((number, row)) = self.inner.next_row()? else { return Ok(None) };
+        let fault = |message| RowError { line: number, message };
+        let line = line(row, &self.keys, &self.columns).map_err(fault)?;
+        match observed::parse(line.as_bytes()) {
             Ok(Line::Event(event)) => Ok(Some(event)),
-            Ok(Line::Header(_)) => Err(self.fault("a header in a row".to_owned())),
-            Err(error) => Err(self.fault(error.message)),
+            Ok(Line::Header(_)) => Err(fault("a header in a row".to_owned())),
+            Err(error) => Err(fault(error.message)),
         }
     }
+}
 
-    fn fault(&self, message: String) -> RowError {
-        RowError { line: self.row.position().map_or(0, Position::line), message }
+impl From<TableError> for RowError {
+    fn from(error: TableError) -> Self {
+        Self { line: error.line, message: error.to_string() }
     }
+}
 
-    /// The row as a line of a trace.
-    fn line(&self) -> Result<String, RowError> {
-        let cell = |key: &str| {
-            let found = self.keys.iter().find(|(known, ..)| *known == key);
-            found.and_then(|(_, _, place, _)| self.row.get(*place)).unwrap_or_default()
-        };
-        let name = cell("ev");
-        let event = self.columns.events.get(name).copied().unwrap_or(name);
-        let Some((_, takes)) = EVENTS.iter().find(|(known, _)| *known == event) else {
-            // In one line, whatever the cell holds.
-            let shown = name.escape_debug();
-            let message = format!("unknown event {name:?}; say what it is with --event {shown}=EV");
-            return Err(self.fault(message));
-        };
-        let mut line = format!("{{\"ev\":\"{event}\"");
-        for (key, is_time, _, column) in &self.keys {
-            let text = cell(key);
-            if text.is_empty() || !(*key == "at" || takes.contains(key)) {
-                continue;
-            }
-            let value = match *key {
-                "why" => Some(serde_json::Value::from(text).to_string()),
-                _ if *is_time => nanos(text, self.columns.unit).map(|nanos| nanos.to_string()),
-                _ => text.parse().ok().map(|number: u64| number.to_string()),
-            };
-            let value = value.ok_or_else(|| {
-                self.fault(format!("column {column:?}: {text:?} is not a number that fits"))
-            })?;
-            // To a string: it cannot fail.
-            let _ = write!(line, ",\"{key}\":{value}");
+/// A row as a line of a trace, or what is wrong with it.
+fn line(row: &StringRecord, keys: &[Key], columns: &Columns<'_>) -> Result<String, String> {
+    let cell = |key: &str| {
+        let found = keys.iter().find(|(known, ..)| *known == key);
+        found.and_then(|(_, _, place, _)| row.get(*place)).unwrap_or_default()
+    };
+    let name = cell("ev");
+    let event = columns.events.get(name).copied().unwrap_or(name);
+    let Some((_, takes)) = EVENTS.iter().find(|(known, _)| *known == event) else {
+        // In one line, whatever the cell holds.
+        let shown = name.escape_debug();
+        let message = format!("unknown event {name:?}; say what it is with --event {shown}=EV");
+        return Err(message);
+    };
+    let mut line = format!("{{\"ev\":\"{event}\"");
+    for (key, is_time, _, column) in keys {
+        let text = cell(key);
+        if text.is_empty() || !(*key == "at" || takes.contains(key)) {
+            continue;
         }
-        line.push('}');
-        Ok(line)
+        let value = match *key {
+            "why" => Some(serde_json::Value::from(text).to_string()),
+            _ if *is_time => nanos(text, columns.unit).map(|nanos| nanos.to_string()),
+            _ => text.parse().ok().map(|number: u64| number.to_string()),
+        };
+        let value = value
+            .ok_or_else(|| format!("column {column:?}: {text:?} is not a number that fits"))?;
+        // To a string: it cannot fail.
+        let _ = write!(line, ",\"{key}\":{value}");
     }
+    line.push('}');
+    Ok(line)
 }
 
 /// A decimal number of units, exactly.

@@ -38,10 +38,22 @@ export function decode(told, words) {
     sources: told.sources.map((source, place) => ({ ...source, place, label: label(source) })),
   };
   delete trace.x;
-  trace.violations = told.violations.map((violation) => ({ ...violation, instant: at[violation.line - 2] }));
+  delete trace.places;
+  trace.violations = [...told.violations, ...undetailed(told.places)].map((violation) => ({ ...violation, instant: at[violation.line - 2] }));
+  trace.detailed = told.violations.length;
   group(trace);
   outcomes(trace);
   return trace;
+}
+
+/** The violations of which the page knows the place and the rule alone. */
+function undetailed({ rules, rule, line, t }) {
+  let before = 0;
+  return rule.map((which, n) => {
+    before += line[n];
+    const [id, sentence] = rules[which];
+    return { line: before, t: t[n] ? t[n] - 1 : null, rule: id, sentence };
+  });
 }
 
 function label({ p, name, known }) {

@@ -10,7 +10,7 @@ const QUIET = new Set(["forwarded", "discarded", "superseded", "open"]);
  * there is one in all.
  */
 export function filters(trace) {
-  const { ev, p, a, t, outcome, order, rank, sources, columns, refusals, drops, violations, more } = trace;
+  const { ev, p, a, t, outcome, order, rank, sources, columns, refusals, drops, violations } = trace;
   const found = new Map();
   const put = (group, label, k, title = "", quiet = false) => {
     const entry = found.get(label) ?? { group, label, title, quiet, count: 0, hits: new Set() };
@@ -18,13 +18,7 @@ export function filters(trace) {
     if (k !== null) entry.hits.add(k);
     found.set(label, entry);
   };
-  // Of violations beyond those told the page knows the number and no more.
-  for (const { t: k, rule, sentence } of violations) put(0, more ? "violation" : `violation ${rule}`, k, more ? "" : sentence);
-  if (more) {
-    const all = found.get("violation");
-    all.title = `${all.count} are told here`;
-    all.count += more;
-  }
+  for (const { t: k, rule, sentence } of violations) put(0, `violation ${rule}`, k, sentence);
   for (const k of order) {
     if (outcome[k] >= 0) put(2, `forwarded ${sources[outcome[k]].label}`, k);
     else if (outcome[k] === MISSED) put(1, "missed", k);

@@ -68,10 +68,11 @@ function chip({ group, label, title, count: whole, hits }) {
 
 function showViolations() {
   by("all").hidden = trace.violations.length === 0;
-  by("all-title").textContent = trace.more
-    ? `Violations: the first ${count(trace.violations.length)} of ${count(trace.violations.length + trace.more)}`
-    : `Violations: ${count(trace.violations.length)}`;
-  by("violations").replaceChildren(...trace.violations.map((violation) => {
+  const { violations, detailed } = trace;
+  by("all-title").textContent = violations.length > detailed
+    ? `Violations: the first ${count(detailed)} of ${count(violations.length)}, all of which the timeline marks`
+    : `Violations: ${count(violations.length)}`;
+  by("violations").replaceChildren(...violations.slice(0, detailed).map((violation) => {
     const { t: k, rule, line, sentence } = violation;
     if (k === null) return el("li", {}, breach(violation));
     const about = el("button", { type: "button", onclick: () => visit(k) },

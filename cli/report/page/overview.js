@@ -24,8 +24,12 @@ export function overview(trace, { go, view }) {
     ctx.scale(devicePixelRatio, devicePixelRatio);
     drawShares(ctx, trace, all, width, { top: 6, height: HEIGHT - 8 }, tint);
     ctx.fillStyle = tint.bad;
+    const drawn = new Set();
     for (const { instant } of trace.violations) {
-      if (instant !== undefined) ctx.fillRect(((instant - all.from) / (all.to - all.from)) * width - 1, 0, 2, HEIGHT);
+      const px = Math.round(((instant - all.from) / (all.to - all.from)) * width);
+      if (instant === undefined || drawn.has(px)) continue;
+      drawn.add(px);
+      ctx.fillRect(px - 1, 0, 2, HEIGHT);
     }
     draw();
   }

@@ -30,7 +30,8 @@ export function breach({ line, rule, sentence, found, expected, late }) {
   return el("div", { class: "breach" },
     el("p", {}, el("strong", {}, `Breaks ${rule}`), ` at line ${count(line)}`),
     el("p", { class: "sentence" }, sentence),
-    el("dl", {},
+    // Only the first ones have their details here.
+    found === undefined ? el("p", {}, "The page has the details of the first 100 violations; fuseline check of a part of the trace shows these.") : el("dl", {},
       el("dt", {}, "found"), el("dd", {}, el("code", {}, found)),
       el("dt", {}, "expected"), el("dd", {}, el("code", {}, expected)),
       ...(late == null ? [] : [el("dt", {}, "late by"), el("dd", {}, time(late))])));

@@ -6,7 +6,7 @@ import { count, counted, quantile, share, time } from "./format.js";
 const SUMMED = 1;
 const OPEN = 6;
 
-export const violationsOf = ({ violations, more }) => violations.length + more;
+export const violationsOf = ({ violations }) => violations.length;
 
 /** A verdict in words. */
 export const verdictOf = (trace) =>

@@ -157,7 +157,7 @@ test("a duration has the unit that its rounded number wants", () => {
   assert.deepEqual(axis([0, 200_000, 400_000], 200_000), ["0 µs", "200 µs", "400 µs"]);
 });
 
-test("a chip counts all violations, though the page is told of the first", async (t) => {
+test("all violations are marked and counted, though the page has details of the first", async (t) => {
   const lines = ['{"fuseline":1,"window":9,"clouds":[]}'];
   for (let n = 0; n < 250; n++) lines.push(`{"ev":"open","at":${n},"t":${n}}`, `{"ev":"miss","at":${n},"t":${n}}`);
   const trace = join(folder, "many.jsonl");
@@ -165,7 +165,23 @@ test("a chip counts all violations, though the page is told of the first", async
   const page = await open(t, report("many", trace));
   const whole = /(\d+) violations/.exec(await text(page, "#verdict"))[1];
   assert.ok(Number(whole) > 100, whole);
-  assert.equal(await text(page, "#filters .bad span"), whole);
+  const chips = await page.$$eval("#filters .bad", (all) => all.filter((one) => one.dataset.label.startsWith("violation")).map((one) => one.querySelector("span").innerText));
+  assert.equal(chips.reduce((sum, shown) => sum + parse(shown), 0), Number(whole));
+  // The last one too: the timeline has marks to its end.
+  const reach = await page.$eval("#timeline canvas", (canvas) => {
+    const bad = getComputedStyle(document.documentElement).getPropertyValue("--bad").trim();
+    const rgb = [1, 3, 5].map((at) => parseInt(bad.slice(at, at + 2), 16));
+    const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+    copy.drawImage(canvas, 0, 0);
+    // The marks stand on the upper rim, above all that is drawn of misses.
+    const { data } = copy.getImageData(0, 0, canvas.width, 3 * devicePixelRatio);
+    let right = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      if (rgb.every((part, at) => data[i + at] === part)) right = Math.max(right, (i / 4) % canvas.width);
+    }
+    return right / canvas.width;
+  });
+  assert.ok(reach > 0.95, `marks reach to ${reach}`);
 });
 
 test("a violation is found and told with its rule", async (t) => {

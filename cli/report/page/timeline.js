@@ -108,9 +108,13 @@ export function timeline(trace, { choose, seen }) {
     ctx.font = "600 12px system-ui";
     ctx.textBaseline = "alphabetic";
     const story = blocks?.[0].story;
+    const drawn = new Set();
     for (const { t: k, instant, rule } of trace.violations) {
       const px = instant === undefined ? NaN : ((instant - view.from) * wide) / (view.to - view.from);
       if (!sees(px) || (story && k !== marked.selected)) continue;
+      // Of many at one place, one is seen.
+      if (!story && drawn.has(Math.round(px))) continue;
+      drawn.add(Math.round(px));
       ctx.beginPath();
       ctx.moveTo(px - 5, 1);
       ctx.lineTo(px + 5, 1);

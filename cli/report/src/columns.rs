@@ -6,7 +6,7 @@
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-use fuseline_traces::{Decision, Event, Header, Input};
+use fuseline_traces::{Decision, Event, Header, Input, ViolationPlace};
 use serde::Serialize;
 use serde::ser::Serializer;
 
@@ -46,8 +46,10 @@ pub(crate) struct PageTrace {
     #[serde(skip_serializing_if = "Option::is_none")]
     unfinished: Option<u64>,
     lines: u64,
+    /// The first ones in full.
     violations: Vec<Violation>,
-    more: u64,
+    /// Where all the others are.
+    places: Places,
     #[serde(rename = "account")]
     totals: Sums,
     /// How long requests had, the commonest first.
@@ -70,6 +72,19 @@ pub(crate) struct PageTrace {
     p: Vec<usize>,
     /// What some events have more, in their order; see `more_of`.
     x: Vec<i128>,
+}
+
+/// Where violations are, without their details.
+#[derive(Default, Serialize)]
+struct Places {
+    /// Each rule that they break, with its sentence.
+    rules: Vec<(&'static str, &'static str)>,
+    /// Each one's rule, as its place in `rules`.
+    rule: Vec<usize>,
+    /// Each line as its difference from the one before.
+    line: Vec<i128>,
+    /// The timestamp's place plus 1, or 0.
+    t: Vec<usize>,
 }
 
 /// What the trace comes to; the page counts nothing itself.
@@ -173,7 +188,7 @@ impl Columns {
         timestamps.dedup();
         let place = |t: u64| timestamps.binary_search(&t).unwrap_or_default();
         let origin = self.events.iter().map(instant).min().unwrap_or_default();
-        let (summary, violations) = (verdict.summary(), verdict.violations());
+        let summary = verdict.summary();
         let mut page_trace = PageTrace {
             file: summary.file.to_owned(),
             operator: header.operator.clone(),
@@ -185,8 +200,9 @@ impl Columns {
             judged: summary.judged,
             unfinished: summary.unfinished,
             lines: summary.lines,
-            more: summary.violations - violations.len() as u64,
-            violations: violations
+            places: Places::new(&verdict.places(), place),
+            violations: verdict
+                .violations()
                 .iter()
                 .map(|violation| Violation::new(violation, place))
                 .collect(),
@@ -275,6 +291,26 @@ impl Columns {
         }
         named.sort_unstable_by_key(|(place, _)| *place);
         named.into_iter().map(|(_, source)| source).collect()
+    }
+}
+
+impl Places {
+    fn new(
+        places: &[ViolationPlace<(&'static str, &'static str)>],
+        place: impl Fn(u64) -> usize,
+    ) -> Self {
+        let (mut columns, mut before) = (Self::default(), 0);
+        for ViolationPlace { line, t, rule } in places {
+            let known = columns.rules.iter().position(|known| known == rule);
+            columns.rule.push(known.unwrap_or(columns.rules.len()));
+            if known.is_none() {
+                columns.rules.push(*rule);
+            }
+            columns.line.push(i128::from(*line) - before);
+            before = i128::from(*line);
+            columns.t.push(t.map_or(0, |t| place(t) + 1));
+        }
+        columns
     }
 }
 

@@ -1,7 +1,7 @@
 //! Either judge, line by line, and what it found.
 
 use fuseline_traces::observed::{self, Slack, TimeOrderError};
-use fuseline_traces::{Event, Header, Judge, Verdict, Violation};
+use fuseline_traces::{Event, Header, Judge, Rule, Verdict, Violation, ViolationPlace};
 use serde::Serialize;
 
 /// How a trace is judged: strictly, or as observed within this.
@@ -82,6 +82,15 @@ impl TraceJudge {
         }
     }
 
+    /// The same, which also notes where each violation is beyond those that it reports in full.
+    #[must_use]
+    pub fn with_places(self) -> Self {
+        match self {
+            Self::Strict(judge) => Self::Strict(judge.with_places()),
+            Self::Observed(judge) => Self::Observed(judge.with_places()),
+        }
+    }
+
     /// Judges the next line.
     ///
     /// # Errors
@@ -144,10 +153,12 @@ impl TraceJudge {
 fn without_last(judge: Judge) -> (Verdict, bool) {
     let so_far = judge.so_far();
     let (conforms, known, more) = (so_far.conforms, so_far.violations.len(), so_far.more);
+    let places = so_far.places.len();
     let mut verdict = judge.finish();
     let is_cut = verdict.violations.len() as u64 + verdict.more > known as u64 + more;
     if is_cut {
         verdict.violations.truncate(known);
+        verdict.places.truncate(places);
         (verdict.more, verdict.conforms) = (more, conforms);
     }
     (verdict, is_cut)
@@ -171,6 +182,7 @@ impl Findings {
                 lines,
                 violations,
                 more,
+                places: _,
             }) => Summary {
                 file: file.as_str(),
                 conforms: *conforms,
@@ -187,6 +199,7 @@ impl Findings {
                 lines,
                 violations,
                 more,
+                places: _,
             }) => Summary {
                 file: file.as_str(),
                 conforms: *conforms,
@@ -204,6 +217,18 @@ impl Findings {
         match self {
             Self::Strict(verdict) => verdict.violations.iter().map(AnyViolation::from).collect(),
             Self::Observed(verdict) => verdict.violations.iter().map(AnyViolation::from).collect(),
+        }
+    }
+
+    /// Where each of the others is: line, timestamp, and the rule with its sentence.
+    pub(crate) fn places(&self) -> Vec<ViolationPlace<(&'static str, &'static str)>> {
+        let strict = |place: &ViolationPlace<Rule>| place.map(|it| (it.id(), it.sentence()));
+        let observed = |place: &ViolationPlace<_>| {
+            place.map(|it: observed::BrokenRule| (it.id(), it.sentence()))
+        };
+        match self {
+            Self::Strict(verdict) => verdict.places.iter().map(strict).collect(),
+            Self::Observed(verdict) => verdict.places.iter().map(observed).collect(),
         }
     }
 }

@@ -60,7 +60,7 @@ impl Page {
             mode,
             name: name.to_owned(),
             header: header.clone(),
-            judging: TraceJudge::new(mode, name, header),
+            judging: TraceJudge::new(mode, name, header).with_places(),
             columns: Columns::new(header, mode.is_some()),
         }
     }

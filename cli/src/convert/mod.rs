@@ -16,7 +16,7 @@ use crate::convert::recorded::{ConvertError, Recorded};
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::{is_standard, open};
-use crate::output::{Output, refuse_onto_stdout};
+use crate::output::{Output, Overwrite, refuse_onto_stdout};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -59,6 +59,8 @@ pub(crate) struct Args {
     /// The trace; without it, or with -, standard output.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -75,7 +77,7 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let inputs: Vec<&Path> =
         [Some(&*args.file), args.header.as_deref()].into_iter().flatten().collect();
     let named = args.output.as_deref().filter(|path| !is_standard(path));
-    let output = named.map(|path| Output::new(path, &inputs)).transpose()?;
+    let output = named.map(|path| Output::new(path, &inputs, args.overwrite)).transpose()?;
     if output.is_none() {
         refuse_onto_stdout(&inputs)?;
     }

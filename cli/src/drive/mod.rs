@@ -166,6 +166,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     let report = driver.finish();
     for found in &report.found {
         if let Some(path) = &found.saved {
+            output::file(path, &[], args.results.overwrite)?;
             fs::write(path, found.finding.reported.trace())
                 .map_err(|source| create(path, source))?;
         }
@@ -198,12 +199,13 @@ struct Outputs {
 impl Outputs {
     fn new(args: &Args, suite: &Suite) -> Result<Self, Fault> {
         let read: Vec<&Path> = args.run.iter().map(Path::new).collect();
+        let overwrite = args.results.overwrite;
         if let Some(directory) = &args.save {
             for case in &suite.fixed {
-                output::file(&smallest(directory, &case.id), &read)?;
+                output::file(&smallest(directory, &case.id), &read, overwrite)?;
             }
         }
-        let output = |path: &Path| Output::new(path, &read);
+        let output = |path: &Path| Output::new(path, &read, overwrite);
         Ok(Self {
             junit: args.junit.as_deref().map(output).transpose()?,
             results: args.results.outputs(&read)?,

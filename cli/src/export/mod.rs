@@ -16,7 +16,7 @@ use crate::export::perfetto::Tracks;
 use crate::export::viewer::Writer;
 use crate::fault::Fault;
 use crate::input::open;
-use crate::output::Output;
+use crate::output::{Output, Overwrite};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -39,6 +39,8 @@ pub(crate) struct Args {
     /// The file to write, which appears once it is whole; - is standard output.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 #[derive(clap::Args)]
@@ -54,7 +56,7 @@ struct Viewer {
 
 /// Writes the trace for the viewer.
 pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
-    let output = Output::new(&args.output, &[&args.file])?;
+    let output = Output::new(&args.output, &[&args.file], args.overwrite)?;
     let (name, file) = open(&args.file)?;
     let trace = unpack(BufReader::new(file));
     let trace = trace.map_err(|source| Fault::Open { name: name.clone(), source })?;

@@ -22,7 +22,7 @@ fn begin(folder: &Path) {
     if env::var_os(CATCHES).is_some() {
         Interrupt::watch();
     }
-    let output = |name| Output::new(&folder.join(name), &[]).unwrap();
+    let output = |name| Output::new(&folder.join(name), &[], Overwrite::default()).unwrap();
     let whole = output("whole").write(|out| out.write_all(b"whole").map_err(Fault::Output));
     assert!(whole.is_ok());
     let _ = output("half").write(|out| {

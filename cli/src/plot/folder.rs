@@ -6,23 +6,35 @@ use std::path::{Path, PathBuf};
 
 use anstream::adapter::strip_str;
 use tempfile::{Builder, NamedTempFile};
+use thiserror::Error;
 
 use crate::fault::Fault;
+use crate::output::Overwrite;
 use crate::plot::{DARK, LIGHT, Page, Plot, png};
 
 /// A folder to write to; it is made if it is not there, and what else is in it stays.
 pub(crate) struct Folder(PathBuf);
 
+/// There is something in a folder.
+#[derive(Debug, Error)]
+#[error("{0}: not empty; name a new folder, or replace what has the same names in it with --force")]
+struct NotEmptyError(String);
+
 impl Folder {
     /// The folder at `path`, if one is wanted.
     ///
     /// # Errors
-    /// If it is not there and cannot be made, or takes no files: that is told before the work.
-    pub(crate) fn open(path: Option<&Path>) -> Result<Option<Self>, Fault> {
+    /// If it is not there and cannot be made, takes no files, or is not empty and its files are not to be replaced:
+    /// that is told before the work.
+    pub(crate) fn open(path: Option<&Path>, overwrite: Overwrite) -> Result<Option<Self>, Fault> {
         let Some(path) = path else { return Ok(None) };
         let folder = Self(path.to_owned());
         let takes_files = fs::create_dir_all(path).and_then(|()| folder.unfinished().map(drop));
         takes_files.map_err(|source| Fault::Folder { name: path.display().to_string(), source })?;
+        let is_empty = fs::read_dir(path).map_or(true, |mut entries| entries.next().is_none());
+        if !is_empty && !overwrite.force {
+            return Err(Fault::own(NotEmptyError(path.display().to_string())));
+        }
         Ok(Some(folder))
     }
 

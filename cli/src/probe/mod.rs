@@ -13,7 +13,6 @@ mod row;
 mod server;
 mod summary;
 
-use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 use std::time::Duration;
@@ -29,7 +28,7 @@ use crate::emulation::REQUEST_BYTES;
 use crate::exit::Exit;
 use crate::fault::{Fault, chain, plain};
 use crate::interrupt::Interrupt;
-use crate::output;
+use crate::output::{self, Growing};
 use crate::plot::Folder;
 use crate::probe::client::{Schedule, drive};
 use crate::probe::live::Live;
@@ -41,6 +40,8 @@ use crate::sink::Sink;
 
 pub(crate) use crate::probe::options::Args;
 
+/// What the recording is called if it has no other name.
+const RECORDING: &str = "fuseline-probe.csv";
 /// How long the server may take for its first answer.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -98,14 +99,16 @@ fn again(recording: &Path, args: &Args) -> Result<(), Fault> {
 
 /// The folder for plots, if one is wanted.
 fn folder(args: &Args) -> Result<Option<(&Path, Folder)>, Fault> {
-    let folder = Folder::open(args.output.as_deref())?;
+    let folder = Folder::open(args.output.as_deref(), args.overwrite)?;
     Ok(args.output.as_deref().zip(folder))
 }
 
 async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let url = args.url.as_deref().unwrap_or_default();
     let remote = args.remote(url)?;
-    check_csv(&args.csv, args)?;
+    if let Some(csv) = &args.csv {
+        check_csv(csv, args)?;
+    }
     let connection = remote.connect();
     let connection =
         connection.map_err(|source| ProbeError::Remote { url: url.to_owned(), source })?;
@@ -119,10 +122,10 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     }
     let fixes = positions(args).await?;
     let folder = folder(args)?;
-    let name = args.csv.display().to_string();
+    let csv = Growing::open(args.csv.as_deref(), RECORDING, args.overwrite)?;
+    let name = csv.path().display().to_string();
     let unwritten = |source| ProbeError::Write { file: name.clone(), source };
-    let file =
-        File::create(&args.csv).map_err(|source| Fault::Create { name: name.clone(), source })?;
+    let file = csv.empty().map_err(|source| Fault::Create { name: name.clone(), source })?;
     let rows = Rows::new(BufWriter::new(file), fixes).map_err(unwritten)?;
     let schedule = Schedule { rate: args.rate, slots: args.slots(), give_up: args.give_up };
     let mut log = Log::new(rows, args.period(), (args.runtime(), args.deadline()));
@@ -134,11 +137,11 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let look = (live.period(), |log: &Log<_>, now| live.show(log, now));
     let wrote = drive(&mut log, &schedule, ask, interrupt.wait(), look).await;
     live.end();
-    let mut summary = Summary::new(args, url, &log.figures, interrupt.came());
+    let mut summary = Summary::new((args, csv.path()), url, &log.figures, interrupt.came());
     // What was measured is told whatever becomes of the files.
     let wrote = wrote.map_err(|source| unwritten(source).into()).and_then(|()| {
         if let Some((_, folder)) = &folder {
-            summary.plots = plots::plot(&args.csv, folder, Some(&summary.to_string()))?;
+            summary.plots = plots::plot(csv.path(), folder, Some(&summary.to_string()))?;
         }
         Ok(())
     });
@@ -165,7 +168,7 @@ fn check_csv(csv: &Path, args: &Args) -> Result<(), Fault> {
     if crate::input::is_standard(csv) {
         return Err(ProbeError::Stdout.into());
     }
-    output::file(csv, &args.files()).map(|_| ())
+    output::file(csv, &args.files(), args.overwrite).map(|_| ())
 }
 
 /// Makes a call that does not count; says why it has no answer, and a remedy.

@@ -8,6 +8,7 @@ use fuseline_tokio::grpc;
 
 use crate::fault::Fault;
 use crate::files::{self, FileError};
+use crate::output::Overwrite;
 use crate::seconds::seconds;
 
 #[derive(clap::Args)]
@@ -57,9 +58,12 @@ pub(crate) struct Args {
     #[arg(long, value_name = "S", default_value = "60", value_parser = give_up,
         allow_negative_numbers = true)]
     pub(crate) give_up: Duration,
-    /// Where the recording is written, from the start on.
-    #[arg(long, value_name = "FILE", default_value = "fuseline-probe.csv")]
-    pub(crate) csv: PathBuf,
+    /// Where the recording is written, from the start on [default: fuseline-probe.csv, or fuseline-probe-2.csv and so on
+    /// if that exists].
+    #[arg(long, value_name = "FILE")]
+    pub(crate) csv: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) overwrite: Overwrite,
     /// Write plots to this folder once the probe has ended, as SVG and PNG on light and dark ground,
     /// and a page that holds them: round trips over time, their distribution, the route.
     #[arg(short, long, value_name = "DIR", conflicts_with = "serve")]

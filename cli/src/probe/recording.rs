@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{self, Read, Seek};
 use std::path::Path;
 
+use fuseline_traces::rows::{TableError, TableReader};
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -39,8 +40,8 @@ pub(crate) struct PlotRow {
 /// Why a recording cannot be plotted.
 #[derive(Debug, Error)]
 enum RecordingError {
-    #[error("{name}: {}; give a recording of fuseline probe", plain(.source))]
-    Csv { name: String, source: csv::Error },
+    #[error("{name}:{}: {}; give a recording of fuseline probe", .source.line, described(.source))]
+    Csv { name: String, source: TableError },
     #[error("{name}:{line}: {column} is {found}; it must be {must}")]
     Value { name: String, line: u64, column: &'static str, found: f64, must: &'static str },
 }
@@ -83,12 +84,14 @@ impl Recording {
         self.file.rewind().map_err(|source| Fault::Open { name: name(), source })?;
         let text = Lines { text: &self.file, since: 0 };
         // A quoted cell could hold lines without end.
-        let mut rows = csv::ReaderBuilder::new().quoting(false).from_reader(text);
-        let columns = rows.headers().map_err(fault)?.clone();
-        let (mut row, mut before, mut count) = (csv::StringRecord::new(), f64::NEG_INFINITY, 0);
-        while count < most && rows.read_record(&mut row).map_err(fault)? {
-            let cells: Cells = row.deserialize(Some(&columns)).map_err(fault)?;
-            let line = row.position().map_or(0, csv::Position::line);
+        let mut rows = TableReader::new(text, csv::ReaderBuilder::new().quoting(false));
+        let columns = rows.names().map_err(fault)?;
+        let (mut before, mut count) = (f64::NEG_INFINITY, 0);
+        while count < most
+            && let Some((line, row)) = rows.next_row().map_err(fault)?
+        {
+            let cells = row.deserialize(Some(&columns));
+            let cells: Cells = cells.map_err(|source| fault(TableError { line, source }))?;
             cells.check(before).map_err(|(column, found, must)| RecordingError::Value {
                 name: name(),
                 line,
@@ -101,6 +104,15 @@ impl Recording {
             look(cells.seen());
         }
         Ok(())
+    }
+}
+
+/// What is wrong, without the system's words for it.
+fn described(error: &TableError) -> String {
+    match error.source.kind() {
+        csv::ErrorKind::Io(source) => plain(source),
+        csv::ErrorKind::Deserialize { err, .. } => err.kind().to_string(),
+        _ => error.to_string(),
     }
 }
 

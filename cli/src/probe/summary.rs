@@ -64,7 +64,12 @@ pub(crate) struct Summary {
 }
 
 impl Summary {
-    pub(crate) fn new(args: &Args, url: &str, figures: &Figures, interrupted: bool) -> Self {
+    pub(crate) fn new(
+        (args, csv): (&Args, &Path),
+        url: &str,
+        figures: &Figures,
+        interrupted: bool,
+    ) -> Self {
         Self {
             url: url.to_owned(),
             interrupted,
@@ -76,7 +81,7 @@ impl Summary {
             answers_ms: figures.answers.reported(),
             slots_ms: figures.slots.reported(),
             paper_ms: *PAPER,
-            csv: args.csv.display().to_string(),
+            csv: csv.display().to_string(),
             plots: Vec::new(),
         }
     }

@@ -12,7 +12,7 @@ use fuseline_report::{AnyViolation, Findings};
 use fuseline_traces::Rule;
 
 use crate::fault::Fault;
-use crate::output::Output;
+use crate::output::{Output, Overwrite};
 use crate::verdict::{plain, print_summary, print_violation};
 
 /// A rule's identifier and its sentence.
@@ -27,10 +27,12 @@ pub(crate) struct Files {
     /// Write the verdicts as ASAM's quality checkers do (.xqar).
     #[arg(long, value_name = "FILE")]
     xqar: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) overwrite: Overwrite,
 }
 
 /// Where the files go, and how each is written.
-pub(crate) struct Outputs(Vec<(Output, Format)>);
+pub(crate) struct Outputs(Vec<(Output, Format)>, Overwrite);
 
 type Format = fn(&[Subject], &mut dyn Write) -> io::Result<()>;
 
@@ -60,7 +62,7 @@ impl Files {
     /// # Errors
     /// If a file cannot be written, or is one of `inputs`.
     pub(crate) fn outputs(&self, inputs: &[&Path]) -> Result<Outputs, Fault> {
-        let mut outputs = Outputs(Vec::new());
+        let mut outputs = Outputs(Vec::new(), self.overwrite);
         outputs.add(self.sarif.as_deref(), inputs, sarif::write)?;
         outputs.add(self.xqar.as_deref(), inputs, xqar::write)?;
         Ok(outputs)
@@ -76,7 +78,7 @@ impl Outputs {
 
     fn add(&mut self, path: Option<&Path>, inputs: &[&Path], format: Format) -> Result<(), Fault> {
         if let Some(path) = path {
-            self.0.push((Output::new(path, inputs)?, format));
+            self.0.push((Output::new(path, inputs, self.1)?, format));
         }
         Ok(())
     }

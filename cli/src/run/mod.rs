@@ -15,17 +15,17 @@ mod served;
 mod table;
 
 use std::io::{self, Write};
-use std::path::Path;
 
 use tokio::runtime::Runtime;
 
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
+use crate::output::{Growing, Output};
 use crate::run::error::RunError;
 use crate::run::live::Live;
 use crate::run::network::Network;
-use crate::run::plan::Plan;
+use crate::run::plan::{Plan, TRACE};
 use crate::run::report::Reading;
 use crate::run::table::PlanSummary;
 use crate::sink::Sink;
@@ -38,13 +38,22 @@ pub(crate) use crate::run::table::sources_table;
 /// Runs what the options say, reports it, and keeps its trace.
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let mut plan = Plan::new(args)?;
-    let name = plan.trace.display().to_string();
     let interrupt = Interrupt::watch();
     let mut out = Sink::new(anstream::stdout());
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
     let network = runtime.block_on(Network::connect(&plan))?;
     runtime.block_on(network.ask(&mut plan));
-    let camera = runtime.block_on(async { camera::start(&plan, network) })?;
+    // From here on no other run writes to this trace.
+    let own = Growing::open(args.trace.as_deref(), TRACE, args.overwrite)?;
+    own.path().clone_into(&mut plan.trace);
+    let name = plan.trace.display().to_string();
+    let camera = match runtime.block_on(async { camera::start(&plan, network) }) {
+        Ok(camera) => camera,
+        Err(fault) => {
+            own.discard();
+            return Err(fault);
+        }
+    };
     if !args.json {
         writeln!(out, "{}", PlanSummary(&plan)).map_err(Fault::Output)?;
     }
@@ -68,7 +77,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     if let Some(page) = plan.page.as_ref().filter(|_| driven.unrecorded.is_none()) {
         make(page, &plan)?;
         if !args.json {
-            writeln!(out, "{}: the page of this run", page.display()).map_err(Fault::Output)?;
+            writeln!(out, "{}: the page of this run", page.name()).map_err(Fault::Output)?;
         }
     }
     match driven.unrecorded {
@@ -78,12 +87,12 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
 }
 
 /// Makes the page of the run's trace, and opens it if that is wanted and can be done.
-fn make(page: &Path, plan: &Plan) -> Result<(), Fault> {
+fn make(page: &Output, plan: &Plan) -> Result<(), Fault> {
     crate::report::of(&plan.trace, page)?;
     if plan.open
-        && let Err(error) = open::that_detached(page)
+        && let Err(error) = open::that_detached(page.name())
     {
-        eprintln!("warning: no browser opens {}: {error}", page.display());
+        eprintln!("warning: no browser opens {}: {error}", page.name());
     }
     Ok(())
 }

@@ -12,11 +12,14 @@ use crate::emulation::Emulation;
 use crate::fault::Fault;
 use crate::input::is_standard;
 use crate::models::Model;
-use crate::output;
+use crate::output::{self, Output, Overwrite};
+use crate::report::PAGE;
 use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, Remote};
 use crate::run::served::Served;
 use crate::seconds::seconds;
 
+/// What the trace is called if it has no other name.
+pub(crate) const TRACE: &str = "fuseline-trace.jsonl";
 /// How many messages a run may have; each is remembered for the policies.
 const MESSAGES: u64 = 1_000_000;
 
@@ -91,13 +94,15 @@ pub(crate) struct Args {
     /// Where a cloud's drive begins, in seconds; repeatable.
     #[arg(long = "start", value_name = "CLOUD=S")]
     starts: Vec<NamedValue<Duration>>,
-    /// The trace's file, written from the start of the run.
-    #[arg(long, value_name = "FILE", default_value = "fuseline-trace.jsonl")]
-    trace: PathBuf,
+    /// The trace's file, written from the start of the run [default: fuseline-trace.jsonl, or fuseline-trace-2.jsonl and
+    /// so on if that exists].
+    #[arg(long, value_name = "FILE")]
+    pub(crate) trace: Option<PathBuf>,
     /// Also make the trace's page, as fuseline report does, and print where it is.
-    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true,
-        default_missing_value = "report.html")]
-    report: Option<PathBuf>,
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    report: Option<Option<PathBuf>>,
+    #[command(flatten)]
+    pub(crate) overwrite: Overwrite,
     /// Open the page in a browser.
     #[arg(long, requires = "report")]
     open: bool,
@@ -148,7 +153,7 @@ pub(crate) struct Plan {
     pub(crate) clouds: Vec<Cloud>,
     pub(crate) trace: PathBuf,
     /// Where the trace's page is wanted.
-    pub(crate) page: Option<PathBuf>,
+    pub(crate) page: Option<Output>,
     /// Whether it is to be opened in a browser.
     pub(crate) open: bool,
 }
@@ -208,8 +213,10 @@ impl Plan {
         }
         let mut wanted = args.clouds.clone();
         cloud::adjust(&mut wanted, &args.drives, &args.starts).map_err(PlanError::from)?;
-        let trace = trace(&args.trace, &wanted)?;
-        let page = args.report.as_ref().map(|path| page(path, &args.trace, &wanted)).transpose()?;
+        let trace = trace(args, &wanted)?;
+        let page = args.report.as_ref();
+        let page = page.map(|path| page_of(path.as_deref(), &trace, &wanted, args.overwrite));
+        let page = page.transpose()?;
         let clouds = wanted.into_iter().map(|cloud| Cloud::new(cloud, args.seed));
         Ok(Self {
             span: args.seconds,
@@ -277,24 +284,30 @@ impl Cloud {
 }
 
 /// The file for the trace, which is none of those that the clouds are told with.
-fn trace(path: &Path, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
+fn trace(args: &Args, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
+    let Some(path) = args.trace.as_deref() else { return Ok(TRACE.into()) };
     if is_standard(path) {
         return Err(PlanError::Stdout.into());
     }
     let read: Vec<&Path> = clouds.iter().flat_map(CloudOptions::files).collect();
-    output::file(path, &read)?;
+    output::file(path, &read, args.overwrite)?;
     Ok(path.to_owned())
 }
 
 /// The page, which is neither the trace nor standard output.
-fn page(page: &Path, trace: &Path, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
+fn page_of(
+    path: Option<&Path>,
+    trace: &Path,
+    clouds: &[CloudOptions],
+    overwrite: Overwrite,
+) -> Result<Output, Fault> {
+    let page = path.unwrap_or(Path::new(PAGE));
     let absolute = [page, trace].map(|path| std::path::absolute(path).ok());
     if is_standard(page) || absolute[0].is_some() && absolute[0] == absolute[1] {
         return Err(PlanError::Page(page.display().to_string()).into());
     }
     let read: Vec<&Path> = clouds.iter().flat_map(CloudOptions::files).chain([trace]).collect();
-    output::file(page, &read)?;
-    Ok(page.to_owned())
+    Output::or_numbered(path, PAGE, &read, overwrite)
 }
 
 /// Up to a day.

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::fault::Fault;
+use crate::output::Overwrite;
 use crate::plot::Folder;
 use crate::scenario::approach::Vehicle;
 use crate::sink::Sink;
@@ -22,6 +23,8 @@ pub(crate) struct OutputOptions {
     /// Write plots to this folder, as SVG and PNG on light and dark ground, and a page that holds them.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: Overwrite,
 }
 
 impl OutputOptions {
@@ -30,7 +33,8 @@ impl OutputOptions {
     /// # Errors
     /// If one cannot be made.
     pub(crate) fn folders(&self) -> Result<[Option<Folder>; 2], Fault> {
-        Ok([Folder::open(self.trace.as_deref())?, Folder::open(self.output.as_deref())?])
+        let open = |path: &Option<PathBuf>| Folder::open(path.as_deref(), self.overwrite);
+        Ok([open(&self.trace)?, open(&self.output)?])
     }
 
     /// Prints one object, or words, coloured where that is a terminal.

@@ -11,6 +11,7 @@ pub(crate) fn fuseline(args: &[&str]) -> Command {
 }
 
 /// Runs it to its end with this standard input.
+#[allow(dead_code, reason = "not every test gives any")]
 pub(crate) fn run(args: &[&str], input: &str) -> Output {
     let mut command = fuseline(args);
     let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -21,6 +22,7 @@ pub(crate) fn run(args: &[&str], input: &str) -> Output {
 }
 
 /// What it printed.
+#[allow(dead_code, reason = "not every test reads it")]
 pub(crate) fn out(output: &Output) -> &str {
     str::from_utf8(&output.stdout).unwrap()
 }

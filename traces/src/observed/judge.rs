@@ -12,6 +12,7 @@ use super::story::Slack;
 use super::verdict::{BrokenRule, Verdict, Violation};
 use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
 use crate::event::{Decision, Event, Header, Input};
+use crate::judge::ViolationPlace;
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
 
@@ -49,6 +50,8 @@ pub struct Judge {
     /// If a period is known.
     gaps: Option<Gaps>,
     recent: VecDeque<(u64, Event)>,
+    /// Whether the places of all violations are wanted.
+    keeps_places: bool,
     verdict: Verdict,
 }
 
@@ -113,6 +116,7 @@ impl Judge {
             refused: RangeInclusiveSet::new(),
             gaps: None,
             recent: VecDeque::new(),
+            keeps_places: false,
             verdict: Verdict {
                 file: file.into(),
                 conforms: true,
@@ -121,8 +125,16 @@ impl Judge {
                 lines: 1,
                 violations: Vec::new(),
                 more: 0,
+                places: Vec::new(),
             },
         }
+    }
+
+    /// The same judge, which also notes where each violation is beyond the first 100. Its memory grows with their number.
+    #[must_use]
+    pub const fn with_places(mut self) -> Self {
+        self.keeps_places = true;
+        self
     }
 
     /// The same judge, for an operator that opens a timestamp each `period`, in nanoseconds (J1); to be called before
@@ -381,6 +393,10 @@ impl Judge {
         self.verdict.conforms = false;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
+            if self.keeps_places {
+                let Violation { line, t, rule, .. } = violation;
+                self.verdict.places.push(ViolationPlace { line, t, rule });
+            }
         } else {
             self.verdict.violations.push(violation);
         }

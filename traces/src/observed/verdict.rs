@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
+use crate::judge::ViolationPlace;
 use crate::rule::Rule;
 
 /// The verdict on one trace.
@@ -26,6 +27,9 @@ pub struct Verdict {
     /// How many violations more there are.
     #[serde(skip_serializing_if = "is_zero")]
     pub more: u64,
+    /// Where those are, if that was wanted; see [`Judge::with_places`](super::Judge::with_places).
+    #[serde(skip)]
+    pub places: Vec<ViolationPlace<BrokenRule>>,
 }
 
 /// A timestamp of which no explanation fits, or a gap between opens.
