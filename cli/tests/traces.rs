@@ -373,7 +373,10 @@ fn check_reads_a_gzipped_trace() {
 fn check_reads_what_export_made_for_viewers() {
     let (_dir, paths) = files(&[("trace.jsonl", TRACE), ("trace.mcap", "")]);
     let (trace, recording) = (text(&paths[0]), text(&paths[1]));
-    assert_eq!(run(&["export", "--force", "--mcap", trace, "-o", recording], "").status.code(), Some(0));
+    assert_eq!(
+        run(&["export", "--force", "--mcap", trace, "-o", recording], "").status.code(),
+        Some(0)
+    );
     assert_eq!(
         out(&run(&["check", recording], "")),
         out(&run(&["check", trace], "")).replace(trace, recording)
