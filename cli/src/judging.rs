@@ -9,6 +9,7 @@ use fuseline_traces::{Event, Events, Header, ReadError};
 use thiserror::Error;
 
 use crate::complain::complain;
+use crate::exit::Exit;
 use crate::fault::Fault;
 
 /// How the end of a trace is judged.
@@ -49,6 +50,9 @@ pub(crate) struct JudgeOptions {
     /// decisions that are not there. A note says what was left out.
     #[arg(long)]
     truncated: bool,
+    /// Take a trace in which no timestamp could be judged for one that does not conform: exit code 1.
+    #[arg(long)]
+    require_judged: bool,
 }
 
 /// Judges a trace to its end.
@@ -114,7 +118,15 @@ impl JudgeOptions {
     /// Every decision, to the trace's end.
     pub(crate) const fn strictly() -> Self {
         let (tolerance, lateness, period) = (None, None, None);
-        Self { observed: false, tolerance, lateness, period, ended: false, truncated: false }
+        Self {
+            observed: false,
+            tolerance,
+            lateness,
+            period,
+            ended: false,
+            truncated: false,
+            require_judged: false,
+        }
     }
 
     /// What is done where the trace ends.
@@ -124,6 +136,23 @@ impl JudgeOptions {
             (false, true) => End::Ended,
             (false, false) => End::Whole,
         }
+    }
+
+    /// Whether a trace conforms, as far as that is wanted; tells if it lacks what is to be judged.
+    pub(crate) fn accepts(&self, found: &Findings) -> bool {
+        let Summary { file, conforms, judged, .. } = found.summary();
+        if conforms && judged == 0 && self.require_judged {
+            complain(format_args!(
+                "error: {file}: no timestamp was judged, as --require-judged wants"
+            ));
+            return false;
+        }
+        conforms
+    }
+
+    /// The exit code of a verdict.
+    pub(crate) fn exit(&self, found: &Findings) -> Exit {
+        if self.accepts(found) { Exit::Conforms } else { Exit::Differs }
     }
 
     /// A judge of a trace with this header.

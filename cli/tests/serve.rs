@@ -343,3 +343,25 @@ fn bad_options_are_one_line_and_exit_2() {
         assert_eq!(err(&refused).lines().count(), 1, "{args:?}: {}", err(&refused));
     }
 }
+
+/// A wrong token is no mistake of the trace, and yet no success.
+#[test]
+fn clouds_that_answer_nothing_fail_a_run_that_requires_them() {
+    let dir = tempdir().unwrap();
+    fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
+    let locked = Server::start(dir.path(), &["--token-file", "token"]);
+    let cloud = locked.cloud("http", "");
+    let short = ["--seconds", "1", "--json", "--cloud", &cloud];
+    let ran = run_in(dir.path(), &short);
+    assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+    assert_eq!(report(&ran)["sources"][1]["forwarded"], 0);
+    let required = run_in(dir.path(), &[&short[..], &["--require-clouds"]].concat());
+    assert_eq!(required.status.code(), Some(1), "{}", err(&required));
+    let what = "error: cloud \"east\": it answered no request in time, as --require-clouds wants";
+    assert!(err(&required).contains(what), "{}", err(&required));
+    let open = Server::start(dir.path(), &[]);
+    let cloud = open.cloud("http", "");
+    let args = ["--seconds", "1", "--require-clouds", "--json", "--cloud", &cloud];
+    let ran = run_in(dir.path(), &args);
+    assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+}

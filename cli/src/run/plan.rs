@@ -103,6 +103,10 @@ pub(crate) struct Args {
     report: Option<Option<PathBuf>>,
     #[command(flatten)]
     pub(crate) overwrite: Overwrite,
+    /// Exit with 1 unless each cloud answered at least one request in time. A wrong token or certificate, or a
+    /// network that never was there, is no mistake of the trace.
+    #[arg(long)]
+    pub(crate) require_clouds: bool,
     /// Open the page in a browser.
     #[arg(long, requires = "report")]
     open: bool,
