@@ -365,3 +365,29 @@ fn clouds_that_answer_nothing_fail_a_run_that_requires_them() {
     let ran = run_in(dir.path(), &args);
     assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
 }
+
+#[test]
+fn a_probe_of_a_model_says_that_it_measures_the_model_too() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &["--model", "DINO-SWIN-Large"]);
+    let url = format!("http://127.0.0.1:{}", server.port);
+    let args = ["probe", &url, "--seconds", "0.2"];
+    let probed = fuseline(&args).current_dir(dir.path()).output().unwrap();
+    assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+    let warning = err(&probed).lines().find(|line| line.starts_with("warning: "));
+    let warning = warning.unwrap_or_else(|| panic!("{}", err(&probed)));
+    for part in [&*url, "DINO-SWIN-Large", " ms", "fuseline probe --serve"] {
+        assert!(warning.contains(part), "{warning}");
+    }
+    // One that answers probes alone is not warned of.
+    let args = ["probe", "--serve", "--listen", "127.0.0.1:0"];
+    let mut child = fuseline(&args).stdout(Stdio::piped()).spawn().unwrap();
+    let mut printed = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut printed).unwrap();
+    let url = printed.trim().rsplit(' ').next().unwrap();
+    let args = ["probe", url, "--seconds", "0.2"];
+    let probed = fuseline(&args).current_dir(dir.path()).output().unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_eq!((probed.status.code(), err(&probed).contains("warning")), (Some(0), false));
+}
