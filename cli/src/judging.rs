@@ -25,6 +25,7 @@ pub(crate) enum End {
 
 /// The options that tell the manner.
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(crate) struct JudgeOptions {
     /// Judge what a concurrent implementation recorded, each timestamp by itself.
     #[arg(long, requires = "tolerance", requires = "lateness")]

@@ -100,6 +100,7 @@ pub(crate) struct Args {
     pub(crate) trace: Option<PathBuf>,
     /// Also make the trace's page, as fuseline report does, and print where it is.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    #[expect(clippy::option_option, reason = "not wanted, wanted, and wanted by a name")]
     report: Option<Option<PathBuf>>,
     #[command(flatten)]
     pub(crate) overwrite: Overwrite,
