@@ -109,14 +109,10 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
             .map(|file| judge_file(&args.how, file, &bars))
             .collect();
         for (path, found) in some.iter().zip(judged) {
-            let subject = match &found {
-                Ok(found) => Subject::found(found),
-                Err(fault) => Subject::unread(path, fault),
-            };
-            let ended = match found {
+            let ended = match &found {
                 Ok(found) => {
-                    verdict::print_report(&found, &mut out, 0, args.json).map_err(Fault::Output)?;
-                    args.how.exit(&found)
+                    verdict::print_report(found, &mut out, 0, args.json).map_err(Fault::Output)?;
+                    args.how.exit(found)
                 }
                 Err(fault) => {
                     complain(format_args!("error: {fault}"));
@@ -124,6 +120,10 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
                 }
             };
             if !outputs.is_empty() {
+                let subject = match &found {
+                    Ok(found) => Subject::found(found),
+                    Err(fault) => Subject::unread(path, fault),
+                };
                 all.push(Subject { conforms: ended == Exit::Conforms, ..subject });
             }
             exit = exit.max(ended);

@@ -11,6 +11,7 @@ use thiserror::Error;
 use crate::complain::complain;
 use crate::exit::Exit;
 use crate::fault::Fault;
+use crate::verdict;
 
 /// How the end of a trace is judged.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -139,21 +140,16 @@ impl JudgeOptions {
         }
     }
 
-    /// Whether a trace conforms, as far as that is wanted; tells if it lacks what is to be judged.
-    pub(crate) fn accepts(&self, found: &Findings) -> bool {
+    /// The exit code of a verdict; tells if the trace lacks what is to be judged.
+    pub(crate) fn exit(&self, found: &Findings) -> Exit {
         let Summary { file, conforms, judged, .. } = found.summary();
         if conforms && judged == 0 && self.require_judged {
             complain(format_args!(
                 "error: {file}: no timestamp was judged, as --require-judged wants"
             ));
-            return false;
+            return Exit::Differs;
         }
-        conforms
-    }
-
-    /// The exit code of a verdict.
-    pub(crate) fn exit(&self, found: &Findings) -> Exit {
-        if self.accepts(found) { Exit::Conforms } else { Exit::Differs }
+        verdict::exit(found)
     }
 
     /// A judge of a trace with this header.
