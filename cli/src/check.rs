@@ -41,7 +41,8 @@ A trace does not say whether its run is over, so an operator that hangs leaves o
 Where it is known, say so with --ended, or let the recorder write a tick last. With --period the
 operator is to open a message so often, whatever their timestamps are.
 
-Exit code 0 if all traces conform, 1 if some do not, 2 if one cannot be read. Traces in gzip, zstd
+Exit code 0 if all traces conform, 1 if some do not or, with --require-judged, one has no timestamp that
+could be judged, 2 if one cannot be read. Traces in gzip, zstd
 or MCAP are unpacked as they are read; several files are judged at once.
 
 Examples:
@@ -49,6 +50,7 @@ Examples:
   fuseline check --observed --tolerance 2ms --lateness 5ms node.jsonl
   fuseline check --ended --observed --tolerance 2ms --lateness 5ms --period 100ms arm.jsonl
   fuseline check --json traces/*.jsonl
+  fuseline check --require-judged traces/*.jsonl
   fuseline check --sarif found.sarif traces/*.jsonl
   fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict
   fuseline check --truncated crashed.jsonl")]
@@ -107,22 +109,24 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
             .map(|file| judge_file(&args.how, file, &bars))
             .collect();
         for (path, found) in some.iter().zip(judged) {
-            if !outputs.is_empty() {
-                all.push(match &found {
-                    Ok(found) => Subject::found(found),
-                    Err(fault) => Subject::unread(path, fault),
-                });
-            }
-            exit = exit.max(match found {
+            let ended = match &found {
                 Ok(found) => {
-                    verdict::print_report(&found, &mut out, 0, args.json).map_err(Fault::Output)?;
-                    verdict::exit(&found)
+                    verdict::print_report(found, &mut out, 0, args.json).map_err(Fault::Output)?;
+                    args.how.exit(found)
                 }
                 Err(fault) => {
                     complain(format_args!("error: {fault}"));
                     Exit::BadInput
                 }
-            });
+            };
+            if !outputs.is_empty() {
+                let subject = match &found {
+                    Ok(found) => Subject::found(found),
+                    Err(fault) => Subject::unread(path, fault),
+                };
+                all.push(Subject { conforms: ended == Exit::Conforms, ..subject });
+            }
+            exit = exit.max(ended);
         }
     }
     outputs.write(&all)?;
@@ -195,5 +199,5 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
     bar.finish_and_clear();
     let found = finish(judging, End::Early);
     verdict::print_report(&found, out, reported, args.json).map_err(Fault::Output)?;
-    Ok(verdict::exit(&found))
+    Ok(args.how.exit(&found))
 }

@@ -9,7 +9,9 @@ use fuseline_traces::{Event, Events, Header, ReadError};
 use thiserror::Error;
 
 use crate::complain::complain;
+use crate::exit::Exit;
 use crate::fault::Fault;
+use crate::verdict;
 
 /// How the end of a trace is judged.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -24,6 +26,7 @@ pub(crate) enum End {
 
 /// The options that tell the manner.
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(crate) struct JudgeOptions {
     /// Judge what a concurrent implementation recorded, each timestamp by itself.
     #[arg(long, requires = "tolerance", requires = "lateness")]
@@ -49,6 +52,9 @@ pub(crate) struct JudgeOptions {
     /// decisions that are not there. A note says what was left out.
     #[arg(long)]
     truncated: bool,
+    /// Take a trace in which no timestamp could be judged for one that does not conform: exit code 1.
+    #[arg(long)]
+    require_judged: bool,
 }
 
 /// Judges a trace to its end.
@@ -114,7 +120,15 @@ impl JudgeOptions {
     /// Every decision, to the trace's end.
     pub(crate) const fn strictly() -> Self {
         let (tolerance, lateness, period) = (None, None, None);
-        Self { observed: false, tolerance, lateness, period, ended: false, truncated: false }
+        Self {
+            observed: false,
+            tolerance,
+            lateness,
+            period,
+            ended: false,
+            truncated: false,
+            require_judged: false,
+        }
     }
 
     /// What is done where the trace ends.
@@ -124,6 +138,18 @@ impl JudgeOptions {
             (false, true) => End::Ended,
             (false, false) => End::Whole,
         }
+    }
+
+    /// The exit code of a verdict; tells if the trace lacks what is to be judged.
+    pub(crate) fn exit(&self, found: &Findings) -> Exit {
+        let Summary { file, conforms, judged, .. } = found.summary();
+        if conforms && judged == 0 && self.require_judged {
+            complain(format_args!(
+                "error: {file}: no timestamp was judged, as --require-judged wants"
+            ));
+            return Exit::Differs;
+        }
+        verdict::exit(found)
     }
 
     /// A judge of a trace with this header.

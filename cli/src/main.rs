@@ -50,7 +50,8 @@ use crate::fault::{Fault, one_line};
 const EXITS: &str = "\
 Exit codes:
   0  done; every trace judged conforms
-  1  a trace or an implementation does not conform
+  1  a trace or an implementation does not conform; or nothing could be judged, with --require-judged;
+     or a cloud answered nothing in time, with --require-clouds
   2  bad input; one line says where and what is wrong
 
 Set RUST_LOG, for example RUST_LOG=info, to see on standard error what happens inside.";

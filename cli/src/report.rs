@@ -65,7 +65,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     for path in &args.traces {
         let found = read_file(&mut page, &args.how, path)?;
         verdict::print_summary(&found.summary(), &mut out).map_err(Fault::Output)?;
-        exit = exit.max(verdict::exit(&found));
+        exit = exit.max(args.how.exit(&found));
     }
     write(&output, &page)?;
     if !output.is_stdout() {

@@ -57,6 +57,24 @@ fn both_templates_judge_traces_and_leave_all_results() {
     }
 }
 
+/// The examples of the templates require that something is judged.
+#[test]
+fn both_templates_refuse_a_trace_in_which_nothing_happened() {
+    for (template, home, arguments) in [
+        ("action.yml", ("GITHUB_ACTION_PATH", format!("{CLI}/ci")), "ARGUMENTS"),
+        ("gitlab.yml", ("FUSELINE", format!("{CLI}/..")), "CHECK"),
+    ] {
+        let text = fs::read_to_string(Path::new(CLI).join("ci").join(template)).unwrap();
+        assert!(text.contains(": --require-judged build/traces/*.jsonl"), "{template}");
+        let dir = tempfile::tempdir().unwrap();
+        let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
+        fs::write(dir.path().join("empty.jsonl"), header).unwrap();
+        let variables = [(home.0, home.1.as_str()), (arguments, "--require-judged *.jsonl")];
+        let ran = host_runs(dir.path(), &line(template, "check"), &variables);
+        assert_eq!(ran.status.code(), Some(1), "{}", String::from_utf8_lossy(&ran.stderr));
+    }
+}
+
 #[test]
 fn both_templates_drive_a_command() {
     let good = format!("--cases 5 -- '{}' impl", env!("CARGO_BIN_EXE_fuseline"));

@@ -183,8 +183,8 @@ fn recorded_networks_give_the_table_of_the_specification() {
         (Value::from("local"), 0.0, 100.0),
         ("cloud".into(), 1.7, 2.3),
         ("first".into(), 0.0, 3.1),
-        (0.5.into(), 1.9, 2.6),
-        (0.76.into(), 1.8, 2.4),
+        ("0.5".into(), 1.9, 2.6),
+        ("0.76".into(), 1.8, 2.4),
         ("guard".into(), 0.0, 2.3),
     ] {
         for (speed, expected) in [(20.0, at_20), (22.0, at_22)] {
@@ -309,4 +309,17 @@ fn what_makes_no_sense_is_told_in_one_line_with_a_remedy() {
         assert_eq!(err(&printed).lines().count(), 1, "{}", err(&printed));
     }
     assert!(!Path::new("never-made").exists());
+}
+
+/// A field has one type, whatever was chosen.
+#[test]
+fn policies_and_deadlines_are_texts_in_json() {
+    let policies = ["networks", "--starts", "1", "--speed", "20", "--policy", "local,0.5,guard"];
+    let played = json(&[&policies[..], &["--drive", "cicv5g/rural_n8_v10"]].concat());
+    let rows = printed(&played["rows"], &["policy"]);
+    assert_eq!(rows.concat(), ["local", "0.5", "guard"]);
+    for (deadline, shown) in [("guard", "guard"), ("0.5", "0.5")] {
+        let played = json(&["traffic-jam", "--speed", "20", "--deadline", deadline]);
+        assert_eq!(played["parameters"]["deadline"], shown, "{}", played["parameters"]);
+    }
 }

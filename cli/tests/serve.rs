@@ -343,3 +343,51 @@ fn bad_options_are_one_line_and_exit_2() {
         assert_eq!(err(&refused).lines().count(), 1, "{args:?}: {}", err(&refused));
     }
 }
+
+/// A wrong token is no mistake of the trace, and yet no success.
+#[test]
+fn clouds_that_answer_nothing_fail_a_run_that_requires_them() {
+    let dir = tempdir().unwrap();
+    fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
+    let locked = Server::start(dir.path(), &["--token-file", "token"]);
+    let cloud = locked.cloud("http", "");
+    let short = ["--seconds", "1", "--json", "--cloud", &cloud];
+    let ran = run_in(dir.path(), &short);
+    assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+    assert_eq!(report(&ran)["sources"][1]["forwarded"], 0);
+    let required = run_in(dir.path(), &[&short[..], &["--require-clouds"]].concat());
+    assert_eq!(required.status.code(), Some(1), "{}", err(&required));
+    let what = "error: cloud \"east\": it answered no request in time, as --require-clouds wants";
+    assert!(err(&required).contains(what), "{}", err(&required));
+    let open = Server::start(dir.path(), &[]);
+    let cloud = open.cloud("http", "");
+    let args = ["--seconds", "1", "--require-clouds", "--json", "--cloud", &cloud];
+    let ran = run_in(dir.path(), &args);
+    assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+}
+
+#[test]
+fn a_probe_of_a_model_says_that_it_measures_the_model_too() {
+    let dir = tempdir().unwrap();
+    let server = Server::start(dir.path(), &["--model", "DINO-SWIN-Large"]);
+    let url = format!("http://127.0.0.1:{}", server.port);
+    let args = ["probe", &url, "--seconds", "0.2"];
+    let probed = fuseline(&args).current_dir(dir.path()).output().unwrap();
+    assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
+    let warning = err(&probed).lines().find(|line| line.starts_with("warning: "));
+    let warning = warning.unwrap_or_else(|| panic!("{}", err(&probed)));
+    for part in [&*url, "DINO-SWIN-Large", " ms", "fuseline probe --serve"] {
+        assert!(warning.contains(part), "{warning}");
+    }
+    // One that answers probes alone is not warned of.
+    let args = ["probe", "--serve", "--listen", "127.0.0.1:0"];
+    let mut child = fuseline(&args).stdout(Stdio::piped()).spawn().unwrap();
+    let mut printed = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut printed).unwrap();
+    let url = printed.trim().rsplit(' ').next().unwrap();
+    let args = ["probe", url, "--seconds", "0.2"];
+    let probed = fuseline(&args).current_dir(dir.path()).output().unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_eq!((probed.status.code(), err(&probed).contains("warning")), (Some(0), false));
+}

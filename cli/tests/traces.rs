@@ -616,3 +616,28 @@ fn no_results_go_onto_a_trace() {
         assert_eq!(fs::read_to_string(&paths[0]).unwrap(), TRACE);
     }
 }
+
+/// A37 says that it conforms; who wants more says so.
+#[test]
+fn a_trace_without_anything_to_judge_fails_where_that_is_required() {
+    let header = TRACE.lines().next().unwrap();
+    let (dir, paths) = files(&[("empty.jsonl", &format!("{header}\n")), ("full.jsonl", TRACE)]);
+    let (empty, full) = (text(&paths[0]), text(&paths[1]));
+    let (page, junit) = (dir.path().join("page.html"), dir.path().join("junit.xml"));
+    for command in [
+        &["check", "--force", "--junit", text(&junit)][..],
+        &["check", "--json"],
+        &["report", "--force", "-o", text(&page)],
+    ] {
+        let of = |more: &[&str]| run(&[command, more].concat(), "");
+        assert_eq!(of(&[full, empty]).status.code(), Some(0), "{command:?}");
+        assert_eq!(of(&["--require-judged", full]).status.code(), Some(0), "{command:?}");
+        let required = of(&["--require-judged", full, empty]);
+        assert_eq!(required.status.code(), Some(1), "{command:?}");
+        let what = format!("error: {empty}: no timestamp was judged, as --require-judged wants\n");
+        assert_eq!(err(&required), what);
+        if command.contains(&"--junit") {
+            assert_eq!(fs::read_to_string(&junit).unwrap().matches("<failure").count(), 1);
+        }
+    }
+}

@@ -2,7 +2,7 @@
 
 use std::sync::{LazyLock, Mutex, PoisonError};
 
-use fuseline_testkit::{Mark, Coverage};
+use fuseline_testkit::{Coverage, Mark};
 
 /// Printed once everything that a target can come to was reached.
 const REACHED: &str = "fuseline-fuzz: everything was reached";

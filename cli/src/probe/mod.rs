@@ -19,11 +19,12 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use fuseline_tokio::grpc::tonic::Status;
-use fuseline_tokio::grpc::{CallError, InferClient, RemoteError, Request, tonic};
+use fuseline_tokio::grpc::{CallError, Connection, InferClient, RemoteError, Request, tonic};
 use thiserror::Error;
 use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
+use crate::complain::complain;
 use crate::emulation::REQUEST_BYTES;
 use crate::exit::Exit;
 use crate::fault::{Fault, chain, plain};
@@ -36,6 +37,7 @@ use crate::probe::log::Log;
 use crate::probe::position::Fixes;
 use crate::probe::row::Rows;
 use crate::probe::summary::Summary;
+use crate::run::served::Served;
 use crate::sink::Sink;
 
 pub(crate) use crate::probe::options::Args;
@@ -112,7 +114,7 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let connection = remote.connect();
     let connection =
         connection.map_err(|source| ProbeError::Remote { url: url.to_owned(), source })?;
-    let client = InferClient::new(connection);
+    let client = InferClient::new(connection.clone());
     let payload = Bytes::from(vec![0; REQUEST_BYTES]);
     tokio::select! {
         reached = reach(client.clone(), payload.clone(), url.starts_with("https:")) => {
@@ -120,6 +122,7 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
         }
         () = interrupt.wait() => return Ok(()),
     }
+    warn_of_model(url, connection).await;
     let fixes = positions(args).await?;
     let folder = folder(args)?;
     let csv = Growing::open(args.csv.as_deref(), RECORDING, args.overwrite)?;
@@ -161,6 +164,26 @@ fn print_report(summary: &Summary, is_json: bool) -> io::Result<()> {
     } else {
         write!(out, "{summary}")
     }
+}
+
+/// Warns where the server answers as late as a model would: that is recorded as the network's time.
+async fn warn_of_model(url: &str, connection: Connection) {
+    let mut served = Served::default();
+    // No difference: nothing was said of it before.
+    let _ = served.ask(connection).await;
+    let Served { model, runtime, drive, .. } = served;
+    if model.is_none() && runtime.is_none() && drive.is_none() {
+        return;
+    }
+    let model = model.unwrap_or_else(|| "a model".to_owned());
+    let runtime = runtime.map_or_else(String::new, |runtime| {
+        format!(", which takes about {:.1} ms", runtime.as_secs_f64() * 1e3)
+    });
+    let drive = drive.map_or_else(String::new, |drive| format!(", behind {drive}"));
+    complain(format_args!(
+        "warning: {url} serves {model}{runtime}{drive}; the round trips contain that time. To measure the \
+         network alone, start `fuseline probe --serve` there"
+    ));
 }
 
 /// Whether rows can be written there.

@@ -11,13 +11,14 @@ mod network;
 mod plan;
 mod queue;
 mod report;
-mod served;
+pub(crate) mod served;
 mod table;
 
 use std::io::{self, Write};
 
 use tokio::runtime::Runtime;
 
+use crate::complain::complain;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
@@ -82,6 +83,13 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     }
     match driven.unrecorded {
         Some(why) => Err(RunError::Unrecorded { trace: name, why }.into()),
+        None if args.require_clouds && report.silent_clouds().next().is_some() => {
+            for cloud in report.silent_clouds() {
+                let what = "it answered no request in time, as --require-clouds wants";
+                complain(format_args!("error: cloud {cloud:?}: {what}"));
+            }
+            Ok(Exit::Differs)
+        }
         None => Ok(verdict::exit(&report.trace)),
     }
 }

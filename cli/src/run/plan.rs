@@ -100,10 +100,14 @@ pub(crate) struct Args {
     pub(crate) trace: Option<PathBuf>,
     /// Also make the trace's page, as fuseline report does, and print where it is.
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
-    #[expect(clippy::option_option, reason = "not given, given without a path, given with one")]
+    #[expect(clippy::option_option, reason = "not wanted, wanted, and wanted by a name")]
     report: Option<Option<PathBuf>>,
     #[command(flatten)]
     pub(crate) overwrite: Overwrite,
+    /// Exit with 1 unless each cloud answered at least one request in time. A wrong token or certificate, or a
+    /// network that never was there, is no mistake of the trace.
+    #[arg(long)]
+    pub(crate) require_clouds: bool,
     /// Open the page in a browser.
     #[arg(long, requires = "report")]
     open: bool,

@@ -115,6 +115,14 @@ pub(crate) struct Reading {
     pub(crate) verdict: Verdict,
 }
 
+impl Report {
+    /// The clouds that answered no request in time.
+    pub(crate) fn silent_clouds(&self) -> impl Iterator<Item = &str> {
+        let clouds = self.totals.rows.iter().zip(&self.sources).skip(1);
+        clouds.filter(|(row, _)| row.answered() == 0).map(|(_, source)| &*source.name)
+    }
+}
+
 impl Reading {
     /// Reads a trace of this plan; it is called `name` in the verdict.
     ///

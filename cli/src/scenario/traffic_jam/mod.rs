@@ -89,9 +89,9 @@ impl Args {
     /// What is in force.
     fn parameters(&self) -> Value {
         let deadline = match self.deadline {
-            Deadline::Guard => json!("guard"),
-            Deadline::Expected => json!("expected"),
-            Deadline::Constant(deadline) => json!(deadline.as_secs_f64()),
+            Deadline::Guard => "guard".to_owned(),
+            Deadline::Expected => "expected".to_owned(),
+            Deadline::Constant(deadline) => deadline.as_secs_f64().to_string(),
         };
         let (speed, response, approach) = (&self.speed, &self.response, &self.approach);
         let vehicle = self.vehicle.vehicle();
