@@ -26,7 +26,7 @@ after(async () => {
 /** Makes a page of traces; answers its file. */
 function report(name, ...traces) {
   const file = join(folder, `${name}.html`);
-  const { status, stderr } = spawnSync(FUSELINE, ["report", ...traces, "-o", file], { encoding: "utf8" });
+  const { status, stderr } = spawnSync(FUSELINE, ["report", ...traces, "--force", "-o", file], { encoding: "utf8" });
   assert.ok(status < 2, stderr);
   return file;
 }

@@ -235,7 +235,7 @@ class Engine(Generic[M, V]):
             self._retire(now, t, trigger)
 
     def _retire(self, now: int, t: int, trigger: Trigger) -> None:
-        """D1: the best available result is sent, if there is any; the only way out of what was opened."""
+        """D1: sends the best available result, if any; the only way out of what was opened."""
         if self._skip_answered:
             self.local.waiting.pop(t, None)
         story = self.stories.pop(t)
