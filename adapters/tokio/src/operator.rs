@@ -89,7 +89,7 @@ pub enum SpawnError {
     /// There is no machine with this configuration and these clouds.
     #[error("the operator's configuration is refused: {0}")]
     Config(#[from] ConfigError),
-    /// It could not keep up with its [pace](Config::pace).
+    /// It could not keep up with its [workload](Config::workload).
     #[error("the operator could not keep up: {0}")]
     Workload(#[from] CapacityErrors),
     /// An aside's gate could never open again.

@@ -152,7 +152,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// - `message_handler` looks at each message that was taken on, after the clouds' handlers, and must
     ///   not block. `None` asks nothing.
     /// - `response_handler` gets each answer that comes in time, in the call's task, and changes
-    ///   [common](crate::Common) state. `Ok` counts as answered, an error as failed.
+    ///   [shared](crate::SharedState) state. `Ok` counts as answered, an error as failed.
     ///
     /// Requests are gated and bounded like a cloud's.
     pub fn use_side_request<Req, Res, Fut>(
