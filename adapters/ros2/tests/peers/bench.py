@@ -11,6 +11,9 @@ from graph import is_over_zenoh
 from node import Node
 
 
+NEEDS_ZENOH = "needs a build with --features zenoh"
+
+
 class Skipped(Exception):
     """The test cannot run here, and why."""
 
@@ -29,6 +32,9 @@ class Bench:
         clock = self.programs["clock"] if wall_clock else None
         node = self.refused(settings, arguments, name, clock, environment)
         node.until_running()
+        if node.process.poll() is not None and NEEDS_ZENOH in node.log():
+            raise Skipped("the node was built without Zenoh")
+        assert node.process.poll() is None, f"the node ended: {node.log()}"
         return node
 
     def refused(self, settings, arguments=(), name="fuseline", wall_clock=None, environment=None):

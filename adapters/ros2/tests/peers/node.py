@@ -107,5 +107,5 @@ class Node:
             return int(statm.read().split()[1]) * PAGE_BYTES / 2**20
 
     def until_running(self):
+        """Or ended."""
         until(lambda: self.trace_file.exists() or self.process.poll() is not None, "the node's trace")
-        assert self.process.poll() is None, f"the node ended: {self.log()}"
