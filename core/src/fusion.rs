@@ -17,8 +17,8 @@ use crate::window::{Place, Window};
 /// - constructor: [`new`](Self::new)
 /// - inputs: [`ready`](Self::ready) or [`at`](Self::at), then one method of [`Ready`]
 /// - questions: [`next_due`](Self::next_due), [`now`](Self::now), [`newest`](Self::newest),
-///   [`len`](Self::len), [`slot`](Self::slot), [`due`](Self::due), [`open`](Self::open),
-///   [`gate`](Self::gate), [`source`](Self::source), [`priority`](Self::priority), [`clouds`](Self::clouds),
+///   [`len`](Self::len), [`slot`](Self::slot), [`due`](Self::due), [`offer_refusal`](Self::offer_refusal),
+///   [`open`](Self::open), [`gate`](Self::gate), [`source`](Self::source), [`priority`](Self::priority), [`clouds`](Self::clouds),
 ///   [`window`](Self::window), [`commit`](Self::commit)
 #[derive(Clone)]
 pub struct Fusion<const CLOUDS: usize, const WINDOW: usize> {
@@ -135,6 +135,34 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         let source = self.clouds.source(priority)?;
         let entry = self.open.entry(self.open.find(timestamp)?);
         entry.slot.armed().contains(source).then(|| entry.due(source))
+    }
+
+    /// F2: why an offer would be refused as things stand, or none if it would be admitted. Nothing changes, also not
+    /// the gate.
+    ///
+    /// Timers that are due by an instant later than [`now`](Self::now) have not fired yet. For callers whose preparation
+    /// of a request is costly, or counts: a policy is asked about what will be admitted alone (T6).
+    #[must_use]
+    pub fn offer_refusal(
+        &self,
+        timestamp: Timestamp,
+        cloud: Priority,
+        deadline: Deadline,
+        backlog: u64,
+    ) -> Option<OfferRefusal> {
+        let source = self.clouds.source(cloud).filter(|_| self.was_reached(timestamp));
+        let gated = source.and_then(|source| Some((source, *self.clouds.gate(source)?)));
+        let Some((source, mut gate)) = gated else {
+            return Some(OfferRefusal::Unknown);
+        };
+        let Some(place) = self.open.find(timestamp) else {
+            return Some(OfferRefusal::Closed);
+        };
+        let slot = self.open.entry(place).slot;
+        match slot.admit(source, &mut gate, self.now, deadline, backlog).1 {
+            Admission::Refused(why) => Some(why),
+            Admission::Admitted { .. } => None,
+        }
     }
 
     /// The open timestamps and their sets, in ascending order.

@@ -253,3 +253,34 @@ fn ready_fires_what_at_fires_and_leaves_the_same_machine() {
         assert!(by_ready.is_empty());
     }
 }
+
+#[test]
+fn what_an_offer_would_be_answered_is_known_before_and_changes_nothing() {
+    for script in 0..4_096_u64 {
+        let mut fusion = machine(2, Commit::Eager);
+        ready(&mut fusion, 1).open(t(3), Some(ns(50)));
+        for (step, bits) in (0..6).map(|step| (step, script >> (2 * step) & 3)) {
+            let (cloud, deadline, backlog) = match bits {
+                0 => (NEAR, ns(5), 0),
+                1 => (FAR, ns(if step % 2 == 0 { 0 } else { 60 }), step),
+                2 => (Priority::new(7), ns(5), 0),
+                _ => {
+                    ready(&mut fusion, 2).result(t(3), LOCAL);
+                    ready(&mut fusion, 2).open(t(4 + step), None);
+                    continue;
+                }
+            };
+            for timestamp in [3, 4, 5, 90].map(t) {
+                let before = fusion.clone();
+                let foreseen = fusion.offer_refusal(timestamp, cloud, deadline, backlog);
+                assert_eq!(fusion, before);
+                let admission = ready(&mut fusion, 2).offer(timestamp, cloud, deadline, backlog);
+                let refusal = match admission {
+                    Admission::Refused(why) => Some(why),
+                    Admission::Admitted { .. } => None,
+                };
+                assert_eq!(foreseen, refusal, "{script} {step} {timestamp:?}");
+            }
+        }
+    }
+}
