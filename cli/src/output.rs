@@ -100,7 +100,6 @@ impl Output {
         }
     }
 
-    /// What it is called.
     pub(crate) fn name(&self) -> &str {
         &self.name
     }

@@ -1,4 +1,4 @@
-//! The longest deadline that is safe.
+//! [`Guard`], the longest deadline that is safe (T1, T2). The book's chapter *Deadlines that are safe* has the proofs.
 
 use core::time::Duration;
 

@@ -1,4 +1,6 @@
-//! The strict parser of one line.
+//! The strict parser of one line: an unknown or missing key, or a number out of range, is an error with its column.
+//!
+//! The order of lines is checked by [`Events`](crate::Events).
 
 use std::borrow::Cow;
 use std::ops::RangeInclusive;

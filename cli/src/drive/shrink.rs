@@ -232,7 +232,6 @@ fn digits(number: u64) -> usize {
     2 * text.len() - usize::from(text.len() > 1 && text.trim_end_matches('0').len() == 1)
 }
 
-/// Whose an input is.
 const fn source(input: &Input) -> Option<u64> {
     match input {
         Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. } => Some(*p),

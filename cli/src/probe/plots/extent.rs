@@ -59,7 +59,6 @@ impl Extent {
         10_f64.powf(least.log10().floor())..10_f64.powf(greatest.log10().ceil())
     }
 
-    /// In a line.
     pub(crate) fn reported(&self) -> String {
         let [p50, p90, p99] =
             [50, 90, 99].map(|percent| quantile(self.round_trips.quantile(percent)));

@@ -1,4 +1,6 @@
 //! What must hold of every run, by name.
+//!
+//! A [`Check`] sees a run from outside: its trace, items, calls and counts ([`Facts`]), never the operator's state.
 
 mod account;
 mod calls;
@@ -100,7 +102,7 @@ pub(crate) struct Facts<'a> {
     pub(crate) replay: Replay,
     /// Calls and local computations by source and timestamp.
     pub(crate) calls: BTreeMap<(u16, u64), &'a LoggedCall>,
-    /// Whether the trace tells of everything.
+    /// Whether the trace has everything.
     pub(crate) is_whole: bool,
 }
 
