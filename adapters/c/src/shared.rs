@@ -45,7 +45,7 @@ pub unsafe extern "C" fn fuseline_shared_end(machine: *mut CShared) -> CStatus {
     if let Err(status) = unsafe { StorageHeader::of(machine, &[]) } {
         return status;
     }
-    // SAFETY: it is one, and no other call uses it, as the header asks.
+    // SAFETY: it is one, and no other call uses it, as the header requires.
     unsafe { StorageHeader::end(machine) };
     CStatus::Done
 }

@@ -39,7 +39,7 @@ pub(crate) struct Streams<I, O> {
     pub(crate) is_open: bool,
 }
 
-/// What goes to a source.
+/// What is sent to a source.
 pub(crate) enum Work<I, O> {
     Local(Arc<I>),
     Call(Request<O>),

@@ -149,7 +149,7 @@ impl Peer {
         Ok(())
     }
 
-    /// Checks that the command has written nothing that was not asked for.
+    /// Checks that the command has written nothing that was not requested.
     pub(super) fn quiet(&mut self) -> Result<(), PeerError> {
         if self.taken == self.read.len() {
             self.read.clear();
@@ -163,8 +163,8 @@ impl Peer {
         }
     }
 
-    /// Ends the input and waits until the command ends, with code 0; nobody asks for what it writes
-    /// then.
+    /// Ends the input and waits until the command ends, with code 0; what it writes then is
+    /// a violation.
     pub(super) fn end(mut self) -> Result<(), PeerError> {
         self.quiet()?;
         self.input = None;

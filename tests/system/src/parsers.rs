@@ -15,7 +15,7 @@ mod yaml;
 use std::collections::BTreeSet;
 
 /// The most memory at once for any bytes of a few kilobytes, in bytes: twice the longest message of
-/// gRPC, which is asked for when its length is read, and room for who asks.
+/// gRPC, which is allocated when its length is read, and room for the caller.
 pub const MEMORY: usize = 128 << 20;
 
 /// What is wrong, in words.

@@ -10,7 +10,7 @@ use crate::event::Commit;
 pub struct Slack {
     /// The error of every recorded instant, either way.
     pub tolerance: u64,
-    /// How long after its due instant a timer is served, and after its decision an output leaves.
+    /// How long after its due instant a timer is served, and after its decision an output is sent.
     pub lateness: u64,
 }
 

@@ -8,7 +8,7 @@ use crate::probe::plots::places::Bounds;
 use crate::probe::recording::PlotRow;
 use crate::probe::summary::{PAPER, counted, quantile};
 
-/// What a first look at a recording tells.
+/// What a first look at a recording shows.
 pub(crate) struct Extent {
     pub(crate) rows: u64,
     pub(crate) answered: u64,

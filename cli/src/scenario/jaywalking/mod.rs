@@ -1,4 +1,4 @@
-//! `fuseline scenario jaywalking`: a person steps onto the road, and a plan for that may be at hand.
+//! `fuseline scenario jaywalking`: a person steps onto the road, and a plan for that may be cached.
 
 mod contingency;
 mod geometry;
@@ -87,7 +87,7 @@ pub(crate) struct Run {
     cloud: PlanCallOutcome,
     /// Whether the cached plan was used.
     cached: bool,
-    /// From the person's step onto the road until the plan for it left the planner, in s.
+    /// From the person's step onto the road until the planner sent the plan for it, in s.
     response: f64,
     manoeuvre: Manoeuvre,
     collides: bool,

@@ -51,9 +51,9 @@ pub(crate) struct Planning {
     pub(crate) cached: f64,
 }
 
-/// What left the planner.
+/// The planner's output.
 pub(crate) struct PlannerOutput {
-    /// From the person's step onto the road until the plan for it left, in s.
+    /// From the person's step onto the road until the plan for it was sent, in s.
     pub(crate) response: f64,
     /// Whether that was the cached plan.
     pub(crate) is_cached: bool,

@@ -136,7 +136,7 @@ impl Jam {
         Drive { vehicle: &self.vehicle, speed, phase, approach, deadline }
     }
 
-    /// How the drive of this phase ends; its trace goes to the folder.
+    /// How the drive of this phase ends; its trace is written to the folder.
     fn run(
         &self,
         question: &CellParameters,

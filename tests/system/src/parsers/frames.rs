@@ -31,7 +31,7 @@ const PREFIX: usize = 5;
 /// The most vehicles of a service.
 const VEHICLES: usize = 3;
 
-/// A byte for what is asked, one for where the bytes are cut in two, and those bytes.
+/// A byte for the call, one for where the bytes are cut in two, and those bytes.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
     let [what, cut, rest @ ..] = bytes else { return Ok(()) };
     unchanged::<Reply>(rest)?;

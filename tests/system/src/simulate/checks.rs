@@ -137,7 +137,7 @@ impl<'a> Facts<'a> {
         CHECKS.iter().filter_map(found).collect()
     }
 
-    /// Whether nothing that happens at this instant need be in the trace: the operator was told to stop, or the trace ends.
+    /// Whether nothing that happens at this instant need be in the trace: the operator was stopped, or the trace ends.
     pub(crate) fn is_after(&self, at: u64) -> bool {
         let is_stopped = self.played.log.stopped.is_some_and(|stopped| stopped <= at);
         is_stopped || (!self.is_whole && self.replay.end <= at)

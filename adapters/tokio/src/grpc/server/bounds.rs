@@ -26,7 +26,7 @@ pub struct Bounds {
     /// How long a connection may take from the first byte, TLS included, to the first call that is accepted;
     /// 10 s by default.
     pub greeting: Duration,
-    /// How long a request may take to come whole, and a reply may lie without a byte of it being taken;
+    /// How long a request may take to come whole, and a reply may wait without a byte of it being taken;
     /// 30 s by default.
     pub stall: Duration,
     /// How long a connection may be without a call; 5 minutes by default. A [`Connection`] connects again by

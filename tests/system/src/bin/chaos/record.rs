@@ -17,8 +17,8 @@ const PATH: &str = "tests/system/chaos/soak.json";
 /// Where the reason is, while it is older than its sources.
 const OLDER: &str = "tests/system/chaos/older.toml";
 
-/// What a soak is of, as little as is honest: what decides, what drives it, and what judges. Not
-/// the libraries around.
+/// The sources that a soak is of: what decides, what drives it, and what judges. Not the libraries
+/// around.
 const SOURCES: [&str; 7] = [
     "core/src",
     "adapters/engine/src",
