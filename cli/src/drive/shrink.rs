@@ -1,4 +1,6 @@
 //! Shrinks a run that shows a difference to a smallest one that still shows it.
+//!
+//! A smaller run counts only if the command, driven through it, shows the same; runs and time are bounded.
 
 use std::collections::BTreeSet;
 use std::mem::discriminant;

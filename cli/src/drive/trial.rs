@@ -1,4 +1,4 @@
-//! One run through the command, every decision compared.
+//! One run through the command: each decision is compared with the reference machine's, up to the first difference.
 
 use std::ffi::OsString;
 use std::io;

@@ -1,4 +1,4 @@
-//! What the machine would have put out, had every request had the same deadline.
+//! What the machine would have put out, had every request had the same deadline: exact, or bounds where calls were ended.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! How long the clouds may take, message by message.
+//! How long the clouds may take, message by message: a policy of `fuseline-deadline` for each, with accuracy as its loss.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

@@ -1,4 +1,6 @@
 //! The report: what a run came to, for people's tables and for `--json`.
+//!
+//! [`Reading`] takes it from the trace, but for what a trace does not have ([`RunMetadata`]).
 
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -1,4 +1,4 @@
-//! An operator in virtual time: the shipped machine decides, and nothing waits.
+//! An operator in virtual time: the shipped machine decides, and nothing waits. [`Operator::pass`] moves time on.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

@@ -1,4 +1,4 @@
-//! `fuseline scenario traffic-jam`: the paper's table.
+//! `fuseline scenario traffic-jam`: the paper's table. `cells` computes it, `narrow` varies it, `text` and `plots` show it.
 
 mod cells;
 mod narrow;

@@ -1,4 +1,4 @@
-//! Operators side by side, each with a camera, a reader and a trace.
+//! Operators side by side, each with a camera, a trace and a reader that checks the items as they come.
 
 use std::collections::BTreeMap;
 use std::fs::File;

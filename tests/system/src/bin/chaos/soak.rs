@@ -1,4 +1,6 @@
 //! Messages through many operators while everything around them breaks.
+//!
+//! `disruption` has what breaks and when, `field` breaks it, and `checks` has what must hold.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
