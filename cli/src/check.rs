@@ -1,4 +1,6 @@
 //! `fuseline check`: traces against the rules.
+//!
+//! Files are judged several at a time and reported in their order. `judging` has the judges' options, `verdict` the text.
 
 use std::fs::File;
 use std::io::{self, BufReader, IsTerminal, Read, Seek, Write};
@@ -167,7 +169,7 @@ fn plain_file(path: &Path, name: &str) -> Result<File, Fault> {
     }
 }
 
-/// Judges a growing file until the interrupt, and tells each violation when it is found.
+/// Judges a growing file until the interrupt, and prints each violation when it is found.
 fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
     let [path] = &args.files[..] else { return Err(FollowError::NotOne.into()) };
     if path.as_os_str() == "-" {

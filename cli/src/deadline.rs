@@ -1,4 +1,6 @@
 //! `fuseline deadline`: which deadline is safe at a speed, and which is worth it.
+//!
+//! The policies are those of `fuseline-deadline`; here are the options, the observations and the table.
 
 use std::fmt;
 use std::io::{self, Read, Write};
@@ -227,7 +229,6 @@ impl Row {
     }
 }
 
-/// The rows for people.
 struct DeadlineTable<'a> {
     args: &'a Args,
     rows: &'a [Row],

@@ -1,4 +1,4 @@
-//! Drives: the round-trip times that a moving vehicle once measured, replayed by the moment.
+//! Drives: recorded round-trip times of a moving vehicle, built in or read from CSV, by the moment of sending.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -43,7 +43,7 @@ pub(crate) struct Drive {
     length: Duration,
 }
 
-/// What a message met that was sent at `at` or later, before the next sample.
+/// What holds for a message that was sent at `at` or later, before the next sample.
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Sample {
     at: Duration,
@@ -184,7 +184,6 @@ impl Drive {
     }
 }
 
-/// The names of the built-in drives, for messages.
 pub(crate) fn names() -> String {
     let names: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
     names.join(", ")

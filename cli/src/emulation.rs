@@ -1,4 +1,4 @@
-//! Emulation: when a model on a device behind a recorded network would reply.
+//! Emulation: when a model on a device behind a recorded network would reply. Nothing is computed, only waited.
 
 use std::future;
 use std::sync::{Arc, OnceLock};
@@ -150,7 +150,6 @@ pub(crate) struct Outage {
 }
 
 impl Outage {
-    /// How long it lasts.
     pub(crate) fn length(&self) -> Duration {
         self.to.saturating_sub(self.from)
     }

@@ -5,7 +5,6 @@ use std::process::ExitCode;
 /// The exit code of a command that Ctrl-C ended.
 pub(crate) const INTERRUPTED: i32 = 130;
 
-/// How a command ended.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Exit {
     /// All is well.

@@ -1,4 +1,4 @@
-//! What stops a command, told in one line: what and where, and a remedy.
+//! What stops a command, in one line: what and where, and a remedy.
 
 use std::error::Error;
 use std::io;
@@ -80,7 +80,6 @@ pub(crate) fn plain(error: &(dyn Error + 'static)) -> String {
     text.split(" (os error").next().unwrap_or_default().to_owned()
 }
 
-/// A text as one line.
 pub(crate) fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
@@ -91,7 +90,7 @@ pub(crate) fn chain(error: &dyn Error) -> String {
     let mut source = error.source();
     while let Some(error) = source {
         let cause = error.to_string();
-        // Some errors tell their cause themselves.
+        // Some errors name their cause themselves.
         if !text.ends_with(&cause) {
             text.push_str(": ");
             text.push_str(&cause);

@@ -99,7 +99,7 @@ pub(crate) fn token(path: &Path) -> Result<Token, FileError> {
 /// The bearer token in the environment's `FUSELINE_TOKEN`, if it is set and not empty.
 ///
 /// # Errors
-/// If it is set to something that no token can be: whoever set it wants it asked for.
+/// If it is set to something that no token can be: whoever set it wants it to be used.
 pub(crate) fn token_of_environment() -> Result<Option<Token>, FileError> {
     const NAME: &str = "FUSELINE_TOKEN";
     let Some(value) = env::var_os(NAME).filter(|value| !value.is_empty()) else { return Ok(None) };

@@ -69,7 +69,7 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
             (Err(error), _) => return Err(fault(error.message, error.column)),
         }
         answer.extend_from_slice(DONE);
-        // Who asks waits for the answer, unless more was asked already.
+        // The other side waits for the answer, unless it has sent more already.
         if input.buffer().is_empty() || answer.len() >= CHUNK {
             out.write_all(&answer).and_then(|()| out.flush()).map_err(Fault::Output)?;
             answer.clear();

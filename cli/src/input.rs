@@ -17,7 +17,6 @@ pub(crate) fn open(path: &Path) -> Result<(String, Box<dyn Read>), Fault> {
     }
 }
 
-/// An input's name in messages.
 pub(crate) fn name(path: &Path) -> String {
     if is_standard(path) { "stdin".to_owned() } else { path.display().to_string() }
 }

@@ -49,12 +49,10 @@ impl Interrupt {
             .clone()
     }
 
-    /// Whether Ctrl-C or termination came.
     pub(crate) fn came(&self) -> bool {
         self.inner.came.load(Ordering::Acquire)
     }
 
-    /// Waits for Ctrl-C or termination.
     pub(crate) async fn wait(&self) {
         loop {
             let notified = self.inner.waiting.notified();

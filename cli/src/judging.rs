@@ -1,4 +1,4 @@
-//! Either judge, line by line.
+//! The strict and the observed judge behind one interface, line by line, and the options that choose between them.
 
 use std::io::{self, BufRead};
 use std::time::Duration;
@@ -24,7 +24,7 @@ pub(crate) enum End {
     Early,
 }
 
-/// The options that tell the manner.
+/// The options that say how a trace is judged.
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(crate) struct JudgeOptions {
@@ -76,7 +76,7 @@ pub(crate) fn judge(
     Ok(found)
 }
 
-/// The next event of a trace; none at its end, or where it was cut short if that is asked for.
+/// The next event of a trace; none at its end, or where it was cut short if that is allowed.
 pub(crate) fn next_event<R: BufRead>(
     reader: &mut Events<R>,
     end: End,
@@ -106,7 +106,7 @@ pub(crate) fn next_event<R: BufRead>(
 #[error("{0}; --truncated judges what stands before")]
 struct TruncatedTrace(ReadError);
 
-/// Reads a trace's header for the judge of that manner.
+/// Reads a trace's header for the judge that is chosen.
 pub(crate) fn reader<R: BufRead>(
     mode: JudgeMode,
     name: &str,
@@ -140,7 +140,7 @@ impl JudgeOptions {
         }
     }
 
-    /// The exit code of a verdict; tells if the trace lacks what is to be judged.
+    /// The exit code of a verdict; warns if nothing in the trace could be judged.
     pub(crate) fn exit(&self, found: &Findings) -> Exit {
         let Summary { file, conforms, judged, .. } = found.summary();
         if conforms && judged == 0 && self.require_judged {

@@ -1,4 +1,6 @@
 //! The `fuseline` command: runs, replays and judges cloud-assisted operators.
+//!
+//! Each subcommand is a module with its options; `exit` has the exit codes, `fault` what stops a command.
 
 mod check;
 mod complain;

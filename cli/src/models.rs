@@ -115,7 +115,6 @@ impl fmt::Display for Model {
     }
 }
 
-/// The models' names, for messages.
 pub(crate) fn names() -> String {
     TABLE.runtime_ms.iter().map(|row| row.model.as_str()).collect::<Vec<_>>().join(", ")
 }

@@ -1,4 +1,6 @@
 //! Outputs: files that appear whole or not at all, or standard output for `-`.
+//!
+//! An [`Output`] is never a file that the command reads, and an existing file is replaced only if the user said so.
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, BufWriter, Seek, Write};
@@ -100,7 +102,6 @@ impl Output {
         }
     }
 
-    /// What it is called.
     pub(crate) fn name(&self) -> &str {
         &self.name
     }

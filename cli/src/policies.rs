@@ -1,5 +1,5 @@
 //! Policies: the same arrivals under fusion, fusion with one deadline, local only, cloud only and
-//! first response wins.
+//! first response wins. What a trace does not show, since a call was ended early, gives bounds.
 
 mod constant;
 mod figure;

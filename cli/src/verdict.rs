@@ -42,7 +42,6 @@ pub(crate) fn print_report(
     }
 }
 
-/// One line.
 pub(crate) fn print_summary(summary: &Summary<'_>, out: &mut impl Write) -> io::Result<()> {
     let Summary { file, conforms, judged, unfinished, lines, violations } = *summary;
     let word = match (conforms, violations) {

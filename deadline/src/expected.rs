@@ -1,4 +1,4 @@
-//! The deadline that costs least.
+//! [`Expected`], the deadline of least mean loss, and the functions that compute it (T3, T6).
 
 use core::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The longest deadline that is safe.
+//! [`Guard`], the longest deadline that is safe (T1, T2). The book's chapter *Deadlines that are safe* has the proofs.
 
 use core::time::Duration;
 
@@ -85,7 +85,7 @@ impl Guard {
                 let spared = if stops.is_finite() { margin / speed } else { 0.0 };
                 (Case::LocalStops, longest.max(rounded_down(stops - lateness - spared)))
             }
-            // A held result goes no later than its due instant and the lateness.
+            // A held result is sent no later than its due instant and the lateness.
             None if cloud - lateness > local_response.least => {
                 (Case::CloudAlone, rounded_down(cloud - lateness))
             }

@@ -34,7 +34,7 @@ impl<const WINDOW: usize> Observations<WINDOW> {
         Self { calls: [Call { observation: NONE, number: 0 }; WINDOW], len: 0, ended: 0 }
     }
 
-    /// Remembers how a call ended, and forgets the one `WINDOW` calls ago. It costs `WINDOW` comparisons.
+    /// Adds how a call ended, and removes the one `WINDOW` calls ago. It costs `WINDOW` comparisons.
     pub fn add(&mut self, end: End) {
         let (response, is_answered) = match end {
             End::Answered(response) => (response, true),

@@ -1,4 +1,6 @@
-//! What every policy answers and what it learns.
+//! [`Policy`]: how a deadline is chosen for each message, from the [`Situation`] and from how earlier calls ended.
+//!
+//! [`Constant`] and [`Capped`] are here; [`Guard`](crate::Guard) and [`Expected`](crate::Expected) have modules of their own.
 
 use core::time::Duration;
 
@@ -9,8 +11,8 @@ use crate::units::{Metres, MetresPerSecond};
 
 /// Chooses the deadlines of one cloud's requests.
 ///
-/// Keep one policy for each cloud. Ask it once for each message that is about to be sent, give the deadline to the
-/// machine, and report to it how each call ended. It needs no clock, allocates nothing and never fails.
+/// Keep one policy for each cloud. Call [`decide`](Self::decide) once for each message that is about to be sent, give the
+/// deadline to the machine, and report how each call ended. It needs no clock, allocates nothing and never fails.
 pub trait Policy {
     /// The deadline of the request that is about to be made, counted from the capture of its message, and at most `cap`.
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen;
@@ -30,7 +32,7 @@ pub trait Policy {
     }
 }
 
-/// What a policy may know when it is asked.
+/// What a policy may know when it decides.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Situation<'a> {
     /// The vehicle's speed from this message's capture until it could brake for it.

@@ -1,4 +1,4 @@
-//! How long a cloud's results take, from calls of which some were given up.
+//! [`Survival`]: how long a cloud's results take, from calls of which some were given up (T5).
 
 use core::iter::Peekable;
 use core::time::Duration;

@@ -1,6 +1,7 @@
 //! What is known of a run while it happens: which reasons hold for an input, and what is due.
 //!
-//! It follows the reference machine's decisions and makes none of its own.
+//! It follows the reference machine's decisions and makes none of its own. Generators use it to hit edges, `coverage` to count
+//! them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,7 +15,7 @@ use crate::history::History;
 /// How far back an open timestamp is looked for.
 const RECENT: usize = 16;
 
-/// The reference machine with all that it was told and decided.
+/// The reference machine with its inputs and decisions so far.
 #[derive(Clone, Debug)]
 pub struct RunContext {
     reference: Reference,
@@ -47,7 +48,7 @@ pub struct RuleDecision {
     pub fired: ExpectedDecisions,
     /// About the input itself.
     pub own: ExpectedDecisions,
-    /// The reasons that hold for it, in the order in which they are asked for.
+    /// The reasons that hold for it, in the order in which they are checked.
     pub reasons: HoldingReasons,
 }
 
@@ -74,7 +75,7 @@ impl RuleDecision {
 }
 
 impl RunContext {
-    /// The scene of an operator with this configuration, before anything happens.
+    /// The context of an operator with this configuration, before anything happens.
     #[must_use]
     pub fn new(header: &Header) -> Self {
         let gate = |cloud: &Cloud| {
@@ -96,7 +97,7 @@ impl RunContext {
     /// Lets an input happen.
     pub fn apply(&mut self, input: &Input) -> RuleDecision {
         let (mut fired, mut own) = (ExpectedDecisions::new(), ExpectedDecisions::new());
-        // P10: a tick just before changes nothing, and tells the timers' decisions from the input's.
+        // P10: a tick just before changes nothing, and separates the timers' decisions from the input's.
         self.reference.apply(&Input::Tick { at: input.at() }, &mut fired);
         for (decision, _) in &fired {
             self.follow(decision);
@@ -238,7 +239,7 @@ impl RunContext {
         reasons
     }
 
-    /// Notes what was accepted, of which no decision speaks.
+    /// Notes what was accepted without a decision.
     fn accept(&mut self, input: &Input, own: &ExpectedDecisions) {
         match *input {
             Input::Open { t, deadline, .. } if own.is_empty() => {

@@ -1,4 +1,4 @@
-//! What runs and files reached: a check that reaches little says little.
+//! What runs and files reached: each [`Mark`] is one thing to reach, and [`Coverage`] counts them. It judges nothing.
 
 use std::collections::HashMap;
 
@@ -102,7 +102,7 @@ impl Coverage {
         }
     }
 
-    /// Notes what a run is as a whole; the scene is the one before its first input.
+    /// Notes what a run is as a whole; the context is the one before its first input.
     pub fn begin(&mut self, run: &Run) -> RunContext {
         self.edges(Edge::of_run(run));
         RunContext::new(&run.header)
@@ -352,7 +352,7 @@ impl Mark {
     fn of_pairs() -> Vec<Self> {
         use DropReason::{Duplicate, Unknown, Unsolicited};
         let drops = DropReason::ALL;
-        // Who was not asked, or cannot be, has no result available.
+        // What was not requested, or cannot be, has no result available.
         let can_be = |(first, second): &(DropReason, DropReason)| {
             !matches!(first, Unknown | Unsolicited) || *second != Duplicate
         };

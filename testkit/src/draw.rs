@@ -1,4 +1,4 @@
-//! Numbers drawn by chance, the same for ever from the same seed.
+//! Random numbers that depend on the seed alone.
 
 /// The next number of the stream that has this state, by Steele and Vigna's `SplitMix64`. The first state is the seed.
 pub const fn splitmix64(state: &mut u64) -> u64 {
@@ -8,7 +8,7 @@ pub const fn splitmix64(state: &mut u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// A stream of them. The identifiers of generated cases hang on its values.
+/// A stream of them. What a generated case is depends on its values, so they must not change.
 pub(crate) struct Draw(u64);
 
 impl Draw {

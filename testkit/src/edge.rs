@@ -1,4 +1,4 @@
-//! Places where implementations go wrong, and where a run comes to them.
+//! Situations in which implementations go wrong, and which of them a run, an input or a step is.
 
 use fuseline_traces::{Decision, Input};
 
@@ -10,7 +10,7 @@ const LONG: usize = 400;
 /// The greatest window.
 const GREATEST: usize = 1024;
 
-/// A place where implementations go wrong.
+/// A situation in which implementations go wrong.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[expect(missing_docs, reason = "each has its name in ALL")]
 pub enum Edge {
@@ -83,7 +83,7 @@ impl Edge {
         ])
     }
 
-    /// Where an input stands before it happens.
+    /// The edges of an input, before it happens.
     pub(crate) fn of_input(context: &RunContext, input: &Input) -> impl Iterator<Item = Self> {
         let at = input.at();
         let beyond = |p: u64| p > u64::from(u16::MAX);
@@ -114,7 +114,7 @@ impl Edge {
         ])
     }
 
-    /// What became of an input, seen after it.
+    /// The edges of what became of an input.
     pub(crate) fn of_step(
         context: &RunContext,
         input: &Input,
@@ -148,7 +148,7 @@ impl Edge {
         ])
     }
 
-    /// How a backlog stands to the gate that is asked about it, before it is asked.
+    /// How a backlog compares with the gate, before the gate moves.
     pub(crate) fn of_gate(context: &RunContext, input: &Input) -> impl Iterator<Item = Self> {
         let (gate, backlog) = match *input {
             Input::Offer { p, backlog, .. } => (context.gate(p), backlog),

@@ -1,4 +1,7 @@
 //! Random runs, weighted towards the places where one rule or another decides.
+//!
+//! [`Generator::run`] gives the same run for the same seed and number. The reference machine shows it where the edges are; what
+//! an implementation makes of a run is not judged here.
 
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
@@ -220,7 +223,7 @@ impl Writer {
         match self.draw.between(0, 9) {
             0 => self.push(Input::Result { at, t, p }),
             1 => self.push(Input::Fail { at, t, p }),
-            // It goes then, although lower ones are pending.
+            // It is forwarded then, although lower ones are pending.
             2 => self.fail_above(t, p),
             _ => {}
         }
@@ -263,7 +266,7 @@ impl Writer {
     fn push(&mut self, input: Input) {
         self.inputs.push(input);
         let step = self.context.apply(&input);
-        // A greedy machine might answer a second time: ask again about what was just decided.
+        // A wrong machine might answer a second time: repeat what was just decided.
         let ended = step.own.iter().chain(&step.fired).find_map(|(decision, _)| match decision {
             Decision::Emit { t, p, .. } => Some((*t, *p)),
             _ => None,

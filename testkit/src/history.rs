@@ -1,8 +1,8 @@
-//! What is kept of one timestamp.
+//! [`History`]: what was requested of one timestamp and what came, by inputs and decisions alone. It knows no rule.
 
-/// What was said about one timestamp: who was asked, what came, and by when more may come.
+/// What was requested of one timestamp, what came, and by when more may come.
 ///
-/// Local, priority 0, is asked with the open. Equal histories bind what may follow alike.
+/// Local, priority 0, is requested with the open. Equal histories bind what may follow alike.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct History {
     is_limited: bool,
@@ -14,7 +14,7 @@ pub struct History {
     latest_request: Option<u64>,
 }
 
-/// A source that was asked.
+/// A source that was requested.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct Source {
     p: u64,
@@ -45,7 +45,7 @@ impl History {
         history
     }
 
-    /// `p` was asked, for an answer before `due`.
+    /// `p` was requested, for an answer before `due`.
     pub fn ask(&mut self, p: u64, due: Option<u64>) {
         let source = self.entry(p);
         *source = Source { p, stage: Stage::Pending, due, is_armed: due.is_some() };
@@ -93,13 +93,13 @@ impl History {
         self.is_limited
     }
 
-    /// Whether `p` was asked.
+    /// Whether `p` was requested.
     #[must_use]
     pub fn is_requested(&self, p: u64) -> bool {
         self.source(p).is_some()
     }
 
-    /// Whether `p` was asked, and neither it nor its timer has said anything.
+    /// Whether `p` was requested, and neither result nor failure nor timer has come.
     #[must_use]
     pub fn is_pending(&self, p: u64) -> bool {
         self.source(p).is_some_and(|source| source.stage == Stage::Pending)
@@ -117,7 +117,7 @@ impl History {
         self.source(p).is_some_and(|source| source.stage == Stage::HeldLate)
     }
 
-    /// Whether local alone was asked.
+    /// Whether local alone was requested.
     #[must_use]
     pub fn is_local_alone(&self) -> bool {
         self.sources.len() == 1
@@ -154,7 +154,7 @@ impl History {
         self.source(p).filter(|source| source.is_armed)?.due
     }
 
-    /// The due instant that `p` was asked for, unless it was forgotten.
+    /// The due instant that `p` was requested with, unless it was forgotten.
     #[must_use]
     pub fn requested_for(&self, p: u64) -> Option<u64> {
         self.source(p)?.due

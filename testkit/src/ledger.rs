@@ -1,8 +1,8 @@
-//! The promises, read off inputs and decisions alone.
+//! The promises, checked on inputs and decisions alone.
 //!
-//! No rule of decision is known here: a ledger books what was asked, what came and what went. What no promise
-//! needs any more is forgotten, so that ledgers with one future are equal: a retired timestamp leaves nothing,
-//! and a due instant outlives its timer only while it is the latest that its timestamp had, or its requests had.
+//! No rule of decision is known here: a ledger records what was requested, what came and what was sent. What no promise needs
+//! any more is forgotten, so that ledgers with one future are equal: a retired timestamp leaves nothing, and a due instant
+//! outlives its timer only while it is the latest that its timestamp had, or its requests had.
 
 use std::fmt;
 
@@ -49,7 +49,7 @@ pub struct Violation {
     pub what: String,
 }
 
-/// What was asked, what came and what went, over all timestamps of one operator.
+/// What was requested, what came and what was sent, over all timestamps of one operator.
 #[derive(Clone, PartialEq, Eq, Hash, Default, Debug)]
 pub struct Ledger {
     now: u64,
@@ -200,7 +200,7 @@ impl Ledger {
         }
     }
 
-    /// Books what came, unless it was refused or dropped.
+    /// Records what came, unless it was refused or dropped.
     fn arrive(&mut self, terms: OperatorConfig<'_>, input: &Input, own: &[Decision]) {
         if own.iter().any(is_refused_or_dropped) {
             return;
@@ -240,7 +240,7 @@ impl Ledger {
         }
     }
 
-    /// Books a decision, and holds it against what is known of its timestamp.
+    /// Records a decision, and compares it with what is known of its timestamp.
     fn decide(&mut self, decision: &Decision, violations: &mut Vec<Violation>) {
         match *decision {
             Decision::Timer { t, p, .. } => {
@@ -310,7 +310,7 @@ impl Ledger {
         }
     }
 
-    /// What holds between inputs.
+    /// Checks what must hold between inputs.
     fn balance(
         &self,
         terms: OperatorConfig<'_>,

@@ -1,4 +1,4 @@
-//! The words of the trace: header, inputs and decisions.
+//! The lines of a trace as types: header, inputs and decisions. Nothing is parsed, checked or decided here.
 
 use std::fmt;
 
@@ -73,7 +73,7 @@ pub enum Input {
         /// How long the local computation may take.
         deadline: Option<u64>,
     },
-    /// The message handler wants a request sent (F2).
+    /// A request was offered to a cloud (F2).
     Offer {
         /// The clock's reading, in nanoseconds.
         at: u64,

@@ -1,4 +1,7 @@
 //! The strict judge: a trace against the reference machine, decision by decision.
+//!
+//! [`Judge`] applies each input to a [`Reference`] and compares the recorded decisions with the demanded ones. Traces of
+//! concurrent implementations, whose lines have no one order, are for [`observed`](crate::observed).
 
 use std::collections::{BTreeSet, VecDeque};
 use std::fmt;
@@ -12,7 +15,7 @@ use crate::reason::OfferRefusal;
 use crate::reference::{ExpectedDecisions, Reference};
 use crate::rule::Rule;
 
-/// How many violations a verdict tells; it counts the rest.
+/// How many violations a verdict lists; it counts the rest.
 const VIOLATIONS: usize = 100;
 /// How many lines back a story is looked for.
 const RECENT: usize = 16 * 1024;
@@ -22,7 +25,7 @@ const STORY: usize = 12;
 /// Judges one trace, line after line.
 ///
 /// Every decision must be the one that the rules demand, in their order. At most one violation is
-/// told an input, the first: what else was decided about that input is not compared. With the next
+/// reported for an input, the first: what else was decided about that input is not compared. With the next
 /// input it goes on, since what the rules demand depends on the inputs alone. Its memory is bounded
 /// by the window, not by the trace's length.
 #[derive(Debug)]
@@ -193,7 +196,7 @@ impl Judge {
         self.verdict
     }
 
-    /// Asks the reference machine about an input.
+    /// Applies an input to the reference machine.
     fn demand(&mut self, line: u64, input: &Input) {
         self.demands.clear();
         self.met = 0;
@@ -236,7 +239,7 @@ impl Judge {
         }
     }
 
-    /// Notes a violation; `lack` tells what is not there, of what was found and what is demanded.
+    /// Notes a violation; `lack` stands for what is not there, of what was found and what is demanded.
     fn differ(&mut self, found: Option<Decision>, demand: Option<(Decision, Rule)>, lack: &str) {
         self.differs = true;
         self.verdict.conforms = false;

@@ -11,7 +11,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The first byte tells how a file is packed, not its name. The command and the wheel for Python both read with this, so what
+//! The first byte says how a file is packed, not its name. The command and the wheel for Python both read with this, so what
 //! one can read the other can.
 //!
 //! | packed | unpacked in memory of |
@@ -20,8 +20,8 @@
 //! | zstd, several frames too | the frame's window, at most 128 MiB |
 //! | MCAP, its chunks plain, lz4 or zstd | its largest record or chunk, at most 40 MiB |
 //!
-//! Of an MCAP file the messages of the topic `/fuseline/trace` are the lines. They are written anew in the form of a trace, so that a
-//! judge says of them what it says of what `fuseline convert` makes. A length that a file claims takes no memory before its bytes come;
+//! Of an MCAP file the messages of the topic `/fuseline/trace` are the lines. They are written anew in the form of a trace, so that
+//! their verdict is that of what `fuseline convert` makes. A length that a file claims takes no memory before its bytes come;
 //! but a record in a packed chunk takes at once what it claims, and is refused beyond 40 MiB.
 //!
 //! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that).

@@ -1,4 +1,6 @@
-//! The strict parser of one line.
+//! The strict parser of one line: an unknown or missing key, or a number out of range, is an error with its column.
+//!
+//! The order of lines is checked by [`Events`](crate::Events).
 
 use std::borrow::Cow;
 use std::ops::RangeInclusive;
@@ -10,7 +12,7 @@ use crate::word::{Key, Keys, Kind};
 
 /// The most clouds that a header may list.
 const CLOUDS: usize = 15;
-/// The greatest window that a header may ask for.
+/// The greatest window that a header may have.
 const WINDOW: u64 = 1024;
 
 /// The keys that come most, with all that the writer puts around them.

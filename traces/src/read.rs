@@ -1,4 +1,4 @@
-//! A trace, line by line.
+//! [`Events`]: reads a trace line by line, in bounded memory. The first error ends it, with file, line and column.
 
 use std::io::{self, BufRead};
 
@@ -45,7 +45,7 @@ pub enum Defect {
     /// A line is over 64 KiB.
     #[error("a line over 64 KiB; no line needs to be as long")]
     TooLong,
-    /// A line is not as the format wants it.
+    /// A line is not one of a trace.
     #[error("{}", .0.message)]
     Line(ParseError),
 }
@@ -126,7 +126,7 @@ impl<R: BufRead> Events<R> {
         self.line
     }
 
-    /// What is read from, for instance to ask whether more is at hand.
+    /// What is read from, for instance to see whether more is buffered.
     #[must_use]
     pub const fn inner(&self) -> &R {
         &self.inner

@@ -20,7 +20,7 @@ pub enum OfferRefusal {
     Unknown,
     /// The timestamp is not open.
     Closed,
-    /// Asked for before.
+    /// Requested before.
     Duplicate,
     /// Something better is available.
     Outranked,
@@ -37,7 +37,7 @@ pub enum DropReason {
     Unknown,
     /// The timestamp is not open.
     Superseded,
-    /// Never asked for.
+    /// Never requested.
     Unsolicited,
     /// Available already.
     Duplicate,
@@ -49,7 +49,7 @@ pub enum DropReason {
 type WordAndSentence = (&'static str, &'static str);
 
 impl OpenRefusal {
-    /// All reasons, in the order in which F1 asks for them.
+    /// All reasons, in the order in which F1 checks them.
     pub const ALL: [Self; 3] = [Self::Order, Self::Full, Self::Deadline];
 
     const fn word_and_sentence(self) -> WordAndSentence {
@@ -62,7 +62,7 @@ impl OpenRefusal {
 }
 
 impl OfferRefusal {
-    /// All reasons, in the order in which F2 asks for them.
+    /// All reasons, in the order in which F2 checks them.
     pub const ALL: [Self; 6] = [
         Self::Unknown,
         Self::Closed,
@@ -85,7 +85,7 @@ impl OfferRefusal {
 }
 
 impl DropReason {
-    /// All reasons, in the order in which F3 asks for them.
+    /// All reasons, in the order in which F3 checks them.
     pub const ALL: [Self; 5] =
         [Self::Unknown, Self::Superseded, Self::Unsolicited, Self::Duplicate, Self::Late];
 

@@ -1,4 +1,4 @@
-//! The recorder.
+//! [`Recorder`]: writes an operator's trace while it runs, and never stops the operator: an error ends the trace.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -38,7 +38,7 @@ pub struct Recording {
 /// What is gathered is written when the recorder is dropped, by a panic too.
 ///
 /// A recorder never stops its operator: after the first error it records no more, cuts off what was
-/// written in part, so that the trace ends with a whole input's decisions, and tells the error by
+/// written in part, so that the trace ends with a whole input's decisions, and reports the error by
 /// [`error`](Self::error) and [`finish`](Self::finish).
 ///
 /// With [`Recording::rotate`], `trace.jsonl` is followed by `trace.1.jsonl`, `trace.2.jsonl`… once

@@ -130,13 +130,13 @@ impl Reference {
         }
     }
 
-    /// F2: asks for `(t, p)`, unless the first reason that holds refuses it.
+    /// F2: requests `(t, p)`, unless the first reason that holds refuses it.
     fn admit(&mut self, t: u64, p: u64, due: u64, backlog: u64) -> Result<(), OfferRefusal> {
         let reached = self.was_reached(t);
         // F2 unknown: no such cloud, or beyond all that was opened.
         let gate = self.gates.get_mut(&p).filter(|_| reached).ok_or(OfferRefusal::Unknown)?;
         let open = self.open.get_mut(&t).ok_or(OfferRefusal::Closed)?;
-        // F2 duplicate: asked before, whatever came of it (A26).
+        // F2 duplicate: requested before, whatever came of it (A26).
         if open.requested.contains(&p) {
             return Err(OfferRefusal::Duplicate);
         }
@@ -148,7 +148,7 @@ impl Reference {
         if due <= self.now {
             return Err(OfferRefusal::Deadline);
         }
-        // F2 queue: the gate is asked last, where no earlier reason refused (F2g).
+        // F2 queue: the gate comes last, where no earlier reason refused (F2g).
         if !gate.admits(backlog) {
             return Err(OfferRefusal::Queue);
         }
@@ -252,7 +252,7 @@ impl Reference {
         }
     }
 
-    /// F7, demanded by `rule`: the result goes, the timestamp is retired, its pending clouds are cancelled.
+    /// F7, demanded by `rule`: the result is forwarded, the timestamp is retired, its pending clouds are cancelled.
     fn forward(&mut self, t: u64, p: u64, rule: Rule, out: &mut ExpectedDecisions) {
         let at = self.now;
         out.push((Decision::Emit { at, t, p }, rule));

@@ -1,4 +1,4 @@
-//! Rows of a CSV file, each an event of a trace.
+//! [`Rows`]: events read from a CSV file, with the caller's names of columns and events and its unit of time.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -1,7 +1,7 @@
 //! A cursor over one line that knows its column.
 //!
 //! It reads what a trace is made of by hand, a known key or a whole number at a time, and leaves
-//! the rest of JSON, escapes and values that nobody looks at, to `serde_json`.
+//! the rest of JSON, escapes and values that are skipped, to `serde_json`.
 
 use std::borrow::Cow;
 

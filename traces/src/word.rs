@@ -1,4 +1,4 @@
-//! The keys of a line, and which line takes which.
+//! The keys of a line, and which kind of line must or may have which.
 
 /// What a line is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

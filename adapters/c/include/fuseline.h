@@ -1,7 +1,7 @@
 #ifndef FUSELINE_H
 #define FUSELINE_H
 /*
- * Fuseline for C: which result of a message leaves, and when. SPEC.md has the rules (F), promises (P) and
+ * Fuseline for C: which result of a message is forwarded, and when. SPEC.md has the rules (F), promises (P) and
  * ambiguities (A) that are named here.
  *
  * Made by cbindgen from adapters/c/src; do not edit.
@@ -9,7 +9,7 @@
  * How to drive a machine:
  *
  *   1. Give it storage and a configuration: fuseline_init.
- *   2. At each thing that happens, and at fuseline_next_due, read your monotonic clock (nanoseconds) and tell what
+ *   2. At each thing that happens, and at fuseline_next_due, read your monotonic clock (nanoseconds) and report what
  *      happened: fuseline_open, _offer, _result, _fail, or fuseline_tick if nothing did. While the status is
  *      FUSELINE_STATUS_AGAIN timers fired first (F5): act on the answer and make the same call again, with the same instant.
  *
@@ -24,8 +24,8 @@
  *
  * What holds for all calls: nothing is allocated, nothing blocks, nothing panics or throws, and the answer is the
  * whole effect. A null or misaligned pointer, a storage that is too small, not a machine, or copied from elsewhere, an
- * answer within the machine, and a call from within another (an interrupt, a signal) are told by the status and change
- * nothing. What cannot be told: a pointer that is neither null nor to memory of the right size, storage that somebody
+ * answer within the machine, and a call from within another (an interrupt, a signal) are answered by the status and change
+ * nothing. What is not detected: a pointer that is neither null nor to memory of the right size, storage that somebody
  * else writes, and two threads that call one machine at the same time. One machine is for one thread at a time; two
  * machines know nothing of each other.
  */
@@ -100,7 +100,7 @@
 #define FUSELINE_SHARED_BYTES_A_CLOUD 128
 
 /**
- * What a call says of itself. From FUSELINE_STATUS_NULL on it was wrong and changed nothing.
+ * Whether a call was applied. From FUSELINE_STATUS_NULL on it was wrong and changed nothing.
  */
 enum fuseline_status
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -117,7 +117,7 @@ enum fuseline_status
    */
   FUSELINE_STATUS_AGAIN = 1,
   /**
-   * There is nothing to tell: no timer is armed, the timestamp is not open, or the priority is no cloud's.
+   * There is nothing to report: no timer is armed, the timestamp is not open, or the priority is no cloud's.
    */
   FUSELINE_STATUS_NONE = 2,
   /**
@@ -280,7 +280,7 @@ enum fuseline_reason
    */
   FUSELINE_REASON_CLOSED = 5,
   /**
-   * The cloud was asked for it before; the source's result is already held.
+   * The cloud was requested before; the source's result is already held.
    */
   FUSELINE_REASON_DUPLICATE = 6,
   /**
@@ -296,7 +296,7 @@ enum fuseline_reason
    */
   FUSELINE_REASON_SUPERSEDED = 9,
   /**
-   * Result, failure: the source was not asked.
+   * Result, failure: no request was made to the source.
    */
   FUSELINE_REASON_UNSOLICITED = 10,
   /**
@@ -359,7 +359,7 @@ enum fuseline_commit
    */
   FUSELINE_COMMIT_EAGER = 0,
   /**
-   * It goes once nothing pending outranks it.
+   * It is forwarded once nothing pending outranks it.
    */
   FUSELINE_COMMIT_PATIENT = 1,
 };
@@ -489,7 +489,7 @@ typedef struct fuseline_answer {
 } fuseline_answer;
 
 /**
- * What a machine knows of itself.
+ * The state of a machine as a whole.
  */
 typedef struct fuseline_state {
   /**
@@ -523,7 +523,7 @@ typedef struct fuseline_state {
 } fuseline_state;
 
 /**
- * What a machine knows of an open timestamp: sets of sources, a bit each. Bit `i` is the source `priorities[i]`.
+ * The state of an open timestamp: sets of sources, a bit each. Bit `i` is the source `priorities[i]`.
  */
 typedef struct fuseline_message {
   /**
@@ -539,11 +539,11 @@ typedef struct fuseline_message {
    */
   uint32_t sources_len;
   /**
-   * Asked for.
+   * Requested.
    */
   uint32_t requested;
   /**
-   * Asked for, and neither result nor failure nor timer has come.
+   * Requested, and neither result nor failure nor timer has come.
    */
   uint32_t pending;
   /**
@@ -696,14 +696,14 @@ fuseline_status fuseline_tick(struct fuseline_machine *machine,
 FUSELINE_CHECKED fuseline_status fuseline_next_due(struct fuseline_machine *machine, uint64_t *due);
 
 /**
- * Question: what the machine knows of itself.
+ * Question: the state of the machine as a whole.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_look(struct fuseline_machine *machine,
                               struct fuseline_state *state);
 
 /**
- * Question: what the machine knows of timestamp `t`, or FUSELINE_STATUS_NONE if it is not open.
+ * Question: the state of timestamp `t`, or FUSELINE_STATUS_NONE if it is not open.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_look_at(struct fuseline_machine *machine,
@@ -792,7 +792,7 @@ fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
 
 /**
  * F3, any thread's: the result of source `p` came. `fired` says first which of the message's timers were due by `now`,
- * several due instants as one firing. Of all callers exactly one is told to forward.
+ * several due instants as one firing. Of all callers exactly one gets FUSELINE_OUTCOME_FORWARDED.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_result(struct fuseline_shared *machine,

@@ -1,7 +1,7 @@
-//! The functions of the header.
+//! The exported functions for the machine of one thread.
 //!
-//! Each answers a wrong pointer, a wrong machine and a call from within another with a status, and changes nothing
-//! then.
+//! Each answers a wrong pointer, a wrong machine and a call from within another with a status, and then changes nothing.
+//! Their documentation is that of `include/fuseline.h`, which is made from it.
 #![expect(unsafe_code, reason = "a C interface reads and writes through its caller's pointers")]
 #![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 #![expect(clippy::missing_safety_doc, reason = "the header's preamble says it once for all calls")]
@@ -70,7 +70,7 @@ pub unsafe extern "C" fn fuseline_init(
     config: *const CConfig,
     machine: *mut *mut CMachine,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     match unsafe { storage::make(storage, bytes, config, machine) } {
         Ok(()) => CStatus::Done,
         Err(status) => status,
@@ -81,7 +81,7 @@ pub unsafe extern "C" fn fuseline_init(
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_end(machine: *mut CMachine) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     match unsafe { storage::end(machine) } {
         Ok(()) => CStatus::Done,
         Err(status) => status,
@@ -97,7 +97,7 @@ pub unsafe extern "C" fn fuseline_open(
     t: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Open, answer)) }
 }
 
@@ -111,7 +111,7 @@ pub unsafe extern "C" fn fuseline_open_within(
     deadline: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe {
         with(machine, answer, |room, answer| {
             room.ask(now, t, MessageInput::OpenWithin(deadline), answer)
@@ -132,7 +132,7 @@ pub unsafe extern "C" fn fuseline_offer(
     backlog: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe {
         with(machine, answer, |room, answer| {
             room.ask(now, t, MessageInput::Offer(&Offer { p, deadline, backlog }), answer)
@@ -150,7 +150,7 @@ pub unsafe extern "C" fn fuseline_result(
     p: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe {
         with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Result(p), answer))
     }
@@ -166,7 +166,7 @@ pub unsafe extern "C" fn fuseline_fail(
     p: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Fail(p), answer)) }
 }
 
@@ -178,7 +178,7 @@ pub unsafe extern "C" fn fuseline_tick(
     now: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { with(machine, answer, |room, answer| room.ask(now, 0, MessageInput::Tick, answer)) }
 }
 
@@ -186,19 +186,19 @@ pub unsafe extern "C" fn fuseline_tick(
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_next_due(machine: *mut CMachine, due: *mut u64) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { with(machine, due, |room, due| room.next_due(due)) }
 }
 
-/// Question: what the machine knows of itself.
+/// Question: the state of the machine as a whole.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_look(machine: *mut CMachine, state: *mut CState) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { with(machine, state, |room, state| room.look(state)) }
 }
 
-/// Question: what the machine knows of timestamp `t`, or FUSELINE_STATUS_NONE if it is not open.
+/// Question: the state of timestamp `t`, or FUSELINE_STATUS_NONE if it is not open.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_look_at(
@@ -206,7 +206,7 @@ pub unsafe extern "C" fn fuseline_look_at(
     t: u64,
     message: *mut CMessage,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { with(machine, message, |room, message| room.look_at(t, message)) }
 }
 
@@ -218,7 +218,7 @@ pub unsafe extern "C" fn fuseline_gate_is_shut(
     p: u64,
     is_shut: *mut u32,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { with(machine, is_shut, |room, is_shut| room.gate_is_shut(p, is_shut)) }
 }
 
@@ -246,15 +246,15 @@ pub extern "C" fn fuseline_reason_name(reason: u32) -> *const c_char {
 /// Makes a call of the machine, if there is one and the answer can be written.
 ///
 /// # Safety
-/// As the header asks of a machine and of where an answer is written.
+/// As the header requires of a machine and of where an answer is written.
 unsafe fn with<T>(
     machine: *mut CMachine,
     answer: *mut T,
     call: impl FnOnce(&dyn Inputs, AnswerPointer<T>) -> CStatus,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     match unsafe { storage::room(machine, &[place(answer)]) } {
-        // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+        // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
         Ok(room) => call(room, unsafe { &mut *answer.cast() }),
         Err(status) => status,
     }

@@ -1,4 +1,4 @@
-//! The inputs of `tests/cost/cost.c`, given to the machine from Rust: what the border costs is the difference.
+//! The inputs of `tests/cost/cost.c`, given to the machine from Rust: the difference is what the C interface costs.
 #![expect(unsafe_code, reason = "exports a function to C")]
 
 use fuseline_core::{

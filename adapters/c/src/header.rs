@@ -1,4 +1,6 @@
-//! What every machine's storage begins with, by which a machine is told from other bytes.
+//! The head of every storage, by which a call checks that a pointer is a live machine of its kind before it reads more.
+//!
+//! Also here: the checks of a configuration, which both kinds of machine share.
 
 use core::ffi::c_void;
 use core::ptr::addr_of_mut;
@@ -30,7 +32,7 @@ pub(crate) struct StorageHeader {
 
 /// A kind of machine, of which a caller has a pointer: a [`StorageHeader`] and its alignment.
 pub(crate) trait Kind {
-    /// Tells one kind from another.
+    /// Differs from kind to kind.
     const SEAL: u64;
 }
 
@@ -104,14 +106,14 @@ pub(crate) fn place<T>(answer: *mut T) -> AnswerTarget {
     AnswerTarget { at: answer.addr(), len: size_of::<T>(), is: check(answer) }
 }
 
-/// The status of a wrong call. A call of its own, so that one that is right takes no step to get it ready.
+/// The status of a wrong call. Not inlined, so that a correct call does not pay for it.
 #[cold]
 #[inline(never)]
 pub(crate) fn wrong(status: CStatus) -> CStatus {
     core::hint::black_box(status)
 }
 
-/// What an init of either kind is asked for: its configuration and clouds, if these, the storage and the place of the
+/// The configuration and the clouds that an init of either kind was given, if these, the storage and the place of the
 /// machine's pointer are all right. `needed` says how many bytes a capacity takes, 0 if there is none such.
 ///
 /// # Safety
@@ -187,7 +189,7 @@ unsafe fn registered<'a>(
         // SAFETY: not null, aligned, and may be read by the caller's promise.
         let cloud: CCloud = unsafe { cloud.read() };
         let priority = u16::try_from(cloud.priority).map_err(|_| CStatus::Priority)?;
-        // Told here what the machine's making would tell, which looks at the capacity first.
+        // Checked here, since making a machine checks the capacity first.
         if Gate::new(cloud.limit, cloud.resume).is_none() {
             return Err(CStatus::Gate);
         }

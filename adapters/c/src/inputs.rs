@@ -1,4 +1,6 @@
-//! A machine of whatever capacity, in the plain data of the border.
+//! [`Inputs`]: the inputs and queries of a machine of any capacity, in the plain data of the interface.
+//!
+//! What cannot be a priority is answered `unknown` here; everything else is decided by the core.
 
 use core::mem::MaybeUninit;
 
@@ -14,7 +16,7 @@ use crate::storage::Storage;
 /// Where an answer will be written.
 pub(crate) type AnswerPointer<'a, T> = &'a mut MaybeUninit<T>;
 
-/// What is asked of the machine for a timestamp: an input of SPEC.md.
+/// An input of SPEC.md, for one timestamp.
 #[derive(Clone, Copy)]
 pub(crate) enum MessageInput<'a> {
     /// F1: a message came.
@@ -134,7 +136,7 @@ fn apply<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// What is asked for, or [`CStatus::None`], which writes nothing.
+/// Writes the answer of a query, or nothing and [`CStatus::None`].
 fn answer_list<T>(found: Option<T>, place: AnswerPointer<T>) -> CStatus {
     match found {
         Some(found) => {

@@ -1,4 +1,4 @@
-//! The words of SPEC.md for what crosses the border.
+//! The names of statuses, outcomes and reasons, as SPEC.md has them.
 
 use core::ffi::{CStr, c_char};
 

@@ -1,4 +1,4 @@
-//! The plain data that crosses the border. `include/fuseline.h` is made from here.
+//! The plain data of the interface. `include/fuseline.h` is made from this file; a test compares them.
 #![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 
 /// The version of this interface. A library refuses a header of another one.
@@ -19,7 +19,7 @@ pub const FUSELINE_SHARED_BYTES: usize = 256;
 /// Those for each cloud.
 pub const FUSELINE_SHARED_BYTES_A_CLOUD: usize = 128;
 
-/// What a call says of itself. From FUSELINE_STATUS_NULL on it was wrong and changed nothing.
+/// Whether a call was applied. From FUSELINE_STATUS_NULL on it was wrong and changed nothing.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CStatus {
@@ -28,7 +28,7 @@ pub enum CStatus {
     /// Timers fired first (F5): the answer is theirs and the input was not applied. Act on the answer, then make the
     /// same call again.
     Again = 1,
-    /// There is nothing to tell: no timer is armed, the timestamp is not open, or the priority is no cloud's.
+    /// There is nothing to report: no timer is armed, the timestamp is not open, or the priority is no cloud's.
     None = 2,
     /// A pointer is null.
     Null = 16,
@@ -97,7 +97,7 @@ const _: () = {
 pub enum CCommit {
     /// The first cloud's timer that fires commits it.
     Eager = 0,
-    /// It goes once nothing pending outranks it.
+    /// It is forwarded once nothing pending outranks it.
     Patient = 1,
 }
 
@@ -142,7 +142,7 @@ pub enum CReason {
     Unknown = 4,
     /// Offer: the timestamp is not open.
     Closed = 5,
-    /// The cloud was asked for it before; the source's result is already held.
+    /// The cloud was requested before; the source's result is already held.
     Duplicate = 6,
     /// Offer: a held result outranks whatever this cloud would return.
     Outranked = 7,
@@ -150,7 +150,7 @@ pub enum CReason {
     Queue = 8,
     /// Result, failure: the timestamp is not open.
     Superseded = 9,
-    /// Result, failure: the source was not asked.
+    /// Result, failure: no request was made to the source.
     Unsolicited = 10,
     /// Result, failure: the request was closed by its timer or by a failure.
     Late = 11,
@@ -219,7 +219,7 @@ pub struct CAnswer {
     pub cancelled: [u16; FUSELINE_SOURCES],
 }
 
-/// What a machine knows of itself.
+/// The state of a machine as a whole.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CState {
@@ -239,7 +239,7 @@ pub struct CState {
     pub window: u32,
 }
 
-/// What a machine knows of an open timestamp: sets of sources, a bit each. Bit `i` is the source `priorities[i]`.
+/// The state of an open timestamp: sets of sources, a bit each. Bit `i` is the source `priorities[i]`.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CMessage {
@@ -249,9 +249,9 @@ pub struct CMessage {
     pub priorities: [u16; FUSELINE_SOURCES],
     /// How many sources there are: local and the clouds.
     pub sources_len: u32,
-    /// Asked for.
+    /// Requested.
     pub requested: u32,
-    /// Asked for, and neither result nor failure nor timer has come.
+    /// Requested, and neither result nor failure nor timer has come.
     pub pending: u32,
     /// Those whose timer is live.
     pub armed: u32,
@@ -270,7 +270,7 @@ pub struct CMessageId {
     pub opaque: [u64; 3],
 }
 
-/// What the header's FUSELINE_LAYOUT is where it was compiled: the sizes of what crosses the border.
+/// What the header's FUSELINE_LAYOUT is where it was compiled: the sizes of the interface's structures.
 pub(crate) const LAYOUT: u32 = {
     let sizes = [
         size_of::<CConfig>(),

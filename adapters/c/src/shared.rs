@@ -1,4 +1,6 @@
-//! The functions of the header for the machine that many threads call without a lock (SPEC.md, section 8).
+//! The exported functions for the machine that many threads call without a lock (SPEC.md, section 8).
+//!
+//! As in `calls`, a wrong call is answered with a status and changes nothing.
 #![expect(unsafe_code, reason = "a C interface reads and writes through its caller's pointers")]
 #![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 #![expect(clippy::missing_safety_doc, reason = "the header's preamble says it once for all calls")]
@@ -28,7 +30,7 @@ pub unsafe extern "C" fn fuseline_shared_init(
     config: *const CConfig,
     machine: *mut *mut CShared,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     match unsafe { shared_storage::make(storage, bytes, config, machine) } {
         Ok(()) => CStatus::Done,
         Err(status) => status,
@@ -39,11 +41,11 @@ pub unsafe extern "C" fn fuseline_shared_init(
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_end(machine: *mut CShared) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     if let Err(status) = unsafe { StorageHeader::of(machine, &[]) } {
         return status;
     }
-    // SAFETY: it is one, and no other call uses it, as the header asks.
+    // SAFETY: it is one, and no other call uses it, as the header requires.
     unsafe { StorageHeader::end(machine) };
     CStatus::Done
 }
@@ -58,7 +60,7 @@ pub unsafe extern "C" fn fuseline_shared_open(
     message_id: *mut CMessageId,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { open(machine, (now, t, None), message_id, answer) }
 }
 
@@ -73,7 +75,7 @@ pub unsafe extern "C" fn fuseline_shared_open_within(
     message_id: *mut CMessageId,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { open(machine, (now, t, Some(deadline)), message_id, answer) }
 }
 
@@ -90,7 +92,7 @@ pub unsafe extern "C" fn fuseline_shared_offer(
     fired: *mut CAnswer,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     let answer_list = unsafe {
         shared_storage::owner(machine, &[place(fired), place(answer)], |owner, header| {
             shared_storage::named(machine, message_id).map(|message_id| {
@@ -99,13 +101,13 @@ pub unsafe extern "C" fn fuseline_shared_offer(
         })
     };
     let answer_list = answer_list.and_then(|answer_list| answer_list);
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     answer_list
         .map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
 }
 
 /// F3, any thread's: the result of source `p` came. `fired` says first which of the message's timers were due by `now`,
-/// several due instants as one firing. Of all callers exactly one is told to forward.
+/// several due instants as one firing. Of all callers exactly one gets FUSELINE_OUTCOME_FORWARDED.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_result(
@@ -116,7 +118,7 @@ pub unsafe extern "C" fn fuseline_shared_result(
     fired: *mut CAnswer,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { bring(machine, now, message_id, InputKind::Result(p), fired, answer) }
 }
 
@@ -131,7 +133,7 @@ pub unsafe extern "C" fn fuseline_shared_fail(
     fired: *mut CAnswer,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { bring(machine, now, message_id, InputKind::Failure(p), fired, answer) }
 }
 
@@ -145,7 +147,7 @@ pub unsafe extern "C" fn fuseline_shared_expire(
     fired: *mut CAnswer,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     unsafe { bring(machine, now, message_id, InputKind::Time, fired, answer) }
 }
 
@@ -157,7 +159,7 @@ pub unsafe extern "C" fn fuseline_shared_next_due(
     message_id: CMessageId,
     due: *mut u64,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     let found = unsafe {
         shared_storage::handle(machine, &[place(due)], |handle| {
             shared_storage::named(machine, message_id).map(|message_id| handle.next_due(message_id))
@@ -165,7 +167,7 @@ pub unsafe extern "C" fn fuseline_shared_next_due(
     };
     match found.and_then(|found| found) {
         Ok(Some(found)) => {
-            // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+            // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
             unsafe { due.write(found) };
             CStatus::Done
         }
@@ -175,14 +177,14 @@ pub unsafe extern "C" fn fuseline_shared_next_due(
 }
 
 /// # Safety
-/// As the header asks.
+/// As the header requires.
 unsafe fn open(
     machine: *mut CShared,
     (now, t, deadline): (u64, u64, Option<u64>),
     message_id: *mut CMessageId,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     let asked = unsafe {
         shared_storage::owner(machine, &[place(message_id), place(answer)], |owner, header| {
             owner.open(now, t, deadline.map(|deadline| header.deadline(deadline)))
@@ -197,7 +199,7 @@ unsafe fn open(
         }
         Err(status) => return status,
     };
-    // SAFETY: not null, aligned, outside the machine, and the header asks that it may be written.
+    // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
     unsafe { message_id.write(made) };
     // SAFETY: as above.
     unsafe { answer.write(answer_list) };
@@ -205,7 +207,7 @@ unsafe fn open(
 }
 
 /// # Safety
-/// As the header asks.
+/// As the header requires.
 unsafe fn bring(
     machine: *mut CShared,
     now: u64,
@@ -215,7 +217,7 @@ unsafe fn bring(
     answer: *mut CAnswer,
 ) -> CStatus {
     let answers = [place(fired), place(answer)];
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     let answer_list = unsafe {
         shared_storage::handle(machine, &answers, |handle| {
             shared_storage::named(machine, message_id)
@@ -223,7 +225,7 @@ unsafe fn bring(
         })
     };
     let answer_list = answer_list.and_then(|answer_list| answer_list);
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     answer_list
         .map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
 }

@@ -1,4 +1,7 @@
-//! A machine for many threads in its caller's storage, and the ways to its two halves.
+//! A machine for many threads in its caller's storage: how it is made and how calls reach its two halves.
+//!
+//! The owner's half refuses a second call at the same time; the shared handle takes any. A message id that crosses the
+//! interface is tied to its machine, so that another machine's is refused.
 #![expect(unsafe_code, reason = "reads and writes its caller's storage")]
 
 use core::ffi::c_void;
@@ -50,7 +53,7 @@ pub(crate) trait SharedCalls {
     fn next_due(&self, message_id: MessageId) -> Option<u64>;
 }
 
-/// What any thread may tell of one message.
+/// What any thread may report for one message.
 #[derive(Clone, Copy)]
 pub(crate) enum InputKind {
     /// F3: of this source.
@@ -184,7 +187,7 @@ pub(crate) const fn bytes(capacity: u32) -> usize {
 /// Makes a machine and says where it is.
 ///
 /// # Safety
-/// As the header asks.
+/// As the header requires.
 pub(crate) unsafe fn make(
     storage: *mut c_void,
     bytes: usize,
@@ -192,21 +195,21 @@ pub(crate) unsafe fn make(
     machine: *mut *mut CShared,
 ) -> Result<(), CStatus> {
     let mut clouds = NO_CLOUDS;
-    // SAFETY: as the header asks.
+    // SAFETY: as the header requires.
     let (config, clouds) =
         unsafe { asked((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
     let (window, commit) = rule(&config);
     with_room!(config.capacity, R = SharedStorage => {
         let made = Shared::new(window, commit, clouds).map_err(|error| status_of(&error))?;
-        // SAFETY: aligned and large enough, as was asked, and the caller's to give.
+        // SAFETY: aligned and large enough, as was checked, and the caller's to give.
         unsafe { R::fill(storage.cast(), made, &config) };
     }, else return Err(CStatus::Capacity));
-    // SAFETY: not null, aligned, and the header asks that it may be written.
+    // SAFETY: not null, aligned, and the header requires that it may be written.
     unsafe { machine.write(storage.cast()) };
     Ok(())
 }
 
-/// Runs `call` with the desk, if there is a machine and the answers lie outside of it.
+/// Runs `call` with the shared handle, if there is a machine and the answers lie outside of it.
 ///
 /// # Safety
 /// As for [`StorageHeader::of`].
@@ -248,11 +251,11 @@ pub(crate) unsafe fn owner<A>(
     answer_list
 }
 
-// A message id crosses the border as three integers, the last of which is its place. It has no padding where addresses have
+// A message id crosses the interface as three integers, the last of which is its place. It has no padding where addresses have
 // 64 bits.
 const _: () = assert!(size_of::<usize>() == 8, "the machine for many threads is for 64 bits");
 
-/// What crosses the border where no message was opened.
+/// What is written where no message was opened.
 pub(crate) const NO_TICKET: CMessageId = CMessageId { opaque: [0; 3] };
 
 /// A message id as the caller has it: its place stands beside the address of its machine, counted from 1.

@@ -1,4 +1,6 @@
-//! A machine in its caller's storage, and the one way into it.
+//! A machine for one thread in its caller's storage: how it is made, reached and ended.
+//!
+//! [`Storage::enter`] is the only access to the machine; it refuses a call that interrupts another.
 
 use core::cell::UnsafeCell;
 use core::ffi::c_void;
@@ -39,7 +41,7 @@ pub(crate) const OWN_WINDOW: usize = number(option_env!("FUSELINE_OWN_WINDOW"), 
 
 #[cfg(feature = "capacity-own")]
 pub(crate) const OWN_CAPACITY: u32 = crate::plain::capacity_of(OWN_CLOUDS, OWN_WINDOW);
-/// Not a capacity: none of one's own was asked for when the library was built.
+/// Not a capacity: the library was built without one of its own.
 #[cfg(not(feature = "capacity-own"))]
 pub(crate) const OWN_CAPACITY: u32 = 0;
 
@@ -165,7 +167,7 @@ pub(crate) unsafe fn make(
     let (config, clouds) =
         unsafe { asked((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
     with_room!(config.capacity, R = Storage => {
-        // SAFETY: aligned and large enough, as was asked, and the caller's to give.
+        // SAFETY: aligned and large enough, as was checked, and the caller's to give.
         unsafe { R::fill(storage.cast(), &config, clouds) }?;
     }, else return Err(CStatus::Capacity));
     // SAFETY: not null, aligned, and may be written by the caller's promise.
@@ -173,7 +175,7 @@ pub(crate) unsafe fn make(
     Ok(())
 }
 
-/// The room of a machine, if there is one and the answers lie outside of it.
+/// The storage of a machine, if there is one and the answers lie outside of it.
 ///
 /// # Safety
 /// `machine` came from [`make`] or may be read as a [`CMachine`] at least; no other thread calls at the same time.
@@ -185,7 +187,7 @@ pub(crate) unsafe fn room<'a>(
     // SAFETY: by the caller's promise.
     let header = unsafe { StorageHeader::of(machine, answers) }?;
     with_room!(header.capacity, R = Storage => {
-        // SAFETY: the seal says that a room of this capacity was written here.
+        // SAFETY: the seal says that a storage of this capacity was written here.
         Ok(unsafe { &*machine.cast::<R>() })
     }, else Err(wrong(CStatus::Foreign)))
 }

@@ -1,4 +1,5 @@
-//! What threads hold: a message, for its timers, and the calls to its sources.
+//! [`Message`] serves one message's timers; a [`Call`] is used up by one result or failure of one source.
+//! Both come from [`ValueOwner`](crate::ValueOwner), and any thread may hold them.
 
 use std::fmt;
 use std::sync::Arc;
@@ -16,7 +17,7 @@ pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) cells: Arc<Cells<T, CLOUDS>>,
 }
 
-/// One source asked for one message: it gives one result or one failure.
+/// One request to one source for one message: it gives one result or one failure.
 ///
 /// If it is dropped it gives neither: the request's timer closes it then, or local's deadline, if there is one.
 #[must_use = "the message waits for it"]

@@ -1,4 +1,4 @@
-//! The cells in which one message's values wait.
+//! The cells that keep one message's values until one of them is forwarded.
 
 use std::sync::PoisonError;
 #[cfg(not(loom))]
@@ -47,7 +47,7 @@ impl<T, const CLOUDS: usize> Cells<T, CLOUDS> {
     }
 }
 
-/// Locks a cell that nobody else wants now.
+/// Locks a cell that no other thread uses now.
 fn alone<T>(cell: &Mutex<T>) -> MutexGuard<'_, T> {
     cell.try_lock().unwrap_or_else(|_| {
         debug_assert!(false, "two threads want one cell");

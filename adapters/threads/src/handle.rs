@@ -1,4 +1,7 @@
-//! The half for all threads: what comes for open timestamps.
+//! [`SharedHandle`]: results, failures and ticks from any thread, without a lock.
+//!
+//! Each call changes the state of one message, packed into one word, by compare-and-swap. It opens no message and makes no
+//! request: those are the [`Owner`](crate::Owner)'s alone.
 
 use core::sync::atomic::Ordering;
 
@@ -39,7 +42,7 @@ pub(crate) struct WindowSlot<const CLOUDS: usize> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
-    /// The most changes that an open timestamp can see: each cloud is asked once, each source stops being pending once,
+    /// The most changes that an open timestamp can see: each cloud is requested once, each source stops being pending once,
     /// and the last of these changes retires it. An exchange fails only after a change.
     const CHANGES: usize = CLOUDS.wrapping_mul(2).wrapping_add(1);
 

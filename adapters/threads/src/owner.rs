@@ -1,4 +1,4 @@
-//! The owner's half: opens and offers.
+//! [`Owner`]: opens messages and offers requests, from one thread at a time. It alone has the gates.
 
 use core::sync::atomic::Ordering;
 
@@ -23,7 +23,7 @@ pub struct Owner<'a, const CLOUDS: usize, const WINDOW: usize> {
 /// What only the owner needs.
 #[derive(Debug)]
 pub(crate) struct OwnerState<const CLOUDS: usize> {
-    /// For their gates; the gates of the desk's copy are not used.
+    /// For their gates; the gates of the handle's copy are not used.
     clouds: Clouds<CLOUDS>,
     newest: Option<Timestamp>,
     /// The place that was opened last.
@@ -46,7 +46,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
 
     /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
     ///
-    /// Looks at each place at most once; at a single one where messages leave in the order in which they came.
+    /// Looks at each place at most once; at a single one where messages are retired in the order in which they came.
     ///
     /// # Errors
     /// The first [`OpenRefusal`] that holds. `Full` may no longer hold at the return.
@@ -67,7 +67,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
             place.set_due(Source::LOCAL, entry.due(Source::LOCAL));
         }
         let packed = packed.opened(entry.slot());
-        // No exchange: nobody else writes a free place. Relaxed: others get the ticket after this.
+        // No exchange: nobody else writes a free place. Relaxed: others get the message id after this.
         place.packed.store(packed.bits(), Ordering::Relaxed);
         self.kept.newest = Some(timestamp);
         self.kept.last = index;
@@ -75,7 +75,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
     }
 
     /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
-    /// the cloud's outgoing queue without this message. Returns first which timers were due, as the desk does.
+    /// the cloud's outgoing queue without this message. Returns first which timers were due, as the handle does.
     pub fn offer(
         &mut self,
         now: Instant,
@@ -93,7 +93,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         };
         let answer = handle.exchange(message_id, |place, mut entry| {
             let fired = handle.fire(now, message_id, &mut entry);
-            // F2g: each look asks the gate as it was, so that an offer moves it at most once.
+            // F2g: each attempt starts from the gate as it was, so that an offer moves it at most once.
             let mut asked = *gate;
             let (slot, admission) = entry.slot().admit(source, &mut asked, now, deadline, backlog);
             if let Admission::Admitted { due } = admission {

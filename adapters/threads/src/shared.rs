@@ -16,17 +16,17 @@ use crate::owner::{Owner, OwnerState};
 ///
 /// let cloud = Priority::new(1);
 /// let mut shared = Shared::<3, 16>::new(16, Commit::Eager, &[Cloud::new(cloud, 31)])?;
-/// let (mut owner, desk) = shared.split();
+/// let (mut owner, handle) = shared.split();
 /// let now = Instant::START;
-/// let ticket = owner.open(now, Timestamp::new(0), None).expect("there is room");
-/// let (_, admission) = owner.offer(now, ticket, cloud, Deadline::from_millis(400), 0);
+/// let id = owner.open(now, Timestamp::new(0), None).expect("there is room");
+/// let (_, admission) = owner.offer(now, id, cloud, Deadline::from_millis(400), 0);
 /// let Admission::Admitted { due } = admission else { panic!("the queue is empty") };
 ///
 /// // Any thread may give what came, at the instant that its own clock reads.
-/// let (fired, outcome) = desk.result(now, ticket, Priority::LOCAL);
+/// let (fired, outcome) = handle.result(now, id, Priority::LOCAL);
 /// assert_eq!((fired, outcome), (None, Outcome::Held));
 /// // Exactly one call gets `Forwarded`.
-/// let fired = desk.expire(due, ticket).expect("its timer is due");
+/// let fired = handle.expire(due, id).expect("its timer is due");
 /// assert!(matches!(fired.outcome, Outcome::Forwarded { by: Priority::LOCAL, .. }));
 /// # Ok::<(), fuseline_core::ConfigError>(())
 /// ```
@@ -50,7 +50,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
         })
     }
 
-    /// The one owner's half, and the desk for all threads. Splitting again leaves what is open as it is.
+    /// The one owner's half, and the handle for all threads. Splitting again leaves what is open as it is.
     pub fn split(&mut self) -> (Owner<'_, CLOUDS, WINDOW>, &SharedHandle<CLOUDS, WINDOW>) {
         let Self { handle, kept } = self;
         (Owner::new(handle, kept), handle)

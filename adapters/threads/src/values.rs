@@ -1,4 +1,4 @@
-//! The owner's half, with values.
+//! [`ValueOwner`]: an [`Owner`] that also keeps the results' values, for the thread that is to forward one.
 
 use std::fmt;
 use std::sync::Arc;

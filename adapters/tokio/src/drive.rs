@@ -1,22 +1,18 @@
-//! The event loop that every adapter on tokio shares: the only place that reads an operator's clock
-//! and drives its engine.
+//! The event loop that every adapter on tokio shares: the only place that reads an operator's clock and drives its engine.
 //!
-//! A [`Transport`] covers what differs: where messages come from, where requests and outputs go, and
-//! its own affairs. What is the same for all of them:
+//! An adapter implements [`Transport`], which says where messages come from and where requests and outputs are sent, and runs
+//! a [`Driver`] with it. The loop decides nothing: the rules are the core's, the queues the engine's.
 //!
-//! - **Turns** (D9 served in time). Calls, the transport and the timer take turns when several are
-//!   ready, so that a flood of one does not keep another from its turn. Which is taken first changes
-//!   no decision about time: the core expires what is due before anything else (A2).
-//!   The order of turns is fixed, so that a run on a paused clock can be repeated.
-//! - **The timer** is set to the nearest due instant and never moved further away: now and then it finds
-//!   nothing due, which is cheaper than moving it with each message. It is set again each time it
-//!   goes off, even if the due instant lies beyond the end of the system's clock.
-//! - **Calls** (D6 aborted) run in tasks of their own, since they may compute for long; on a runtime of
-//!   one thread they run within the driver, where that makes no difference and costs half. They are
-//!   aborted when they are no longer wanted, or have lingered long enough after that, and all of them
-//!   when the loop ends or is dropped. Local's computations never are (F7).
-//! - **The clock** is read once for each event.
-//! - **Panics** of a call or a computation are failures (F4).
+//! - **Turns** (D9 served in time). Calls, the transport and the timer take turns in a fixed order, so that a flood of one does
+//!   not keep another from its turn and a run on a paused clock can be repeated. Which is taken first changes no decision about
+//!   time: the core expires what is due before anything else (A2).
+//! - **The timer** is set to the nearest due instant and never moved further away: to wake up now and then with nothing due is
+//!   cheaper than to move it with each message. It is set again each time it fires, even if the due instant lies beyond the
+//!   end of the system's clock.
+//! - **Calls** (D6 aborted) run in tasks of their own; on a runtime of one thread they run within the driver, which costs half.
+//!   They are aborted when they are no longer wanted, or have lingered long enough after that, and all of them when the loop
+//!   ends or is dropped. Local's computations never are (F7).
+//! - **The clock** is read once for each event. **Panics** of a call or a computation are failures (F4).
 //! - **A request that could not be sent** fails after the message was offered to every cloud (A30).
 
 mod calls;
@@ -54,7 +50,7 @@ pub trait Transport {
     type Message;
 
     /// What happens next, if anything: the driver calls this until nothing is ready, and again when the
-    /// context's waker is called. The transport sees to its own affairs in here.
+    /// context's waker is called. The transport's other work is done in here too.
     fn poll_incoming(
         &mut self,
         context: &mut Context<'_>,
@@ -75,7 +71,7 @@ pub trait Transport {
         let _ = (timestamp, message);
     }
 
-    /// What policies learn of the vehicle with this message; none leaves it as it was.
+    /// The vehicle's situation as of this message, for policies; none leaves it as it was.
     fn situation(&mut self, timestamp: u64, message: &Self::Message) -> Option<Situation<'static>> {
         let _ = (timestamp, message);
         None
@@ -156,13 +152,13 @@ pub struct Driver<T: Transport> {
     engine: Engine<T::Value, T::Request>,
     transport: T,
     start: Instant,
-    /// The clock's reading for the event at hand.
+    /// The clock's reading for the current event.
     now: u64,
     calls: Calls<T::Value>,
     timer: Timer,
     /// When the timer goes off, if it is set.
     armed: Option<u64>,
-    /// Requests of the message at hand that could not be sent.
+    /// Requests of the current message that could not be sent.
     unsent: Vec<(u16, u64, Error)>,
     /// Who has the next turn.
     turn: usize,
@@ -283,7 +279,7 @@ impl<T: Transport> Driver<T> {
             }
         }
         self.waker.register(context.waker());
-        // One may have rung before the waker was registered.
+        // One may have been set before the waker was registered.
         if bells.iter().any(WakeFlag::is_rung) {
             context.waker().wake_by_ref();
         }
@@ -313,7 +309,7 @@ impl<T: Transport> Driver<T> {
         }
     }
 
-    /// Does what the engine says, and fails what could not be sent.
+    /// Carries out what the engine decided, and fails what could not be sent.
     fn act(&mut self) {
         loop {
             while let Some(effect) = self.engine.next_effect() {

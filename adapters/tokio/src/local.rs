@@ -89,7 +89,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
     }
 }
 
-/// Local at work.
+/// The running local computation.
 pub(crate) enum Workers<I, O> {
     Future(Spawn<I, O>),
     Threads {
@@ -120,7 +120,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
                     let job = taken.lock().unwrap_or_else(PoisonError::into_inner).recv();
                     let Ok((message, timestamp)) = job else { return };
                     let result = guard(|| compute(&message, timestamp));
-                    // Nobody waits for it once the operator has ended.
+                    // There is no receiver once the operator has ended.
                     drop(error_chain.send(Completion { priority: 0, timestamp, result }));
                 }
             })?;

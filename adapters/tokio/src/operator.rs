@@ -1,4 +1,6 @@
-//! An operator: what users write, and how it is started.
+//! [`Operator`], which users implement, its [`Config`], and [`spawn`], which starts it.
+//!
+//! What it does with messages is in `run`, the event loop in [`drive`](crate::drive), the decisions in the core.
 
 use std::io;
 use std::path::PathBuf;
@@ -92,10 +94,10 @@ pub enum SpawnError {
     /// It could not keep up with its [workload](Config::workload).
     #[error("the operator could not keep up: {0}")]
     Workload(#[from] CapacityErrors),
-    /// An aside's gate could never open again.
+    /// A side request's gate could never open again.
     #[error("the gate of {name} needs a limit of at least 1 and a resume below it")]
     SideRequest {
-        /// The aside's name.
+        /// The side request's name.
         name: String,
     },
     /// [`output_len`](Config::output_len) is 0: no item could ever be written.
@@ -221,7 +223,7 @@ impl Running {
         self.counting.tally()
     }
 
-    /// The counts of its asides so far, in the order of registration.
+    /// The counts of its side requests so far, in the order of registration.
     #[must_use]
     pub fn sides(&self) -> Vec<SideTally> {
         self.sides.iter().map(|counts| counts.tally()).collect()
@@ -267,7 +269,7 @@ impl Default for Config {
     }
 }
 
-/// The asides, ready to ask.
+/// The side requests, ready to be made.
 fn sides<I>(
     operator: &str,
     registered: Vec<SideRegistration<I>>,

@@ -1,4 +1,4 @@
-//! Real-time scheduling, and memory that stays: both of Linux, and only where the system grants them.
+//! Real-time scheduling and locked memory: both of Linux, and only where the system grants them.
 //!
 //! What is due is served once its thread runs. Under the usual scheduling that thread shares its core with whatever else runs
 //! there; under `SCHED_FIFO` it runs at once, before every thread without a real-time policy. A thread that waits for a page
@@ -45,7 +45,7 @@ pub enum RealtimeError {
         "SCHED_FIFO {priority}: {source}; grant CAP_SYS_NICE, or raise `ulimit -r` to {priority}"
     )]
     Schedule {
-        /// What was asked for.
+        /// The priority that was requested.
         priority: u8,
         /// Why not.
         source: io::Error,

@@ -1,4 +1,6 @@
-//! An operator on streams: its transport.
+//! An operator on streams: its [`Transport`] reads the input, makes the requests and writes the items.
+//!
+//! While a reader lags it takes in no new message; what is open goes on (D8).
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -20,7 +22,7 @@ use crate::setup::{Call, HintHandler, Registered, Request, SituationSource};
 use crate::side::SideRunner;
 use crate::stream::{Reader, WriteError, Writer};
 
-/// What an operator reads, asks and writes.
+/// What an operator reads, requests and writes.
 pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<Registered<I, O>>,
@@ -37,13 +39,13 @@ pub(crate) struct Streams<I, O> {
     pub(crate) is_open: bool,
 }
 
-/// What goes to a source.
+/// What is sent to a source.
 pub(crate) enum Work<I, O> {
     Local(Arc<I>),
     Call(Request<O>),
 }
 
-/// The way out: items go straight to the readers, and wait here only while one lags.
+/// The output: items are given to the readers at once, and wait here only while one lags.
 pub(crate) struct Outbox<O> {
     writer: Writer<Item<O>>,
     /// At most one for each message that was open when the reader began to lag.
@@ -63,7 +65,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         {
             self.stop = None;
             if reported.is_ok() {
-                // D1 one item: what was decided leaves, as far as readers have room.
+                // D1 one item: what was decided is written, as far as readers have room.
                 let _ = self.output.poll_delivered(context);
                 return Poll::Ready(Incoming::Stop);
             }
@@ -77,7 +79,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
             return Poll::Pending;
         }
         if !self.is_open {
-            // The driver ends only when it hears that what waited has been delivered.
+            // The driver ends only once it knows that what waited has been delivered.
             return if was_waiting { Poll::Ready(Incoming::Last) } else { Poll::Pending };
         }
         self.input.poll_numbered(context).map(|message| {
@@ -179,7 +181,7 @@ impl<O: Send + Sync + 'static> Outbox<O> {
                 }
             }
         }
-        // Else it would hold a place that was kept for it.
+        // Else it would hold a permit that was reserved for it.
         self.room = None;
         Poll::Ready(())
     }

@@ -1,4 +1,6 @@
-//! What an operator's `setup` registers.
+//! [`Setup`]: what [`Operator::setup`](crate::Operator::setup) registers, such as clouds with their handlers and bounds.
+//!
+//! Registering starts nothing; [`spawn`](crate::spawn) does.
 
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -35,7 +37,7 @@ pub struct Cloud {
     /// Chooses how long each request may take, at most what the message handler says, and learns how
     /// each ended; none by default: then the message handler alone decides.
     ///
-    /// It is asked in the operator's task and must not block. If it panics, the cloud is not asked.
+    /// It is called in the operator's task and must not block. If it panics, no request is made.
     pub policy: Option<Box<dyn Policy + Send>>,
     /// How long a call may run on after it was due, so that `policy` learns how long it really
     /// takes; 0 by default. What comes then is still dropped (F3).
@@ -70,7 +72,7 @@ pub(crate) struct Registered<I, O> {
 
 /// Takes late results.
 pub(crate) type HintHandler<O> = Box<dyn FnMut(Hint<O>) + Send>;
-/// Says what policies are to know of the vehicle.
+/// Gives policies the vehicle's situation.
 pub(crate) type SituationSource<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
 /// The message handler: what to send, if anything, and how long the cloud may take.
 pub(crate) type Offer<I, O> = Box<dyn FnMut(&I, u64) -> Option<(Request<O>, Duration)> + Send>;
@@ -85,11 +87,11 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// Registers a cloud; set its name and bounds in the [`Cloud`] returned.
     ///
     /// - `handle` makes the call, in a task of its own. Dropping its future must abort the call:
-    ///   that happens when its timer fires or another result goes (F5, F7). An error or a
+    ///   that happens when its timer fires or another result is forwarded (F5, F7). An error or a
     ///   panic is a failure (F4).
     /// - `message_handler` looks at each message that was taken on, in the operator's task, and may
-    ///   keep state. It must not block; costly encoding belongs in `handle`. `None` does not ask
-    ///   this cloud, nor does a panic; the handler is called again with the next message.
+    ///   keep state. It must not block; costly encoding belongs in `handle`. `None` or a
+    ///   panic makes no request to this cloud; the handler is called again with the next message.
     /// - `response_handler` turns the response into the output, in the call's task, when it
     ///   arrives. An error or a panic is a failure (F4). The result counts as arrived when the
     ///   handler is done.
@@ -128,8 +130,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
         &mut self.clouds[last].cloud
     }
 
-    /// Sets what the clouds' policies learn of the vehicle with each message taken in, above all its
-    /// speed. Without it they know nothing, and the guard risks nothing.
+    /// Sets where the clouds' policies get the vehicle's situation from with each message taken in, above
+    /// all its speed. Without it nothing is known, and the guard risks nothing.
     ///
     /// It is called in the operator's task and must not block. After a panic nothing is known.
     pub fn use_situation(
@@ -150,7 +152,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// - `handle` makes the call as for a cloud, within the time left. When that is over, or
     ///   the operator ends, its future is dropped.
     /// - `message_handler` looks at each message that was taken on, after the clouds' handlers, and must
-    ///   not block. `None` asks nothing.
+    ///   not block. `None` makes no call.
     /// - `response_handler` gets each answer that comes in time, in the call's task, and changes
     ///   [shared](crate::SharedState) state. `Ok` counts as answered, an error as failed.
     ///
@@ -199,7 +201,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
 }
 
 impl<I, O> Registered<I, O> {
-    /// Asks the message handler; one that panics asks for nothing.
+    /// Calls the message handler; one that panics makes no request.
     pub(crate) fn ask(&mut self, message: &I, timestamp: u64) -> Option<(Request<O>, Duration)> {
         catch_unwind(AssertUnwindSafe(|| (self.offer)(message, timestamp))).unwrap_or_else(
             |panic| {

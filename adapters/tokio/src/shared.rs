@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// State that local, handlers and asides have in common; clones share it.
+/// State that local, handlers and side requests have in common; clones share it.
 ///
 /// ```
 /// # use fuseline_tokio::SharedState;

@@ -1,4 +1,7 @@
-//! Calls beside the rules: their answers change shared state and never become an output.
+//! Side requests: calls whose answers change shared state and never become an output.
+//!
+//! [`Setup::use_side_request`](crate::Setup::use_side_request) registers them. The machine does not know of them, so no item
+//! waits for one.
 
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -19,7 +22,7 @@ use crate::error_chain::ErrorChain;
 use crate::panics::{guarded, panicked, reason};
 use crate::setup::{ByteCounter, Call};
 
-/// The queue and bounds of an [aside](crate::Setup::use_side_request), with defaults.
+/// The queue and bounds of a [side request](crate::Setup::use_side_request), with defaults.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SideRequest {
     /// For people and metrics; `side-` and its place, from 1, by default.
@@ -32,7 +35,7 @@ pub struct SideRequest {
     pub calls: usize,
 }
 
-/// One aside's counts since the operator's start.
+/// One side request's counts since the operator's start.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SideTally {
     /// Its name.
@@ -59,13 +62,13 @@ pub(crate) type SideResponse = Box<dyn FnOnce() -> Result<(), Error> + Send>;
 /// The message handler.
 pub(crate) type SideHandler<I> = Box<dyn FnMut(&I, u64) -> Option<(SideCall, Duration)> + Send>;
 
-/// An aside as it was registered.
+/// A side request as it was registered.
 pub(crate) struct SideRegistration<I> {
     pub(crate) side: SideRequest,
     pub(crate) wonder: SideHandler<I>,
 }
 
-/// An aside at work. Dropping it aborts its calls.
+/// A running side request. Dropping it aborts its calls.
 pub(crate) struct SideRunner<I> {
     wonder: SideHandler<I>,
     gate: Gate,
@@ -74,7 +77,7 @@ pub(crate) struct SideRunner<I> {
     calls: JoinSet<()>,
 }
 
-/// An aside's counts, to be read from anywhere.
+/// A side request's counts, to be read from anywhere.
 pub(crate) struct SideCounts {
     name: String,
     /// Requests that wait for a place.
@@ -93,7 +96,7 @@ struct Count(AtomicU64, Counter);
 struct WaitingGuard(Arc<SideCounts>);
 
 impl<I> SideRunner<I> {
-    /// An aside ready to ask; none unless `resume < limit`.
+    /// A side request ready to be made; none unless `resume < limit`.
     pub(crate) fn new(
         operator: &str,
         SideRegistration { side, wonder }: SideRegistration<I>,
@@ -113,7 +116,7 @@ impl<I> SideRunner<I> {
         Arc::clone(&self.counts)
     }
 
-    /// Asks about a message that was taken on, if the message handler wants to.
+    /// Makes a call for a message that was taken on, if the message handler gives one.
     pub(crate) fn ask(&mut self, message: &I, timestamp: u64) {
         while self.calls.try_join_next().is_some() {}
         let name = &self.counts.name;

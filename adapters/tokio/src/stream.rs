@@ -1,4 +1,6 @@
 //! Typed streams, which join operators to one another and to the rest of a program (D8 bounded).
+//!
+//! A [`Writer`] never waits for room in [`write`](Writer::write), and each [`Reader`] may lag a fixed number of messages behind.
 
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -53,7 +55,7 @@ type NumberedMessage<T> = (u64, Arc<T>);
 /// Readers made since the last message.
 #[derive(Debug)]
 struct NewReaders<T> {
-    /// Whether there are any; asked with each message.
+    /// Whether there are any; checked with each message.
     is_any: AtomicBool,
     readers: Mutex<Vec<mpsc::Sender<NumberedMessage<T>>>>,
 }

@@ -1,4 +1,4 @@
-//! `fuseline convert`: makes a trace of what other tools recorded.
+//! `fuseline convert`: makes a trace of what other tools recorded. `csv` and `mcap` read it; nothing is judged.
 
 mod csv;
 mod mcap;

@@ -12,7 +12,6 @@ use sha2::{Digest, Sha256};
 use crate::fault::Fault;
 use crate::input::open;
 
-/// A run with its name.
 #[derive(Clone, Debug)]
 pub(super) struct Case {
     pub(super) id: String,
@@ -58,7 +57,6 @@ impl Generate {
     }
 }
 
-/// The kinds of generated runs.
 #[derive(Clone, Copy)]
 enum Kind {
     Narrow,
@@ -105,7 +103,6 @@ impl Suite {
         Ok(Self { fixed, generator, generated: 0 })
     }
 
-    /// How many cases there are.
     pub(super) fn len(&self) -> u64 {
         self.fixed.len() as u64 + self.generated
     }

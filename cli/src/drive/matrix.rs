@@ -47,7 +47,6 @@ impl Matrix {
         &self.path
     }
 
-    /// The whole file.
     pub(super) fn text(&self, report: &Report) -> String {
         match self.form {
             Form::Markdown => markdown(report),
@@ -83,7 +82,6 @@ fn rows(report: &Report) -> Vec<Row> {
     rows
 }
 
-/// The suite in a line.
 fn suite(report: &Report) -> String {
     let digest: String = report.suite.hash().chars().take(DIGEST).collect();
     let generator = &report.suite.generator;

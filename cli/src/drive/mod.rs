@@ -1,4 +1,7 @@
 //! `fuseline drive`: another implementation, driven through cases and judged.
+//!
+//! `case` has the runs, `peer` the process, `trial` compares its decisions with the reference machine's, `shrink` makes a
+//! failing run small, and `report` shows the results.
 
 mod case;
 mod extent;
@@ -237,7 +240,6 @@ enum DriveProgress {
     Enough,
 }
 
-/// Goes through the cases.
 struct Driver<'a> {
     args: &'a Args,
     bench: Bench,

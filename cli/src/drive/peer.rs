@@ -1,4 +1,6 @@
-//! The command under judgement: a process of its own group that is asked line by line.
+//! The command under judgement: a process group of its own that gets one line at a time and has a bounded time to answer.
+//!
+//! What breaks the protocol is found here; whether decisions are right is compared in `trial`.
 
 use std::ffi::OsString;
 use std::io::{self, Read, Write};
@@ -41,7 +43,6 @@ pub(super) struct Peer {
     interrupt: Interrupt,
 }
 
-/// Why there is no answer.
 #[derive(Debug)]
 pub(super) enum PeerError {
     /// Ctrl-C.
@@ -148,12 +149,12 @@ impl Peer {
         Ok(())
     }
 
-    /// Checks that the command has written nothing that was not asked for.
+    /// Checks that the command has written nothing that was not requested.
     pub(super) fn quiet(&mut self) -> Result<(), PeerError> {
         if self.taken == self.read.len() {
             self.read.clear();
             self.taken = 0;
-            // What ended meanwhile is found out by asking it.
+            // If it ended meanwhile, the next request shows that.
             let _ = self.take();
         }
         match self.read.get(self.taken..) {
@@ -162,8 +163,8 @@ impl Peer {
         }
     }
 
-    /// Ends the input and waits until the command ends, with code 0; nobody asks for what it writes
-    /// then.
+    /// Ends the input and waits until the command ends, with code 0; what it writes then is
+    /// a violation.
     pub(super) fn end(mut self) -> Result<(), PeerError> {
         self.quiet()?;
         self.input = None;
@@ -190,7 +191,7 @@ impl Peer {
             match input.write(line) {
                 Ok(written) => line = line.get(written..).unwrap_or_default(),
                 Err(error) if is_passing(&error) => self.until(until, PollFlags::OUT)?,
-                // It has ended or does not listen: what it said, or its end, tells more.
+                // It has ended or does not read: its output, or its end, says more.
                 Err(_) => return Ok(()),
             }
         }

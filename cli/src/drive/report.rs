@@ -22,9 +22,9 @@ use crate::verdict::{BAD, GOOD, plain, print_violation};
 
 /// How many failed cases are named.
 const NAMED: usize = 5;
-/// How many lines of a run are told in words.
+/// How many lines of a run are shown in words.
 const LINES: usize = 16;
-/// Lines are told within so many columns.
+/// Lines are at most so many columns wide.
 const WIDTH: usize = 96;
 /// Where what follows a lead begins.
 const INDENT: &str = "            ";
@@ -191,7 +191,6 @@ impl Report {
             .map(|(_, found)| found)
     }
 
-    /// Prints it for people.
     pub(super) fn print_report(&self, out: &mut impl Write) -> io::Result<()> {
         let word = match self.exit() {
             Exit::Conforms => format!("{GOOD}conforms{GOOD:#}"),

@@ -1,4 +1,6 @@
 //! Shrinks a run that shows a difference to a smallest one that still shows it.
+//!
+//! A smaller run counts only if the command, driven through it, shows the same; runs and time are bounded.
 
 use std::collections::BTreeSet;
 use std::mem::discriminant;
@@ -232,7 +234,6 @@ fn digits(number: u64) -> usize {
     2 * text.len() - usize::from(text.len() > 1 && text.trim_end_matches('0').len() == 1)
 }
 
-/// Whose an input is.
 const fn source(input: &Input) -> Option<u64> {
     match input {
         Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. } => Some(*p),

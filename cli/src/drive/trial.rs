@@ -1,4 +1,4 @@
-//! One run through the command, every decision compared.
+//! One run through the command: each decision is compared with the reference machine's, up to the first difference.
 
 use std::ffi::OsString;
 use std::io;
@@ -16,7 +16,7 @@ use crate::interrupt::Interrupt;
 /// How many lines more than the rules demand are read.
 const MORE: usize = 1000;
 
-/// The command: started when it is first asked, and again after it misbehaved.
+/// The command: started for the first run, and again after it misbehaved.
 pub(super) struct Bench {
     command: Vec<OsString>,
     wait: Duration,
@@ -28,7 +28,6 @@ pub(super) struct Bench {
     pub(super) inputs: u64,
 }
 
-/// How a run went.
 pub(super) enum Comparison {
     /// Every decision is what the rules demand.
     Same,
@@ -38,7 +37,6 @@ pub(super) enum Comparison {
     Misbehaves(Transcript, ProtocolViolation),
 }
 
-/// What was sent and answered.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Transcript {
     pub(super) header: Header,
@@ -79,7 +77,6 @@ impl Bench {
         }
     }
 
-    /// Ends the command's input and sees that it ends too.
     pub(super) fn end(&mut self) -> Result<Option<ProtocolViolation>, Stop> {
         match self.peer.take().map_or(Ok(()), Peer::end) {
             Ok(()) => Ok(None),
@@ -129,7 +126,6 @@ impl Bench {
 }
 
 impl Transcript {
-    /// The trace as JSON Lines.
     pub(super) fn trace(&self) -> Vec<u8> {
         let mut out = Vec::new();
         self.header.write(&mut out);
@@ -146,7 +142,6 @@ impl Transcript {
         judge(name, &self.trace()[..]).ok()
     }
 
-    /// The run that was sent.
     pub(super) fn run(&self) -> Run {
         Run { header: self.header.clone(), inputs: self.inputs().collect() }
     }
@@ -157,7 +152,6 @@ impl Transcript {
         last.map_or_else(|| self.header.to_string(), |input| input.to_string())
     }
 
-    /// The inputs that were sent.
     pub(super) fn inputs(&self) -> impl Iterator<Item = Input> {
         self.events.iter().filter_map(|event| match event {
             Event::Input(input) => Some(*input),

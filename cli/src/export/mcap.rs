@@ -7,7 +7,6 @@ use fuseline_traces::{Event, Header};
 
 use crate::export::viewer::Writer;
 
-/// A file that is being written.
 pub(super) struct Messages<W: Write + Seek>(Mcap<W>);
 
 impl<W: Write + Seek> Messages<W> {

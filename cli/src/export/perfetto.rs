@@ -17,7 +17,6 @@ const PROCESS: u32 = 1;
 /// The track of what was forwarded or missed; tracks of sources are added as they are needed.
 const OUTPUTS: u32 = 1;
 
-/// A file that is being written.
 pub(super) struct Tracks<W> {
     out: W,
     /// By priority; all sources that are not registered share the last one.

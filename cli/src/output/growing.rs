@@ -37,7 +37,6 @@ impl Growing {
         Self::named(path, overwrite)
     }
 
-    /// Where it is.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }

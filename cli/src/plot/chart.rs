@@ -14,14 +14,13 @@ use crate::plot::{Theme, pieces};
 
 /// A sheet to draw on.
 pub(crate) type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-/// A chart; its axes are linear unless told.
+/// A chart; its axes are linear unless given.
 pub(crate) type Chart<'a, 'b, X = RangedCoordf64, Y = RangedCoordf64> =
     ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;
 
 /// Drawing into a string does not fail.
 pub(crate) const DRAWN: &str = "a drawing in memory";
 
-/// A line of words.
 #[derive(Clone, Copy)]
 pub(crate) struct TextLine {
     size: f64,
@@ -54,7 +53,6 @@ impl TextLine {
         font.color(&self.colour).pos(self.pos)
     }
 
-    /// Writes it there.
     pub(crate) fn put(&self, canvas: &Canvas<'_>, text: &str, at: (i32, i32)) {
         canvas.draw_text(text, &self.style(), at).expect(DRAWN);
     }
@@ -100,7 +98,6 @@ pub(crate) fn logarithmic(range: &Range<f64>) -> LogPoints {
 /// What a logarithmic axis is.
 pub(crate) type LogPoints = WithKeyPoints<LogCoord<f64>>;
 
-/// What a chart's axes are.
 pub(crate) struct Axes {
     pub(crate) x: Range<f64>,
     pub(crate) y: Range<f64>,
@@ -108,7 +105,6 @@ pub(crate) struct Axes {
     pub(crate) y_name: &'static str,
 }
 
-/// A line of a chart.
 pub(crate) struct Line {
     pub(crate) name: String,
     pub(crate) colour: RGBColor,

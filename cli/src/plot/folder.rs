@@ -25,7 +25,7 @@ impl Folder {
     ///
     /// # Errors
     /// If it is not there and cannot be made, takes no files, or is not empty and its files are not to be replaced:
-    /// that is told before the work.
+    /// that is reported before the work.
     pub(crate) fn open(path: Option<&Path>, overwrite: Overwrite) -> Result<Option<Self>, Fault> {
         let Some(path) = path else { return Ok(None) };
         let folder = Self(path.to_owned());
@@ -72,7 +72,7 @@ pub(crate) struct PageContent<'a> {
     pub(crate) title: &'a str,
     pub(crate) words: &'a [&'a str],
     pub(crate) plots: Vec<Plot>,
-    /// What the terminal was told.
+    /// What was printed on the terminal.
     pub(crate) reported: &'a str,
 }
 

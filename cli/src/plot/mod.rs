@@ -33,7 +33,6 @@ impl Plot {
         Self { name, caption: caption.into(), draw: Box::new(draw) }
     }
 
-    /// It, as SVG.
     pub(crate) fn svg(&self, theme: &Theme) -> String {
         (self.draw)(theme)
     }

@@ -26,7 +26,6 @@ pre { overflow-x: auto; padding: 14px 16px; background: var(--panel); border: 1p
 </style>
 "#;
 
-/// What a page holds.
 pub(crate) struct Page<'a> {
     pub(crate) title: &'a str,
     /// What it is about, a paragraph each.
@@ -37,7 +36,6 @@ pub(crate) struct Page<'a> {
 }
 
 impl Page<'_> {
-    /// It, as HTML.
     pub(crate) fn html(&self) -> String {
         let mut html = HEAD.replace("@@", &escaped(self.title));
         // Writing to a string does not fail.

@@ -1,4 +1,4 @@
-//! SVG to PNG, with a font of our own: the same bytes on every machine.
+//! SVG to PNG, with a font of our own: the same bytes on every host.
 
 use std::sync::{Arc, LazyLock};
 

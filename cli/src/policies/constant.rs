@@ -1,4 +1,4 @@
-//! What the machine would have put out, had every request had the same deadline.
+//! What the machine would have put out, had every request had the same deadline: exact, or bounds where calls were ended.
 
 use std::time::Duration;
 
@@ -48,8 +48,8 @@ impl Constant {
     /// The response and whose result may be there before `in_time`, whatever the unknown arrivals
     /// are.
     ///
-    /// With one deadline for all, the best source whose result is there before it goes, once all
-    /// better ones have failed or are due; without such a result local goes, whenever it comes.
+    /// With one deadline for all, the best source whose result is there before it is forwarded, once all
+    /// better ones have failed or are due; without such a result local's is, whenever it comes.
     pub(super) fn bounds(
         &self,
         arrivals: &[Arrival],
@@ -147,7 +147,7 @@ fn end(arrival: Arrival, p: u64) -> Option<(u64, Input)> {
 /// The machine with one timestamp.
 struct Machine {
     arbiter: Arbiter<15, 1>,
-    /// Whose result went, and when.
+    /// Whose result was forwarded, and when.
     emitted: Option<(u64, u64)>,
 }
 
@@ -211,7 +211,7 @@ mod tests {
             ([at(300), at(600), at(100)], Some((2, 500))),
             ([at(300), never, never], Some((0, 500))),
             ([at(700), never, at(600)], Some((0, 700))),
-            // What failed, or was not asked for, is not waited for.
+            // What failed, or was not requested, is not waited for.
             ([at(300), failed(40), at(100)], Some((2, 100))),
             ([at(300), failed(0), failed(0)], Some((0, 300))),
             ([at(300), failed(350), failed(320)], Some((0, 350))),

@@ -85,7 +85,6 @@ where
 }
 
 impl Schedule {
-    /// When a slot is due.
     #[expect(clippy::cast_precision_loss, reason = "exact for as long as a clock is")]
     fn due(&self, slot: u64) -> Duration {
         Duration::from_secs_f64(slot as f64 / self.rate)
@@ -110,7 +109,6 @@ async fn until(instant: Option<Instant>) {
     }
 }
 
-/// The time of day.
 fn utc_ms() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)

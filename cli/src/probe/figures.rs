@@ -35,7 +35,7 @@ pub(crate) struct Counts {
     pub(crate) pauses: u64,
     /// Slots at which nothing was sent for a pause.
     pub(crate) skipped: u64,
-    /// Slots that this machine overslept; they count nowhere else.
+    /// Slots that this host overslept; they count nowhere else.
     pub(crate) missed: u64,
 }
 
@@ -51,7 +51,7 @@ pub(crate) struct Figures {
     pub(crate) slots: Spread,
 }
 
-/// Quantiles as they are told.
+/// Quantiles as they are shown.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct QuantileRow {
     pub(crate) p50: Option<Quantile>,

@@ -17,7 +17,6 @@ pub(crate) struct Live {
 }
 
 impl Live {
-    /// A view that begins now.
     pub(crate) fn new(args: &Args) -> Self {
         let bar = io::stderr().is_terminal().then(|| {
             let total =
@@ -32,7 +31,6 @@ impl Live {
         Self { bar, span: args.seconds }
     }
 
-    /// How often it wants to show something.
     pub(crate) const fn period(&self) -> Duration {
         match self.bar {
             Some(_) => Duration::from_millis(200),
@@ -53,7 +51,6 @@ impl Live {
         }
     }
 
-    /// Clears the view.
     pub(crate) fn end(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();

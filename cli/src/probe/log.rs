@@ -66,7 +66,7 @@ impl<W: Write> Log<W> {
         }
     }
 
-    /// So many slots passed while this machine did something else.
+    /// So many slots passed while this host did something else.
     pub(crate) fn overslept(&mut self, slots: u32) {
         self.figures.counts.slots += u64::from(slots);
         if self.pause.is_some() {

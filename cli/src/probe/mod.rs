@@ -1,4 +1,6 @@
 //! `fuseline probe`: measures a network as the paper's drive did, and records it as a drive.
+//!
+//! `client` sends, `log` counts and records, `summary` and `plots` show; `server` is the other side.
 
 mod client;
 mod figures;
@@ -70,7 +72,7 @@ impl From<ProbeError> for Fault {
     }
 }
 
-/// Measures, or serves who measures.
+/// Measures, or answers those who do.
 pub(crate) fn probe(args: &Args) -> Result<Exit, Fault> {
     if let Some(recording) = &args.plot {
         return again(recording, args).map(|()| Exit::Conforms);
@@ -141,7 +143,7 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let wrote = drive(&mut log, &schedule, ask, interrupt.wait(), look).await;
     live.end();
     let mut summary = Summary::new((args, csv.path()), url, &log.figures, interrupt.came());
-    // What was measured is told whatever becomes of the files.
+    // What was measured is printed whatever becomes of the files.
     let wrote = wrote.map_err(|source| unwritten(source).into()).and_then(|()| {
         if let Some((_, folder)) = &folder {
             summary.plots = plots::plot(csv.path(), folder, Some(&summary.to_string()))?;
@@ -232,7 +234,7 @@ async fn call(mut client: InferClient, slot: u64, payload: Bytes) -> Result<(), 
     client.infer(tonic::Request::new(Request { timestamp: slot, payload })).await.map(|_| ())
 }
 
-/// The positions as they come, if somebody tells them.
+/// The positions as they come, if there is a source of them.
 async fn positions(args: &Args) -> Result<Fixes, Fault> {
     let fixes = Fixes::default();
     if let Some(address) = &args.gpsd {

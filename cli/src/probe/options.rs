@@ -142,7 +142,6 @@ impl Args {
         }
     }
 
-    /// The files that are read.
     pub(crate) fn files(&self) -> Vec<&Path> {
         let all = [&self.nmea, &self.ca, &self.cert, &self.key, &self.token_file];
         all.into_iter().flatten().map(PathBuf::as_path).collect()

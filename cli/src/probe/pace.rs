@@ -3,7 +3,6 @@
 /// A slot with more unanswered than this starts a pause, as in the paper's drive.
 pub(crate) const QUEUED: usize = 30;
 
-/// What happens at a slot.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum SlotAction {
     /// A request is sent.
@@ -45,12 +44,10 @@ impl SendPacing {
         is_over
     }
 
-    /// How many requests are unanswered.
     pub(crate) const fn queued(&self) -> usize {
         self.queued
     }
 
-    /// Whether nothing is sent.
     pub(crate) const fn is_paused(&self) -> bool {
         self.is_paused
     }

@@ -23,7 +23,7 @@ const FIXES: usize = 86_400;
 const NEAR_MS: u64 = 2000;
 /// No sentence and no report is longer, in bytes.
 const LINE: u64 = 64 * 1024;
-/// How often a file that has ended is looked at again, and how long after it was lost `gpsd` is asked again.
+/// How often a file that has ended is looked at again, and how long after it was lost `gpsd` is connected to again.
 const AGAIN: Duration = Duration::from_millis(500);
 /// Metres a second in a knot.
 const KNOT: f64 = 1852.0 / 3600.0;
@@ -74,10 +74,10 @@ impl Fixes {
     }
 }
 
-/// Asks the `gpsd` at `address` for its reports.
+/// Connects to the `gpsd` at `address` and requests its reports.
 ///
 /// # Errors
-/// If nobody is there.
+/// If it cannot be reached.
 pub(crate) async fn connect(address: &str) -> io::Result<TcpStream> {
     let mut stream = TcpStream::connect(address).await?;
     stream.write_all(b"?WATCH={\"enable\":true,\"json\":true}\n").await?;
@@ -144,7 +144,7 @@ fn report(line: &[u8]) -> Option<Fix> {
 /// Takes the fixes of an NMEA file, and those that are written to it from now on.
 ///
 /// # Errors
-/// If there is no such file. What happens to it later is told and ends it.
+/// If there is no such file. A later error is reported and ends the reading.
 pub(crate) fn read(path: &Path, fixes: Fixes) -> io::Result<()> {
     path.metadata()?;
     let path = path.to_owned();

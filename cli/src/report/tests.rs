@@ -1,4 +1,4 @@
-//! The page, the tables of a run and the operator's own counts tell the same.
+//! The page, the tables of a run and the operator's own counts agree.
 
 use std::time::Duration;
 
@@ -56,7 +56,7 @@ fn reckon(trace: &[u8]) -> TraceStatistics {
     statistics
 }
 
-/// A row as the operator counted it; what it does not count apart is told by the sums.
+/// A row as the operator counted it; what it does not count apart is checked by the sums.
 fn holds(row: &Row, tally: &SourceTally, is_local: bool) {
     let [requests, forwarded, discarded, late, failed, superseded, open, refused] = row.counts;
     assert_eq!(requests, forwarded + discarded + late + failed + superseded + open, "{row:?}");

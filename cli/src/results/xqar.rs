@@ -38,7 +38,7 @@ pub(super) fn write(judged: &[Subject], out: &mut dyn Write) -> io::Result<()> {
     writeln!(out)
 }
 
-/// One for each input, since a location tells no file.
+/// One for each input, since a location names no file.
 fn checker<W: Write>(
     xml: &mut Writer<W>,
     judged: &Subject,

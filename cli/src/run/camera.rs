@@ -23,9 +23,9 @@ use crate::run::live::{Live, unrecorded};
 use crate::run::network::Network;
 use crate::run::plan::{DeadlinePolicy, Plan};
 
-/// How often it is asked whether local has caught up.
+/// How often it is checked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
-/// How often it is asked whether there is room for a frame that waits.
+/// How often it is checked whether there is room for a frame that waits.
 const ROOM: Duration = Duration::from_millis(1);
 
 /// A camera, its operator and its clouds, started.
@@ -42,7 +42,7 @@ pub(crate) struct Camera<'a> {
 /// One picture.
 struct Frame(Bytes);
 
-/// What was seen in it, as far as anybody looks.
+/// The objects that were detected in it; nothing reads them.
 type Detections = Bytes;
 
 /// The operator: detects objects in frames.

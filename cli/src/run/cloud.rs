@@ -10,7 +10,7 @@ use crate::emulation::EmulationError;
 use crate::models::{Model, ModelError};
 use crate::seconds::seconds;
 
-/// One cloud as asked for.
+/// One cloud as the options name it.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct CloudOptions {
     pub(crate) name: String,

@@ -1,4 +1,4 @@
-//! How long the clouds may take, message by message.
+//! How long the clouds may take, message by message: a policy of `fuseline-deadline` for each, with accuracy as its loss.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -64,7 +64,7 @@ impl Deadlines {
         Self(Arc::new(Mutex::new(State { cap, commit, linger, policies, chosen: Vec::new() })))
     }
 
-    /// A message came: chooses for all clouds. No policy asks for more of the vehicle.
+    /// A message came: chooses for all clouds. No policy needs more of the vehicle.
     pub(crate) fn next(&self) -> Situation<'static> {
         let situation = Situation::UNKNOWN;
         let State { cap, commit, policies, chosen, .. } = &mut *self.state();

@@ -2,7 +2,7 @@
 
 use fuseline_tokio::Tally;
 
-/// What a run's trace does not tell.
+/// What a run's trace does not have.
 pub(crate) struct RunMetadata {
     /// Calls begun to each cloud.
     pub(crate) begun: Vec<u64>,

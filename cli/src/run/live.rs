@@ -36,14 +36,12 @@ enum View {
 }
 
 impl<'a> Live<'a> {
-    /// A view that begins now.
     pub(crate) fn new(plan: &'a Plan) -> Self {
         let view = if io::stderr().is_terminal() { terminal(plan) } else { View::Plain };
         let latest = vec![None; plan.clouds.len() + 1];
         Self { plan, began: Instant::now(), view, latest, is_warned: false }
     }
 
-    /// How often it wants to show something.
     pub(crate) const fn period(&self) -> Duration {
         match self.view {
             View::Terminal { .. } => Duration::from_millis(200),
@@ -78,7 +76,6 @@ impl<'a> Live<'a> {
         }
     }
 
-    /// Clears the view.
     pub(crate) fn end(&self) {
         if let View::Terminal { time, sources, .. } = &self.view {
             for line in sources.iter().chain([time]) {

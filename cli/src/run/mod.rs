@@ -1,5 +1,5 @@
 //! `fuseline run`: a camera operator with emulated models behind recorded networks, and its trace
-//! judged.
+//! judged. `plan` checks the options, `camera` drives the operator, and `report` is made from the trace.
 
 mod camera;
 mod cloud;

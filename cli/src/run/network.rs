@@ -31,7 +31,7 @@ impl Network {
     /// Starts the emulated clouds; connections are made when they are first used.
     ///
     /// # Errors
-    /// If a cloud cannot be as it is described, or this machine has no port left.
+    /// If a cloud cannot be as it is described, or this host has no port left.
     pub(crate) async fn connect(plan: &Plan) -> Result<Self, Fault> {
         let (mut connections, mut servers) = (Vec::new(), JoinSet::new());
         let began = Arc::new(OnceLock::new());
@@ -59,7 +59,7 @@ impl Network {
         Ok(Self { connections, servers, began })
     }
 
-    /// Asks the servers elsewhere what they serve, and warns where the user said otherwise.
+    /// Queries the servers elsewhere for what they serve, and warns where the user said otherwise.
     pub(crate) async fn ask(&self, plan: &mut Plan) {
         for (cloud, connection) in plan.clouds.iter_mut().zip(&self.connections) {
             if matches!(cloud.server, Server::Remote(_))

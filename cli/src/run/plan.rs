@@ -1,4 +1,4 @@
-//! The plan of a run: its options, checked, with models and drives at hand.
+//! The plan of a run: its options, checked, with models and drives loaded. What can be refused is refused here.
 
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
@@ -154,7 +154,7 @@ pub(crate) struct Plan {
     pub(crate) workers: usize,
     /// How many calls to one cloud may be under way at once.
     pub(crate) calls: usize,
-    /// In the order asked for.
+    /// In the order given.
     pub(crate) clouds: Vec<Cloud>,
     pub(crate) trace: PathBuf,
     /// Where the trace's page is wanted.
@@ -288,7 +288,7 @@ impl Cloud {
     }
 }
 
-/// The file for the trace, which is none of those that the clouds are told with.
+/// The file for the trace, which must be none of those that the clouds' options name.
 fn trace(args: &Args, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
     let Some(path) = args.trace.as_deref() else { return Ok(TRACE.into()) };
     if is_standard(path) {

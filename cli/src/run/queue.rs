@@ -24,7 +24,6 @@ impl Queues {
         Self { at_once, clouds }
     }
 
-    /// Takes the next line of the trace.
     pub(crate) fn event(&mut self, event: &Event) {
         let (at, t, p, is_request) = match *event {
             Event::Decision(Decision::Request { at, t, p, .. }) => (at, t, p, true),

@@ -1,4 +1,6 @@
 //! The report: what a run came to, for people's tables and for `--json`.
+//!
+//! [`Reading`] takes it from the trace, but for what a trace does not have ([`RunMetadata`]).
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -33,7 +35,7 @@ pub(crate) struct Report {
     pub(crate) deadline_ms: u64,
     /// How each message's is chosen.
     pub(crate) policy: &'static str,
-    /// What a second of waiting was worth to it, in points of AP; none if it asks for no price.
+    /// What a second of waiting was worth to it, in points of AP; none if it has no price.
     pub(crate) price: Option<f64>,
     pub(crate) commit: &'static str,
     pub(crate) window: u16,
@@ -68,8 +70,8 @@ pub(crate) struct SourceReport {
     pub(crate) name: String,
     pub(crate) priority: u16,
     pub(crate) model: Option<String>,
-    /// Why its server did not say what it serves, if it was asked in vain: then the model is what
-    /// the user told.
+    /// Why its server did not say what it serves, if it did not: then the model is what the user
+    /// said.
     pub(crate) unsaid: Option<String>,
     /// Whether its runtime and its network are emulated.
     pub(crate) emulated: bool,

@@ -30,7 +30,7 @@ pub(crate) struct Served {
 }
 
 impl Served {
-    /// What the user said of a server elsewhere, before it was asked.
+    /// What the user said of a server elsewhere, before it was queried.
     pub(crate) fn reported(model: Option<&Model>) -> Self {
         let Some(model) = model else { return Self::default() };
         let (name, runtime) = (Some(model.to_string()), Some(model.runtime));
@@ -42,7 +42,7 @@ impl Served {
         Self { emulated: true, ..Self::reported(Some(model)) }
     }
 
-    /// Asks the server; returns a warning where the user said otherwise.
+    /// Queries the server; returns a warning where the user said otherwise.
     pub(crate) async fn ask(&mut self, connection: Connection) -> Option<String> {
         let mut client = InferClient::new(connection);
         let description = match timeout(PATIENCE, client.describe(Request::new(()))).await {

@@ -1,4 +1,4 @@
-//! The report and what comes before it, for people: 80 to 100 columns.
+//! The report for people, 80 to 100 columns wide, and what is printed before a run. The figures are those of `report`.
 
 use std::fmt::{self, Write};
 use std::time::Duration;

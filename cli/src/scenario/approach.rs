@@ -1,4 +1,6 @@
 //! A vehicle that approaches an obstacle at rest: its figures, what it computes where, and how one drive ends.
+//!
+//! `traffic_jam` and `networks` run such drives over speeds, responses and policies.
 
 use std::time::Duration;
 
@@ -67,7 +69,6 @@ pub(crate) fn nanos(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
 }
 
-/// Nanoseconds in seconds.
 #[expect(clippy::cast_precision_loss, reason = "a drive lasts minutes, and 2^53 ns are 104 days")]
 pub(crate) fn seconds(nanos: u64) -> f64 {
     nanos as f64 / 1e9
@@ -77,13 +78,11 @@ fn time(seconds: f64) -> Duration {
     Duration::from_nanos(nanos(seconds))
 }
 
-/// A duration in nanoseconds.
 pub(crate) fn whole(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl Vehicle {
-    /// Seconds between two frames.
     pub(crate) fn period(&self) -> f64 {
         self.rate.recip()
     }
@@ -153,9 +152,9 @@ impl Drive<'_> {
         self.start() / self.speed * self.vehicle.rate
     }
 
-    /// Drives towards the obstacle, and tells how that ends and when it was decided to brake, in nanoseconds.
+    /// Drives towards the obstacle; returns how that ends and when it was decided to brake, in nanoseconds.
     ///
-    /// `response` tells how long the cloud takes for a frame captured then, in nanoseconds; none is for ever. `operator`
+    /// `response` gives how long the cloud takes for a frame captured then, in nanoseconds; none is for ever. `operator`
     /// has not been used before.
     pub(crate) fn run(
         &self,
@@ -179,7 +178,7 @@ impl Drive<'_> {
                 break;
             }
         }
-        // No frame is to come; what is under way may still tell.
+        // No frame is to come; what is under way may still decide.
         while decided.is_none() {
             let Some(next) = operator.next().filter(|next| seconds(*next) < reached) else { break };
             operator.pass(next);
@@ -209,7 +208,7 @@ impl Drive<'_> {
         }
     }
 
-    /// Gives the planner what left the operator; when it decided to brake.
+    /// Gives the planner the operator's outputs; returns when it decided to brake.
     fn plan(&self, operator: &mut Operator, planner: &mut Planner, start: f64) -> Option<u64> {
         let Vehicle { range_local, range_cloud, .. } = *self.vehicle;
         let period = self.vehicle.period();

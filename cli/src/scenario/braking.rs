@@ -40,7 +40,6 @@ impl Brakes {
 }
 
 impl DriveOutcome {
-    /// Whether it is a collision.
     pub(crate) const fn hits(self) -> bool {
         matches!(self, Self::Hits { .. })
     }

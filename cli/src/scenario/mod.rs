@@ -40,7 +40,7 @@ enum Scenario {
     Networks(networks::Args),
 }
 
-/// Why a scenario cannot be told.
+/// Why a scenario cannot be played.
 #[derive(Debug, Error)]
 pub(crate) enum ScenarioError {
     #[error("{invalid}; change {}", options(*.invalid))]

@@ -1,4 +1,4 @@
-//! An operator in virtual time: the shipped machine decides, and nothing waits.
+//! An operator in virtual time: the shipped machine decides, and nothing waits. [`Operator::pass`] moves time on.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -23,7 +23,7 @@ pub(crate) struct Message {
     pub(crate) at: u64,
     /// How long local takes; none: it computes nothing for this message, which is known at once (F4).
     pub(crate) local: Option<u64>,
-    /// What the cloud is asked.
+    /// The request to the cloud.
     pub(crate) request: Option<Request>,
 }
 
@@ -36,7 +36,7 @@ pub(crate) struct Request {
     pub(crate) response: Option<u64>,
 }
 
-/// What left the operator for a timestamp.
+/// The operator's output for a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Output {
     pub(crate) at: u64,
@@ -94,7 +94,7 @@ impl Machine {
 impl Operator {
     /// An operator of this name, for about so many messages. Its trace is kept if `is_traced`.
     pub(crate) fn new(name: &str, messages: f64, is_traced: bool) -> Self {
-        // A window that is too small refuses messages, which is told.
+        // A window that is too small refuses messages, which is reported.
         let window = if messages < 180.0 { SMALL } else { LARGE };
         let cloud = Cloud { p: 1, name: None, limit: NO_LIMIT, resume: NO_LIMIT - 1 };
         let header = Header {
@@ -114,7 +114,7 @@ impl Operator {
         Self { machine, messages: 0, arrivals, outputs, is_full: false, trace }
     }
 
-    /// A message comes: local gets it, and the cloud if it is asked. Everything before has happened then.
+    /// A message comes: local gets it, and the cloud if there is a request. Everything before has happened then.
     pub(crate) fn message(&mut self, message: &Message) {
         let Message { at, local, request } = *message;
         self.pass(at);
@@ -152,7 +152,7 @@ impl Operator {
         [arrival, self.machine.next_due()].into_iter().flatten().min()
     }
 
-    /// What left so far and was not taken yet, in the order in which it left.
+    /// The outputs so far that were not taken yet, in their order.
     pub(crate) fn take_outputs(&mut self) -> Vec<Output> {
         std::mem::take(&mut self.outputs)
     }

@@ -46,7 +46,6 @@ pub(crate) struct SeenCollides {
     pub(crate) shared_locations: bool,
 }
 
-/// The paper.
 pub(crate) static PAPER: LazyLock<Paper> = LazyLock::new(|| {
     serde_json::from_str(include_str!("../../data/paper.json")).expect("the file is as above")
 });

@@ -36,7 +36,7 @@ impl LocationService {
         Self { most, age, reports: Mutex::new(BTreeMap::new()) }
     }
 
-    /// Takes a report, and tells of the others.
+    /// Takes a report, and returns the others'.
     fn share(&self, location: Location, now: Instant) -> Result<Locations, Status> {
         check(&location)?;
         let mut reports = self.reports.lock().unwrap_or_else(PoisonError::into_inner);

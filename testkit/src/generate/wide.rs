@@ -12,7 +12,7 @@ use crate::run::Run;
 
 /// One run in so many is long.
 const LONGS: u64 = 16;
-/// One step in so many asks whether a refusal moved a gate.
+/// One step in so many checks whether a refusal moved a gate.
 const PROBES: u64 = 8;
 /// Where neighbouring priorities begin: their digits or bytes change there.
 const EDGES: [u64; 7] = [1, 6, 95, 250, 995, 9_995, 32_761];
@@ -78,7 +78,7 @@ fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
 }
 
 impl Writer {
-    /// A gate is asked last (F2): an offer that is refused for another reason must not move it. So
+    /// A gate comes last (F2): an offer that is refused for another reason must not move it. So
     /// one is refused that would shut or open it, and the next one shows how it stands.
     fn probe_gate(&mut self, header: &Header) {
         let place = self.draw.place(header.clouds.len());

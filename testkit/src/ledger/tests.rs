@@ -1,14 +1,14 @@
-//! Each promise goes red when a machine breaks it: what the machine says is made up here.
+//! Each promise is violated when a machine breaks it; the wrong decisions are made up here.
 
 use fuseline_traces::Reference;
 
 use super::*;
 
-/// The ledger of an operator that says what it is told to.
+/// The ledger of an operator whose decisions are given.
 struct FaultyOperator {
     header: Header,
     ledger: Ledger,
-    /// Honest answers come from it; of lies it does not hear.
+    /// True answers come from it; wrong ones do not reach it.
     reference: Reference,
 }
 
@@ -22,7 +22,7 @@ impl FaultyOperator {
         Self { header, ledger: Ledger::default(), reference }
     }
 
-    /// Opens 0 without a limit at 0 and asks 5 for it by 3.
+    /// Opens 0 without a limit at 0 and requests it of 5, due at 3.
     fn with_request(commit: Commit) -> Self {
         let mut liar = Self::new(commit);
         liar.honest(&Input::Open { at: 0, t: 0, deadline: None });

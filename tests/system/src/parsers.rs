@@ -1,8 +1,8 @@
 //! What is checked of every parser of what comes from outside, as functions over any bytes: the
 //! fuzz targets of `fuzz/parsers` are loops around them, and plain tests replay the seeds.
 //!
-//! What a library parses is asked of the library. The command is no library, so its own sources
-//! stand in this crate by path: nothing in it is public for the sake of these checks.
+//! A library's parser is called in the library. The command is no library, so its own sources are
+//! compiled into this crate by path: nothing in it is public for the sake of these checks.
 
 mod csv;
 mod frames;
@@ -15,7 +15,7 @@ mod yaml;
 use std::collections::BTreeSet;
 
 /// The most memory at once for any bytes of a few kilobytes, in bytes: twice the longest message of
-/// gRPC, which is asked for when its length is read, and room for who asks.
+/// gRPC, which is allocated when its length is read, and room for the caller.
 pub const MEMORY: usize = 128 << 20;
 
 /// What is wrong, in words.

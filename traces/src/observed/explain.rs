@@ -39,7 +39,7 @@ pub(super) struct Timer {
     pub(super) by: Time,
 }
 
-/// One source of a timestamp: when it was asked, and what came of it.
+/// One source of a timestamp: when it was requested, and what came of it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Source {
     /// The earliest instant of its request.
@@ -137,7 +137,7 @@ impl ObservedFacts {
         self.turns(end).any(|turn| self.is_timeline(end, turn, |_| Role::Any))
     }
 
-    /// The earliest instant at which everything was asked, as it must be before the retirement.
+    /// The earliest instant at which everything was requested, as it must be before the retirement.
     fn ready(&self) -> Time {
         self.sources.iter().map(|source| source.requested).fold(self.open, Time::max)
     }

@@ -1,4 +1,7 @@
 //! The observed judge, line by line.
+//!
+//! [`Judge`] collects what was recorded of each timestamp and judges it once no later line can change the verdict. Whether the
+//! rules can explain a timestamp is decided in `explain`, what to report if not in `violation`.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
@@ -16,7 +19,7 @@ use crate::judge::ViolationPlace;
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
 
-/// How many violations a verdict tells; it counts the rest.
+/// How many violations a verdict lists; it counts the rest.
 const VIOLATIONS: usize = 100;
 /// How many timestamps that broke the rules wait for what may come out of them too late.
 const OVERDUE: usize = 1024;
@@ -360,7 +363,7 @@ impl Judge {
             && let Some(opened) = gaps.next()
         {
             let Opened { line, t, .. } = opened;
-            // One that is done with has told what was refused.
+            // One that is done with has reported what was refused.
             let open = self.open.get(&t).filter(|open| open.has_open(line));
             let may_change = |open: &OpenMessageHistory| {
                 greatest.is_some_and(|it| open.opens_by(self.slack) >= it)
@@ -413,7 +416,7 @@ impl Judge {
     }
 }
 
-/// When the line was written, or what it tells of decided.
+/// When the line was written, or its decision made.
 const fn at(event: &Event) -> u64 {
     match event {
         Event::Input(input) => input.at(),

@@ -1,4 +1,6 @@
-//! A timestamp that may still get a line.
+//! What was recorded so far of a timestamp that may still get a line.
+//!
+//! Facts that no longer decide anything are left out, so that memory is bounded.
 
 use std::collections::BTreeSet;
 
@@ -18,10 +20,10 @@ pub(super) struct OpenMessageHistory {
     opens: Vec<Open>,
     /// When an open was refused.
     refusals: Vec<u64>,
-    /// The clouds asked, when, and with which due instant.
+    /// The clouds requested, when, and with which due instant.
     requests: Vec<(u64, u64, u64)>,
     came: BTreeSet<Arrival>,
-    /// The lines that tell of results and failures that were none.
+    /// The drop lines: their results and failures count for nothing.
     dropped: BTreeSet<Dropped>,
     /// What came out and when, with the line.
     outputs: Vec<(Option<u64>, u64, u64)>,
@@ -73,7 +75,7 @@ pub(super) struct WholeMessageHistory {
 }
 
 impl OpenMessageHistory {
-    /// Takes a line of the timestamp; `records_opens` tells whether an open stands before it in the trace.
+    /// Takes a line of the timestamp; `records_opens` says whether an open stands before it in the trace.
     pub(super) fn take(
         &mut self,
         line: u64,
@@ -90,7 +92,7 @@ impl OpenMessageHistory {
             Event::Input(Input::Result { at, p, .. }) => self.comes(known(p), at, true),
             Event::Input(Input::Fail { at, p, .. }) => self.comes(known(p), at, false),
             Event::Decision(Decision::Request { at, p, due, .. }) if is_cloud(p) => {
-                // One more than there may be shows that one is asked twice.
+                // One more than there may be shows that one is requested twice.
                 if self.requests.len() <= MANY {
                     self.requests.push((p, at, due));
                 }
@@ -169,7 +171,7 @@ impl OpenMessageHistory {
         last.unwrap_or(0).saturating_add(margin).saturating_add(2)
     }
 
-    /// Puts together what was observed, without what was refused and what came of that; `was_refused` tells whether an open of it was
+    /// Puts together what was observed, without what was refused and what came of that; `was_refused` says whether an open of it was
     /// refused long ago.
     pub(super) fn whole(&self, slack: Slack, was_refused: bool) -> WholeMessageHistory {
         let reach = slack.tolerance.saturating_mul(2).saturating_add(slack.lateness);

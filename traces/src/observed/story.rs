@@ -10,7 +10,7 @@ use crate::event::Commit;
 pub struct Slack {
     /// The error of every recorded instant, either way.
     pub tolerance: u64,
-    /// How long after its due instant a timer is served, and after its decision an output leaves.
+    /// How long after its due instant a timer is served, and after its decision an output is sent.
     pub lateness: u64,
 }
 
@@ -19,20 +19,20 @@ pub struct Slack {
 pub struct MessageHistory {
     /// When it was opened, and with which deadline.
     pub open: Option<(u64, Option<u64>)>,
-    /// The clouds' priorities, when each was asked, and its due instant.
+    /// The clouds' priorities, when each was requested, and its due instant.
     pub requests: Vec<(u64, u64, u64)>,
     /// Whose results came, and when.
     pub results: Vec<(u64, u64)>,
     /// Whose failures came, and when.
     pub failures: Vec<(u64, u64)>,
-    /// Whose result went, or none for a miss, and when.
+    /// Whose result was sent, or none for a miss, and when.
     pub outputs: Vec<(Option<u64>, u64)>,
 }
 
 /// An output that the rules allow, and between which instants.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct AllowedOutput {
-    /// Whose result goes; none for a miss.
+    /// Whose result is sent; none for a miss.
     pub p: Option<u64>,
     /// The first instant at which it may be recorded.
     pub from: u64,

@@ -1,4 +1,4 @@
-//! What is wrong with a timestamp that has no explanation.
+//! What to report of a timestamp that has no explanation: the rule or promise that is broken, and what was allowed.
 
 use super::open::WholeMessageHistory;
 use super::story::{AllowedOutput, MessageHistory, Slack};

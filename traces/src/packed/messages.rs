@@ -1,4 +1,6 @@
-//! Messages of one JSON channel of an MCAP file.
+//! [`Messages`]: the messages of one JSON channel of an MCAP file, as lines of a trace.
+//!
+//! The library takes memory for whatever length a file claims, so lengths are checked here first.
 
 mod chunks;
 
@@ -107,7 +109,7 @@ impl<'a, R: Read> Messages<'a, R> {
                 }
                 Some(LinearReadEvent::Record { data, opcode }) => (data, opcode),
             };
-            // Others are not asked for, and the library takes the memory that a text in them claims
+            // Others are not read, since the library takes the memory that a text in them claims
             // to need.
             if !matches!(opcode, op::CHANNEL | op::MESSAGE) {
                 continue;

@@ -9,7 +9,7 @@ use csv::{ErrorKind, Reader, ReaderBuilder, StringRecord};
 /// CSV that is being read, its columns named in the first row.
 ///
 /// Lines end with LF, CRLF or CR, and empty ones are skipped; each row comes with its own line. The
-/// reader of `csv` tells where it stopped before, which is an earlier line in both cases.
+/// reader of `csv` reports where it stopped before, which is an earlier line in both cases.
 #[derive(Debug)]
 pub struct TableReader<R> {
     inner: Reader<LineIndex<R>>,
@@ -92,7 +92,7 @@ impl std::error::Error for TableError {
 #[derive(Debug)]
 struct LineIndex<R> {
     inner: R,
-    /// Of lines that no row was asked for yet: where they begin, and their numbers.
+    /// Of lines whose row was not read yet: where they begin, and their numbers.
     starts: VecDeque<(u64, u64)>,
     byte: u64,
     line: u64,
@@ -124,7 +124,7 @@ impl<R> LineIndex<R> {
         self.byte += 1;
     }
 
-    /// The line that begins there or next; rows are asked for in their order.
+    /// The line that begins there or next; to be called in the order of rows.
     fn line_of(&mut self, byte: u64) -> u64 {
         while self.starts.front().is_some_and(|(start, _)| *start < byte) {
             self.starts.pop_front();

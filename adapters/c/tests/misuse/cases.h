@@ -1,6 +1,6 @@
 /*
- * Cases of misuse: each has a name, the misuse and what happens, and is run by the main of its file. What happens is
- * that the misuse is refused or reported; what is not detected is listed in docs/book/src/use/c.md.
+ * Cases of misuse: each has a name, what the caller does and what happens, and is run by the main of its file. Each is
+ * refused or reported; what is not detected is listed in docs/book/src/use/c.md. The texts are the cells of a table.
  *
  *     misuse-c [NAME]      all, or the one of this name: a line for each, "name | misuse | what happens"
  */

@@ -37,36 +37,36 @@ static void offered(uint64_t now, uint64_t t, uint64_t p) {
 
 /* --- pointers and lifetimes --- */
 
-CASE(c_null_machine, "a null machine", "status `null`") { HOLDS(fuseline_open(NULL, 0, 1, &a) == FUSELINE_STATUS_NULL); }
-CASE(c_null_answer, "a null answer", "status `null`") {
+CASE(c_null_machine, "passes a null machine", "status `null`") { HOLDS(fuseline_open(NULL, 0, 1, &a) == FUSELINE_STATUS_NULL); }
+CASE(c_null_answer, "passes a null answer", "status `null`") {
   fresh();
   HOLDS(fuseline_open(machine, 0, 1, NULL) == FUSELINE_STATUS_NULL);
   opened(0, 1); /* nothing had changed */
 }
-CASE(c_odd_machine, "a misaligned machine", "status `alignment`") {
+CASE(c_misaligned_machine, "passes a misaligned machine", "status `alignment`") {
   fresh();
   HOLDS(fuseline_open((fuseline_machine *)(void *)((char *)machine + 1), 0, 1, &a) == FUSELINE_STATUS_ALIGNMENT);
 }
-CASE(c_answer_in_machine, "an answer within the machine's storage", "status `overlap`") {
+CASE(c_answer_in_machine, "puts the answer into the machine's storage", "status `overlap`") {
   fresh();
   HOLDS(fuseline_open(machine, 0, 1, (fuseline_answer *)(void *)&storage.opaque[8]) == FUSELINE_STATUS_OVERLAP);
   opened(0, 1);
 }
-CASE(c_never_initialised, "a machine that was never made", "status `foreign`") {
+CASE(c_never_initialised, "uses a machine without `fuseline_init`", "status `foreign`") {
   memset(&other, 0, sizeof other);
   HOLDS(fuseline_open((fuseline_machine *)(void *)&other, 0, 1, &a) == FUSELINE_STATUS_FOREIGN);
 }
-CASE(c_used_after_end, "a machine that was ended", "status `foreign`") {
+CASE(c_used_after_end, "uses a machine after `fuseline_end`", "status `foreign`") {
   fresh();
   HOLDS(fuseline_end(machine) == FUSELINE_STATUS_DONE);
   HOLDS(fuseline_open(machine, 0, 1, &a) == FUSELINE_STATUS_FOREIGN);
 }
-CASE(c_ended_twice, "a machine that is ended twice", "status `foreign`") {
+CASE(c_ended_twice, "ends a machine twice", "status `foreign`") {
   fresh();
   HOLDS(fuseline_end(machine) == FUSELINE_STATUS_DONE);
   HOLDS(fuseline_end(machine) == FUSELINE_STATUS_FOREIGN);
 }
-CASE(c_copied, "a machine whose bytes were copied elsewhere", "status `foreign`; the first one is unharmed") {
+CASE(c_copied, "uses a copy of a machine's bytes", "status `foreign`; the original still works") {
   fresh();
   other = storage;
   HOLDS(fuseline_open((fuseline_machine *)(void *)&other, 0, 1, &a) == FUSELINE_STATUS_FOREIGN);
@@ -75,26 +75,26 @@ CASE(c_copied, "a machine whose bytes were copied elsewhere", "status `foreign`;
 
 /* --- shapes and configurations --- */
 
-CASE(c_small_storage, "storage that is too small", "status `size`") {
+CASE(c_small_storage, "gives too little storage", "status `size`") {
   const fuseline_config config = valid();
   HOLDS(fuseline_init(&storage, fuseline_bytes(config.capacity) - 1U, &config, &machine) == FUSELINE_STATUS_SIZE);
 }
-CASE(c_other_abi, "a header of another version of the interface", "status `abi`") {
+CASE(c_other_abi, "uses a header of another version", "status `abi`") {
   fuseline_config config = valid();
   config.abi -= 1U;
   refused(&config, FUSELINE_STATUS_ABI);
 }
-CASE(c_other_layout, "a program whose structures are laid out otherwise", "status `abi`") {
+CASE(c_other_layout, "lays the structures out differently", "status `abi`") {
   fuseline_config config = valid();
   config.layout ^= 8U;
   refused(&config, FUSELINE_STATUS_ABI);
 }
-CASE(c_absent_capacity, "a capacity that the library was built without", "status `capacity`") {
+CASE(c_absent_capacity, "requests a capacity that the library lacks", "status `capacity`") {
   fuseline_config config = valid();
   config.capacity = FUSELINE_CAPACITY_C15W1024;
   refused(&config, FUSELINE_STATUS_CAPACITY);
 }
-CASE(c_other_shape, "clouds or a window other than the library was built for", "status `capacity`; fuseline_own_capacity says for which") {
+CASE(c_other_shape, "requests other clouds or another window than the library has", "status `capacity`; `fuseline_own_capacity` gives the library's") {
   static FUSELINE_STORAGE(15, 60) large;
   fuseline_config config = valid();
   config.capacity = FUSELINE_CAPACITY_OF(15, 40);
@@ -107,12 +107,12 @@ CASE(c_other_shape, "clouds or a window other than the library was built for", "
   config.capacity = fuseline_own_capacity();
   HOLDS(fuseline_init(&large, sizeof large, &config, &machine) == FUSELINE_STATUS_DONE);
 }
-CASE(c_unknown_commit, "a commit rule that there is not", "status `commit`") {
+CASE(c_unknown_commit, "gives an unknown commit rule", "status `commit`") {
   fuseline_config config = valid();
   config.commit = 2;
   refused(&config, FUSELINE_STATUS_COMMIT);
 }
-CASE(c_window_range, "a window of 0, negative or above the capacity", "status `window`") {
+CASE(c_window_range, "gives a window of 0, negative, or above the capacity", "status `window`") {
   fuseline_config config = valid();
   config.window = 0;
   refused(&config, FUSELINE_STATUS_WINDOW);
@@ -121,19 +121,19 @@ CASE(c_window_range, "a window of 0, negative or above the capacity", "status `w
   config.window = 17;
   refused(&config, FUSELINE_STATUS_WINDOW);
 }
-CASE(c_too_many_clouds, "more clouds than the capacity has, or a negative number", "status `clouds`") {
+CASE(c_too_many_clouds, "gives more clouds than the capacity, or a negative number", "status `clouds`") {
   fuseline_config config = valid();
   config.clouds_len = 4;
   refused(&config, FUSELINE_STATUS_CLOUDS);
   config.clouds_len = (uint32_t)-1;
   refused(&config, FUSELINE_STATUS_CLOUDS);
 }
-CASE(c_no_clouds_there, "a number of clouds and no clouds", "status `null`") {
+CASE(c_null_clouds, "gives a number of clouds and a null array", "status `null`") {
   fuseline_config config = valid();
   config.clouds = NULL;
   refused(&config, FUSELINE_STATUS_NULL);
 }
-CASE(c_priority_range, "a cloud of priority 0, which is local's, negative or beyond 65535", "status `priority`") {
+CASE(c_priority_range, "gives a cloud priority 0 (local's), negative, or above 65535", "status `priority`") {
   const uint64_t wrong[] = {0, 65536, (uint64_t)-1};
   fuseline_config config = valid();
   unsigned i;
@@ -144,20 +144,20 @@ CASE(c_priority_range, "a cloud of priority 0, which is local's, negative or bey
     refused(&config, FUSELINE_STATUS_PRIORITY);
   }
 }
-CASE(c_same_priority, "two clouds of one priority", "status `twice`") {
+CASE(c_same_priority, "gives two clouds the same priority", "status `twice`") {
   const fuseline_cloud twins[] = {{1, 31, 30}, {1, 31, 30}};
   fuseline_config config = valid();
   config.clouds = twins;
   config.clouds_len = 2;
   refused(&config, FUSELINE_STATUS_TWICE);
 }
-CASE(c_gate_range, "a gate that resumes at its limit, or of limit 0", "status `gate`") {
+CASE(c_gate_range, "gives a gate that resumes at its limit, or limit 0", "status `gate`") {
   const fuseline_cloud shut[] = {{1, 31, 31}, {1, 0, 0}};
   fuseline_config config = valid();
   config.clouds_len = 1;
   for (config.clouds = shut; config.clouds < shut + 2; ++config.clouds) refused(&config, FUSELINE_STATUS_GATE);
 }
-CASE(c_no_greatest_deadline, "a configuration without a greatest deadline", "status `deadline`") {
+CASE(c_no_greatest_deadline, "sets no greatest deadline", "status `deadline`") {
   fuseline_config config = valid();
   config.greatest_deadline = 0;
   refused(&config, FUSELINE_STATUS_DEADLINE);
@@ -165,7 +165,7 @@ CASE(c_no_greatest_deadline, "a configuration without a greatest deadline", "sta
 
 /* --- units and signs --- */
 
-CASE(c_negative_deadline, "a negative deadline, as a budget that is used up", "refused `deadline`, whether it wrapped or came by fuseline_deadline") {
+CASE(c_negative_deadline, "gives a negative deadline: the budget is used up", "refused `deadline`, wrapped or by `fuseline_deadline`") {
   const uint64_t budget = 30 * ms, age = 50 * ms;
   fresh();
   REFUSED(fuseline_open_within(machine, 0, 1, budget - age, &a), FUSELINE_REASON_DEADLINE);
@@ -174,19 +174,19 @@ CASE(c_negative_deadline, "a negative deadline, as a budget that is used up", "r
   REFUSED(fuseline_offer(machine, 0, 1, 1, fuseline_deadline(30 - 50, ms), 0, &a), FUSELINE_REASON_DEADLINE);
   IS(fuseline_result(machine, 1, 1, 0, &a), FUSELINE_OUTCOME_FORWARDED); /* nothing holds local's result back */
 }
-CASE(c_deadline_of_0, "a deadline of 0", "refused `deadline`") {
+CASE(c_deadline_of_0, "gives a deadline of 0", "refused `deadline`") {
   fresh();
   REFUSED(fuseline_open_within(machine, 0, 1, 0, &a), FUSELINE_REASON_DEADLINE);
   opened(0, 1);
   REFUSED(fuseline_offer(machine, 0, 1, 1, 0, 0, &a), FUSELINE_REASON_DEADLINE);
 }
-CASE(c_too_great_a_unit, "nanoseconds multiplied as if they were milliseconds", "refused `deadline`: above the greatest") {
+CASE(c_too_great_a_unit, "multiplies nanoseconds as if they were milliseconds", "refused `deadline`: above the greatest") {
   fresh();
   opened(0, 1);
   REFUSED(fuseline_offer(machine, 0, 1, 1, 400 * ms * ms, 0, &a), FUSELINE_REASON_DEADLINE);
   REFUSED(fuseline_offer(machine, 0, 1, 1, fuseline_deadline(INT64_MAX, FUSELINE_SECOND), 0, &a), FUSELINE_REASON_DEADLINE);
 }
-CASE(c_too_small_a_unit, "milliseconds given as nanoseconds", "the timer fires at once: local's result goes, each of the cloud's is dropped with a reason") {
+CASE(c_too_small_a_unit, "gives milliseconds as nanoseconds", "the timer fires at once: local's result is forwarded, the cloud's are dropped `late` or `superseded`") {
   fresh();
   opened(0, 1);
   IS(fuseline_offer(machine, 0, 1, 1, 400, 0, &a), FUSELINE_OUTCOME_ADMITTED);
@@ -194,13 +194,13 @@ CASE(c_too_small_a_unit, "milliseconds given as nanoseconds", "the timer fires a
   DROPPED(fuseline_result(machine, 30 * ms, 1, 1, &a), FUSELINE_REASON_LATE);
   IS(fuseline_result(machine, 30 * ms, 1, 0, &a), FUSELINE_OUTCOME_FORWARDED);
 }
-CASE(c_clock_goes_back, "a clock that goes back", "counts as the greatest reading so far, which the answer says") {
+CASE(c_clock_goes_back, "gives an earlier `now` than before", "the greatest `now` so far counts; `at` of the answer shows it") {
   fresh();
   opened(50 * ms, 1);
   opened(20 * ms, 2);
   HOLDS(a.at == 50 * ms);
 }
-CASE(c_negative_instant, "a negative reading of the clock that wrapped", "all that is due fires first, and later deadlines are refused `deadline`; fuseline_instant gives 0") {
+CASE(c_negative_instant, "gives a negative reading of the clock, which wraps", "all that is due fires; later deadlines are refused `deadline`; `fuseline_instant` gives 0") {
   fresh();
   opened(0, 1);
   offered(0, 1, 1);
@@ -212,59 +212,59 @@ CASE(c_negative_instant, "a negative reading of the clock that wrapped", "all th
 
 /* --- order --- */
 
-CASE(c_timestamp_again, "a timestamp that comes again or goes back", "refused `order`") {
+CASE(c_timestamp_again, "opens a timestamp again, or a lower one", "refused `order`") {
   fresh();
   opened(0, 7);
   REFUSED(fuseline_open(machine, 0, 7, &a), FUSELINE_REASON_ORDER);
   REFUSED(fuseline_open(machine, 0, 6, &a), FUSELINE_REASON_ORDER);
 }
-CASE(c_local_never_told, "messages whose results nobody gives", "refused `full` once the window is") {
+CASE(c_results_never_given, "never gives results", "refused `full` once the window is full") {
   uint64_t t;
   fresh();
   for (t = 0; t < 16; ++t) opened(0, t);
   REFUSED(fuseline_open(machine, 0, t, &a), FUSELINE_REASON_FULL);
 }
-CASE(c_offer_before_open, "an offer before its message", "refused `unknown`") {
+CASE(c_offer_before_open, "offers before it opens", "refused `unknown`") {
   fresh();
   REFUSED(fuseline_offer(machine, 0, 1, 1, ms, 0, &a), FUSELINE_REASON_UNKNOWN);
 }
-CASE(c_offer_after_forward, "an offer after its message was forwarded", "refused `closed`") {
+CASE(c_offer_after_forward, "offers after the forward", "refused `closed`") {
   fresh();
   opened(0, 1);
   IS(fuseline_result(machine, 0, 1, 0, &a), FUSELINE_OUTCOME_FORWARDED);
   REFUSED(fuseline_offer(machine, 0, 1, 1, ms, 0, &a), FUSELINE_REASON_CLOSED);
 }
-CASE(c_offer_to_no_cloud, "an offer to local, or to a cloud that is not configured", "refused `unknown`") {
+CASE(c_offer_to_no_cloud, "offers to local, or to an unconfigured cloud", "refused `unknown`") {
   fresh();
   opened(0, 1);
   REFUSED(fuseline_offer(machine, 0, 1, 0, ms, 0, &a), FUSELINE_REASON_UNKNOWN);
   REFUSED(fuseline_offer(machine, 0, 1, 9, ms, 0, &a), FUSELINE_REASON_UNKNOWN);
   REFUSED(fuseline_offer(machine, 0, 1, (uint64_t)-1, ms, 0, &a), FUSELINE_REASON_UNKNOWN);
 }
-CASE(c_offered_twice, "an offer to a cloud that has the message", "refused `duplicate`") {
+CASE(c_offered_twice, "offers twice to a cloud", "refused `duplicate`") {
   fresh();
   opened(0, 1);
   offered(0, 1, 1);
   REFUSED(fuseline_offer(machine, 0, 1, 1, ms, 0, &a), FUSELINE_REASON_DUPLICATE);
 }
-CASE(c_negative_backlog, "a negative backlog", "refused `queue`: the gate shuts") {
+CASE(c_negative_backlog, "gives a negative backlog", "refused `queue`: the gate shuts") {
   fresh();
   opened(0, 1);
   REFUSED(fuseline_offer(machine, 0, 1, 1, ms, (uint64_t)-1, &a), FUSELINE_REASON_QUEUE);
 }
-CASE(c_sent_though_refused, "a request that was sent though it was refused", "its result is dropped `unsolicited`") {
+CASE(c_sent_though_refused, "sends a request that was refused", "its result is dropped `unsolicited`") {
   fresh();
   opened(0, 1);
   REFUSED(fuseline_offer(machine, 0, 1, 1, 0, 0, &a), FUSELINE_REASON_DEADLINE);
   DROPPED(fuseline_result(machine, 0, 1, 1, &a), FUSELINE_REASON_UNSOLICITED);
 }
-CASE(c_result_of_nobody, "a result of a source or a message that there is not", "dropped `unknown`") {
+CASE(c_result_of_unknown, "gives a result of an unknown source or message", "dropped `unknown`") {
   fresh();
   DROPPED(fuseline_result(machine, 0, 1, 0, &a), FUSELINE_REASON_UNKNOWN);
   opened(0, 1);
   DROPPED(fuseline_result(machine, 0, 1, 9, &a), FUSELINE_REASON_UNKNOWN);
 }
-CASE(c_result_twice, "a result that comes twice", "dropped `duplicate` while it is held, `superseded` once the message left") {
+CASE(c_result_twice, "gives a result twice", "dropped `duplicate` while it is held, `superseded` after the forward") {
   fresh();
   opened(0, 1);
   offered(0, 1, 1);
@@ -273,7 +273,7 @@ CASE(c_result_twice, "a result that comes twice", "dropped `duplicate` while it 
   IS(fuseline_result(machine, 0, 1, 1, &a), FUSELINE_OUTCOME_FORWARDED);
   DROPPED(fuseline_result(machine, 0, 1, 1, &a), FUSELINE_REASON_SUPERSEDED);
 }
-CASE(c_failed_after_result, "a failure after the result", "dropped `duplicate`; the result stays") {
+CASE(c_failed_after_result, "reports a failure after the result", "dropped `duplicate`; the result stays") {
   fresh();
   opened(0, 1);
   offered(0, 1, 1);
@@ -281,14 +281,14 @@ CASE(c_failed_after_result, "a failure after the result", "dropped `duplicate`; 
   DROPPED(fuseline_fail(machine, 0, 1, 0, &a), FUSELINE_REASON_DUPLICATE);
   IS(fuseline_fail(machine, 0, 1, 1, &a), FUSELINE_OUTCOME_FORWARDED);
 }
-CASE(c_again_not_repeated, "a call that is not made again though its status is `again`", "the answer says `fired`; the next call brings the next firing, and the window fills") {
+CASE(c_again_not_repeated, "does not repeat a call after status `again`", "`fired` of the answer is 1; the input is not applied") {
   fresh();
   opened(0, 1);
   offered(0, 1, 1);
   HOLDS(fuseline_open(machine, 400 * ms, 2, &a) == FUSELINE_STATUS_AGAIN && a.fired == 1 && a.t == 1);
   DROPPED(fuseline_result(machine, 400 * ms, 2, 0, &a), FUSELINE_REASON_UNKNOWN); /* 2 was not opened */
 }
-CASE(c_question_about_nothing, "a question about a message or a cloud that there is not", "status `none`") {
+CASE(c_look_at_unknown, "looks at an unknown message or cloud", "status `none`") {
   fuseline_message message;
   uint32_t is_shut = 0;
   fresh();

@@ -62,7 +62,7 @@ void refused_as_deadline(std::chrono::duration<Rep, Period> deadline) {
   HOLDS(planner.forwarded == 10 && op.held() == 0);
 }
 
-CASE(cpp_negative_deadline, "a negative deadline, as a budget that is used up", "refused `deadline`; local's result is forwarded") {
+CASE(cpp_negative_deadline, "gives a negative deadline: the budget is used up", "refused `deadline`; local's result is forwarded") {
   const auto budget = 30ms, age = 50ms;
   refused_as_deadline(budget - age);
   HOLDS(fuseline::nanoseconds_of(budget - age) == 0);
@@ -70,41 +70,41 @@ CASE(cpp_negative_deadline, "a negative deadline, as a budget that is used up", 
   refused_as_deadline(std::chrono::nanoseconds::min());
   refused_as_deadline(-0.5s);
 }
-CASE(cpp_deadline_of_0, "a deadline of 0", "refused `deadline`") {
+CASE(cpp_deadline_of_0, "gives a deadline of 0", "refused `deadline`") {
   refused_as_deadline(0ms);
   refused_as_deadline(std::chrono::duration<unsigned>(0));
 }
-CASE(cpp_deadline_not_a_number, "a deadline that is not a number", "refused `deadline`") {
+CASE(cpp_deadline_not_a_number, "gives a deadline of NaN", "refused `deadline`") {
   const std::chrono::duration<double> none(std::numeric_limits<double>::quiet_NaN());
   refused_as_deadline(none);
   HOLDS(fuseline::nanoseconds_of(none) == 0);
 }
-CASE(cpp_deadline_too_long, "a deadline beyond 64 bits of nanoseconds", "saturates, and is refused `deadline`: above the greatest") {
+CASE(cpp_deadline_too_long, "gives a deadline beyond 64 bits of nanoseconds", "saturates; refused `deadline`: above the greatest") {
   refused_as_deadline(std::chrono::seconds(18446744074));  // wrapped, 0.29 s
   refused_as_deadline(std::chrono::hours(std::chrono::hours::max()));
   refused_as_deadline(std::chrono::duration<double>(std::numeric_limits<double>::infinity()));
   refused_as_deadline(std::chrono::duration<std::uint64_t, std::nano>::max());
 }
-CASE(cpp_wrong_unit, "seconds where milliseconds were meant", "refused `deadline`: above the greatest") { refused_as_deadline(400s); }
-CASE(cpp_exact_units, "a deadline in odd units", "counts exactly, rounded down") {
+CASE(cpp_wrong_unit, "gives seconds instead of milliseconds", "refused `deadline`: above the greatest") { refused_as_deadline(400s); }
+CASE(cpp_exact_units, "gives a deadline in odd units", "converted exactly, rounded down") {
   HOLDS(fuseline::nanoseconds_of(std::chrono::duration<int, std::ratio<1, 30>>(1)) == 33333333);
   HOLDS(fuseline::nanoseconds_of(std::chrono::duration<std::int64_t, std::pico>(1999)) == 1);
   HOLDS(fuseline::nanoseconds_of(std::chrono::duration<std::uint64_t, std::nano>::max()) == UINT64_MAX);
   HOLDS(fuseline::nanoseconds_of(18446744073s) == 18446744073000000000U);
   HOLDS(fuseline::nanoseconds_of(std::chrono::duration<double>(0.25)) == 250000000);
 }
-CASE(cpp_no_greatest_deadline, "a greatest deadline that is 0 or negative", "status `deadline`, no machine") {
+CASE(cpp_no_greatest_deadline, "sets a greatest deadline of 0 or less", "status `deadline`, no machine") {
   for (const auto greatest : {0ms, -1ms}) {
     const fuseline::Machine<> machine(16, Commit::eager, greatest, {});
     HOLDS(!machine && machine.status() == FUSELINE_STATUS_DEADLINE);
   }
 }
-CASE(cpp_overdue_difference, "how long until a due instant that has passed", "negative: it does not wrap to a sleep of centuries") {
+CASE(cpp_overdue_difference, "computes the time until a past due instant", "negative: it does not wrap to a sleep of centuries") {
   const Instant due(20ms), now(50ms);
   HOLDS(due - now == -30ms && now - due == 30ms);
   HOLDS(Instant(std::chrono::duration<std::uint64_t, std::nano>::max()) - Instant() == std::chrono::nanoseconds::max());
 }
-CASE(cpp_instant_before_start, "a reading before the clock's start", "counts as the start") {
+CASE(cpp_instant_before_start, "gives a reading before the clock's start", "counts as the start") {
   HOLDS(Instant(-5ms) == Instant());
   Planner planner;
   ManualClock::at = 5ms;
@@ -114,7 +114,7 @@ CASE(cpp_instant_before_start, "a reading before the clock's start", "counts as 
   ManualClock::at = {};
   HOLDS(is_accepted(opened) && opened->at() == Instant());
 }
-CASE(cpp_clock_that_ends, "a deadline beyond the end of the clock", "the next due instant is the clock's last") {
+CASE(cpp_clock_that_ends, "gives a deadline beyond the clock's last reading", "the next due instant is that last reading") {
   Planner planner;
   ManualClock::at = std::chrono::nanoseconds::max() - 5ns;
   Operator<> late(planner, 16, Commit::eager, 1s, {});
@@ -129,14 +129,14 @@ CASE(cpp_clock_that_ends, "a deadline beyond the end of the clock", "the next du
 
 // --- shapes and lifetimes ---
 
-CASE(cpp_other_shape, "an Own<C, W> that the library was not built for", "status `capacity`, no machine") {
+CASE(cpp_other_shape, "uses an `Own<C, W>` that the library lacks", "status `capacity`, no machine") {
   using fuseline::Machine;
   using fuseline::Own;
   HOLDS((Machine<Own<15, 40>>(40, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_CAPACITY));
   HOLDS((Machine<Own<5, 60>>(40, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_CAPACITY));
   HOLDS((Machine<Own<5, 39>>(39, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_CAPACITY));
 }
-CASE(cpp_full_window_of_values, "a window full of held values, and one more", "the one more is refused `full`; no value is lost") {
+CASE(cpp_full_window_of_values, "opens one more message when a full window holds values", "refused `full`; no value is lost") {
   Planner planner;
   Operator<fuseline::Own<5, 40>> op(planner, 40, Commit::eager, 1s, {{cloud, 1000}});
   for (std::uint64_t i = 0; i < 40; ++i) {
@@ -151,17 +151,17 @@ CASE(cpp_full_window_of_values, "a window full of held values, and one more", "t
   ManualClock::at = {};
   HOLDS(planner.forwarded == 40 && planner.missed == 0 && op.held() == 0);
 }
-CASE(cpp_window_above_capacity, "a window above the capacity, or negative", "status `window`, no machine") {
+CASE(cpp_window_above_capacity, "gives a window above the capacity, or negative", "status `window`, no machine") {
   HOLDS(fuseline::Machine<>(17, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_WINDOW);
   HOLDS(fuseline::Machine<>(static_cast<std::uint32_t>(-1), Commit::eager, 1s, {}).status() == FUSELINE_STATUS_WINDOW);
 }
-CASE(cpp_too_many_clouds, "more clouds than the capacity has, or than there can be", "status `clouds`, no machine") {
+CASE(cpp_too_many_clouds, "gives more clouds than the capacity, or than possible", "status `clouds`, no machine") {
   std::array<fuseline::Cloud, 20> many;
   for (std::size_t i = 0; i < many.size(); ++i) many[i] = {Priority{i + 1}, 31};
   HOLDS(fuseline::Machine<>(16, Commit::eager, 1s, many.data(), 4).status() == FUSELINE_STATUS_CLOUDS);
   HOLDS(fuseline::Machine<>(16, Commit::eager, 1s, many.data(), 20).status() == FUSELINE_STATUS_CLOUDS);
 }
-CASE(cpp_used_though_not_made, "a machine that is used though it could not be made", "no call has an answer, and status() still says why it was not made") {
+CASE(cpp_used_though_not_made, "uses a machine that could not be made", "no call has an answer; `status()` still says why") {
   Planner planner;
   Operator<> op(planner, 17, Commit::eager, 1s, {});
   HOLDS(!op && !op.open(Timestamp{1}) && !op.offer(Timestamp{1}, cloud, 1ms, 0) && !op.next_due() && !op.tick());
@@ -170,7 +170,7 @@ CASE(cpp_used_though_not_made, "a machine that is used though it could not be ma
   fuseline::Machine<> machine(17, Commit::eager, 1s, {});
   HOLDS(!machine.look() && !machine.next_due() && machine.status() == FUSELINE_STATUS_WINDOW);
 }
-CASE(cpp_overwritten, "a machine whose head was overwritten", "no answer; next_due() too says `foreign`, and not that nothing is armed") {
+CASE(cpp_overwritten, "overwrites the head of the storage", "no answers; `next_due()` too gives `foreign`, not that nothing is armed") {
   alignas(fuseline::Machine<>) static unsigned char room[sizeof(fuseline::Machine<>)];
   auto* machine = new (room) fuseline::Machine<>(16, Commit::eager, 1s, {});
   HOLDS(is_accepted(machine->open(Instant(), Timestamp{1}, 10ms, ignored)));
@@ -179,7 +179,7 @@ CASE(cpp_overwritten, "a machine whose head was overwritten", "no answer; next_d
   HOLDS(!machine->next_due() && machine->status() == FUSELINE_STATUS_FOREIGN);
   HOLDS(!machine->look() && machine->status() == FUSELINE_STATUS_FOREIGN);
 }
-CASE(cpp_clouds_of_a_temporary, "the cancelled clouds of an answer that is gone", "a copy: they are still right") {
+CASE(cpp_clouds_of_a_temporary, "keeps the cancelled clouds of a temporary answer", "a copy: they stay right") {
   fuseline::Machine<> machine(16, Commit::eager, 1s, {{cloud, 31}, {Priority{2}, 31}});
   HOLDS(is_accepted(machine.open(Instant(), Timestamp{1}, {}, ignored)));
   for (const auto p : {cloud, Priority{2}}) HOLDS(machine.offer(Instant(), Timestamp{1}, p, 1ms, 0, ignored).has_value());
@@ -187,7 +187,7 @@ CASE(cpp_clouds_of_a_temporary, "the cancelled clouds of an answer that is gone"
   for (const Priority p : machine.result(Instant(), Timestamp{1}, Priority{2}, ignored)->cancelled()) cancelled.push_back(p.number);
   HOLDS(cancelled == std::vector<std::uint64_t>{1});
 }
-CASE(cpp_values_not_told, "firings that Held is not told of", "its values find no place: lost() counts them") {
+CASE(cpp_firings_not_passed_on, "does not pass firings on to `Held`", "`Held` fills; `lost()` counts what has no room") {
   fuseline::Machine<> machine(16, Commit::eager, 1s, {{cloud, 31}});
   fuseline::Held<std::string, fuseline::C3W16> held(machine);
   for (std::uint64_t i = 0; i < 17; ++i) {
@@ -199,7 +199,7 @@ CASE(cpp_values_not_told, "firings that Held is not told of", "its values find n
   }
   HOLDS(held.lost() == 1 && held.size() == 16);
 }
-CASE(cpp_values_of_another_machine, "a firing of another machine, whose value is not here", "lost() counts it") {
+CASE(cpp_values_of_another_machine, "passes a firing of another machine to `Held`", "`lost()` counts it") {
   fuseline::Machine<> machine(16, Commit::eager, 1s, {{cloud, 31}}), other(16, Commit::eager, 1s, {{cloud, 31}});
   fuseline::Held<std::string, fuseline::C3W16> held(machine);
   HOLDS(is_accepted(other.open(Instant(), Timestamp{1}, {}, ignored)));
@@ -212,7 +212,7 @@ CASE(cpp_values_of_another_machine, "a firing of another machine, whose value is
 
 // --- order ---
 
-CASE(cpp_result_twice, "a result that comes twice", "the second is dropped `superseded`; the sink hears of one") {
+CASE(cpp_result_twice, "gives a result twice", "the second is dropped `superseded`; the sink gets one") {
   Planner planner;
   Operator<> op(planner, 16, Commit::eager, 1s, {{cloud, 31}});
   HOLDS(is_accepted(op.open(Timestamp{1})));
@@ -220,7 +220,7 @@ CASE(cpp_result_twice, "a result that comes twice", "the second is dropped `supe
   HOLDS(op.result(Timestamp{1}, fuseline::local, "boxes")->why() == FUSELINE_REASON_SUPERSEDED);
   HOLDS(planner.forwarded == 1);
 }
-CASE(cpp_call_from_the_sink, "a call of the operator from its own sink", "answered as any other, after what is due: an open may be refused `order`; no value is lost, none comes twice") {
+CASE(cpp_call_from_the_sink, "calls the operator from its own sink", "answered as any call, after what is due; an open may be refused `order`; no value is lost or repeated") {
   struct Nested : fuseline::Sink<std::string> {
     fuseline::Operator<std::string, Nested, fuseline::C3W16, ManualClock>* op = nullptr;
     unsigned forwarded = 0, refused = 0;

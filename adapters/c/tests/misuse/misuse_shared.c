@@ -23,41 +23,41 @@ static void answered(fuseline_status status, fuseline_outcome outcome, fuseline_
   HOLDS(a.outcome == outcome && a.why == why);
 }
 
-CASE(shared_negative_deadline, "a negative deadline", "refused `deadline`") {
+CASE(shared_negative_deadline, "gives a negative deadline", "refused `deadline`") {
   fresh();
   answered(fuseline_shared_offer(machine, 0, message_id, 1, (uint64_t)-20, 0, &fired, &a), FUSELINE_OUTCOME_REFUSED, FUSELINE_REASON_DEADLINE);
   answered(fuseline_shared_open_within(machine, 0, 2, (uint64_t)-20, &message_id, &a), FUSELINE_OUTCOME_REFUSED, FUSELINE_REASON_DEADLINE);
 }
-CASE(shared_no_greatest_deadline, "a configuration without a greatest deadline", "status `deadline`") {
+CASE(shared_no_greatest_deadline, "sets no greatest deadline", "status `deadline`") {
   fuseline_config config = valid();
   config.greatest_deadline = 0;
   HOLDS(fuseline_shared_init(&storage, sizeof storage, &config, &machine) == FUSELINE_STATUS_DEADLINE);
 }
-CASE(shared_other_shape, "a shape that the library was not built for", "status `capacity`") {
+CASE(shared_other_shape, "requests a shape that the library lacks", "status `capacity`") {
   static FUSELINE_SHARED_STORAGE(15, 60) large;
   fuseline_config config = valid();
   config.capacity = FUSELINE_CAPACITY_OF(15, 40);
   HOLDS(fuseline_shared_init(&large, sizeof large, &config, &machine) == FUSELINE_STATUS_CAPACITY);
 }
-CASE(shared_odd_storage, "storage that is aligned to 8 bytes and not to 64", "status `alignment`") {
+CASE(shared_misaligned_storage, "aligns storage to 8 bytes instead of 64", "status `alignment`") {
   const fuseline_config config = valid();
   HOLDS(fuseline_shared_init(&storage.opaque[1], sizeof storage - 8U, &config, &machine) == FUSELINE_STATUS_ALIGNMENT);
 }
-CASE(shared_as_plain, "a machine of one kind given as one of the other", "status `foreign`") {
+CASE(shared_as_plain, "passes a machine to functions of the other kind", "status `foreign`") {
   fresh();
   HOLDS(fuseline_open((fuseline_machine *)(void *)machine, 0, 2, &a) == FUSELINE_STATUS_FOREIGN);
 }
-CASE(shared_copied, "a machine whose bytes were copied elsewhere", "status `foreign`") {
+CASE(shared_copied, "uses a copy of a machine's bytes", "status `foreign`") {
   fresh();
   other = storage;
   HOLDS(fuseline_shared_open((fuseline_shared *)(void *)&other, 0, 2, &message_id, &a) == FUSELINE_STATUS_FOREIGN);
 }
-CASE(shared_ended_twice, "a machine that is ended twice", "status `foreign`") {
+CASE(shared_ended_twice, "ends a machine twice", "status `foreign`") {
   fresh();
   HOLDS(fuseline_shared_end(machine) == FUSELINE_STATUS_DONE);
   HOLDS(fuseline_shared_end(machine) == FUSELINE_STATUS_FOREIGN);
 }
-CASE(shared_no_message_id, "a message_id that no message gave, all 0", "status `message_id`") {
+CASE(shared_no_message_id, "uses a message id of zeros", "status `message_id`") {
   const fuseline_message_id none = {{0, 0, 0}};
   uint64_t due = 0;
   fresh();
@@ -65,7 +65,7 @@ CASE(shared_no_message_id, "a message_id that no message gave, all 0", "status `
   HOLDS(fuseline_shared_offer(machine, 0, none, 1, 1, 0, &fired, &a) == FUSELINE_STATUS_MESSAGE_ID);
   HOLDS(fuseline_shared_next_due(machine, none, &due) == FUSELINE_STATUS_MESSAGE_ID);
 }
-CASE(shared_message_id_of_another, "a message_id of another machine", "status `message_id`") {
+CASE(shared_message_id_of_another, "uses a message id of another machine", "status `message_id`") {
   static storage_type second;
   const fuseline_config config = valid();
   fuseline_shared *another;
@@ -76,17 +76,17 @@ CASE(shared_message_id_of_another, "a message_id of another machine", "status `m
   HOLDS(fuseline_shared_fail(machine, 0, message_id, 0, &fired, &a) == FUSELINE_STATUS_MESSAGE_ID);
   answered(fuseline_shared_result(another, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_FORWARDED, FUSELINE_REASON_NONE);
 }
-CASE(shared_refused_and_used, "the message_id of an open that was refused, in the place of the one before", "status `message_id`: not taken for the message before") {
+CASE(shared_refused_and_used, "uses the message id of a refused open, written over an earlier one", "status `message_id`: not taken for the earlier message") {
   fresh();
   answered(fuseline_shared_open(machine, 0, 1, &message_id, &a), FUSELINE_OUTCOME_REFUSED, FUSELINE_REASON_ORDER);
   HOLDS(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a) == FUSELINE_STATUS_MESSAGE_ID);
 }
-CASE(shared_old_message_id, "the message_id of a message that left", "dropped `superseded`") {
+CASE(shared_old_message_id, "uses the message id of a retired message", "dropped `superseded`") {
   fresh();
   answered(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_FORWARDED, FUSELINE_REASON_NONE);
   answered(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_DROPPED, FUSELINE_REASON_SUPERSEDED);
 }
-CASE(shared_null_message_id, "a null message_id", "status `null`, and nothing is opened") {
+CASE(shared_null_message_id, "passes a null message id", "status `null`; nothing is opened") {
   fresh();
   HOLDS(fuseline_shared_open(machine, 0, 2, NULL, &a) == FUSELINE_STATUS_NULL);
   answered(fuseline_shared_open(machine, 0, 2, &message_id, &a), FUSELINE_OUTCOME_ACCEPTED, FUSELINE_REASON_NONE);

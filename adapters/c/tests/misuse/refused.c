@@ -9,23 +9,23 @@ fuseline_config right(void);
 fuseline_config right(void) {
   const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C1W4, FUSELINE_COMMIT_EAGER, 4, 0, NULL, 1};
 #if CASE == 1
-  /* case 1 | a status that nobody reads | unused-result */
+  /* case 1 | unused status | unused-result */
   fuseline_end(NULL);
 #elif CASE == 2
-  /* case 2 | a configuration without a greatest deadline | missing.*initializer */
+  /* case 2 | configuration without a greatest deadline | missing.*initializer */
   const fuseline_config wrong = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C1W4, FUSELINE_COMMIT_EAGER, 4, 0, NULL};
   (void)wrong;
 #elif CASE == 3
-  /* case 3 | a machine of one kind given as one of the other | incompatible.pointer */
+  /* case 3 | machine passed to functions of the other kind | incompatible.pointer */
   fuseline_shared *shared = NULL;
   return fuseline_end(shared) == FUSELINE_STATUS_DONE ? config : config;
 #elif CASE == 4
-  /* case 4 | a signed deadline without fuseline_deadline | sign-conversion */
+  /* case 4 | signed deadline without `fuseline_deadline` | sign-conversion */
   const int64_t left = -20;
   fuseline_answer a;
   if (fuseline_offer(NULL, 0, 1, 1, left, 0, &a) == FUSELINE_STATUS_DONE) return config;
 #elif CASE == 5
-  /* case 5 | storage of a machine for one thread, given as its machine | incompatible.pointer */
+  /* case 5 | storage for one thread passed as its machine | incompatible.pointer */
   static fuseline_storage_c1w4 storage;
   if (fuseline_end(&storage) == FUSELINE_STATUS_DONE) return config;
 #endif

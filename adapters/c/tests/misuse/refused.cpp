@@ -29,80 +29,80 @@ struct Approximate {
   static_cast<void>(offer), static_cast<void>(now);
 
 #if CASE == 1
-  // case 1 | a plain number as a deadline | no .*conversion|cannot convert|no viable conversion
+  // case 1 | plain number as a deadline | no .*conversion|cannot convert|no viable conversion
   const auto wrong = op.offer(t, cloud, 400, 0);
 #elif CASE == 2
-  // case 2 | a plain number with a point as a deadline | no .*conversion|cannot convert|no viable conversion
+  // case 2 | floating-point number as a deadline | no .*conversion|cannot convert|no viable conversion
   const auto wrong = op.offer(t, cloud, 0.4, 0);
 #elif CASE == 3
-  // case 3 | a plain number as how long local may take | no .*conversion|cannot convert|could not convert|no viable conversion
+  // case 3 | plain number as local's deadline | no .*conversion|cannot convert|could not convert|no viable conversion
   const auto wrong = op.open(t, 400);
 #elif CASE == 4
-  // case 4 | a plain number as an instant | no matching
+  // case 4 | plain number as an instant | no matching
   const Instant wrong(400);
 #elif CASE == 5
-  // case 5 | a clock that is set, as an instant | steady clock
+  // case 5 | clock that can be set, as an instant | steady clock
   const Instant wrong(std::chrono::system_clock::now());
 #elif CASE == 6
-  // case 6 | a clock that is set, as an operator's | steady clock
+  // case 6 | clock that can be set, as an operator's | steady clock
   Operator<std::string, Planner, C3W16, std::chrono::system_clock> wrong(planner, 16, Commit::eager, 1s, {});
 #elif CASE == 7
-  // case 7 | a clock that counts in fractions | whole numbers
+  // case 7 | clock with fractional ticks | whole numbers
   Operator<std::string, Planner, C3W16, Approximate> wrong(planner, 16, Commit::eager, 1s, {});
 #elif CASE == 8
-  // case 8 | an operator without a greatest deadline | no matching
+  // case 8 | operator without a greatest deadline | no matching
   Operator<std::string, Planner> wrong(planner, 16, Commit::eager, {{cloud, 31}});
 #elif CASE == 9
-  // case 9 | a timestamp and a priority in each other's place | convert|conversion
+  // case 9 | timestamp and priority swapped | convert|conversion
   const auto wrong = op.offer(cloud, t, 400ms, 0);
 #elif CASE == 10
-  // case 10 | a plain number as a timestamp | convert|conversion
+  // case 10 | plain number as a timestamp | convert|conversion
   const auto wrong = op.open(7);
 #elif CASE == 11
-  // case 11 | a negative timestamp | narrowing|cannot be narrowed
+  // case 11 | negative timestamp | narrowing|cannot be narrowed
   const Timestamp wrong{-1};
 #elif CASE == 12
-  // case 12 | a negative priority | narrowing|cannot be narrowed
+  // case 12 | negative priority | narrowing|cannot be narrowed
   const Priority wrong{-1};
 #elif CASE == 13
-  // case 13 | a copy of a machine | deleted
+  // case 13 | copied machine | deleted
   Machine<C3W16> wrong(machine);
 #elif CASE == 14
-  // case 14 | a moved operator | deleted
+  // case 14 | moved operator | deleted
   Operator<std::string, Planner> wrong(std::move(op));
 #elif CASE == 15
-  // case 15 | values with other places than their machine | no matching
+  // case 15 | `Held` of another capacity than its machine | no matching
   Held<std::string, C1W4> wrong(machine);
 #elif CASE == 16
-  // case 16 | a sink that is gone at once | cannot bind|no matching
+  // case 16 | temporary as the sink | cannot bind|no matching
   Operator<std::string, Planner> wrong(Planner{}, 16, Commit::eager, 1s, {});
 #elif CASE == 17
   // case 17 | more than 15 clouds | at most 15 clouds
   Machine<Own<16, 4>> wrong(4, Commit::eager, 1s, {});
 #elif CASE == 18
-  // case 18 | a window of 0 | a window of 1 to 1024
+  // case 18 | window of 0 | a window of 1 to 1024
   Machine<Own<3, 0>> wrong(4, Commit::eager, 1s, {});
 #elif CASE == 19
-  // case 19 | an answer to open that nobody reads | unused-result|nodiscard
+  // case 19 | unused answer to open | unused-result|nodiscard
   op.open(t);
 #elif CASE == 20
-  // case 20 | an answer to offer that nobody reads: the request would be sent though it was refused | unused-result|nodiscard
+  // case 20 | unused answer to offer: a refused request would be sent | unused-result|nodiscard
   op.offer(t, cloud, 400ms, 0);
 #elif CASE == 21
-  // case 21 | a forwarded value that nobody sends | unused-result|nodiscard
+  // case 21 | unused forwarded value | unused-result|nodiscard
   held.settled(*offer);
 #elif CASE == 22
-  // case 22 | a status of the C interface that nobody reads | unused-result|nodiscard
+  // case 22 | unused status of C | unused-result|nodiscard
   fuseline_end(nullptr);
 #elif CASE == 23
-  // case 23 | a duration of a type that is no number | numbers of C\+\+
+  // case 23 | duration of a type that is no number | numbers of C\+\+
   struct Odd {
     long long number;
     constexpr bool operator>(Odd) const { return true; }
   };
   static_cast<void>(nanoseconds_of(std::chrono::duration<Odd>(Odd{1})));
 #elif CASE == 24
-  // case 24 | a negative limit of a gate, which would never shut | narrowing|cannot be narrowed
+  // case 24 | negative limit of a gate: it would never shut | narrowing|cannot be narrowed
   const Cloud wrong{cloud, -1};
 #endif
 }

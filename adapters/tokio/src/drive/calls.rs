@@ -1,4 +1,6 @@
-//! The calls under way, and local's async computations.
+//! The calls under way, as tasks or within the driver, and local's async computations.
+//!
+//! They are started and aborted here; when to do so is decided by the engine.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -24,9 +26,9 @@ type Key = (u16, u64);
 
 /// The calls under way, aborted when this is dropped; local's computations never are (F7).
 ///
-/// On a runtime of several threads each runs in a task of its own, so that its computation holds
-/// nobody up. On a runtime of one thread it would hold everybody up anyway: there calls run within
-/// the driver, which costs half.
+/// On a runtime of several threads each runs in a task of its own, so that its computation blocks
+/// no other. On a runtime of one thread it would block them anyway: there calls run within the
+/// driver, which costs half.
 pub(super) enum Calls<V: Send + 'static> {
     Tasks {
         error_chain: mpsc::UnboundedReceiver<Completion<V>>,
@@ -41,7 +43,7 @@ pub(super) struct InlineCalls<V> {
     places: Vec<CallSlot<V>>,
     free: Vec<usize>,
     under_way: FxHashMap<Key, usize>,
-    /// The places that were woken, in that order.
+    /// The slots that were woken, in that order.
     turns: VecDeque<usize>,
     woken: Arc<WokenSlots>,
 }
@@ -59,15 +61,15 @@ struct Running<V> {
     span: Span,
 }
 
-/// Wakes the driver for one place's call.
+/// Wakes the driver for one slot's call.
 struct Alarm {
     woken: Arc<WokenSlots>,
     place: usize,
-    /// Whether the place is already among the woken.
+    /// Whether the slot is already among the woken.
     is_woken: AtomicBool,
 }
 
-/// The places that were woken since the driver looked.
+/// The slots that were woken since the driver looked.
 struct WokenSlots {
     places: Mutex<Vec<usize>>,
     flag_waker: Arc<FlagWaker>,
@@ -100,7 +102,7 @@ impl<V: Send + 'static> Calls<V> {
                 let error_chain = sender.clone();
                 let task = async move {
                     let result = guarded(call).await;
-                    // Nobody waits for it once the driver has ended.
+                    // There is no receiver once the driver has ended.
                     drop(error_chain.send(Completion { priority, timestamp, result }));
                 };
                 let task = tokio::spawn(task.instrument(span));
@@ -179,7 +181,7 @@ impl<V> InlineCalls<V> {
         Poll::Pending
     }
 
-    /// Polls the call in this place, if there is one: a waker may outlive its call.
+    /// Polls the call in this slot, if there is one: a waker may outlive its call.
     fn poll_place(&mut self, place: usize) -> Option<Completion<V>> {
         let CallSlot { call, alarm, waker } = &mut self.places[place];
         alarm.is_woken.store(false, Ordering::Release);
@@ -222,7 +224,7 @@ impl<V> InlineCalls<V> {
     }
 }
 
-/// Drops a call. A panic in the future's drop is its own affair (D7 failures).
+/// Drops a call. A panic in the future's drop changes nothing else (D7 failures).
 fn end<T>(call: T) {
     drop(catch_unwind(AssertUnwindSafe(|| drop(call))));
 }

@@ -68,7 +68,7 @@ impl Timer {
             #[cfg(target_os = "linux")]
             Self::Kernel(timer) => match timer.poll(context) {
                 Poll::Ready(Err(error)) => {
-                    // At worst it finds nothing due.
+                    // At worst nothing is due then.
                     self.fall_back(&error, Instant::now());
                     Poll::Ready(())
                 }

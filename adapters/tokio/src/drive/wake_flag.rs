@@ -1,4 +1,4 @@
-//! Wakes the driver, and remembers for whom.
+//! Wakes the driver, and flags which of its parties is to be polled.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,14 +12,14 @@ pub(super) struct WakeFlag {
     waker: Waker,
 }
 
-/// Rings for one and wakes the driver.
+/// Sets one party's flag and wakes the driver.
 pub(super) struct FlagWaker {
     is_rung: AtomicBool,
     driver: Arc<AtomicWaker>,
 }
 
 impl WakeFlag {
-    /// A bell that rings, so that all parties are polled at first.
+    /// A flag that is set, so that all parties are polled at first.
     pub(super) fn new(driver: &Arc<AtomicWaker>) -> Self {
         let flag_waker =
             Arc::new(FlagWaker { is_rung: AtomicBool::new(true), driver: Arc::clone(driver) });
@@ -30,7 +30,7 @@ impl WakeFlag {
         Arc::clone(&self.flag_waker)
     }
 
-    /// Polls if the bell rings; it rings on unless nothing was ready.
+    /// Polls if the flag is set; it stays set unless nothing was ready.
     pub(super) fn poll<T>(&self, poll: impl FnOnce(&mut Context<'_>) -> Poll<T>) -> Poll<T> {
         if !self.is_rung() {
             return Poll::Pending;
@@ -47,7 +47,7 @@ impl WakeFlag {
         self.flag_waker.is_rung.load(Ordering::Acquire)
     }
 
-    /// Rings without a waker; for the driver itself.
+    /// Sets the flag without a waker; for the driver itself.
     pub(super) fn set(&self) {
         self.flag_waker.is_rung.store(true, Ordering::Release);
     }

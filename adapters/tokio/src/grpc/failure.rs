@@ -44,7 +44,7 @@ impl fmt::Display for CallError {
         }
         match innermost {
             Some(cause) => match cause.downcast_ref() {
-                // HTTP/2 has many words for it, and which one comes is chance.
+                // HTTP/2 has many texts for it, and which one comes is chance.
                 Some(io) if is_broken(io) => f.write_str(Self::BROKE),
                 Some(io) => f.write_str(&plain(io)),
                 None if is_transport => f.write_str(Self::BROKE),

@@ -86,7 +86,7 @@ impl InferClient {
         self.unary(INFER, request).await
     }
 
-    /// Asks what the server serves.
+    /// Requests a description of what the server serves.
     ///
     /// # Errors
     /// The status from the server, or from the connection to it; `Unimplemented` if the server
@@ -120,7 +120,7 @@ pub trait Infer: Send + Sync + 'static {
     /// Computes a message.
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send;
 
-    /// What the server serves, for clients that ask; by default it does not say.
+    /// What the server serves, for clients that request it; by default there is no description.
     fn describe(&self) -> Option<Description> {
         None
     }
@@ -161,7 +161,7 @@ impl<T> NamedService for InferServer<T> {
 /// Computes messages.
 struct ComputeService<T>(Arc<T>);
 
-/// Says what is served.
+/// Sends the description of what is served.
 struct DescribeService<T>(Arc<T>);
 
 impl<T: Infer> UnaryService<Request> for ComputeService<T> {

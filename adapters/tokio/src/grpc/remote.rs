@@ -33,7 +33,7 @@ pub struct Remote {
     pub identity: Option<Identity>,
     /// The name that the server's certificate must be for; by default the URL's host.
     pub server_name: Option<String>,
-    /// The token that each call bears, as `authorization: BearerToken …`.
+    /// The token that each call bears, as `authorization: Bearer …`.
     pub token: Option<Token>,
     /// How long one attempt to connect may take; 1 s by default.
     pub connect_deadline: Duration,

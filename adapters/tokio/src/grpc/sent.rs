@@ -33,7 +33,7 @@ impl Service<http::Request<Body>> for CountedBody {
     }
 }
 
-/// A request's body, asked for once there is a connection with room for it.
+/// A request's body, polled once there is a connection with room for it.
 struct Sending {
     body: Body,
     call: Call,

@@ -23,7 +23,7 @@ use crate::grpc::server::connection_handler::ConnectionHandler;
 use crate::grpc::server::limits::ServerLimits;
 use crate::grpc::token::{AuthCheck, Token};
 
-/// How long nobody is let in after the system had no room for one more connection.
+/// How long no connection is accepted after the system had no room for one more.
 const BREATH: Duration = Duration::from_millis(100);
 
 /// Whom a server accepts, and what they may take; by default everybody, without TLS.

@@ -60,7 +60,7 @@ impl Interceptor for BearerToken {
     }
 }
 
-/// Lets only calls with the token pass, if there is one.
+/// Accepts only calls with the token, if there is one.
 #[derive(Clone, Debug)]
 pub(crate) struct AuthCheck(pub(crate) Option<Token>);
 

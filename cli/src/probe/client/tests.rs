@@ -166,7 +166,7 @@ async fn ended_by_the_user_the_recording_is_whole() {
 async fn slots_that_were_overslept_are_told_and_not_made_up() {
     let ask = |slot| async move {
         if slot == 9 {
-            // As if the machine stood still.
+            // As if the host stood still.
             advance(ms(1000)).await;
         }
         true

@@ -8,7 +8,7 @@ use crate::probe::plots::places::Bounds;
 use crate::probe::recording::PlotRow;
 use crate::probe::summary::{PAPER, counted, quantile};
 
-/// What a first look at a recording tells.
+/// What a first look at a recording shows.
 pub(crate) struct Extent {
     pub(crate) rows: u64,
     pub(crate) answered: u64,
@@ -59,7 +59,6 @@ impl Extent {
         10_f64.powf(least.log10().floor())..10_f64.powf(greatest.log10().ceil())
     }
 
-    /// In a line.
     pub(crate) fn reported(&self) -> String {
         let [p50, p90, p99] =
             [50, 90, 99].map(|percent| quantile(self.round_trips.quantile(percent)));

@@ -22,7 +22,7 @@ const WORDS: &str = "A message of 33.3 KB was due at each slot, 30 times a secon
 
 /// Plots the recording at `path` into a folder; says which files there are.
 ///
-/// The page has what the terminal is told, if that is more than the plots say.
+/// The page has what is printed on the terminal, if that is more than the plots say.
 ///
 /// # Errors
 /// If the recording cannot be read, or a file cannot be written; each file is whole or not there.

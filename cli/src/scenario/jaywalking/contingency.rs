@@ -1,4 +1,4 @@
-//! Calls aside: requests whose answers are no outputs, and of which the machine knows nothing.
+//! Side requests: their answers are no outputs, and the machine does not know of them.
 
 /// A plan that the cloud made for something unlikely.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -22,7 +22,7 @@ pub(crate) struct PlanReply {
     pub(crate) plan: Plan,
 }
 
-/// Calls aside: gated by how many are under way, each bounded by a deadline. An answer in time goes into the cache and no
+/// Side requests: gated by how many are under way, each bounded by a deadline. An answer in time goes into the cache and no
 /// further; one at its due instant is late.
 #[derive(Debug)]
 pub(crate) struct ContingencyCalls {
@@ -61,7 +61,7 @@ impl ContingencyCalls {
         is_open
     }
 
-    /// Whether a plan for this is at hand.
+    /// Whether a plan for this is cached.
     pub(crate) fn holds(&mut self, now: u64, hypothesis: Hypothesis) -> bool {
         self.pass(now);
         let mut plans = self.cache.plans.iter();

@@ -50,7 +50,6 @@ impl Geometry {
         Rectangle { front: [speed * now - lost, 0.0], heading: [1.0, 0.0], length, width }
     }
 
-    /// The person.
     pub(crate) fn person(&self, now: f64) -> [f64; 2] {
         [self.distance, self.person_speed * now - ASIDE]
     }

@@ -1,4 +1,4 @@
-//! `fuseline scenario jaywalking`: a person steps onto the road, and a plan for that may be at hand.
+//! `fuseline scenario jaywalking`: a person steps onto the road, and a plan for that may be cached.
 
 mod contingency;
 mod geometry;
@@ -87,7 +87,7 @@ pub(crate) struct Run {
     cloud: PlanCallOutcome,
     /// Whether the cached plan was used.
     cached: bool,
-    /// From the person's step onto the road until the plan for it left the planner, in s.
+    /// From the person's step onto the road until the planner sent the plan for it, in s.
     response: f64,
     manoeuvre: Manoeuvre,
     collides: bool,
@@ -105,7 +105,7 @@ impl Args {
     }
 }
 
-/// All that is told.
+/// All that is shown.
 #[derive(Clone, Serialize)]
 pub(crate) struct ScenarioResult {
     scenario: &'static str,
@@ -114,7 +114,6 @@ pub(crate) struct ScenarioResult {
     runs: Vec<Run>,
 }
 
-/// Plays it.
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let [traces, plots] = args.leave.folders()?;
     let geometry = args.geometry();
@@ -142,7 +141,7 @@ fn greatest(geometry: &Geometry, response: f64) -> Greatest {
     }
 }
 
-/// Each way in which the call aside may end, at each speed.
+/// Each way in which the side request may end, at each speed.
 fn runs(args: &Args, geometry: &Geometry, traces: Option<&Folder>) -> Result<Vec<Run>, Fault> {
     let (Some(planner), Some(cached)) = (args.response.first(), args.response.last()) else {
         return Ok(Vec::new());

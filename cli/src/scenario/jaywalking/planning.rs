@@ -14,20 +14,20 @@ const ENTERS: u64 = 20 * EVERY;
 const LAST: u64 = 30 * EVERY;
 /// When the person might enter, by the message that comes then.
 const FORESEEN: u64 = 5 * EVERY;
-/// How long the call aside may take.
+/// How long the side request may take.
 const DEADLINE: u64 = 1_000_000_000;
 /// How long it takes, unless it is late.
 const TAKES: u64 = 400_000_000;
 /// How long its plan holds, unless it has expired.
 const VALIDITY: u64 = 5_000_000_000;
-/// Calls aside at once.
+/// Side requests at once.
 const LIMIT: usize = 1;
 
 /// What becomes of the call for a contingency plan.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum PlanCallOutcome {
-    /// No cloud is asked.
+    /// No cloud is called.
     Unasked,
     /// In time, and the plan holds.
     InTime,
@@ -51,9 +51,9 @@ pub(crate) struct Planning {
     pub(crate) cached: f64,
 }
 
-/// What left the planner.
+/// The planner's output.
 pub(crate) struct PlannerOutput {
-    /// From the person's step onto the road until the plan for it left, in s.
+    /// From the person's step onto the road until the plan for it was sent, in s.
     pub(crate) response: f64,
     /// Whether that was the cached plan.
     pub(crate) is_cached: bool,
@@ -70,7 +70,6 @@ impl PlanCallOutcome {
         Self::Silent,
     ];
 
-    /// The word for it.
     pub(crate) const fn word(self) -> &'static str {
         match self {
             Self::Unasked => "unasked",
@@ -100,7 +99,6 @@ impl PlanCallOutcome {
 }
 
 impl Planning {
-    /// Runs it.
     pub(crate) fn run(&self, is_traced: bool) -> PlannerOutput {
         let mut operator = Operator::new("planner", 31.0, is_traced);
         let mut contingencies = ContingencyCalls::new(LIMIT);

@@ -10,7 +10,6 @@ use crate::scenario::jaywalking::{Greatest, ScenarioResult};
 /// Responses that are shown, in fiftieths of a second.
 const SHOWN: std::ops::RangeInclusive<u32> = 0..=50;
 
-/// The plot.
 pub(crate) fn plots(found: &ScenarioResult, geometry: Geometry) -> Vec<Plot> {
     let line = |manoeuvre: Manoeuvre| -> Vec<(f64, f64)> {
         let responses = SHOWN.into_par_iter().map(|fiftieths| f64::from(fiftieths) / 50.0);

@@ -8,7 +8,6 @@ use crate::scenario::jaywalking::planning::PlanCallOutcome;
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
 
-/// The words for it all.
 pub(crate) fn text(found: &ScenarioResult) -> String {
     written(|text| {
         runs(text, found)?;

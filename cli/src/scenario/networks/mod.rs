@@ -109,7 +109,7 @@ struct Setting<'a> {
     traces: Option<Folder>,
 }
 
-/// All that is told.
+/// All that is shown.
 #[derive(Clone, Serialize)]
 pub(crate) struct ScenarioResult {
     scenario: &'static str,
@@ -125,7 +125,6 @@ pub(crate) struct ScenarioResult {
     rows: Vec<Row>,
 }
 
-/// Plays it.
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let runs = args.drive.len() * args.speed.len() * args.policy.len() * args.starts as usize;
     if args.leave.trace.is_some() && runs > TRACES {
@@ -162,7 +161,6 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
 }
 
 impl Args {
-    /// What is in force.
     fn parameters(&self) -> Value {
         let vehicle = self.vehicle.vehicle();
         json!({

@@ -5,7 +5,6 @@ use crate::scenario::networks::policy::ResponsePolicy;
 use crate::scenario::networks::text::{mean, percent};
 use crate::scenario::networks::{Row, ScenarioResult};
 
-/// Both plots.
 pub(crate) fn plots(found: &ScenarioResult) -> Vec<Plot> {
     let collisions = PlotView {
         name: "collisions",

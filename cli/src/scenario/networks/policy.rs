@@ -27,7 +27,6 @@ pub(crate) enum ResponsePolicy {
 }
 
 impl ResponsePolicy {
-    /// Reads one.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         Ok(match text {
             "local" => Self::Local,
@@ -51,7 +50,7 @@ impl ResponsePolicy {
         }
     }
 
-    /// Whether it asks the guard.
+    /// Whether it uses the guard.
     pub(crate) const fn is_guarded(self) -> bool {
         matches!(self, Self::Guard | Self::Expected)
     }

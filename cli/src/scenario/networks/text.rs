@@ -10,7 +10,7 @@ use crate::scenario::paint::{BAD, GOOD, paint, written};
 const NAME: usize = 15;
 const CELL: usize = 9;
 
-/// The mean over drives of what rows tell: of a speed, or of all.
+/// The mean over drives of a figure of the rows: of a speed, or of all.
 pub(crate) fn mean(
     rows: &[Row],
     speed: Option<f64>,
@@ -33,7 +33,6 @@ pub(crate) fn percent(row: &Row) -> f64 {
     100.0 * f64::from(row.collisions) / f64::from(row.starts)
 }
 
-/// The words for it all.
 pub(crate) fn text(found: &ScenarioResult) -> String {
     written(|text| {
         table(text, found, "collisions, %", percent)?;

@@ -1,4 +1,4 @@
-//! One run: who sees the runner when, what the planner hears of it, and whether the cars touch.
+//! One run: who sees the runner when, what the planner gets of it, and whether the cars touch.
 
 use serde::Serialize;
 
@@ -18,7 +18,7 @@ const FRAMES: usize = 3;
 /// The deadline of the request for locations.
 const DEADLINE: u64 = 500_000_000;
 
-/// Who tells ego of the runner.
+/// How ego learns of the runner.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Approach {
@@ -63,7 +63,6 @@ pub(crate) struct Crossed {
 }
 
 impl Approach {
-    /// The word for it.
     pub(crate) const fn word(self) -> &'static str {
         match self {
             Self::Local => "local",
@@ -120,7 +119,7 @@ impl Crossing<'_> {
         Ok(Crossed { decided, contact, brakes_before: in_time.map(before) })
     }
 
-    /// When ego decides to brake, by whichever of its two streams tells it first.
+    /// When ego decides to brake, by whichever of its two streams reports it first.
     fn decide(&self, detections: &mut Stream, neighbours: &mut Stream) -> Option<u64> {
         let mut planner = Planner::new(FRAMES);
         let mut exchange = Exchange::new(&self.geometry);
@@ -182,7 +181,7 @@ impl Crossing<'_> {
             answers.push(exchange.ego(now));
             let response = Some(nanos(self.round_trip));
             let request = Some(Request { deadline: DEADLINE, response });
-            // Local knows of no neighbours, and says so at once.
+            // Local knows of no neighbours, and returns that at once.
             neighbours.send(&Message { at: now, local: Some(0), request });
         }
     }
@@ -215,7 +214,6 @@ fn before(bite: f64) -> f64 {
     ((MEETING - bite) * 1e9).round() / 1e9
 }
 
-/// When a frame is captured.
 fn captured(frame: u32) -> u64 {
     nanos(f64::from(frame) / f64::from(RATE))
 }

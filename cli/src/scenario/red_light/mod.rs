@@ -1,4 +1,4 @@
-//! `fuseline scenario red-light`: a car that runs a red light, hidden until it is late.
+//! `fuseline scenario red-light`: a car that runs a red light, hidden until it is late. `crossing` is one run.
 
 mod crossing;
 mod geometry;
@@ -89,13 +89,13 @@ pub(crate) struct Args {
     leave: OutputOptions,
 }
 
-/// A run, as it is told.
+/// A run, as it is shown.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub(crate) struct Run {
     variant: Variant,
     delta: f64,
     approach: Approach,
-    /// None: the cloud is not asked.
+    /// None: there is no cloud.
     round_trip: Option<f64>,
     collides: bool,
     brakes_before: Option<f64>,
@@ -127,7 +127,7 @@ impl Args {
     }
 }
 
-/// All that is told.
+/// All that is shown.
 #[derive(Clone, Serialize)]
 pub(crate) struct ScenarioResult {
     scenario: &'static str,
@@ -139,7 +139,6 @@ pub(crate) struct ScenarioResult {
     without_occluder: Vec<Run>,
 }
 
-/// Plays it.
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let [traces, plots] = args.leave.folders()?;
     let (ego, has_occluder) = (args.ego(), !args.no_occluder);
@@ -168,7 +167,6 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
 }
 
 impl Args {
-    /// What is in force.
     fn parameters(&self) -> Value {
         json!({
             "variant": self.variant,
@@ -181,7 +179,7 @@ impl Args {
         })
     }
 
-    /// Runs of each variant and delta, approach by approach; those that ask the cloud with each round trip.
+    /// Runs of each variant and delta, approach by approach; those with a cloud with each round trip.
     fn runs(
         &self,
         ego: &Ego,

@@ -102,7 +102,6 @@ fn place([x, y]: Point) -> (i32, i32) {
     (((x - left) * METRE).round() as i32, ((high - y) * METRE).round() as i32)
 }
 
-/// Draws what is shown of a shape.
 fn shape(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
     let corners: Vec<(i32, i32)> = inside(corners, SHOWN).into_iter().map(place).collect();
     if !corners.is_empty() {

@@ -6,7 +6,7 @@ use crate::scenario::approach::seconds;
 use crate::scenario::red_light::geometry::{Geometry, MEETING};
 use crate::scenario::shape::Point;
 
-/// Vehicles tell where they are so often, in ns.
+/// Vehicles report where they are so often, in ns.
 pub(crate) const EVERY: u64 = 100_000_000;
 /// When the runner begins.
 const RUNNER_FROM: u64 = 50_000_000;
@@ -78,7 +78,7 @@ impl<'a> Exchange<'a> {
     }
 }
 
-/// Whether ego brakes for a neighbour at this instant, by where the neighbour is if it went on as it told.
+/// Whether ego brakes for a neighbour at this instant, by where the neighbour is if it went on as it reported.
 pub(crate) fn must_brake(geometry: &Geometry, neighbour: &VehicleState, now: u64) -> bool {
     let heading = geometry.place.heading();
     let along = |point: Point| point[0] * heading[0] + point[1] * heading[1];

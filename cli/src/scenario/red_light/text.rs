@@ -10,7 +10,6 @@ use crate::scenario::red_light::{Run, ScenarioResult};
 /// How wide a cell is.
 const CELL: usize = 8;
 
-/// The words for it all.
 pub(crate) fn text(found: &ScenarioResult) -> String {
     written(|text| {
         table(text, found)?;

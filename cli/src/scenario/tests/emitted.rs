@@ -11,7 +11,7 @@ use crate::scenario::operator::Operator;
 use crate::scenario::tests::{REFERENCE, drive};
 use crate::scenario::traffic_jam::tests_of_cells;
 
-/// What left for each timestamp: when, and whose; none is a miss.
+/// The output for each timestamp: when, and whose; none is a miss.
 fn outputs(trace: &[u8]) -> BTreeMap<u64, (f64, Option<u64>)> {
     let lines = str::from_utf8(trace).unwrap().lines();
     let of = |line: &str| {

@@ -19,7 +19,7 @@ struct Frame {
     left: FrameOutput,
 }
 
-/// What left for a frame.
+/// The output for a frame.
 #[derive(Clone, Copy, PartialEq)]
 enum FrameOutput {
     /// Nothing yet.
@@ -81,7 +81,7 @@ fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
     }
 }
 
-/// What left for a frame that is so old.
+/// The output for a frame that is so old.
 fn left(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
     let sees = |range: f64| FrameOutput::Tells(frame.gap > 0.0 && frame.gap <= range);
     let by = |response: Option<f64>| response.is_some_and(|response| response <= age);

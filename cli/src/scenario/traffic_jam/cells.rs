@@ -30,7 +30,7 @@ pub(crate) enum Deadline {
 pub(crate) struct Jam {
     pub(crate) vehicle: Vehicle,
     pub(crate) deadline: Deadline,
-    /// None where no deadline asks it.
+    /// None where no deadline needs it.
     guard: Option<Guard>,
 }
 
@@ -127,7 +127,6 @@ impl Jam {
         }
     }
 
-    /// One drive of a cell.
     fn drive(&self, question: &CellParameters, phase: f64) -> Drive<'_> {
         let CellParameters { speed, approach, response } = *question;
         let deadline = match approach {
@@ -137,7 +136,7 @@ impl Jam {
         Drive { vehicle: &self.vehicle, speed, phase, approach, deadline }
     }
 
-    /// How the drive of this phase ends; its trace goes to the folder.
+    /// How the drive of this phase ends; its trace is written to the folder.
     fn run(
         &self,
         question: &CellParameters,
@@ -170,7 +169,6 @@ impl Jam {
         phases.map(|phase| self.run(question, phase, traces)).collect()
     }
 
-    /// A cell.
     pub(crate) fn cell(
         &self,
         question: &CellParameters,
@@ -195,7 +193,6 @@ impl Jam {
         Ok(Cell { speed, approach, response, deadline, outcome: colour(&ends), impact, gap, paper })
     }
 
-    /// All cells, in the order of the questions.
     pub(crate) fn cells(
         &self,
         questions: &[CellParameters],
@@ -204,7 +201,7 @@ impl Jam {
         questions.par_iter().map(|question| self.cell(question, traces)).collect()
     }
 
-    /// Whether a cell is so; it drives no more phases than it takes to tell.
+    /// Whether a cell is so; it drives no more phases than the answer needs.
     pub(crate) fn is(&self, question: &CellParameters, collides: bool) -> Result<bool, Fault> {
         for phase in self.phases() {
             if self.run(question, (0, phase), None)?.hits() != collides {

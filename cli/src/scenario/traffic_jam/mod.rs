@@ -1,4 +1,4 @@
-//! `fuseline scenario traffic-jam`: the paper's table.
+//! `fuseline scenario traffic-jam`: the paper's table. `cells` computes it, `narrow` varies it, `text` and `plots` show it.
 
 mod cells;
 mod narrow;
@@ -86,7 +86,6 @@ fn deadline(text: &str) -> Result<Deadline, String> {
 }
 
 impl Args {
-    /// What is in force.
     fn parameters(&self) -> Value {
         let deadline = match self.deadline {
             Deadline::Guard => "guard".to_owned(),
@@ -115,7 +114,7 @@ impl Args {
     }
 }
 
-/// All that is told.
+/// All that is shown.
 #[derive(Clone, Serialize)]
 pub(crate) struct ScenarioResult {
     scenario: &'static str,
@@ -149,7 +148,6 @@ impl ScenarioResult {
     }
 }
 
-/// Plays it.
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let vehicle = args.vehicle.vehicle();
     let jam = Jam::new(vehicle, args.deadline)?;

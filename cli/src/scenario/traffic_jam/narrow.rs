@@ -1,4 +1,4 @@
-//! How narrow the reproduction is, what constant deadlines do, and what the paper does not tell.
+//! How narrow the reproduction is, what constant deadlines do, and what the paper does not say.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use crate::scenario::traffic_jam::cells::{CellParameters, Colour, Deadline, Jam}
 pub(crate) const ON_BOARD: f64 = 0.4077;
 /// The cloud's response with the paper's median round trip, in s.
 pub(crate) const MEDIAN: f64 = 0.1182 + 0.068;
-/// Constants that are told.
+/// Constants that are shown.
 const CONSTANTS: [f64; 7] = [0.25, 0.3017, 0.5, 0.76, 1.0, 1.5, 3.1];
 /// Constants that are looked through, in hundredths of a second.
 const SWEEP: std::ops::RangeInclusive<u32> = 1..=449;

@@ -19,7 +19,6 @@ const STEP: f64 = 0.02;
 /// So many of them lead to the longest.
 const STEPS: u32 = 175;
 
-/// Both plots.
 pub(crate) fn plots(found: &ScenarioResult, jam: &Jam) -> Vec<Plot> {
     let mut plots = vec![table(found)];
     plots.extend(deadlines(jam));

@@ -11,7 +11,6 @@ use crate::scenario::traffic_jam::{ExtraResults, ScenarioResult};
 /// How wide a cell is.
 const CELL: usize = 7;
 
-/// The words for it all.
 pub(crate) fn text(found: &ScenarioResult) -> String {
     written(|text| {
         table(text, found)?;
@@ -134,7 +133,7 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     on_board(text, beside)
 }
 
-/// A row's name, and what it tells.
+/// A row's name, and what it shows.
 type TextRow = (&'static str, fn(&OnBoard) -> Colour);
 
 fn on_board(text: &mut String, beside: &ExtraResults) -> std::fmt::Result {
@@ -178,7 +177,6 @@ fn on_board(text: &mut String, beside: &ExtraResults) -> std::fmt::Result {
     }
 }
 
-/// The approach, for people.
 pub(crate) const fn word(approach: Approach) -> &'static str {
     match approach {
         Approach::Local => "local",

@@ -1,4 +1,6 @@
-//! The command: plays seeds for a while, or one of them again.
+//! `fuseline-simulate`: plays the seeds that ever failed, then fresh ones for a while, or one seed again.
+//!
+//! It prints what does not hold, with the seed. The library's `simulate` plays and checks.
 
 use std::io::{self, IsTerminal, Write as _};
 use std::path::PathBuf;

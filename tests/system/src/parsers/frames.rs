@@ -23,7 +23,7 @@ use crate::serve::locations::LocationService;
 pub(super) const ENDS: &[&str] =
     &["answered", "described", "refused", "shared", "no location", "no more vehicles"];
 
-/// Where a server is asked.
+/// The path of a call.
 const INFER: &str = "/fuseline.v1.Infer/Infer";
 const DESCRIBE: &str = "/fuseline.v1.Infer/Describe";
 /// What stands before a message in a frame: a flag, and the length in 4 bytes.
@@ -31,7 +31,7 @@ const PREFIX: usize = 5;
 /// The most vehicles of a service.
 const VEHICLES: usize = 3;
 
-/// A byte for what is asked, one for where the bytes are cut in two, and those bytes.
+/// A byte for the call, one for where the bytes are cut in two, and those bytes.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
     let [what, cut, rest @ ..] = bytes else { return Ok(()) };
     unchanged::<Reply>(rest)?;
@@ -79,7 +79,7 @@ fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
     Ok(())
 }
 
-/// What is served is told to whoever asks with one whole message.
+/// The description of what is served is sent for one whole message.
 fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
     let (code, replied) = ask(DESCRIBE, body, cut)?;
     if code == Code::Ok {

@@ -9,7 +9,7 @@ use crate::parsers::{Check, Ends};
 pub(super) const ENDS: &[&str] =
     &["no message", "too short", "no stamp", "header", "uint32", "int32", "uint64", "int64"];
 
-/// A place that is not told in one byte.
+/// A place that one byte does not hold.
 const FAR: u8 = u8::MAX;
 
 /// A byte for the key's kind, its place, and a serialized message.

@@ -54,7 +54,7 @@ fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> Check {
         if let Err(error) = sheet.event(reader.line(), event) {
             ends.insert("in disorder");
             let message = error.to_string();
-            // A file's name is told as it is.
+            // A file's name is shown as it is.
             return fit(message.strip_prefix(name).unwrap_or(&message));
         }
         count += 1;
@@ -89,7 +89,7 @@ fn embedded(html: &[u8]) -> Result<Value, String> {
     Ok(data["traces"][0].take())
 }
 
-/// Names are told as they are.
+/// Names are shown as they are.
 fn names(reported: &Value, name: &str, header: &Header) -> Check {
     let sources = reported["sources"].as_array().map(Vec::as_slice).unwrap_or_default();
     let names: BTreeSet<&str> =

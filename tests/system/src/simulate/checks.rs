@@ -1,4 +1,6 @@
 //! What must hold of every run, by name.
+//!
+//! A [`Check`] sees a run from outside: its trace, items, calls and counts ([`Facts`]), never the operator's state.
 
 mod account;
 mod calls;
@@ -100,7 +102,7 @@ pub(crate) struct Facts<'a> {
     pub(crate) replay: Replay,
     /// Calls and local computations by source and timestamp.
     pub(crate) calls: BTreeMap<(u16, u64), &'a LoggedCall>,
-    /// Whether the trace tells of everything.
+    /// Whether the trace has everything.
     pub(crate) is_whole: bool,
 }
 
@@ -135,7 +137,7 @@ impl<'a> Facts<'a> {
         CHECKS.iter().filter_map(found).collect()
     }
 
-    /// Whether nothing that happens at this instant need be in the trace: the operator was told to stop, or the trace ends.
+    /// Whether nothing that happens at this instant need be in the trace: the operator was stopped, or the trace ends.
     pub(crate) fn is_after(&self, at: u64) -> bool {
         let is_stopped = self.played.log.stopped.is_some_and(|stopped| stopped <= at);
         is_stopped || (!self.is_whole && self.replay.end <= at)

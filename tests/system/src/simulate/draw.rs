@@ -1,4 +1,4 @@
-//! Scenarios drawn from seeds: quiet ones, wild ones, and many near their edges.
+//! Scenarios drawn from seeds: quiet ones, wild ones, and many near their edges. `play` runs them.
 
 use std::iter;
 use std::time::Duration;
@@ -11,10 +11,10 @@ use crate::simulate::scenario::{
     SourceAction,
 };
 
-/// So many lines of a trace wait for the disk in any case, which is as slow as the machine that this runs on.
+/// So many lines of a trace wait for the disk in any case, which is as slow as the host that this runs on.
 const LINES: usize = 30_000;
 
-/// How a source does for a while.
+/// How a source behaves for a while.
 #[derive(Clone, Copy)]
 enum SourcePhase {
     /// It answers, within this time.
@@ -97,7 +97,7 @@ fn remote(rng: &mut Rng, p: u16) -> Remote {
     }
 }
 
-/// What comes, with the weather at each source.
+/// The messages, with what each source does about them.
 fn frames(
     rng: &mut Rng,
     count: usize,

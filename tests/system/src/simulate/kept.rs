@@ -8,7 +8,7 @@ use serde::Deserialize;
 pub struct KeptSeed {
     /// The seed.
     pub seed: u64,
-    /// What it found, and what was done about it.
+    /// What was wrong, and what was done about it.
     pub because: String,
 }
 

@@ -1,4 +1,4 @@
-//! What was seen from outside of the operator.
+//! What is seen from outside of the operator: the simulated parts write it, the checks read it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -25,7 +25,7 @@ pub(crate) struct SimulationState {
 pub(crate) struct Log {
     /// By timestamp: the message's number and when it was written.
     pub(crate) written: Vec<(usize, u64)>,
-    /// Message handlers that were asked: cloud and timestamp.
+    /// Message handlers that were called: cloud and timestamp.
     pub(crate) requested: Vec<(u16, u64)>,
     /// Calls and local computations.
     pub(crate) calls: Vec<LoggedCall>,
@@ -34,13 +34,13 @@ pub(crate) struct Log {
     /// Which readers left.
     pub(crate) gone: Vec<bool>,
     pub(crate) hints: Vec<LoggedHint>,
-    /// What policies were told, by the clouds' priorities.
+    /// The ends that policies got, by the clouds' priorities.
     pub(crate) ends: Vec<(u16, End)>,
-    /// Asides: asked of the handler, under way now and at most, and answers that came to the response handler.
+    /// Side requests: offered by the handler, under way now and at most, and answers that reached the response handler.
     pub(crate) sides: [usize; 4],
     /// When the process stood still: from, to.
     pub(crate) stalls: Vec<(u64, u64)>,
-    /// When the operator was told to stop, or the runtime was dropped.
+    /// When the operator was stopped, or the runtime was dropped.
     pub(crate) stopped: Option<u64>,
     /// How many items each reader had read then; none of those that were gone.
     pub(crate) read: Vec<Option<usize>>,
@@ -55,7 +55,7 @@ pub(crate) struct LoggedCall {
     pub(crate) t: u64,
     pub(crate) serial: usize,
     pub(crate) begun: u64,
-    /// The time left that it was told; none for local.
+    /// The time left that it was given; none for local.
     pub(crate) left: Option<Duration>,
     /// When and how it ended.
     pub(crate) end: Option<(u64, Stop)>,
@@ -83,7 +83,7 @@ pub(crate) struct Read {
     pub(crate) failures: Vec<(u16, Arc<str>)>,
 }
 
-/// How a message left.
+/// How a message ended.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum LoggedOutcome {
     Forwarded { reported: ValueLabel, p: u16, name: Arc<str>, arrived: u64, trigger: Trigger },
@@ -116,7 +116,6 @@ impl SimulationState {
         }
     }
 
-    /// Nanoseconds since the operator's start.
     pub(crate) fn now(&self) -> u64 {
         nanos(self.start.elapsed())
     }
@@ -167,7 +166,7 @@ impl SimulationState {
 }
 
 impl Log {
-    /// The operator is told to stop, or the runtime is dropped.
+    /// The operator is stopped, or the runtime is dropped.
     pub(crate) fn stop(&mut self, at: u64) {
         let read = |(items, gone): (&Vec<Read>, &bool)| (!gone).then_some(items.len());
         self.read = self.items.iter().zip(&self.gone).map(read).collect();

@@ -1,4 +1,6 @@
-//! The simulated parts: sources that follow their acts, a camera, readers, a process that stands still.
+//! The simulated parts around the operator: sources that do as the scenario says, a camera, readers, a process that stalls.
+//!
+//! They write what they see into the log, and judge nothing.
 
 use std::future::pending;
 use std::panic::resume_unwind;
@@ -30,10 +32,10 @@ struct CallInProgress {
     how: CallResult,
 }
 
-/// How a call goes that asks nothing of the rules.
+/// A side request, which the rules do not know.
 struct ExtraCall(Arc<SimulationState>);
 
-/// A policy as a remote has it.
+/// A cloud's policy, with one deadline.
 struct FixedPolicy {
     simulation: Arc<SimulationState>,
     p: u16,
@@ -103,7 +105,7 @@ impl Operator for Script {
     }
 }
 
-/// The calls beside the rules.
+/// The side requests.
 fn beside(
     simulation: &Arc<SimulationState>,
     setup: &mut Setup<Frame, Value>,
@@ -343,7 +345,6 @@ pub(crate) async fn stall(simulation: Arc<SimulationState>) {
     }
 }
 
-/// A cloud's name.
 pub(crate) fn name(p: u16) -> String {
     format!("cloud {p}")
 }

@@ -1,4 +1,4 @@
-//! Plays a scenario with the shipped operator, on a clock that stands still until everybody sleeps.
+//! Plays a scenario with the shipped operator, on tokio's paused clock, which goes on only while all tasks sleep.
 
 use std::fs;
 use std::io;

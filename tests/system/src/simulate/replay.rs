@@ -1,4 +1,6 @@
-//! A trace read again beside a model of the queues of its own, which shares nothing with the engine's.
+//! Reads the operator's trace beside a model of its queues, to know what each message and request was to get.
+//!
+//! The model shares no code with the engine, so that the two can differ.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -8,7 +10,7 @@ use fuseline_traces::{Decision, DropReason, Event, Events, Input, Judge, OpenRef
 
 use crate::simulate::scenario::Scenario;
 
-/// What the trace tells.
+/// What the trace shows.
 #[derive(Default)]
 pub(crate) struct Replay {
     pub(crate) verdict: Option<Verdict>,
@@ -20,9 +22,9 @@ pub(crate) struct Replay {
     pub(crate) opened: Vec<OpenedMessage>,
     /// Where each message stands in `opened`.
     by_t: BTreeMap<u64, usize>,
-    /// What was asked of local and the clouds, in the order in which it was admitted.
+    /// What was requested of local and the clouds, in the order in which it was admitted.
     pub(crate) requested: Vec<AdmittedRequest>,
-    /// The messages in the order in which they left: places in `opened`.
+    /// The messages in the order in which they ended: places in `opened`.
     pub(crate) left: Vec<usize>,
     /// Offers: timestamp, cloud, and how they were answered.
     pub(crate) offers: Vec<(u64, u16, Option<fuseline_traces::OfferRefusal>)>,
@@ -43,7 +45,7 @@ pub(crate) struct OpenedMessage {
     pub(crate) failures: Vec<u16>,
 }
 
-/// How a message left.
+/// How a message ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct MessageEnd {
     pub(crate) at: u64,
@@ -149,7 +151,6 @@ impl Replay {
         reader.replay
     }
 
-    /// The message of this timestamp.
     pub(crate) fn message(&self, t: u64) -> Option<&OpenedMessage> {
         self.by_t.get(&t).map(|place| &self.opened[*place])
     }
@@ -243,7 +244,7 @@ impl Reader<'_> {
         });
     }
 
-    /// The source's own word came.
+    /// The source's own result or failure came.
     fn end(&mut self, t: u64, p: u64, is_result: bool) {
         if let Some(queue) = self.queue(p)
             && let Some(requested) = self.take(queue, t)
@@ -350,7 +351,7 @@ impl Reader<'_> {
     }
 }
 
-/// Priorities of what the engine asks fit.
+/// Priorities of the engine's requests fit.
 fn short(p: u64) -> u16 {
     u16::try_from(p).unwrap_or(u16::MAX)
 }

@@ -1,4 +1,4 @@
-//! One run as plain data: what is configured, what comes, and what goes wrong.
+//! One run as plain data: what is configured, what comes, and what goes wrong. `draw` makes it, `shrink` makes it smaller.
 
 use std::fmt;
 use std::time::Duration;
@@ -22,7 +22,7 @@ pub struct Scenario {
     pub local: OnBoard,
     /// The clouds, as they are registered.
     pub clouds: Vec<Remote>,
-    /// Calls beside the rules, if there are any: the gate's limit and how many may be under way.
+    /// Side requests, if there are any: the gate's limit and how many may be under way.
     pub side: Option<(u64, usize)>,
     /// Whether late results are handed on as hints, and whether their handler panics.
     pub hints: Option<bool>,
@@ -101,16 +101,16 @@ pub struct Message {
     pub yields: u8,
     /// What local does.
     pub local: SourceAction,
-    /// What each cloud is asked, and does.
+    /// What is offered to each cloud, and what it does.
     pub asks: Vec<OfferAction>,
-    /// What is asked beside the rules.
+    /// The side request.
     pub side: OfferAction,
 }
 
 /// What a message handler does with a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum OfferAction {
-    /// It asks nothing.
+    /// It makes no request.
     Nothing,
     /// It panics.
     Panics,
@@ -164,7 +164,7 @@ pub enum Finish {
 }
 
 impl Scenario {
-    /// What source `p` does about this message, if it is asked.
+    /// What source `p` does about this message, if it is called.
     pub(crate) fn act(&self, serial: usize, p: u16) -> Option<SourceAction> {
         let frame = self.frames.get(serial)?;
         if p == 0 {

@@ -25,7 +25,7 @@ pub struct Simulated {
     pub findings: Vec<Finding>,
     /// How many messages were written.
     pub messages: u64,
-    /// How long it took in virtual time, until the operator was told to stop or the last item was read.
+    /// How long it took in virtual time, until the operator was stopped or the last item was read.
     pub life: Duration,
     /// The operator's trace.
     pub trace: Vec<u8>,

@@ -20,7 +20,7 @@ pub(crate) struct Value {
 pub(crate) struct ValueLabel {
     /// The source's priority.
     pub(crate) p: u16,
-    /// The timestamp that the source was told.
+    /// The timestamp that the source was given.
     pub(crate) t: u64,
     /// The message that the source was given.
     pub(crate) serial: usize,

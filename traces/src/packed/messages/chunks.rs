@@ -13,13 +13,13 @@ const MAGIC: usize = 8;
 /// Looks at the bytes of a file before the library does, which takes the length of a record off that of its chunk without a
 /// look: with the checks of a debug build it panics where a record of a chunk that is not packed goes beyond the chunk.
 ///
-/// What else is wrong with a file, the library tells.
+/// What else is wrong with a file is reported by the library.
 #[derive(Debug)]
 pub(super) struct Chunks {
     at: ReadPosition,
     /// What is passed over.
     skip: u64,
-    /// What came of the thing that is at hand.
+    /// The bytes so far of what is being read.
     head: Vec<u8>,
 }
 
@@ -72,7 +72,7 @@ impl Chunks {
         }
     }
 
-    /// Goes on behind what is at hand.
+    /// Goes on behind what was read.
     fn pass(&mut self) -> Result<(), RecordOverrun> {
         (self.at, self.skip) = match self.at {
             ReadPosition::Magic => (ReadPosition::Record, 0),

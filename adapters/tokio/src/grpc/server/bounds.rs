@@ -4,8 +4,8 @@ use std::time::Duration;
 
 /// What clients may take of a server, whoever they are.
 ///
-/// Who comes to a bound is refused or closed, and named in the log; the others are served on. The
-/// defaults let some hundred vehicles in, and hold the server under about 1 GB. One host cannot use up `connections`, a
+/// A client that reaches a bound is refused or its connection closed, with a warning in the log; the others are served
+/// on. The defaults accept some hundred vehicles, and hold the server under about 1 GB. One host cannot use up `connections`, a
 /// crowd of hosts can: that is the work of a firewall, or of certificates.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Bounds {
@@ -15,18 +15,18 @@ pub struct Bounds {
     pub connections_each: usize,
     /// Calls under way on one connection; 64 by default. A client waits before it makes more.
     pub calls: u32,
-    /// Calls that one connection may take back in a second; 1000 by default. Operators take back those
-    /// that are no longer wanted (F7). Who takes back more is closed.
+    /// Calls that one connection may cancel in a second; 1000 by default. Operators cancel those that are
+    /// no longer wanted (F7). A connection that cancels more is closed.
     pub resets: u32,
     /// Bytes of a call's headers; 16 KiB by default.
     pub header_bytes: u32,
     /// Bytes of requests and replies that all connections together hold at once; 512 MiB by default.
     /// A call that would need more fails with `RESOURCE_EXHAUSTED`, a reply is cut off.
     pub held_bytes: usize,
-    /// How long a connection may take from the first byte, TLS included, to the first call that is let in;
+    /// How long a connection may take from the first byte, TLS included, to the first call that is accepted;
     /// 10 s by default.
     pub greeting: Duration,
-    /// How long a request may take to come whole, and a reply may lie without a byte of it being taken;
+    /// How long a request may take to come whole, and a reply may wait without a byte of it being taken;
     /// 30 s by default.
     pub stall: Duration,
     /// How long a connection may be without a call; 5 minutes by default. A [`Connection`] connects again by

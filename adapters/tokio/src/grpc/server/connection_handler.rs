@@ -1,4 +1,6 @@
-//! One connection, from its first byte to its end.
+//! Serves one connection, from its first byte to its end: TLS, HTTP/2 and its calls.
+//!
+//! It closes a connection that reaches one of the `Bounds`, and logs why. What all connections share is in `limits`.
 
 use std::convert::Infallible;
 use std::io;
@@ -30,10 +32,10 @@ use crate::grpc::token::AuthCheck;
 /// How long a connection may be silent before it is sent a ping, and the answer may take.
 const PING: (Duration, Duration) = (Duration::from_secs(30), Duration::from_secs(10));
 
-/// Calls that were taken back before they began, at once: HTTP/2 has them in a queue of its own.
+/// Calls at once that were cancelled before they began: HTTP/2 has them in a queue of its own.
 const UNBEGUN: usize = 64;
 
-/// Streams that the client broke, before its connection is closed.
+/// Streams that the client may break before its connection is closed.
 const BROKEN: usize = 256;
 
 /// Bytes of a stream's replies that HTTP/2 holds besides what it was given.
@@ -62,7 +64,7 @@ impl<T> Clone for ConnectionHandler<T> {
 }
 
 impl<T: Infer> ConnectionHandler<T> {
-    /// Serves a connection until it ends, and says so if it had to be ended.
+    /// Serves a connection until it ends, and logs why if it had to be closed.
     pub(crate) async fn host(self, socket: TcpStream, peer: SocketAddr, permit: ConnectionPermit) {
         let _ = socket.set_nodelay(true);
         let (limits, mut closing) = (Arc::clone(&self.limits), self.closing.clone());
@@ -140,7 +142,7 @@ impl<T: Infer> ConnectionHandler<T> {
     }
 }
 
-/// What a connection did that was no HTTP/2; nothing to say of one that merely broke.
+/// The reason, if a connection broke the protocol of HTTP/2; none if it merely broke.
 fn protocol(error: &hyper::Error) -> Result<(), RejectReason> {
     let mut innermost: &dyn std::error::Error = error;
     while let Some(cause) = innermost.source() {
@@ -172,7 +174,7 @@ fn deadline(headers: &HeaderMap) -> Option<Duration> {
     })
 }
 
-/// What a connection does, watched by what serves it.
+/// What a connection does, for the task that serves it.
 pub(crate) struct ConnectionWatch {
     pub(crate) limits: Arc<ServerLimits>,
     peer: SocketAddr,
@@ -183,7 +185,7 @@ pub(crate) struct ConnectionWatch {
     too_many: Notify,
 }
 
-/// When something last came to pass, and how many calls were taken back in this second.
+/// When something last happened, and how many calls were cancelled in this second.
 struct Activity {
     moved: Instant,
     second: Instant,
@@ -203,20 +205,20 @@ impl ConnectionWatch {
         }
     }
 
-    /// Says in the log that a call was refused.
+    /// Logs that a call was refused.
     pub(crate) fn refused(&self, status: Status) -> Status {
         self.limits.tell(self.peer, &RejectReason::Call(status.message().to_owned()));
         status
     }
 
-    /// So many bytes of a reply lie ready.
+    /// So many bytes of a reply are ready to be sent.
     pub(crate) fn owe(&self, bytes: usize) {
         if self.owed.fetch_add(bytes, Ordering::Relaxed) == 0 {
             self.moved();
         }
     }
 
-    /// So many were taken, or are no longer wanted.
+    /// So many were sent, or are no longer wanted.
     pub(crate) fn paid(&self, bytes: usize) {
         self.owed.fetch_sub(bytes, Ordering::Relaxed);
         self.moved();
@@ -226,7 +228,7 @@ impl ConnectionWatch {
         self.seen.lock().unwrap_or_else(PoisonError::into_inner).moved = Instant::now();
     }
 
-    /// The client no longer wants a call that is not answered.
+    /// The client cancelled a call that is not answered.
     pub(crate) fn taken_back(&self) {
         let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
@@ -239,7 +241,7 @@ impl ConnectionWatch {
         }
     }
 
-    /// Ready once the connection has to be ended.
+    /// Ready once the connection has to be closed.
     async fn tires(&self) -> RejectReason {
         loop {
             let bounds = self.limits.bounds;
@@ -255,7 +257,7 @@ impl ConnectionWatch {
             if left.is_zero() && (owes || !calls) {
                 return why;
             }
-            // What it waits for changes without a word, so it looks again soon enough for each.
+            // No waker is called for these changes, so it looks again soon enough for each.
             let soon = bounds.greeting.min(bounds.stall).min(bounds.idle);
             tokio::select! {
                 () = sleep(if left.is_zero() { soon } else { left.min(soon) }) => {}
@@ -265,7 +267,7 @@ impl ConnectionWatch {
     }
 }
 
-/// A call that was let in and is not answered yet.
+/// A call that was accepted and is not answered yet.
 struct UnderWay {
     watch: Arc<ConnectionWatch>,
     is_answered: bool,

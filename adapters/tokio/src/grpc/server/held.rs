@@ -1,4 +1,4 @@
-//! Requests as they come and replies as they go, counted byte by byte.
+//! Request and reply bodies that are counted byte by byte: a server's memory is bounded, and a stalled client shows.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use tonic::body::Body;
 
 use crate::grpc::server::connection_handler::ConnectionWatch;
 
-/// How much of a reply goes at a time, so that a reader who is slow can be told from one who stands still.
+/// How much of a reply is sent at a time, so that a slow reader differs from one that has stalled.
 const PIECE: usize = 64 * 1024;
 
 /// The bytes of one call's request, given back when its body and its handler are done with it.
@@ -87,7 +87,7 @@ impl http_body::Body for RequestBody {
     }
 }
 
-/// A reply's body, which goes in pieces.
+/// A reply's body, which is sent in pieces.
 pub(crate) struct ReplyBody {
     body: Body,
     watch: Arc<ConnectionWatch>,

@@ -1,4 +1,4 @@
-//! What must hold of a run.
+//! The checks of a soak, on what was seen from outside of the operators.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -38,7 +38,6 @@ pub(crate) struct Check {
     found: Vec<String>,
 }
 
-/// All checks.
 pub(crate) fn checks(
     messages: u64,
     observed: &ObservedRun,
@@ -94,7 +93,7 @@ fn by_the_rules(operator_outcome: &OperatorOutcome) -> Vec<String> {
     found
 }
 
-/// What the tally tells otherwise than the items.
+/// Where the tally differs from the items.
 fn one_account(operator_outcome: &OperatorOutcome) -> Vec<String> {
     let OperatorOutcome { number, seen, tally, .. } = operator_outcome;
     let mut found = Vec::new();
@@ -117,7 +116,7 @@ fn reasons(tally: &Tally) -> Vec<String> {
 }
 
 impl ObservedRun {
-    /// Strikes that did not do what they should: the run shows nothing then.
+    /// Disruptions without their effect: the run shows nothing then.
     fn blunt(&self) -> Vec<String> {
         let mut found = Vec::new();
         for harm in Disruption::ALL {
@@ -164,7 +163,7 @@ impl ObservedRun {
         more.then(|| format!("{before:?} before, {after:?} after")).into_iter().collect()
     }
 
-    /// What was struck and what came of it.
+    /// The disruptions and their effects.
     pub(crate) fn table(&self) -> String {
         let mut table = Table::new();
         table.load_style(STYLE).set_header([

@@ -64,7 +64,7 @@ impl Disruption {
         )
     }
 
-    /// Whether calls are told that the cloud is gone, some of them at least, and do not only wait.
+    /// Whether some calls at least fail with an error, and do not only wait.
     pub(crate) const fn is_reported(self) -> bool {
         matches!(self, Self::Kill | Self::Reset | Self::BlackHole | Self::Dns | Self::Expired)
     }
@@ -98,7 +98,7 @@ impl Disruption {
     }
 }
 
-/// One harm to one cloud for a while.
+/// One disruption of one cloud for a while.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScheduledDisruption {
     pub(crate) harm: Disruption,
@@ -118,7 +118,7 @@ impl fmt::Display for ScheduledDisruption {
     }
 }
 
-/// One strike after the other without an end; each round has every harm once.
+/// One disruption after the other without an end; each round has every kind once.
 pub(crate) fn schedule(seed: u64, clouds: usize) -> impl Iterator<Item = ScheduledDisruption> {
     let mut rng = Rng::with_seed(seed);
     let mut round = Vec::new();

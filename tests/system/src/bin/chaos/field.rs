@@ -1,4 +1,4 @@
-//! The clouds' processes and the network between, in namespaces of this run's own.
+//! The clouds' processes and the network between, in namespaces of this run's own. [`Testbed`] breaks and mends them.
 
 use std::fs;
 use std::io::Write;
@@ -67,12 +67,11 @@ impl Testbed {
         })
     }
 
-    /// How many clouds there are.
     pub(crate) const fn len(&self) -> usize {
         self.clouds.len()
     }
 
-    /// Breaks what the strike says; [`mend`](Self::mend) ends it.
+    /// Begins a disruption; [`mend`](Self::mend) ends it.
     pub(crate) fn disruption(&mut self, disruption: ScheduledDisruption) -> Result<(), Error> {
         let (cloud, port) = (disruption.cloud, port(disruption.cloud));
         match disruption.harm {
@@ -102,7 +101,7 @@ impl Testbed {
         Ok(())
     }
 
-    /// Ends a strike.
+    /// Ends a disruption.
     pub(crate) fn mend(&mut self, disruption: ScheduledDisruption) -> Result<(), Error> {
         let cloud = disruption.cloud;
         match disruption.harm {
@@ -145,7 +144,7 @@ impl Testbed {
         Ok(kill_process(pid, signal)?)
     }
 
-    /// Sets by how many seconds the wall clock is off. The words are of one length, so that whoever
+    /// Sets by how many seconds the wall clock is off. The texts are of one length, so that whoever
     /// reads meanwhile reads a number.
     fn step(&self, by: &str) -> Result<(), Error> {
         let before = SystemTime::now();
@@ -156,7 +155,7 @@ impl Testbed {
         far.then_some(()).ok_or_else(|| "the wall clock did not step".into())
     }
 
-    /// A cloud that is gone hears nothing.
+    /// A cloud that is gone reads nothing.
     fn report(&mut self, cloud: usize, delay_ms: &str) {
         if let Some(stdin) = &mut self.clouds[cloud].stdin {
             let _ = writeln!(stdin, "{delay_ms}");

@@ -1,4 +1,4 @@
-//! Operators side by side, each with a camera, a reader and a trace.
+//! Operators side by side, each with a camera, a trace and a reader that checks the items as they come.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -22,7 +22,7 @@ use crate::vehicle::{Answer, DEADLINE, Vehicle, name};
 /// How long operators may take to end once all cameras have.
 const ENDS: Duration = Duration::from_secs(30);
 
-/// How many wrong items of an operator are told.
+/// How many wrong items of an operator are reported.
 const TOLD: usize = 3;
 
 /// What was over after its deadline.
@@ -31,7 +31,6 @@ pub(crate) struct LateItem {
     pub(crate) calls: Arc<Overruns>,
 }
 
-/// All operators.
 pub(crate) struct Fleet {
     vessels: Vec<OperatorUnderTest>,
     /// Items that were read.
@@ -212,7 +211,6 @@ async fn film(mut writer: Writer<u64>, messages: u64, every: Duration, offset: D
     }
 }
 
-/// Reads items to their end.
 async fn see(
     mut output: Items<Answer>,
     number: u64,

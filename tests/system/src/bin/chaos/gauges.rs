@@ -1,4 +1,4 @@
-//! What the process takes, and how late its timers are.
+//! The memory that the process takes, and how late the host's timers and processors are, for which a check must allow.
 
 use std::alloc::System;
 use std::collections::BTreeMap;
@@ -67,7 +67,6 @@ pub(crate) struct Overruns {
 }
 
 impl Overruns {
-    /// None yet.
     pub(crate) fn new() -> Arc<Self> {
         Arc::new(Self { start: Instant::now(), greatest: Mutex::default() })
     }
@@ -83,7 +82,7 @@ impl Overruns {
         }
     }
 
-    /// Those that were greater than an operator's turn and what held the machine up.
+    /// Those that were greater than an operator's turn and the host's lateness explain.
     pub(crate) fn beyond(&self, lateness: &Lateness) -> Vec<String> {
         let greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
         let reported = greatest.values().map(|over| (over, lateness.allows(*over)));
@@ -97,7 +96,7 @@ impl Overruns {
     }
 }
 
-/// How much later than the machine's own lateness something may be: the turn of an operator's loop.
+/// How much later than the host's own lateness something may be: the turn of an operator's loop.
 const TURN: Duration = Duration::from_millis(2);
 
 /// Between two looks at the timer.
@@ -105,7 +104,7 @@ const LOOK: Duration = Duration::from_millis(5);
 /// Between two looks at the threads, in milliseconds.
 const TENTH: u128 = 100;
 
-/// What the machine held up in a tenth of a second.
+/// By how much the host delayed things in a tenth of a second.
 #[derive(Clone, Copy, Debug, Default)]
 struct HostStall {
     /// How late the timer was.
@@ -122,7 +121,6 @@ pub(crate) struct Lateness {
 }
 
 impl Lateness {
-    /// Measures from now on.
     pub(crate) fn start() -> Arc<Self> {
         let lateness = Arc::new(Self { start: Instant::now(), tenths: Mutex::default() });
         let measured = Arc::clone(&lateness);

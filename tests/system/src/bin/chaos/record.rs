@@ -17,8 +17,8 @@ const PATH: &str = "tests/system/chaos/soak.json";
 /// Where the reason is, while it is older than its sources.
 const OLDER: &str = "tests/system/chaos/older.toml";
 
-/// What a soak is of, as little as is honest: what decides, what drives it, and what judges. Not
-/// the libraries around.
+/// The sources that a soak is of: what decides, what drives it, and what judges. Not the libraries
+/// around.
 const SOURCES: [&str; 7] = [
     "core/src",
     "adapters/engine/src",
@@ -52,18 +52,16 @@ pub(crate) struct Soaked {
     pub(crate) greatest_timer_lateness_us: u64,
     pub(crate) trace_lines: u64,
     pub(crate) trace_bytes: u64,
-    /// Medians in the calm after each round of strikes, and in the last.
+    /// Medians in the calm after each round of disruptions, and in the last.
     pub(crate) taken: Vec<ResourceUsage>,
     /// What did not hold.
     pub(crate) broken: Vec<String>,
 }
 
-/// A digest of the sources.
 pub(crate) fn digest(root: &Path) -> Result<String, Error> {
     Ok(Tree::new(root.to_owned()).digest(&SOURCES)?)
 }
 
-/// Keeps a record.
 pub(crate) fn keep(root: &Path, soaked: &Soaked) -> Result<(), Error> {
     let text = serde_json::to_string_pretty(soaked)? + "\n";
     Ok(fs::write(root.join(PATH), text)?)

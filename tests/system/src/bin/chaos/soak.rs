@@ -1,4 +1,6 @@
 //! Messages through many operators while everything around them breaks.
+//!
+//! `disruption` has what breaks and when, `field` breaks it, and `checks` has what must hold.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -24,7 +26,7 @@ const SETTLES: Duration = Duration::from_secs(4);
 /// How long a calm is looked at.
 const LOOK: Duration = Duration::from_secs(3);
 
-/// After so long of a strike, what came before it is over.
+/// After so long of a disruption, what came before it is over.
 const BITES: Duration = Duration::from_millis(500);
 
 #[derive(clap::Args)]
@@ -86,7 +88,7 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     Ok(soaked.broken.is_empty())
 }
 
-/// Rounds of every strike, each with a calm behind it, as many strikes as there is time for, and a calm.
+/// Rounds of every disruption, each with a calm after it, as many as there is time for, and a calm.
 async fn run(
     field: &mut Testbed,
     fleet: &Fleet,
@@ -111,7 +113,7 @@ async fn run(
     Ok(observed)
 }
 
-/// Strikes, looks and mends.
+/// Breaks something, looks and mends it.
 async fn struck(
     field: &mut Testbed,
     fleet: &Fleet,
@@ -131,7 +133,7 @@ async fn struck(
     Ok(())
 }
 
-/// Looks at what there is while nothing breaks: each operator hears each of its clouds.
+/// Looks at what there is while nothing breaks: each operator has results of each of its clouds.
 async fn calm(fleet: &Fleet, observed: &mut ObservedRun) -> Result<(), Error> {
     sleep(SETTLES).await;
     let (from, before) = (Instant::now(), fleet.tallies());

@@ -21,7 +21,7 @@ pub(crate) struct TimeSpan {
     pub(crate) times: u64,
     pub(crate) ms: u64,
     pub(crate) outputs: u64,
-    /// Outputs of the cloud that was struck, or of all if all were.
+    /// Outputs of the cloud that was disrupted, or of all if all were.
     pub(crate) of_struck: u64,
     pub(crate) of_local: u64,
     /// Calls that failed, and calls that the deadline ended.

@@ -16,7 +16,7 @@ pub(crate) const DEADLINE: Duration = Duration::from_millis(100);
 /// How long local takes.
 const LOCAL: Duration = Duration::from_millis(5);
 
-/// Each fourth message is for the lower cloud alone, so that both are heard when nothing breaks.
+/// Each fourth message is for the lower cloud alone, so that both have outputs when nothing breaks.
 const LOWER_ALONE: u64 = 4;
 
 /// Who computed what.
@@ -28,7 +28,7 @@ pub(crate) struct Answer {
     pub(crate) cloud: Option<usize>,
 }
 
-/// An operator's own number, its clouds and where it tells of calls.
+/// An operator's own number, its clouds and where it reports calls.
 pub(crate) struct Vehicle {
     pub(crate) number: u64,
     /// Number and connection, the lower first.

@@ -1,4 +1,4 @@
-//! What is counted and recorded.
+//! Checks of the tally, the metrics and the trace (D10, D11), and of what policies get (T5).
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -58,7 +58,7 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     sides(facts, &metrics)
 }
 
-/// What the trace tells of the tally; what it does not tell is taken from there.
+/// The tally by the trace; what the trace does not have is taken from the tally.
 fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
     let replay = &facts.replay;
     let mut reported = Tally { unrecorded: tally.unrecorded.clone(), ..Tally::default() };
@@ -115,7 +115,7 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
             if dropped.is_result { &mut reported.dropped } else { &mut reported.failures_dropped };
         *counts.entry(dropped.why).or_default() += 1;
     }
-    // Every accepted failure has its words.
+    // Every accepted failure has its reason.
     if tally.reasons.iter().map(|(_, count)| count).sum::<u64>() + tally.reasons.others()
         != reported.failed
     {
@@ -183,7 +183,7 @@ fn named<'a>(name: &str, labels: impl Iterator<Item = (&'a str, &'a str)>) -> St
     format!("{name} {}", labels.join(" "))
 }
 
-/// Each aside is asked or refused, and what was asked ends at most once.
+/// Each side request is made or refused, and one that was made ends at most once.
 fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), String> {
     if facts.scenario.side.is_none() || !facts.is_whole || !facts.scenario.metered {
         return Ok(());
@@ -211,7 +211,7 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
     })
 }
 
-/// T5, D3: a policy is told of each end, once.
+/// T5, D3: a policy gets each end, once.
 pub(crate) fn every_end_is_told(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, is_whole, .. } = facts;
     if !is_whole || !facts.runs_out() {
@@ -243,7 +243,7 @@ pub(crate) fn every_end_is_told(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// How a request ended, for its policy: with its own word, unless it was closed before.
+/// How a request ended, for its policy: by its own result or failure, unless it was closed before.
 fn end(requested: &AdmittedRequest) -> End {
     let age = |at: u64| Duration::from_nanos(at - requested.at);
     match (requested.ended, requested.closed()) {

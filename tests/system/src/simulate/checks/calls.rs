@@ -1,4 +1,4 @@
-//! What is asked of sources, when it begins and when it ends.
+//! Checks of calls: what is requested of sources, when it begins and when it ends (D3 to D9).
 
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{LoggedCall, Stop};
@@ -26,7 +26,7 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
         let serial = serial(facts, message.t);
         for (cloud, ask) in scenario.clouds.iter().zip(&scenario.frames[serial].asks) {
             handlers.push((cloud.p, message.t));
-            // One that panics now and then asks nothing then.
+            // One that panics now and then makes no request then.
             let panics = cloud.policy.is_some_and(|deadline| deadline.is_zero());
             if matches!(ask, OfferAction::Offers(..)) && !panics {
                 offers.push((message.t, cloud.p));
@@ -127,7 +127,7 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
             cloud_ends(facts, requested, (ended, stop))
                 .map_err(|why| format!("{why}: {}", what()))?;
         }
-        // Its word is an input of the trace at the same instant, unless nobody listens any more.
+        // Its end is an input of the trace at the same instant, unless the operator has ended.
         if stop != Stop::DroppedResult
             && !facts.is_after(ended)
             && (requested.p == 0 || seen.begun < ended)

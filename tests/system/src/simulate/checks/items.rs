@@ -1,4 +1,4 @@
-//! What leaves the operator.
+//! Checks of the operator's items, their values and failures, and hints (D1, D2, D7).
 
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{LoggedOutcome, Read};
