@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 use crate::event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 use crate::scan::Scan;
-use crate::word::{Key, Keys, Kind};
+use crate::word::{Key, Keys, LineKind};
 
 /// The most clouds that a header may list.
 const CLOUDS: usize = 15;
@@ -88,7 +88,7 @@ struct Fields<'a> {
     /// Where each key seen stands.
     offsets: [usize; Key::COUNT],
     numbers: [u64; Key::COUNT],
-    kind: Option<Kind>,
+    kind: Option<LineKind>,
     why: Cow<'a, str>,
     commit: Commit,
     operator: Option<String>,
@@ -131,7 +131,7 @@ impl<'a> Fields<'a> {
             Key::At | Key::T | Key::P | Key::Deadline | Key::Backlog | Key::Due => {
                 self.numbers[key as usize] = scan.number()?;
             }
-            Key::Ev => self.kind = Some(choice(scan, "ev", Kind::named, Kind::EVENTS)?),
+            Key::Ev => self.kind = Some(choice(scan, "ev", LineKind::named, LineKind::EVENTS)?),
             Key::Why => self.why = scan.string("a reason")?,
             Key::Fuseline => {
                 within(scan, "fuseline, the format's version,", VERSION..=VERSION)?;
@@ -153,7 +153,7 @@ impl<'a> Fields<'a> {
     /// Gives a request that has its deadline the due instant instead.
     fn date_request(&mut self) {
         let has = |key| self.seen.contains(key);
-        if self.kind == Some(Kind::Request) && has(Key::Deadline) && !has(Key::Due) {
+        if self.kind == Some(LineKind::Request) && has(Key::Deadline) && !has(Key::Due) {
             let [at, deadline] = [Key::At, Key::Deadline].map(|key| self.numbers[key as usize]);
             // F2: the sum saturates.
             self.numbers[Key::Due as usize] = at.saturating_add(deadline);
@@ -163,9 +163,9 @@ impl<'a> Fields<'a> {
     }
 
     /// What the line is, if its keys are those of such a line; `end` is where its object ends.
-    fn kind(&self, end: usize) -> Result<Kind, ParseError> {
+    fn kind(&self, end: usize) -> Result<LineKind, ParseError> {
         let header = self.seen.contains(Key::Fuseline);
-        let kind = if header { Some(Kind::Header) } else { self.kind };
+        let kind = if header { Some(LineKind::Header) } else { self.kind };
         if let Some((offset, name)) = &self.stranger {
             let place = kind.map_or_else(String::new, |kind| format!(" in {}", kind.takes()));
             return Err(ParseError::at(*offset, format!("unknown key \"{}\"{place}", brief(name))));
@@ -186,12 +186,12 @@ impl<'a> Fields<'a> {
     }
 
     /// The line, of a kind whose keys are there.
-    fn line(self, kind: Kind) -> Result<Line, ParseError> {
+    fn line(self, kind: LineKind) -> Result<Line, ParseError> {
         let number = |key: Key| self.numbers[key as usize];
         let given = |key: Key| self.seen.contains(key).then(|| number(key));
         let (at, t, p) = (number(Key::At), number(Key::T), number(Key::P));
         let decision = match kind {
-            Kind::Header => {
+            LineKind::Header => {
                 return Ok(Line::Header(Header {
                     operator: self.operator,
                     window: u16::try_from(self.numbers[Key::Window as usize]).unwrap_or(u16::MAX),
@@ -199,16 +199,18 @@ impl<'a> Fields<'a> {
                     clouds: self.clouds,
                 }));
             }
-            Kind::Open => return Ok(input(Input::Open { at, t, deadline: given(Key::Deadline) })),
-            Kind::Offer => {
+            LineKind::Open => {
+                return Ok(input(Input::Open { at, t, deadline: given(Key::Deadline) }));
+            }
+            LineKind::Offer => {
                 let (deadline, backlog) = (number(Key::Deadline), number(Key::Backlog));
                 return Ok(input(Input::Offer { at, t, p, deadline, backlog }));
             }
-            Kind::Result => return Ok(input(Input::Result { at, t, p })),
-            Kind::Fail => return Ok(input(Input::Fail { at, t, p })),
-            Kind::Tick => return Ok(input(Input::Tick { at })),
-            Kind::Timer => Decision::Timer { at, t, p },
-            Kind::Refuse => {
+            LineKind::Result => return Ok(input(Input::Result { at, t, p })),
+            LineKind::Fail => return Ok(input(Input::Fail { at, t, p })),
+            LineKind::Tick => return Ok(input(Input::Tick { at })),
+            LineKind::Timer => Decision::Timer { at, t, p },
+            LineKind::Refuse => {
                 if self.seen.contains(Key::P) {
                     let why = self.reason(
                         "in a refuse line with p, of an offer",
@@ -225,15 +227,15 @@ impl<'a> Fields<'a> {
                     Decision::RefuseOpen { at, t, why }
                 }
             }
-            Kind::Request => Decision::Request { at, t, p, due: number(Key::Due) },
-            Kind::Hold => Decision::Hold { at, t, p },
-            Kind::Drop => {
+            LineKind::Request => Decision::Request { at, t, p, due: number(Key::Due) },
+            LineKind::Hold => Decision::Hold { at, t, p },
+            LineKind::Drop => {
                 let why = self.reason("in a drop line", &DropReason::ALL, DropReason::as_str)?;
                 Decision::Drop { at, t, p, why }
             }
-            Kind::Emit => Decision::Emit { at, t, p },
-            Kind::Miss => Decision::Miss { at, t },
-            Kind::Cancel => Decision::Cancel { at, t, p },
+            LineKind::Emit => Decision::Emit { at, t, p },
+            LineKind::Miss => Decision::Miss { at, t },
+            LineKind::Cancel => Decision::Cancel { at, t, p },
         };
         Ok(Line::Event(Event::Decision(decision)))
     }

@@ -50,7 +50,7 @@ struct Open {
 
 /// Why a timestamp is settled.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Cause {
+enum SettleCause {
     CloudTimer,
     NoTimer,
 }
@@ -183,7 +183,7 @@ impl Reference {
             Ok(open) => {
                 open.pending.remove(&p);
                 self.disarm(t, p);
-                self.settle(t, Cause::NoTimer, out);
+                self.settle(t, SettleCause::NoTimer, out);
             }
             Err(why) => out.push((Decision::Drop { at: self.now, t, p, why }, Rule::F4)),
         }
@@ -213,7 +213,7 @@ impl Reference {
     fn expire(&mut self, out: &mut ExpectedDecisions) {
         // F5 due: the due instant itself is past (A1).
         while let Some(&(due, t, _)) = self.timers.first().filter(|timer| timer.0 <= self.now) {
-            let mut cause = Cause::NoTimer;
+            let mut cause = SettleCause::NoTimer;
             while let Some(&(_, _, p)) =
                 self.timers.first().filter(|timer| (timer.0, timer.1) == (due, t))
             {
@@ -223,7 +223,7 @@ impl Reference {
                 }
                 // F5 cause: local's timer alone commits nothing (A9).
                 if p > 0 {
-                    cause = Cause::CloudTimer;
+                    cause = SettleCause::CloudTimer;
                 }
                 out.push((Decision::Timer { at: self.now, t, p }, Rule::F5));
             }
@@ -232,12 +232,12 @@ impl Reference {
     }
 
     /// F6: some requests were closed; forward the best available, miss, or wait.
-    fn settle(&mut self, t: u64, cause: Cause, out: &mut ExpectedDecisions) {
+    fn settle(&mut self, t: u64, cause: SettleCause, out: &mut ExpectedDecisions) {
         let Some(open) = self.open.get(&t) else { return };
         match open.cached.last().copied() {
             Some(best) => {
                 let outranked = open.pending.iter().any(|q| *q > best);
-                let fired = self.commit == Commit::Eager && cause == Cause::CloudTimer;
+                let fired = self.commit == Commit::Eager && cause == SettleCause::CloudTimer;
                 // F6 forward: nothing pending outranks it, or under eager a cloud's timer fired (A4).
                 if !outranked || fired {
                     self.forward(t, best, Rule::F6, out);

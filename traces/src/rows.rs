@@ -71,12 +71,12 @@ pub struct Columns<'a> {
 pub struct Rows<'a, R> {
     inner: TableReader<R>,
     /// The keys that it has, with their columns.
-    keys: Vec<Key>,
+    keys: Vec<KeyColumn>,
     columns: Columns<'a>,
 }
 
 /// A key, whether it is a time, and the place and name of its column.
-type Key = (&'static str, bool, usize, String);
+type KeyColumn = (&'static str, bool, usize, String);
 
 /// What is wrong with a row.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
@@ -197,7 +197,7 @@ impl From<TableError> for RowError {
 }
 
 /// A row as a line of a trace, or what is wrong with it.
-fn line(row: &StringRecord, keys: &[Key], columns: &Columns<'_>) -> Result<String, String> {
+fn line(row: &StringRecord, keys: &[KeyColumn], columns: &Columns<'_>) -> Result<String, String> {
     let cell = |key: &str| {
         let found = keys.iter().find(|(known, ..)| *known == key);
         found.and_then(|(_, _, place, _)| row.get(*place)).unwrap_or_default()

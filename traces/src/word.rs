@@ -2,7 +2,7 @@
 
 /// What a line is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Kind {
+pub(crate) enum LineKind {
     Header,
     Open,
     Offer,
@@ -42,7 +42,7 @@ pub(crate) enum Key {
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub(crate) struct Keys(u16);
 
-impl Kind {
+impl LineKind {
     /// The events, for people.
     pub(crate) const EVENTS: &str =
         "open, offer, result, fail, tick, timer, refuse, request, hold, drop, emit, miss, cancel";

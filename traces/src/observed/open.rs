@@ -17,12 +17,12 @@ const STRANGER: u64 = u64::MAX;
 /// What was observed of a timestamp so far.
 #[derive(Debug, Default)]
 pub(super) struct OpenMessageHistory {
-    opens: Vec<Open>,
+    opens: Vec<OpenTimestamp>,
     /// When an open was refused.
     refusals: Vec<u64>,
     /// The clouds requested, when, and with which due instant.
     requests: Vec<(u64, u64, u64)>,
-    came: BTreeSet<Arrival>,
+    came: BTreeSet<RequestClosing>,
     /// The drop lines: their results and failures count for nothing.
     dropped: BTreeSet<Dropped>,
     /// What came out and when, with the line.
@@ -39,7 +39,7 @@ pub(super) struct OpenMessageHistory {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Open {
+struct OpenTimestamp {
     at: u64,
     deadline: Option<u64>,
     line: u64,
@@ -47,7 +47,7 @@ struct Open {
 
 /// A result or a failure.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-struct Arrival {
+struct RequestClosing {
     p: u64,
     at: u64,
     is_result: bool,
@@ -87,7 +87,7 @@ impl OpenMessageHistory {
         let known = |p| if p == 0 || is_cloud(p) { p } else { STRANGER };
         match *event {
             Event::Input(Input::Open { at, deadline, .. }) => {
-                self.opens.push(Open { at, deadline, line });
+                self.opens.push(OpenTimestamp { at, deadline, line });
             }
             Event::Input(Input::Result { at, p, .. }) => self.comes(known(p), at, true),
             Event::Input(Input::Fail { at, p, .. }) => self.comes(known(p), at, false),
@@ -184,7 +184,7 @@ impl OpenMessageHistory {
         // A43: what came before the timestamp was open, after it was skipped or beside its being refused.
         let before = |at: u64| known.is_none_or(|known| at.saturating_add(reach) < known);
         let is_refused = was_refused || self.refusals.iter().any(|refused| before(*refused));
-        let is_none = |came: &Arrival| (came.is_superseded || is_refused) && before(came.at);
+        let is_none = |came: &RequestClosing| (came.is_superseded || is_refused) && before(came.at);
         let (mut results, mut failures) = (Vec::new(), Vec::new());
         for came in self.came.iter().filter(|came| !is_none(came)) {
             (if came.is_result { &mut results } else { &mut failures }).push((came.p, came.at));
@@ -232,7 +232,7 @@ impl OpenMessageHistory {
 
     /// A42: the opens that were not refused. A refusal takes away the nearest open, if two errors of the clock and the lateness
     /// reach from the one to the other.
-    fn accepted(&self, reach: u64) -> Vec<Open> {
+    fn accepted(&self, reach: u64) -> Vec<OpenTimestamp> {
         let (mut opens, mut refusals) = (self.opens.clone(), self.refusals.clone());
         refusals.sort_unstable();
         for refused in refusals {
@@ -250,7 +250,7 @@ impl OpenMessageHistory {
         let mut drops = self.dropped.range(first..=last).peekable();
         let is_superseded = drops.peek().is_some();
         if !drops.any(|dropped| dropped.is_unknown) {
-            self.came.insert(Arrival { p, at, is_result, is_superseded });
+            self.came.insert(RequestClosing { p, at, is_result, is_superseded });
         }
     }
 
@@ -260,8 +260,9 @@ impl OpenMessageHistory {
         for (is_result, is_superseded) in
             [(false, false), (false, true), (true, false), (true, true)]
         {
-            if self.came.remove(&Arrival { p, at, is_result, is_superseded }) && !is_unknown {
-                self.came.insert(Arrival { p, at, is_result, is_superseded: true });
+            if self.came.remove(&RequestClosing { p, at, is_result, is_superseded }) && !is_unknown
+            {
+                self.came.insert(RequestClosing { p, at, is_result, is_superseded: true });
             }
         }
     }

@@ -2,7 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::explain::{LAST, NEVER, ObservedFacts, Output, Source, Span, Time, Timer};
+use super::explain::{
+    InstantRange, LAST, NEVER, ObservedFacts, ObservedSource, RetirementOutput, SourceTimer,
+    WideInstant,
+};
 use crate::event::Commit;
 
 /// How far a recorded instant may be off, and how late an implementation may act, in nanoseconds.
@@ -48,21 +51,26 @@ impl MessageHistory {
     #[must_use]
     pub fn is_explained(&self, commit: Commit, slack: Slack, end: u64) -> bool {
         let Some((facts, priorities)) = self.facts(commit, slack, end) else { return false };
-        let slack = [slack.tolerance, slack.lateness].map(Time::from);
+        let slack = [slack.tolerance, slack.lateness].map(WideInstant::from);
         match *self.outputs {
             [] => {
-                let from = (Time::from(end) + 1).saturating_sub(slack[0] + slack[1]);
-                let after = Span { from, to: LAST };
-                let emits = (0..priorities.len()).map(Output::Emit);
+                let from = (WideInstant::from(end) + 1).saturating_sub(slack[0] + slack[1]);
+                let after = InstantRange { from, to: LAST };
+                let emits = (0..priorities.len()).map(RetirementOutput::Emit);
                 facts.stays_open()
-                    || emits.chain([Output::Miss]).any(|output| facts.yields(output, after))
+                    || emits
+                        .chain([RetirementOutput::Miss])
+                        .any(|output| facts.yields(output, after))
             }
             [(p, at)] => {
-                let at = Time::from(at);
-                let when = Span { from: at.saturating_sub(slack[0] + slack[1]), to: at + slack[0] };
+                let at = WideInstant::from(at);
+                let when = InstantRange {
+                    from: at.saturating_sub(slack[0] + slack[1]),
+                    to: at + slack[0],
+                };
                 let output = match p {
-                    None => Some(Output::Miss),
-                    Some(p) => priorities.iter().position(|q| *q == p).map(Output::Emit),
+                    None => Some(RetirementOutput::Miss),
+                    Some(p) => priorities.iter().position(|q| *q == p).map(RetirementOutput::Emit),
                 };
                 output.is_some_and(|output| facts.yields(output, when))
             }
@@ -75,14 +83,14 @@ impl MessageHistory {
     #[must_use]
     pub fn allowed(&self, commit: Commit, slack: Slack, end: u64) -> Vec<AllowedOutput> {
         let Some((facts, priorities)) = self.facts(commit, slack, end) else { return Vec::new() };
-        let [tolerance, lateness] = [slack.tolerance, slack.lateness].map(Time::from);
-        let within = |at: Time| u64::try_from(at).unwrap_or(u64::MAX);
-        let emits = (0..priorities.len()).rev().map(Output::Emit);
-        let outputs = emits.chain([Output::Miss]).filter_map(|output| {
-            let Span { from, to } = facts.span(output)?;
+        let [tolerance, lateness] = [slack.tolerance, slack.lateness].map(WideInstant::from);
+        let within = |at: WideInstant| u64::try_from(at).unwrap_or(u64::MAX);
+        let emits = (0..priorities.len()).rev().map(RetirementOutput::Emit);
+        let outputs = emits.chain([RetirementOutput::Miss]).filter_map(|output| {
+            let InstantRange { from, to } = facts.span(output)?;
             let p = match output {
-                Output::Emit(q) => priorities.get(q).copied(),
-                Output::Miss => None,
+                RetirementOutput::Emit(q) => priorities.get(q).copied(),
+                RetirementOutput::Miss => None,
             };
             let from = within(from.saturating_sub(tolerance));
             Some(AllowedOutput { p, from, to: within(to + lateness + tolerance) })
@@ -92,21 +100,25 @@ impl MessageHistory {
 
     /// As intervals, with the priorities of the sources; none if two requests or an order contradict each other.
     fn facts(&self, commit: Commit, slack: Slack, end: u64) -> Option<(ObservedFacts, Vec<u64>)> {
-        let (tolerance, lateness, end) =
-            (Time::from(slack.tolerance), Time::from(slack.lateness), Time::from(end));
+        let (tolerance, lateness, end) = (
+            WideInstant::from(slack.tolerance),
+            WideInstant::from(slack.lateness),
+            WideInstant::from(end),
+        );
         let span = |at: u64| {
-            let at = Time::from(at);
-            Span { from: at.saturating_sub(tolerance), to: at + tolerance }
+            let at = WideInstant::from(at);
+            InstantRange { from: at.saturating_sub(tolerance), to: at + tolerance }
         };
-        let timer = |due: Time| {
+        let timer = |due: WideInstant| {
             let to = due + lateness + tolerance;
-            let served = Span { from: due.saturating_sub(tolerance), to };
-            Timer { served, by: if to > end { NEVER } else { to } }
+            let served = InstantRange { from: due.saturating_sub(tolerance), to };
+            SourceTimer { served, by: if to > end { NEVER } else { to } }
         };
         let open = self.open.map_or(0, |(at, _)| span(at).from);
-        let deadline =
-            self.open.and_then(|(at, deadline)| Some(Time::from(at) + Time::from(deadline?)));
-        let local = Source {
+        let deadline = self
+            .open
+            .and_then(|(at, deadline)| Some(WideInstant::from(at) + WideInstant::from(deadline?)));
+        let local = ObservedSource {
             requested: open,
             timer: deadline.map(timer),
             result: None,
@@ -119,8 +131,8 @@ impl MessageHistory {
             if requested.to < open {
                 return None;
             }
-            let timer = Some(timer(Time::from(*due)));
-            let source = Source { requested: requested.from.max(open), timer, ..local };
+            let timer = Some(timer(WideInstant::from(*due)));
+            let source = ObservedSource { requested: requested.from.max(open), timer, ..local };
             if sources.insert(*p, source).is_some() {
                 return None;
             }

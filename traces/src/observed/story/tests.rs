@@ -4,7 +4,7 @@ use proptest::collection::{btree_map, vec};
 use proptest::option;
 use proptest::prelude::*;
 
-use super::super::explain::{Output, Span, Time};
+use super::super::explain::{InstantRange, RetirementOutput, WideInstant};
 use super::*;
 
 /// Every explanation there is, one after the other: the definition of `SPEC.md`, word for word.
@@ -290,20 +290,20 @@ proptest! {
         if let Some((facts, priorities)) = story.facts(commit, slack, end) {
             found.extend(facts.stays_open().then_some(None));
             for y in 0..=HORIZON {
-                let at = Time::try_from(y).unwrap();
-                let when = Span { from: at, to: at };
+                let at = WideInstant::try_from(y).unwrap();
+                let when = InstantRange { from: at, to: at };
                 let yields = |output| facts.yields(output, when);
-                found.extend(yields(Output::Miss).then_some(Some((None, y))));
+                found.extend(yields(RetirementOutput::Miss).then_some(Some((None, y))));
                 for (i, p) in priorities.iter().enumerate() {
-                    found.extend(yields(Output::Emit(i)).then_some(Some((Some(*p), y))));
+                    found.extend(yields(RetirementOutput::Emit(i)).then_some(Some((Some(*p), y))));
                 }
             }
         }
         prop_assert_eq!(&found, &ends);
         let Some((facts, priorities)) = story.facts(commit, slack, end) else { return Ok(()) };
-        let outputs = (0..priorities.len()).map(Output::Emit).chain([Output::Miss]);
+        let outputs = (0..priorities.len()).map(RetirementOutput::Emit).chain([RetirementOutput::Miss]);
         for output in outputs {
-            let what = if let Output::Emit(i) = output { Some(priorities[i]) } else { None };
+            let what = if let RetirementOutput::Emit(i) = output { Some(priorities[i]) } else { None };
             let of = ends.iter().flatten().filter(|(p, _)| *p == what).map(|(_, y)| *y);
             let (first, last) = (of.clone().min(), of.max());
             let span = facts.span(output);
