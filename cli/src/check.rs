@@ -183,12 +183,12 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
             .unwrap_or_else(|_| ProgressStyle::default_spinner()),
     );
     bar.set_prefix(name.clone());
-    let mode = args.how.mode();
+    let mode = args.how.mode()?;
     let mut reader = reader(mode, &name, Tail::new(file, Interrupt::watch()))?;
-    let mut judging = args.how.judging(&name, reader.header());
+    let mut judging = args.how.judging(&name, &reader)?;
     let mut reported = 0;
     while let Some(event) = next_event(&mut reader, End::Early)? {
-        judging.line(reader.line(), &event)?;
+        judging.annotated_line(reader.line(), &event, reader.annotations())?;
         bar.set_position(reader.line());
         if args.json {
             continue;

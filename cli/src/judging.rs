@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use fuseline_report::{Findings, JudgeMode, Summary, TraceJudge};
 use fuseline_traces::observed::Slack;
-use fuseline_traces::{Event, Events, Header, ReadError};
+use fuseline_traces::{Cloud, Event, Events, Header, ReadError};
 use thiserror::Error;
 
 use crate::complain::complain;
@@ -31,10 +31,12 @@ pub(crate) struct JudgeOptions {
     /// Judge what a concurrent implementation recorded, each timestamp by itself.
     #[arg(long, requires = "tolerance", requires = "lateness")]
     observed: bool,
-    /// How far a recorded instant may be off either way, such as 2ms or 500us.
-    #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
+    /// How far a recorded instant may be off either way, such as 2ms or 500us. After a name from the header
+    /// and =, such as server=10ms, that of the requests, results and failures of this cloud alone, or of
+    /// local; a cloud without a name goes by its priority.
+    #[arg(long, value_name = "[SOURCE=]TIME", requires = "observed", value_parser = tolerance,
         allow_hyphen_values = true)]
-    tolerance: Option<Duration>,
+    tolerance: Vec<Tolerance>,
     /// How late a timer may be served, and an output be put out, such as 5ms.
     #[arg(long, value_name = "TIME", requires = "observed", value_parser = time,
         allow_hyphen_values = true)]
@@ -63,11 +65,11 @@ pub(crate) fn judge(
     name: &str,
     trace: impl BufRead,
 ) -> Result<Findings, Fault> {
-    let (mode, end) = (how.mode(), how.end());
+    let (mode, end) = (how.mode()?, how.end());
     let mut reader = reader(mode, name, trace)?;
-    let mut judging = how.judging(name, reader.header());
+    let mut judging = how.judging(name, &reader)?;
     while let Some(event) = next_event(&mut reader, end)? {
-        judging.line(reader.line(), &event)?;
+        judging.annotated_line(reader.line(), &event, reader.annotations())?;
     }
     let mut found = finish(judging, end);
     if let Findings::Observed(verdict) = &mut found {
@@ -119,10 +121,10 @@ pub(crate) fn reader<R: BufRead>(
 impl JudgeOptions {
     /// Every decision, to the trace's end.
     pub(crate) const fn strictly() -> Self {
-        let (tolerance, lateness, period) = (None, None, None);
+        let (lateness, period) = (None, None);
         Self {
             observed: false,
-            tolerance,
+            tolerance: Vec::new(),
             lateness,
             period,
             ended: false,
@@ -152,13 +154,40 @@ impl JudgeOptions {
         verdict::exit(found)
     }
 
-    /// A judge of a trace with this header.
-    pub(crate) fn judging(&self, name: &str, header: &Header) -> TraceJudge {
-        let judging = TraceJudge::new(self.mode(), name, header);
-        match self.period() {
+    /// A judge of the trace that was begun to be read.
+    pub(crate) fn judging<R: BufRead>(
+        &self,
+        name: &str,
+        reader: &Events<R>,
+    ) -> Result<TraceJudge, Fault> {
+        let judging = TraceJudge::new(self.mode()?, name, reader.header());
+        let mut judging = judging.with_header_annotations(reader.header_annotations());
+        for (p, tolerance) in self.tolerances(name, reader.header())? {
+            judging = judging.with_tolerance_of(p, tolerance);
+        }
+        Ok(match self.period() {
             None => judging,
             Some(period) => judging.with_period(period),
+        })
+    }
+
+    /// The tolerances of single sources of a trace, by their priority, in nanoseconds.
+    pub(crate) fn tolerances(
+        &self,
+        file: &str,
+        header: &Header,
+    ) -> Result<Vec<(u64, u64)>, Fault> {
+        let mut tolerances = Vec::new();
+        for Tolerance { source, time } in &self.tolerance {
+            let Some(source) = source else { continue };
+            let found = sources_named(source, header);
+            if found.is_empty() {
+                let (file, name) = (file.to_owned(), source.clone());
+                return Err(ToleranceError::Unknown { file, name, known: known(header) }.into());
+            }
+            tolerances.extend(found.into_iter().map(|p| (p, nanos(*time))));
         }
+        Ok(tolerances)
     }
 
     /// In nanoseconds, if it is known.
@@ -166,10 +195,70 @@ impl JudgeOptions {
         self.period.map(nanos)
     }
 
-    pub(crate) fn mode(&self) -> JudgeMode {
-        let (tolerance, lateness) = (nanos(self.tolerance?), nanos(self.lateness?));
-        Some(Slack { tolerance, lateness })
+    pub(crate) fn mode(&self) -> Result<JudgeMode, Fault> {
+        let mut own = self.tolerance.iter().filter(|tolerance| tolerance.source.is_none());
+        let (tolerance, lateness) = match (own.next(), self.lateness) {
+            (Some(tolerance), Some(lateness)) => (nanos(tolerance.time), nanos(lateness)),
+            (None, Some(_)) if self.observed => return Err(ToleranceError::None.into()),
+            _ => return Ok(None),
+        };
+        if own.next().is_some() {
+            return Err(ToleranceError::Twice.into());
+        }
+        Ok(Some(Slack { tolerance, lateness }))
     }
+}
+
+/// One `--tolerance`.
+#[derive(Clone, Debug)]
+struct Tolerance {
+    /// Whose stamps it is about; of all others if there is none.
+    source: Option<String>,
+    time: Duration,
+}
+
+/// Why tolerances do not fit together, or not to the trace.
+#[derive(Debug, Error)]
+enum ToleranceError {
+    #[error("no --tolerance without a source; give one for all other stamps, such as --tolerance 2ms")]
+    None,
+    #[error("--tolerance without a source a second time; give it once")]
+    Twice,
+    #[error("{file}: no source {name:?} for --tolerance; the header has {known}")]
+    Unknown { file: String, name: String, known: String },
+}
+
+impl From<ToleranceError> for Fault {
+    fn from(error: ToleranceError) -> Self {
+        Self::own(error)
+    }
+}
+
+/// A span of time, perhaps after the source that it is for.
+fn tolerance(text: &str) -> Result<Tolerance, &'static str> {
+    let (source, span) = match text.rsplit_once('=') {
+        Some((source, span)) => (Some(source.to_owned()), span),
+        None => (None, text),
+    };
+    Ok(Tolerance { source, time: time(span)? })
+}
+
+/// What a cloud goes by on the command line.
+fn cloud_name(cloud: &Cloud) -> String {
+    cloud.name.clone().unwrap_or_else(|| cloud.p.to_string())
+}
+
+/// The priorities of the sources with this name; several clouds may have one name.
+fn sources_named(name: &str, header: &Header) -> Vec<u64> {
+    let clouds = header.clouds.iter().filter(|cloud| cloud_name(cloud) == name);
+    let clouds = clouds.map(|cloud| u64::from(cloud.p));
+    (name == "local").then_some(0).into_iter().chain(clouds).collect()
+}
+
+/// The names of a trace's sources.
+fn known(header: &Header) -> String {
+    let clouds = header.clouds.iter().map(cloud_name);
+    ["local".to_owned()].into_iter().chain(clouds).collect::<Vec<_>>().join(", ")
 }
 
 fn nanos(time: Duration) -> u64 {

@@ -7,7 +7,7 @@ use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::packed::unpack;
 use fuseline_traces::{Event, Events};
 
-use crate::decide::decide;
+use crate::decide::AnnotatedAnswers;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
@@ -47,6 +47,7 @@ fn answer<R: Read>(
     mut arbiter: Arbiter,
     mut out: BufWriter<impl Write>,
 ) -> Result<(), Fault> {
+    let mut answers = AnnotatedAnswers::default();
     let mut answer = reader.raw().to_vec();
     answer.push(b'\n');
     loop {
@@ -60,7 +61,7 @@ fn answer<R: Read>(
             Some(Event::Input(input)) => {
                 answer.extend_from_slice(reader.raw());
                 answer.push(b'\n');
-                decide(&mut arbiter, &input, &mut answer);
+                answers.decide(&mut arbiter, &input, reader.annotations(), &mut answer);
             }
             Some(Event::Decision(_)) => {}
             None => return out.flush().map_err(Fault::Output),

@@ -87,17 +87,21 @@ fn write(output: &Output, page: &Page) -> Result<(), Fault> {
 
 /// Reads and judges one trace, and puts it on the page.
 fn read_file(page: &mut Page, how: &JudgeOptions, path: &Path) -> Result<Findings, Fault> {
-    let (mode, end) = (how.mode(), how.end());
+    let (mode, end) = (how.mode()?, how.end());
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
     let mut reader = reader(mode, &name, trace)?;
     let mut canvas = page.begin(mode, &name, reader.header());
+    canvas = canvas.with_header_annotations(reader.header_annotations());
+    for (p, tolerance) in how.tolerances(&name, reader.header())? {
+        canvas = canvas.with_tolerance_of(p, tolerance);
+    }
     if let Some(period) = how.period() {
         canvas = canvas.with_period(period);
     }
     while let Some(event) = next_event(&mut reader, end)? {
-        canvas.event(reader.line(), event)?;
+        canvas.annotated_event(reader.line(), event, reader.annotations())?;
     }
     Ok(match end {
         End::Whole => canvas.finish(),

@@ -312,7 +312,7 @@ impl Mark {
     #[must_use]
     pub fn kinds() -> [(&'static str, Vec<Self>); 5] {
         [
-            ("rules", Rule::ALL.map(Self::Rule).into()),
+            ("rules", Rule::OF_DECISIONS.map(Self::Rule).into()),
             ("reasons", Self::of_reasons()),
             ("pairs of reasons", Self::of_pairs()),
             ("outcomes", Self::of_outcomes()),
@@ -324,7 +324,7 @@ impl Mark {
     #[must_use]
     pub fn of_runs() -> Vec<Self> {
         let mut all = Vec::from(Commit::ALL.map(Self::Commit));
-        all.extend(Rule::ALL.map(Self::Rule));
+        all.extend(Rule::OF_DECISIONS.map(Self::Rule));
         all.extend(Self::of_reasons());
         all
     }
@@ -332,7 +332,7 @@ impl Mark {
     /// The violations that the judge can find.
     #[must_use]
     pub fn of_violations() -> Vec<Self> {
-        Rule::ALL.map(Self::Violation).into()
+        Rule::OF_DECISIONS.map(Self::Violation).into()
     }
 
     /// What reading files can come to: every line, and every reason for which one cannot be read.

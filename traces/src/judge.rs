@@ -3,24 +3,23 @@
 //! [`Judge`] applies each input to a [`Reference`] and compares the recorded decisions with the demanded ones. Traces of
 //! concurrent implementations, whose lines have no one order, are for [`observed`](crate::observed).
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::BTreeSet;
 use std::fmt;
 use std::io::BufRead;
 
 use serde::Serialize;
 
+use crate::annotations::{Annotations, HeaderAnnotations, allowed_values};
 use crate::event::{Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::OfferRefusal;
+use crate::recent::RecentLines;
 use crate::reference::{ExpectedDecisions, Reference};
 use crate::rule::Rule;
+use crate::values::HeldValues;
 
 /// How many violations a verdict lists; it counts the rest.
 const VIOLATIONS: usize = 100;
-/// How many lines back a story is looked for.
-const RECENT: usize = 16 * 1024;
-/// How many lines a story has.
-const STORY: usize = 12;
 
 /// Judges one trace, line after line.
 ///
@@ -41,7 +40,10 @@ pub struct Judge {
     differs: bool,
     /// The timestamps that have a result or failure and are still open.
     touched: BTreeSet<u64>,
-    recent: VecDeque<(u64, Event)>,
+    /// Of which timestamps the values of held results are.
+    values: HeldValues,
+    annotations: HeaderAnnotations,
+    recent: RecentLines,
     /// Whether the places of all violations are wanted.
     keeps_places: bool,
     verdict: Verdict,
@@ -110,8 +112,9 @@ pub struct Violation {
 pub fn judge(file: &str, trace: impl BufRead) -> Result<Verdict, ReadError> {
     let mut reader = Events::new(file, trace)?;
     let mut judge = Judge::new(file, reader.header());
+    judge = judge.with_header_annotations(reader.header_annotations());
     while let Some(event) = reader.next_event()? {
-        judge.line(reader.line(), &event);
+        judge.annotated_line(reader.line(), &event, reader.annotations());
     }
     Ok(judge.finish())
 }
@@ -129,7 +132,9 @@ impl Judge {
             input: None,
             differs: false,
             touched: BTreeSet::new(),
-            recent: VecDeque::new(),
+            values: HeldValues::default(),
+            annotations: HeaderAnnotations::default(),
+            recent: RecentLines::default(),
             keeps_places: false,
             verdict: Verdict {
                 file,
@@ -151,20 +156,29 @@ impl Judge {
         self
     }
 
-    /// Judges the next line, which has this number.
+    /// The same judge, of a trace whose header has these further keys; to be called before the first line.
+    #[must_use]
+    pub fn with_header_annotations(mut self, annotations: &HeaderAnnotations) -> Self {
+        self.annotations = annotations.clone();
+        self
+    }
+
+    /// Judges the next line, which has this number and no further keys.
     pub fn line(&mut self, line: u64, event: &Event) {
+        self.annotated_line(line, event, &Annotations::NONE);
+    }
+
+    /// Judges the next line, which has this number and these further keys.
+    pub fn annotated_line(&mut self, line: u64, event: &Event, annotations: &Annotations) {
+        if let Event::Input(_) = event {
+            self.close("no decision; the next input follows");
+        }
+        self.recent.push(line, event, annotations);
+        self.verdict.lines = line;
         match event {
-            Event::Input(input) => {
-                self.close("no decision; the next input follows");
-                self.remember(line, event);
-                self.demand(line, input);
-            }
-            Event::Decision(decision) => {
-                self.remember(line, event);
-                if !self.differs {
-                    self.compare(decision);
-                }
-            }
+            Event::Input(input) => self.demand(line, input, annotations.of),
+            Event::Decision(decision) if !self.differs => self.compare(decision, annotations.of),
+            Event::Decision(_) => {}
         }
     }
 
@@ -188,7 +202,7 @@ impl Judge {
     pub fn finish_ended(mut self) -> Verdict {
         self.close("no decision; the trace ends");
         while let Some(at) = self.reference.next_due() {
-            self.demand(self.verdict.lines, &Input::Tick { at });
+            self.demand(self.verdict.lines, &Input::Tick { at }, None);
             self.close("no decision; the run has ended");
         }
         // P7: what is open without a timer waits for local.
@@ -196,13 +210,16 @@ impl Judge {
         self.verdict
     }
 
-    /// Applies an input to the reference machine.
-    fn demand(&mut self, line: u64, input: &Input) {
+    /// Applies an input to the reference machine; `of` is what it says of its value.
+    fn demand(&mut self, line: u64, input: &Input, of: Option<u64>) {
         self.demands.clear();
         self.met = 0;
         self.differs = false;
         self.input = Some((line, *input));
         self.reference.apply(input, &mut self.demands);
+        if !self.values.is_idle(of) {
+            self.values.apply(input, of, self.demands.iter().map(|(decision, _)| decision));
+        }
         for (decision, _) in &self.demands {
             if let Decision::Emit { t, .. } | Decision::Miss { t, .. } = decision {
                 self.touched.remove(t);
@@ -216,11 +233,14 @@ impl Judge {
         }
     }
 
-    /// Compares a decision with the one demanded now.
-    fn compare(&mut self, found: &Decision) {
+    /// Compares a decision with the one demanded now; `of` is what it says of its value.
+    fn compare(&mut self, found: &Decision, of: Option<u64>) {
         let demand = self.demands.get(self.met).copied();
         if demand.is_some_and(|(expected, _)| expected == *found) {
             self.met += 1;
+            if of.is_some() || !self.values.is_idle(None) {
+                self.compare_value(found, of);
+            }
             return;
         }
         let lack = match self.input {
@@ -229,6 +249,21 @@ impl Judge {
             Some(_) => "no further decision",
         };
         self.differ(Some(*found), demand, lack);
+    }
+
+    /// D2: an emit says of its value what the result that it sends said, and the value is not too old.
+    fn compare_value(&mut self, found: &Decision, of: Option<u64>) {
+        let Decision::Emit { t, p, .. } = *found else { return };
+        let written = |of| {
+            Event::Decision(*found).annotated(&Annotations { of, ..Annotations::NONE })
+        };
+        let expected = self.values.of(found);
+        let allowed = self.annotations.values_of(t, p);
+        if of != expected {
+            self.violate(Some(t), Rule::D2, || (written(of), written(expected)));
+        } else if of.is_some_and(|of| of < allowed.0 || of > allowed.1) {
+            self.violate(Some(t), Rule::D2, || (written(of), allowed_values(allowed)));
+        }
     }
 
     /// Ends the last input: all that it demands must have been met.
@@ -241,28 +276,35 @@ impl Judge {
 
     /// Notes a violation; `lack` stands for what is not there, of what was found and what is demanded.
     fn differ(&mut self, found: Option<Decision>, demand: Option<(Decision, Rule)>, lack: &str) {
+        let (t, rule) = self.blame(found, demand);
+        let reported = |reported: Option<Decision>| {
+            reported.map_or(lack.into(), |reported| reported.to_string())
+        };
+        let expected = demand.map(|(expected, _)| expected);
+        self.violate(t, rule, || (reported(found), reported(expected)));
+    }
+
+    /// Notes a violation at the last line: what was found, and what was expected.
+    fn violate(
+        &mut self,
+        t: Option<u64>,
+        rule: Rule,
+        reported: impl FnOnce() -> (String, String),
+    ) {
         self.differs = true;
         self.verdict.conforms = false;
+        let line = self.verdict.lines;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
             if self.keeps_places {
-                let (line, (t, rule)) = (self.verdict.lines, self.blame(found, demand));
                 self.verdict.places.push(ViolationPlace { line, t, rule });
             }
             return;
         }
-        let reported = |reported: Option<Decision>| {
-            reported.map_or(lack.into(), |reported| reported.to_string())
-        };
-        let (t, rule) = self.blame(found, demand);
-        self.verdict.violations.push(Violation {
-            line: self.verdict.lines,
-            t,
-            rule,
-            found: reported(found),
-            expected: reported(demand.map(|(expected, _)| expected)),
-            story: t.map_or_else(Vec::new, |t| self.story(t)),
-        });
+        let (found, expected) = reported();
+        let cause = self.input.map(|(line, _)| line);
+        let story = t.map_or_else(Vec::new, |t| self.recent.story(t, cause));
+        self.verdict.violations.push(Violation { line, t, rule, found, expected, story });
     }
 
     /// The timestamp that a difference is about, and the rule that it breaks.
@@ -322,25 +364,6 @@ impl Judge {
                 Event::Decision(decision) => ends(decision),
                 Event::Input(_) => false,
             })
-    }
-
-    /// What happened to a timestamp, with the input that is being judged.
-    fn story(&self, t: u64) -> Vec<String> {
-        let cause = self.input.map(|(line, _)| line);
-        let of_t = |(line, event): &&(u64, Event)| event.t() == Some(t) || Some(*line) == cause;
-        let reported: Vec<_> = self.recent.iter().filter(of_t).collect();
-        let left_out = reported.len().saturating_sub(STORY);
-        let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
-        let lines = reported.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
-        lead.into_iter().chain(lines).collect()
-    }
-
-    fn remember(&mut self, line: u64, event: &Event) {
-        if self.recent.len() == RECENT {
-            self.recent.pop_front();
-        }
-        self.recent.push_back((line, *event));
-        self.verdict.lines = line;
     }
 }
 

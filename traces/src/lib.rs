@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod annotations;
 pub mod corpus;
 mod event;
 mod judge;
@@ -9,15 +10,18 @@ pub mod packed;
 mod parse;
 mod read;
 mod reason;
+mod recent;
 mod record;
 mod reference;
 #[cfg(feature = "csv")]
 pub mod rows;
 mod rule;
 mod scan;
+mod values;
 mod word;
 mod write;
 
+pub use annotations::{Annotations, HeaderAnnotations, Origin};
 pub use event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 pub use judge::{Judge, Verdict, Violation, ViolationPlace, judge};
 pub use parse::{ParseError, parse};
@@ -26,3 +30,4 @@ pub use reason::{DropReason, OfferRefusal, OpenRefusal};
 pub use record::{Recorder, Recording};
 pub use reference::{ExpectedDecisions, Reference};
 pub use rule::Rule;
+pub use values::HeldValues;

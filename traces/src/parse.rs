@@ -3,8 +3,10 @@
 //! The order of lines is checked by [`Events`](crate::Events).
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
+use crate::annotations::{Annotations, HeaderAnnotations, Origin};
 use crate::event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 use crate::scan::Scan;
@@ -23,9 +25,22 @@ const USUAL: [(&[u8], Key); 4] =
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Form {
     Strict,
-    /// A request has exactly one of `due` and `deadline`, the latter relative to its own `at`.
+    /// A request has exactly one of `due` and `deadline`, the latter relative to its own `at`; attempts have numbers.
     Observed,
+    /// The same of an operator without local.
+    WithoutLocal,
 }
+
+/// What stood on a line beside what the rules of the machine read.
+#[derive(Default, Debug)]
+pub(crate) struct LineAnnotations {
+    pub(crate) event: Annotations,
+    pub(crate) header: HeaderAnnotations,
+}
+
+/// The keys that become an event's [`Annotations`].
+const ANNOTATIONS: Keys =
+    Keys::of(&[Key::Of, Key::Try, Key::Within, Key::Age, Key::Origin, Key::Seq]);
 
 /// What is wrong with a line, and where.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
@@ -45,11 +60,18 @@ pub struct ParseError {
 /// # Errors
 /// Whatever the format does not allow, with its column.
 pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
-    parse_as(line, Form::Strict)
+    parse_as(line, Form::Strict, &mut LineAnnotations::default())
 }
 
-/// Reads one line in a form of the trace.
-pub(crate) fn parse_as(line: &[u8], form: Form) -> Result<Line, ParseError> {
+/// Reads one line in a form of the trace; `annotations` becomes what stands on it besides.
+pub(crate) fn parse_as(
+    line: &[u8],
+    form: Form,
+    annotations: &mut LineAnnotations,
+) -> Result<Line, ParseError> {
+    if !annotations.event.is_empty() {
+        annotations.event = Annotations::NONE;
+    }
     let text = str::from_utf8(line).map_err(|error| {
         ParseError::at(error.valid_up_to(), "invalid UTF-8; a trace is UTF-8 text")
     })?;
@@ -67,10 +89,15 @@ pub(crate) fn parse_as(line: &[u8], form: Form) -> Result<Line, ParseError> {
     fields.read(&mut scan)?;
     let end = scan.offset().saturating_sub(1);
     scan.end()?;
-    if form == Form::Observed {
+    if form != Form::Strict {
         fields.date_request();
     }
-    let kind = fields.kind(end)?;
+    let kind = fields.kind(end, form)?;
+    if kind == LineKind::Header {
+        annotations.header = fields.header_annotations();
+    } else if !fields.seen.within(ANNOTATIONS).is_empty() {
+        annotations.event = fields.annotations()?;
+    }
     fields.line(kind)
 }
 
@@ -85,14 +112,16 @@ impl ParseError {
 #[derive(Default)]
 struct Fields<'a> {
     seen: Keys,
-    /// Where each key seen stands.
-    offsets: [usize; Key::COUNT],
+    /// Where each key seen stands; a line is short enough for that.
+    offsets: [u32; Key::COUNT],
     numbers: [u64; Key::COUNT],
     kind: Option<LineKind>,
     why: Cow<'a, str>,
     commit: Commit,
     operator: Option<String>,
     clouds: Vec<Cloud>,
+    max_ages: BTreeMap<u64, u64>,
+    origin: Option<Cow<'a, str>>,
     /// The first key that no line takes.
     stranger: Option<(usize, Cow<'a, str>)>,
 }
@@ -120,7 +149,7 @@ impl<'a> Fields<'a> {
             if !self.seen.insert(key) {
                 return Err(twice(offset, key.name()));
             }
-            self.offsets[key as usize] = offset;
+            self.offsets[key as usize] = u32::try_from(offset).unwrap_or(u32::MAX);
             self.value(key, scan)?;
         }
         Ok(())
@@ -128,8 +157,23 @@ impl<'a> Fields<'a> {
 
     fn value(&mut self, key: Key, scan: &mut Scan<'a>) -> Result<(), ParseError> {
         match key {
-            Key::At | Key::T | Key::P | Key::Deadline | Key::Backlog | Key::Due => {
+            Key::At
+            | Key::T
+            | Key::P
+            | Key::Deadline
+            | Key::Backlog
+            | Key::Due
+            | Key::Of
+            | Key::Within
+            | Key::Age
+            | Key::Seq => {
                 self.numbers[key as usize] = scan.number()?;
+            }
+            Key::Try => self.numbers[key as usize] = within(scan, "try", 0..=u8::MAX.into())?,
+            Key::Origin => self.origin = Some(scan.string("a name")?),
+            Key::Local => {
+                let named = |word: &str| (word == "none").then_some(());
+                choice(scan, "local", named, "none; an operator with local leaves the key out")?;
             }
             Key::Ev => self.kind = Some(choice(scan, "ev", LineKind::named, LineKind::EVENTS)?),
             Key::Why => self.why = scan.string("a reason")?,
@@ -144,7 +188,7 @@ impl<'a> Fields<'a> {
                 let named = |word: &str| Commit::ALL.into_iter().find(|rule| rule.as_str() == word);
                 self.commit = choice(scan, "commit", named, "eager or patient")?;
             }
-            Key::Clouds => self.clouds = clouds(scan)?,
+            Key::Clouds => (self.clouds, self.max_ages) = clouds(scan)?,
             Key::X => scan.skip()?,
         }
         Ok(())
@@ -163,26 +207,68 @@ impl<'a> Fields<'a> {
     }
 
     /// What the line is, if its keys are those of such a line; `end` is where its object ends.
-    fn kind(&self, end: usize) -> Result<LineKind, ParseError> {
+    fn kind(&self, end: usize, form: Form) -> Result<LineKind, ParseError> {
         let header = self.seen.contains(Key::Fuseline);
         let kind = if header { Some(LineKind::Header) } else { self.kind };
         if let Some((offset, name)) = &self.stranger {
-            let place = kind.map_or_else(String::new, |kind| format!(" in {}", kind.takes()));
+            let place = kind.map_or_else(String::new, |kind| format!(" in {}", kind.takes(form)));
             return Err(ParseError::at(*offset, format!("unknown key \"{}\"{place}", brief(name))));
         }
         let Some(kind) = kind else {
             let message = "key \"ev\" is missing; an event has it, a header has \"fuseline\"";
             return Err(ParseError::at(end, message));
         };
-        if let Some(key) = self.seen.without(kind.keys()).first() {
-            let message = format!("key \"{}\" has no place in {}", key.name(), kind.takes());
-            return Err(ParseError::at(self.offsets[key as usize], message));
+        if let Some(key) = self.seen.without(kind.keys(form)).first() {
+            let name = key.name();
+            let message = if kind.keys_of_observed().contains(key) {
+                format!("key \"{name}\" stands in traces alone that are judged as observed")
+            } else {
+                format!("key \"{name}\" has no place in {}", kind.takes(form))
+            };
+            return Err(self.fault(key, message));
         }
         if let Some(key) = kind.required().without(self.seen).first() {
-            let message = format!("key \"{}\" is missing in {}", key.name(), kind.takes());
+            let message = format!("key \"{}\" is missing in {}", key.name(), kind.takes(form));
             return Err(ParseError::at(end, message));
         }
+        let has = |key| self.seen.contains(key);
+        if form == Form::WithoutLocal && kind == LineKind::Open && has(Key::Deadline) {
+            let message = "key \"deadline\" is local's, and the header says that there is no local; \
+                           the message's own is \"within\"";
+            return Err(self.fault(Key::Deadline, message));
+        }
         Ok(kind)
+    }
+
+    /// An error where a key stands.
+    fn fault(&self, key: Key, message: impl Into<String>) -> ParseError {
+        ParseError::at(self.offsets[key as usize] as usize, message)
+    }
+
+    fn header_annotations(&mut self) -> HeaderAnnotations {
+        let without_local = self.seen.contains(Key::Local);
+        HeaderAnnotations { without_local, max_ages: std::mem::take(&mut self.max_ages) }
+    }
+
+    /// What stands on an event whose keys are those of its kind.
+    fn annotations(&mut self) -> Result<Annotations, ParseError> {
+        let given = |key: Key| self.seen.contains(key).then(|| self.numbers[key as usize]);
+        let (seq, attempt) = (given(Key::Seq), given(Key::Try));
+        if attempt.is_some() && given(Key::P) == Some(0) {
+            let message = "key \"try\" in a line of p 0; local is not requested and has no attempts";
+            return Err(self.fault(Key::Try, message));
+        }
+        if seq.is_some() && self.origin.is_none() {
+            let message = "key \"seq\" without \"origin\", the stream that it counts in";
+            return Err(self.fault(Key::Seq, message));
+        }
+        Ok(Annotations {
+            of: given(Key::Of),
+            attempt: attempt.map(|attempt| u8::try_from(attempt).unwrap_or(u8::MAX)),
+            within: given(Key::Within),
+            age: given(Key::Age),
+            origin: self.origin.take().map(|stream| Origin { stream: stream.into_owned(), seq }),
+        })
     }
 
     /// The line, of a kind whose keys are there.
@@ -251,7 +337,7 @@ impl<'a> Fields<'a> {
             let known: Vec<_> = all.iter().map(|why| name(*why)).collect();
             let (why, known) = (brief(&self.why), known.join(", "));
             let message = format!("unknown why \"{why}\" {place}; it is one of {known}");
-            ParseError::at(self.offsets[Key::Why as usize], message)
+            self.fault(Key::Why, message)
         })
     }
 }
@@ -260,16 +346,16 @@ const fn input(input: Input) -> Line {
     Line::Event(Event::Input(input))
 }
 
-/// The list of a header's clouds.
-fn clouds(scan: &mut Scan<'_>) -> Result<Vec<Cloud>, ParseError> {
-    let mut clouds: Vec<Cloud> = Vec::new();
+/// The list of a header's clouds, and how old their values may be.
+fn clouds(scan: &mut Scan<'_>) -> Result<(Vec<Cloud>, BTreeMap<u64, u64>), ParseError> {
+    let (mut clouds, mut max_ages) = (Vec::<Cloud>::new(), BTreeMap::new());
     scan.expect(b'[', "at the start of clouds")?;
     let mut first = true;
     while scan.more(first, b']')? {
         first = false;
         scan.peek();
         let offset = scan.offset();
-        let cloud = cloud(scan)?;
+        let (cloud, max_age) = cloud(scan)?;
         if clouds.len() == CLOUDS {
             return Err(ParseError::at(offset, "a sixteenth cloud; a header lists up to 15"));
         }
@@ -278,15 +364,17 @@ fn clouds(scan: &mut Scan<'_>) -> Result<Vec<Cloud>, ParseError> {
             let message = format!("a second cloud with p {}; give each its own", cloud.p);
             return Err(ParseError::at(offset, message));
         }
+        max_ages.extend(max_age.map(|max_age| (cloud.p.into(), max_age)));
         clouds.push(cloud);
     }
-    Ok(clouds)
+    Ok((clouds, max_ages))
 }
 
-/// One cloud of a header.
-fn cloud(scan: &mut Scan<'_>) -> Result<Cloud, ParseError> {
-    const TAKES: &str = "a cloud's entry; it takes p, name, limit, resume, x";
+/// One cloud of a header, and how old its values may be.
+fn cloud(scan: &mut Scan<'_>) -> Result<(Cloud, Option<u64>), ParseError> {
+    const TAKES: &str = "a cloud's entry; it takes p, name, limit, resume, max_age, x";
     let (mut p, mut limit, mut resume, mut name, mut x) = (None, None, None, None, None);
+    let mut max_age = None;
     let start = scan.offset();
     scan.expect(b'{', "at the start of a cloud's entry")?;
     let mut first = true;
@@ -297,6 +385,7 @@ fn cloud(scan: &mut Scan<'_>) -> Result<Cloud, ParseError> {
             "p" => p.replace(within(scan, "p of a cloud", 1..=u16::MAX.into())?).is_some(),
             "limit" => limit.replace(within(scan, "limit of a cloud", 1..=u64::MAX)?).is_some(),
             "resume" => resume.replace(scan.number()?).is_some(),
+            "max_age" => max_age.replace(scan.number()?).is_some(),
             "name" => name.replace(scan.string("a name")?.into_owned()).is_some(),
             "x" => x.replace(scan.skip()?).is_some(),
             _ => {
@@ -317,7 +406,7 @@ fn cloud(scan: &mut Scan<'_>) -> Result<Cloud, ParseError> {
         let message = format!("resume {resume} is not below limit {limit}; make it less");
         return Err(ParseError::at(start, message));
     }
-    Ok(Cloud { p: u16::try_from(p).unwrap_or(u16::MAX), name, limit, resume })
+    Ok((Cloud { p: u16::try_from(p).unwrap_or(u16::MAX), name, limit, resume }, max_age))
 }
 
 /// A number within a range.

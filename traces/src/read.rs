@@ -4,8 +4,9 @@ use std::io::{self, BufRead};
 
 use flate2::bufread::MultiGzDecoder;
 
+use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Commit, Event, Header, Line};
-use crate::parse::{Form, ParseError, parse_as};
+use crate::parse::{Form, LineAnnotations, ParseError, parse_as};
 
 /// The longest line, in bytes without its `\n`.
 pub const LINE: usize = 64 * 1024;
@@ -59,6 +60,7 @@ pub struct Events<R> {
     file: String,
     form: Form,
     header: Header,
+    annotations: LineAnnotations,
     raw: Vec<u8>,
     line: u64,
 }
@@ -73,7 +75,7 @@ impl<R: BufRead> Events<R> {
     }
 
     /// Reads the header of a trace to be judged as observed: a request in it may have its `deadline`
-    /// instead of `due`, and comes as one with `due`.
+    /// instead of `due`, and comes as one with `due`; attempts may have numbers, and there may be no local.
     ///
     /// # Errors
     /// If the first line is not there or is no header.
@@ -84,9 +86,15 @@ impl<R: BufRead> Events<R> {
     fn of_form(form: Form, file: String, inner: R) -> Result<Self, ReadError> {
         let header =
             Header { operator: None, window: 0, commit: Commit::default(), clouds: vec![] };
-        let mut reader = Self { inner, file, form, header, raw: Vec::new(), line: 0 };
+        let annotations = LineAnnotations::default();
+        let mut reader = Self { inner, file, form, header, annotations, raw: Vec::new(), line: 0 };
         match reader.next_line()? {
-            Some(Line::Header(header)) => reader.header = header,
+            Some(Line::Header(header)) => {
+                reader.header = header;
+                if reader.annotations.header.without_local {
+                    reader.form = Form::WithoutLocal;
+                }
+            }
             Some(Line::Event(_)) => return Err(reader.error(1, Defect::NoHeader)),
             None => {
                 reader.line = 1;
@@ -112,6 +120,18 @@ impl<R: BufRead> Events<R> {
     #[must_use]
     pub const fn header(&self) -> &Header {
         &self.header
+    }
+
+    /// What the header has beside the machine's configuration.
+    #[must_use]
+    pub const fn header_annotations(&self) -> &HeaderAnnotations {
+        &self.annotations.header
+    }
+
+    /// What the event read last has beside what the machine's rules read.
+    #[must_use]
+    pub const fn annotations(&self) -> &Annotations {
+        &self.annotations.event
     }
 
     /// The bytes of the line read last, without its `\n`.
@@ -143,7 +163,7 @@ impl<R: BufRead> Events<R> {
         let column = self.raw.len() as u64 + 1;
         match whole {
             Ok(_) if self.raw.len() > LINE => Err(self.error(LINE as u64 + 1, Defect::TooLong)),
-            Ok(true) => match parse_as(&self.raw, self.form) {
+            Ok(true) => match parse_as(&self.raw, self.form, &mut self.annotations) {
                 Ok(line) => Ok(Some(line)),
                 Err(error) => Err(self.error(error.column, Defect::Line(error))),
             },

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
+use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Decision, Event, Header, Input};
 
 /// How many bytes are gathered before they are written.
@@ -81,10 +82,23 @@ impl Recorder {
         header: &Header,
         recording: Recording,
     ) -> io::Result<Self> {
+        Self::create_annotated(path, header, &HeaderAnnotations::default(), recording)
+    }
+
+    /// The same with further keys in the header.
+    ///
+    /// # Errors
+    /// If the file cannot be made or written.
+    pub fn create_annotated(
+        path: impl AsRef<Path>,
+        header: &Header,
+        annotations: &HeaderAnnotations,
+        recording: Recording,
+    ) -> io::Result<Self> {
         let path = path.as_ref().to_path_buf();
         let out = LineSink::create(&path, recording)?;
         let mut line = Vec::new();
-        header.write(&mut line);
+        header.write_annotated(annotations, &mut line);
         line.push(b'\n');
         let mut recorder = Self {
             path,
@@ -103,8 +117,13 @@ impl Recorder {
 
     /// Records an input, before its decisions.
     pub fn input(&mut self, input: &Input) {
+        self.annotated_input(input, &Annotations::NONE);
+    }
+
+    /// Records an input with further keys, before its decisions.
+    pub fn annotated_input(&mut self, input: &Input, annotations: &Annotations) {
         let most = if self.recording.every_input { 0 } else { GATHERED };
-        self.begin(input, most);
+        self.begin(input, annotations, most);
     }
 
     /// Records a decision about the input recorded last.
@@ -112,11 +131,16 @@ impl Recorder {
         self.line(|out| decision.write(out));
     }
 
+    /// Records a decision with further keys about the input recorded last.
+    pub fn annotated_decision(&mut self, decision: &Decision, annotations: &Annotations) {
+        self.line(|out| Event::Decision(*decision).write_annotated(annotations, out));
+    }
+
     /// Records whole inputs with their decisions and writes them, all together.
     pub fn extend(&mut self, events: impl IntoIterator<Item = Event>) {
         for event in events {
             match event {
-                Event::Input(input) => self.begin(&input, GATHERED),
+                Event::Input(input) => self.begin(&input, &Annotations::NONE, GATHERED),
                 Event::Decision(decision) => self.decision(&decision),
             }
         }
@@ -170,7 +194,7 @@ impl Recorder {
     }
 
     /// Begins an input's lines; those of the inputs before are written if they are more than `most`.
-    fn begin(&mut self, input: &Input, most: usize) {
+    fn begin(&mut self, input: &Input, annotations: &Annotations, most: usize) {
         if self.recording.rotate.is_some_and(|full| self.size >= full) {
             self.attempt(Self::rotate);
         } else if self.gathered.len() >= most {
@@ -180,7 +204,7 @@ impl Recorder {
         if self.error.is_none() {
             self.inputs.push(self.gathered.len());
         }
-        self.line(|out| input.write(out));
+        self.line(|out| Event::Input(*input).write_annotated(annotations, out));
     }
 
     fn line(&mut self, write: impl FnOnce(&mut Vec<u8>)) {

@@ -9,12 +9,13 @@ use thiserror::Error;
 
 pub use self::table::{TableError, TableReader};
 
-use crate::{Event, Line, observed};
+use crate::parse::{Form, LineAnnotations, parse_as};
+use crate::{Annotations, Event, Line};
 
 mod table;
 
 /// The keys that an event may have, with those that are instants and durations.
-const KEYS: [(&str, bool); 8] = [
+const KEYS: [(&str, bool); 14] = [
     ("ev", false),
     ("at", true),
     ("t", false),
@@ -23,21 +24,27 @@ const KEYS: [(&str, bool); 8] = [
     ("deadline", true),
     ("backlog", false),
     ("why", false),
+    ("of", false),
+    ("try", false),
+    ("within", true),
+    ("age", true),
+    ("origin", false),
+    ("seq", false),
 ];
 
 /// Events, with the keys that each may have beside `ev` and `at`.
 const EVENTS: [(&str, &[&str]); 13] = [
-    ("open", &["t", "deadline"]),
+    ("open", &["t", "deadline", "within", "age", "origin", "seq"]),
     ("offer", &["t", "p", "deadline", "backlog"]),
-    ("result", &["t", "p"]),
-    ("fail", &["t", "p"]),
+    ("result", &["t", "p", "of", "try"]),
+    ("fail", &["t", "p", "try"]),
     ("tick", &[]),
     ("timer", &["t", "p"]),
     ("refuse", &["t", "p", "why"]),
-    ("request", &["t", "p", "due", "deadline"]),
+    ("request", &["t", "p", "due", "deadline", "try"]),
     ("hold", &["t", "p"]),
     ("drop", &["t", "p", "why"]),
-    ("emit", &["t", "p"]),
+    ("emit", &["t", "p", "of"]),
     ("miss", &["t"]),
     ("cancel", &["t", "p"]),
 ];
@@ -65,14 +72,15 @@ pub struct Columns<'a> {
 
 /// A CSV file that is being read: a row an event, the columns named in the first row.
 ///
-/// The columns `at`, `ev`, `t`, `p`, `due`, `deadline`, `backlog` and `why` are read, those that a
-/// row's event has; an empty cell is none.
+/// The columns `at`, `ev`, `t`, `p`, `due`, `deadline`, `backlog`, `why`, `of`, `try`, `within`, `age`, `origin` and `seq`
+/// are read, those that a row's event has; an empty cell is none.
 #[derive(Debug)]
 pub struct Rows<'a, R> {
     inner: TableReader<R>,
     /// The keys that it has, with their columns.
     keys: Vec<KeyColumn>,
     columns: Columns<'a>,
+    annotations: LineAnnotations,
 }
 
 /// A key, whether it is a time, and the place and name of its column.
@@ -171,7 +179,13 @@ impl<'a, R: Read> Rows<'a, R> {
             };
             keys.push((key, is_time, place, name.unwrap_or(key).to_owned()));
         }
-        Ok(Self { inner, keys, columns })
+        Ok(Self { inner, keys, columns, annotations: LineAnnotations::default() })
+    }
+
+    /// What the row read last has beside what the machine's rules read.
+    #[must_use]
+    pub const fn annotations(&self) -> &Annotations {
+        &self.annotations.event
     }
 
     /// The next row's event; none at the end.
@@ -182,7 +196,7 @@ impl<'a, R: Read> Rows<'a, R> {
         let Some((number, row)) = self.inner.next_row()? else { return Ok(None) };
         let fault = |message| RowError { line: number, message };
         let line = line(row, &self.keys, &self.columns).map_err(fault)?;
-        match observed::parse(line.as_bytes()) {
+        match parse_as(line.as_bytes(), Form::Observed, &mut self.annotations) {
             Ok(Line::Event(event)) => Ok(Some(event)),
             Ok(Line::Header(_)) => Err(fault("a header in a row".to_owned())),
             Err(error) => Err(fault(error.message)),
@@ -217,7 +231,7 @@ fn line(row: &StringRecord, keys: &[KeyColumn], columns: &Columns<'_>) -> Result
             continue;
         }
         let value = match *key {
-            "why" => Some(serde_json::Value::from(text).to_string()),
+            "why" | "origin" => Some(serde_json::Value::from(text).to_string()),
             _ if *is_time => nanos(text, columns.unit).map(|nanos| nanos.to_string()),
             _ => text.parse().ok().map(|number: u64| number.to_string()),
         };

@@ -27,11 +27,28 @@ pub enum Rule {
     F7,
     /// Once.
     P1,
+    /// Its own value.
+    D2,
 }
 
 impl Rule {
     /// All that a violation can name.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
+        Self::F0,
+        Self::F1,
+        Self::F2,
+        Self::F2g,
+        Self::F3,
+        Self::F4,
+        Self::F5,
+        Self::F6,
+        Self::F7,
+        Self::P1,
+        Self::D2,
+    ];
+
+    /// Those that an input and its decisions decide, whatever values come with them.
+    pub const OF_DECISIONS: [Self; 10] = [
         Self::F0,
         Self::F1,
         Self::F2,
@@ -58,6 +75,7 @@ impl Rule {
             Self::F6 => "F6",
             Self::F7 => "F7",
             Self::P1 => "P1",
+            Self::D2 => "D2",
         }
     }
 
@@ -111,6 +129,10 @@ impl Rule {
                  cancelled, by ascending priority."
             }
             Self::P1 => "No timestamp is forwarded twice, nor forwarded and missed.",
+            Self::D2 => {
+                "An item bears the value that its source sent for this timestamp, or for one that \
+                 is at most the cloud's max_age before it."
+            }
         }
     }
 }

@@ -1,5 +1,7 @@
 //! The keys of a line, and which kind of line must or may have which.
 
+use crate::parse::Form;
+
 /// What a line is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum LineKind {
@@ -26,6 +28,7 @@ pub(crate) enum Key {
     Operator,
     Window,
     Commit,
+    Local,
     Clouds,
     Ev,
     At,
@@ -35,12 +38,18 @@ pub(crate) enum Key {
     Backlog,
     Due,
     Why,
+    Of,
+    Try,
+    Within,
+    Age,
+    Origin,
+    Seq,
     X,
 }
 
 /// A set of keys.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
-pub(crate) struct Keys(u16);
+pub(crate) struct Keys(u32);
 
 impl LineKind {
     /// The events, for people.
@@ -105,34 +114,56 @@ impl LineKind {
     }
 
     /// The keys that such a line may have: those it must have and some more.
-    pub(crate) const fn keys(self) -> Keys {
+    pub(crate) const fn keys(self, form: Form) -> Keys {
+        use Key::{Age, Commit, Deadline, Of, Operator, Origin, P, Seq, Within, X};
         let more = match self {
-            Self::Header => Keys::of(&[Key::Operator, Key::Commit, Key::X]),
-            Self::Open => Keys::of(&[Key::Deadline, Key::X]),
-            Self::Refuse => Keys::of(&[Key::P, Key::X]),
+            Self::Header => Keys::of(&[Operator, Commit, X]),
+            Self::Open => Keys::of(&[Deadline, Within, Age, Origin, Seq, X]),
+            Self::Refuse => Keys::of(&[P, X]),
+            Self::Result | Self::Emit => Keys::of(&[Of, X]),
             Self::Offer
-            | Self::Result
             | Self::Fail
             | Self::Tick
             | Self::Timer
             | Self::Request
             | Self::Hold
             | Self::Drop
+            | Self::Miss
+            | Self::Cancel => Keys::of(&[X]),
+        };
+        let observed = match form {
+            Form::Strict => Keys(0),
+            Form::Observed | Form::WithoutLocal => self.keys_of_observed(),
+        };
+        Keys(self.required().0 | more.0 | observed.0)
+    }
+
+    /// The keys that such a line may have in observed traces alone.
+    pub(crate) const fn keys_of_observed(self) -> Keys {
+        match self {
+            Self::Header => Keys::of(&[Key::Local]),
+            Self::Request | Self::Result | Self::Fail => Keys::of(&[Key::Try]),
+            Self::Open
+            | Self::Offer
+            | Self::Tick
+            | Self::Timer
+            | Self::Refuse
+            | Self::Hold
+            | Self::Drop
             | Self::Emit
             | Self::Miss
-            | Self::Cancel => Keys::of(&[Key::X]),
-        };
-        Keys(self.required().0 | more.0)
+            | Self::Cancel => Keys(0),
+        }
     }
 
     /// A line of this kind and its keys, for people.
-    pub(crate) fn takes(self) -> String {
+    pub(crate) fn takes(self, form: Form) -> String {
         let article = if self == Self::Open || self == Self::Offer || self == Self::Emit {
             "an"
         } else {
             "a"
         };
-        let keys: Vec<_> = self.keys().iter().map(Key::name).collect();
+        let keys: Vec<_> = self.keys(form).iter().map(Key::name).collect();
         format!("{article} {} line; it takes {}", self.name(), keys.join(", "))
     }
 }
@@ -142,11 +173,12 @@ impl Key {
     pub(crate) const COUNT: usize = Self::ALL.len();
 
     /// All keys, in the order in which they are written.
-    const ALL: [Self; 14] = [
+    const ALL: [Self; 21] = [
         Self::Fuseline,
         Self::Operator,
         Self::Window,
         Self::Commit,
+        Self::Local,
         Self::Clouds,
         Self::Ev,
         Self::At,
@@ -156,6 +188,12 @@ impl Key {
         Self::Backlog,
         Self::Due,
         Self::Why,
+        Self::Of,
+        Self::Try,
+        Self::Within,
+        Self::Age,
+        Self::Origin,
+        Self::Seq,
         Self::X,
     ];
 
@@ -170,11 +208,18 @@ impl Key {
             "deadline" => Self::Deadline,
             "backlog" => Self::Backlog,
             "due" => Self::Due,
+            "of" => Self::Of,
+            "try" => Self::Try,
+            "within" => Self::Within,
+            "age" => Self::Age,
+            "origin" => Self::Origin,
+            "seq" => Self::Seq,
             "x" => Self::X,
             "fuseline" => Self::Fuseline,
             "operator" => Self::Operator,
             "window" => Self::Window,
             "commit" => Self::Commit,
+            "local" => Self::Local,
             "clouds" => Self::Clouds,
             _ => return None,
         })
@@ -187,6 +232,7 @@ impl Key {
             Self::Operator => "operator",
             Self::Window => "window",
             Self::Commit => "commit",
+            Self::Local => "local",
             Self::Clouds => "clouds",
             Self::Ev => "ev",
             Self::At => "at",
@@ -196,6 +242,12 @@ impl Key {
             Self::Backlog => "backlog",
             Self::Due => "due",
             Self::Why => "why",
+            Self::Of => "of",
+            Self::Try => "try",
+            Self::Within => "within",
+            Self::Age => "age",
+            Self::Origin => "origin",
+            Self::Seq => "seq",
             Self::X => "x",
         }
     }
@@ -207,7 +259,7 @@ impl Keys {
         let mut bits = 0;
         let mut at = 0;
         while at < keys.len() {
-            bits |= 1 << keys[at] as u16;
+            bits |= 1 << keys[at] as u32;
             at += 1;
         }
         Self(bits)
@@ -216,12 +268,21 @@ impl Keys {
     /// Adds a key; false if it was there.
     pub(crate) const fn insert(&mut self, key: Key) -> bool {
         let before = self.0;
-        self.0 |= 1 << key as u16;
+        self.0 |= 1 << key as u32;
         self.0 != before
     }
 
     pub(crate) const fn contains(self, key: Key) -> bool {
-        self.0 & (1 << key as u16) != 0
+        self.0 & (1 << key as u32) != 0
+    }
+
+    pub(crate) const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Those that `other` has too.
+    pub(crate) const fn within(self, other: Self) -> Self {
+        Self(self.0 & other.0)
     }
 
     /// Those that `other` lacks.

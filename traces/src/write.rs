@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::annotations::{Annotations, HeaderAnnotations, Origin};
 use crate::event::{Cloud, Decision, Event, Header, Input, Line, VERSION};
 
 impl Line {
@@ -22,11 +23,44 @@ impl Event {
             Self::Decision(decision) => decision.write(out),
         }
     }
+
+    /// Appends the line with further keys, without its `\n`. Which keys an event may have is for the reader to say.
+    pub fn write_annotated(&self, annotations: &Annotations, out: &mut Vec<u8>) {
+        self.write(out);
+        if annotations.is_empty() {
+            return;
+        }
+        // Before the brace that closes the line.
+        out.pop();
+        let Annotations { of, attempt, within, age, origin } = annotations;
+        let attempt = attempt.map(u64::from);
+        for (key, value) in [("of", *of), ("try", attempt), ("within", *within), ("age", *age)] {
+            further(out, key, value);
+        }
+        if let Some(Origin { stream, seq }) = origin {
+            text(out, ",\"origin\":", stream);
+            further(out, "seq", *seq);
+        }
+        out.push(b'}');
+    }
+
+    /// The line with further keys, as it is written.
+    #[must_use]
+    pub fn annotated(&self, annotations: &Annotations) -> String {
+        let mut out = Vec::with_capacity(96);
+        self.write_annotated(annotations, &mut out);
+        String::from_utf8_lossy(&out).into_owned()
+    }
 }
 
 impl Header {
     /// Appends the line, without its `\n`. `resume` is written where it is not `limit − 1`.
     pub fn write(&self, out: &mut Vec<u8>) {
+        self.write_annotated(&HeaderAnnotations::default(), out);
+    }
+
+    /// Appends the line with further keys, without its `\n`.
+    pub fn write_annotated(&self, annotations: &HeaderAnnotations, out: &mut Vec<u8>) {
         out.extend_from_slice(b"{");
         number(out, "fuseline", VERSION);
         if let Some(operator) = &self.operator {
@@ -35,19 +69,23 @@ impl Header {
         out.push(b',');
         number(out, "window", self.window.into());
         text(out, ",\"commit\":", self.commit.as_str());
+        if annotations.without_local {
+            text(out, ",\"local\":", "none");
+        }
         out.extend_from_slice(b",\"clouds\":[");
         for (place, cloud) in self.clouds.iter().enumerate() {
             if place > 0 {
                 out.push(b',');
             }
-            cloud.write(out);
+            let max_age = annotations.max_ages.get(&cloud.p.into());
+            cloud.write(max_age.copied(), out);
         }
         out.extend_from_slice(b"]}");
     }
 }
 
 impl Cloud {
-    fn write(&self, out: &mut Vec<u8>) {
+    fn write(&self, max_age: Option<u64>, out: &mut Vec<u8>) {
         out.push(b'{');
         number(out, "p", self.p.into());
         if let Some(name) = &self.name {
@@ -59,6 +97,7 @@ impl Cloud {
             out.push(b',');
             number(out, "resume", self.resume);
         }
+        further(out, "max_age", max_age);
         out.push(b'}');
     }
 }
@@ -159,6 +198,14 @@ fn number(out: &mut Vec<u8>, key: &str, value: u64) {
     out.extend_from_slice(key.as_bytes());
     out.extend_from_slice(b"\":");
     out.extend_from_slice(itoa::Buffer::new().format(value).as_bytes());
+}
+
+/// One more number, if there is one.
+fn further(out: &mut Vec<u8>, key: &str, value: Option<u64>) {
+    if let Some(value) = value {
+        out.push(b',');
+        number(out, key, value);
+    }
 }
 
 /// A string behind `lead`, its key with all around it.

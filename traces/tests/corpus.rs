@@ -1,15 +1,15 @@
 //! Every trace of the corpus, judged: conforming ones conform, breaking ones break what their
 //! sidecars name.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::corpus::CASES;
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{
-    Commit, Decision, DropReason, Event, Events, ExpectedDecisions, Header, Input, Judge, Line,
-    OfferRefusal, OpenRefusal, Reference, Rule, Verdict, judge, parse,
+    Annotations, Commit, Decision, DropReason, Event, Events, ExpectedDecisions, Header, HeldValues,
+    Input, Judge, Line, OfferRefusal, OpenRefusal, Reference, Rule, Verdict, judge, parse,
 };
 use serde::Deserialize;
 
@@ -39,6 +39,9 @@ struct Options {
 struct Observed {
     tolerance: u64,
     lateness: u64,
+    /// Of single sources.
+    #[serde(default)]
+    tolerances: BTreeMap<u64, u64>,
 }
 
 /// A reason with what it is given for: they are counted apart.
@@ -93,6 +96,56 @@ fn traces_of_which_more_is_known_are_judged_by_that() {
     }
 }
 
+/// A46 to A50, D2, J2: values, attempts, a message's own deadline, no local, clocks that differ. The sidecar says how a
+/// trace is judged; one that names no violation conforms.
+#[test]
+fn traces_with_further_keys_are_judged_by_them() {
+    let folder = corpus().join("annotated");
+    let names = names_in(&folder);
+    assert!(names.len() > 15, "{names:?}");
+    for name in names {
+        let options = fs::read(folder.join(format!("{name}.json"))).expect("it has a sidecar");
+        let options: Options = serde_json::from_slice(&options).expect("it is a sidecar");
+        let trace = fs::read(folder.join(format!("{name}.jsonl"))).expect("it can be read");
+        let (judged, unfinished, mut found) = with_options(&options, &trace);
+        found.sort_by_key(|(_, line)| *line);
+        let expected = options.violations.iter().map(|it| (it.rule.clone(), it.line)).collect();
+        assert_eq!(
+            (judged, unfinished, found),
+            (options.judged, options.unfinished, expected),
+            "{name}"
+        );
+    }
+}
+
+/// What a replay writes of values: the lines of the traces that conform strictly.
+#[test]
+fn an_emit_says_of_its_value_what_its_result_said() {
+    let mut emits = 0;
+    for name in ["d2-emit-has-the-value-of-its-result", "d2-value-within-the-max-age"] {
+        let trace = fs::read_to_string(corpus().join(format!("annotated/{name}.jsonl"))).unwrap();
+        let mut reader = Events::new(name, trace.as_bytes()).expect("it has a header");
+        let mut machine = Reference::new(reader.header());
+        let (mut values, mut demands) = (HeldValues::default(), ExpectedDecisions::new());
+        let mut written = format!("{}\n", trace.lines().next().unwrap());
+        while let Some(event) = reader.next_event().expect("it is well formed") {
+            let Event::Input(input) = event else { continue };
+            written += &format!("{}\n", event.annotated(reader.annotations()));
+            demands.clear();
+            machine.apply(&input, &mut demands);
+            values.apply(&input, reader.annotations().of, demands.iter().map(|(it, _)| it));
+            for (decision, _) in &demands {
+                let of = values.of(decision);
+                emits += u64::from(of.is_some());
+                let annotations = Annotations { of, ..Annotations::NONE };
+                written += &format!("{}\n", Event::Decision(*decision).annotated(&annotations));
+            }
+        }
+        assert_eq!(written, trace);
+    }
+    assert_eq!(emits, 6);
+}
+
 /// Whether it conforms when nothing more is known.
 fn conforms_alone(options: &Options, trace: &[u8]) -> bool {
     match &options.observed {
@@ -110,22 +163,29 @@ fn with_options(options: &Options, trace: &[u8]) -> FoundByOption {
     let Some(slack) = &options.observed else {
         assert_eq!(options.period, None, "a period is of observed traces");
         let mut reader = Events::new("trace", trace).expect("it has a header");
-        let mut judge = Judge::new("trace", reader.header());
+        let mut judge = Judge::new("trace", reader.header())
+            .with_header_annotations(reader.header_annotations());
         while let Some(event) = reader.next_event().expect("it is well formed") {
-            judge.line(reader.line(), &event);
+            judge.annotated_line(reader.line(), &event, reader.annotations());
         }
         let verdict = if options.ended { judge.finish_ended() } else { judge.finish() };
         let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
         return (verdict.judged, verdict.unfinished, found.collect());
     };
+    let tolerances = &slack.tolerances;
     let slack = Slack { tolerance: slack.tolerance, lateness: slack.lateness };
     let mut reader = Events::observed("trace", trace).expect("it has a header");
-    let mut judge = observed::Judge::new("trace", reader.header(), slack);
+    let mut judge = observed::Judge::new("trace", reader.header(), slack)
+        .with_header_annotations(reader.header_annotations());
+    for (p, tolerance) in tolerances {
+        judge = judge.with_tolerance_of(*p, *tolerance);
+    }
     if let Some(period) = options.period {
         judge = judge.with_period(period);
     }
     while let Some(event) = reader.next_event().expect("it is well formed") {
-        judge.line(reader.line(), &event).expect("it is in order");
+        let line = judge.annotated_line(reader.line(), &event, reader.annotations());
+        line.expect("it is in order");
     }
     let verdict = if options.ended { judge.finish_ended() } else { judge.finish() };
     let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
@@ -173,7 +233,7 @@ fn every_rule_is_obeyed_and_broken() {
         .iter()
         .map(|(_, sidecar)| Rule::named(&sidecar.rule).expect("the sidecar names a rule"))
         .collect();
-    let all = BTreeSet::from(Rule::ALL);
+    let all = BTreeSet::from(Rule::OF_DECISIONS);
     assert_eq!(obeyed, all);
     assert_eq!(broken, all);
 }

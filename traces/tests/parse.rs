@@ -89,7 +89,7 @@ fn what_is_no_whole_number_is_refused() {
 
 #[test]
 fn keys_that_do_not_fit_the_event_are_refused() {
-    let result = "a result line; it takes ev, at, t, p, x";
+    let result = "a result line; it takes ev, at, t, p, of, x";
     refused(&[
         (
             b"{\"ev\":\"result\",\"at\":1,\"tt\":2,\"p\":0}",
@@ -126,7 +126,8 @@ fn keys_that_do_not_fit_the_event_are_refused() {
         (
             b"{\"ev\":\"open\",\"at\":1}",
             20,
-            "key \"t\" is missing in an open line; it takes ev, at, t, deadline, x",
+            "key \"t\" is missing in an open line; it takes ev, at, t, deadline, within, \
+             age, origin, seq, x",
         ),
         (
             b"{\"ev\":\"refuse\",\"at\":1,\"t\":2,\"p\":1}",
@@ -180,7 +181,7 @@ fn words_that_are_not_known_are_refused() {
 
 #[test]
 fn headers_beyond_their_limits_are_refused() {
-    let takes = "a cloud's entry; it takes p, name, limit, resume, x";
+    let takes = "a cloud's entry; it takes p, name, limit, resume, max_age, x";
     let sixteen: Vec<_> = (1..=16).map(|p| format!("{{\"p\":{p},\"limit\":1}}")).collect();
     let sixteen = format!("{{\"fuseline\":1,\"window\":1,\"clouds\":[{}]}}", sixteen.join(","));
     let last = sixteen.rfind("{\"p\":16").expect("it is there") as u64 + 1;

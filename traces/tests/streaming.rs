@@ -3,39 +3,102 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use fuseline_traces::observed::{
-    BrokenRule, Judge, MessageHistory, Slack, TimeOrderError, Verdict, Violation,
+    BrokenRule, Judge, MessageHistory, Slack, SourceSlack, TimeOrderError, Verdict, Violation,
 };
 use fuseline_traces::{
-    Cloud, Commit, Decision, DropReason, Event, Header, Input, OpenRefusal, Reference,
+    Annotations, Cloud, Commit, Decision, DropReason, Event, Header, HeaderAnnotations, Input,
+    OpenRefusal, Reference, Rule,
 };
 use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
+use proptest::strategy::ValueTree;
 
 fn header(commit: Commit) -> Header {
     let clouds = [1, 2].map(|p| Cloud { p, name: None, limit: 9, resume: 8 }).to_vec();
     Header { operator: None, window: 3, commit, clouds }
 }
 
+/// An event as it is recorded.
+type RecordedEvent = (Event, Annotations);
+
+/// How a trace is judged.
+#[derive(Clone, Debug)]
+struct Terms {
+    commit: Commit,
+    own: Slack,
+    slack: SourceSlack,
+    /// Those of `slack` that differ.
+    tolerance: Option<(u64, u64)>,
+    header: HeaderAnnotations,
+}
+
+impl Terms {
+    fn new(commit: Commit, own: Slack, tolerance: Option<(u64, u64)>, without_local: bool) -> Self {
+        let slack = SourceSlack::from(own);
+        let slack = match tolerance {
+            Some((p, tolerance)) => slack.with_tolerance_of(p, tolerance),
+            None => slack,
+        };
+        let header = HeaderAnnotations { without_local, max_ages: BTreeMap::from([(1, 1)]) };
+        Self { commit, own, slack, tolerance, header }
+    }
+
+    /// The error of a line's stamp.
+    fn tolerance(&self, event: &Event) -> u64 {
+        match event {
+            Event::Input(Input::Result { p, .. } | Input::Fail { p, .. })
+            | Event::Decision(Decision::Request { p, .. }) => self.slack.tolerance_of(*p),
+            _ => self.own.tolerance,
+        }
+    }
+
+    /// The greatest instant, where a stamp that may be further off counts for less.
+    fn end(&self, events: &[RecordedEvent]) -> u64 {
+        let at = |(event, _): &RecordedEvent| {
+            at(event).saturating_sub(self.tolerance(event).saturating_sub(self.own.tolerance))
+        };
+        events.iter().map(at).max().unwrap_or(0)
+    }
+}
+
 /// A judge that has read events; their lines begin with the second.
 fn read(
-    commit: Commit,
-    slack: Slack,
+    terms: &Terms,
     period: Option<u64>,
-    events: &[Event],
+    events: &[RecordedEvent],
 ) -> Result<Judge, TimeOrderError> {
-    let mut judge = Judge::new("a.jsonl", &header(commit), slack);
+    let mut judge = Judge::new("a.jsonl", &header(terms.commit), terms.own)
+        .with_header_annotations(&terms.header);
+    if let Some((p, tolerance)) = terms.tolerance {
+        judge = judge.with_tolerance_of(p, tolerance);
+    }
     if let Some(period) = period {
         judge = judge.with_period(period);
     }
-    for (line, event) in (2..).zip(events) {
-        judge.line(line, event)?;
+    for (line, (event, annotations)) in (2..).zip(events) {
+        judge.annotated_line(line, event, annotations)?;
     }
     Ok(judge)
 }
 
-fn judged(commit: Commit, slack: Slack, events: &[Event]) -> Result<Verdict, TimeOrderError> {
-    Ok(read(commit, slack, None, events)?.finish())
+fn judged(terms: &Terms, events: &[RecordedEvent]) -> Result<Verdict, TimeOrderError> {
+    Ok(read(terms, None, events)?.finish())
+}
+
+/// Each kind of violation is found in some trace, so that none is compared with nothing.
+#[test]
+fn the_traces_break_the_rules_of_further_keys_too() {
+    let mut runner = proptest::test_runner::TestRunner::deterministic();
+    let mut broken = BTreeSet::new();
+    for _ in 0..600 {
+        let (terms, events) = traces().new_tree(&mut runner).unwrap().current();
+        let verdict = judged(&terms, &events).expect("it is in order");
+        broken.extend(verdict.violations.iter().map(|found| found.rule));
+    }
+    for rule in [BrokenRule::Rule(Rule::D2), BrokenRule::J2, BrokenRule::P7, BrokenRule::Rule(Rule::F2)] {
+        assert!(broken.contains(&rule), "{rule} in {broken:?}");
+    }
 }
 
 /// The timestamps that do not conform, apart from gaps.
@@ -52,17 +115,17 @@ fn at(event: &Event) -> u64 {
 }
 
 /// The timestamps that do not conform, and those that are left open: all lines of each at once, by the words of `SPEC.md`.
-fn naive(commit: Commit, slack: Slack, end: u64, events: &[Event]) -> [BTreeSet<u64>; 2] {
-    let mut by_t: BTreeMap<u64, Vec<(Event, bool)>> = BTreeMap::new();
+fn naive(terms: &Terms, end: u64, events: &[RecordedEvent]) -> [BTreeSet<u64>; 2] {
+    let mut by_t: BTreeMap<u64, Vec<(RecordedEvent, bool)>> = BTreeMap::new();
     let mut records_opens = false;
-    for event in events {
+    for (event, annotations) in events {
         if let Some(t) = event.t() {
-            by_t.entry(t).or_default().push((*event, records_opens));
+            by_t.entry(t).or_default().push(((*event, annotations.clone()), records_opens));
         }
         records_opens |= matches!(event, Event::Input(Input::Open { .. }));
     }
     let fates: Vec<(u64, Option<MessageEnding>)> =
-        by_t.into_iter().map(|(t, events)| (t, fate(commit, slack, end, &events))).collect();
+        by_t.into_iter().map(|(t, events)| (t, fate(terms, t, end, &events))).collect();
     let of = |fate| {
         let are = fates.iter().filter(move |(_, other)| *other == Some(fate));
         are.map(|(t, _)| *t).collect()
@@ -77,18 +140,14 @@ enum MessageEnding {
     Open,
 }
 
-fn end(events: &[Event]) -> u64 {
-    events.iter().map(at).max().unwrap_or(0)
-}
-
-/// The instants of opens with their deadlines.
-type Opens = Vec<(u64, Option<u64>)>;
+/// The instants of opens, with their deadlines and by when they want an output.
+type Opens = Vec<(u64, (Option<u64>, Option<u64>))>;
 /// The instants of refusals with their places.
 type Refusals = BTreeSet<(u64, usize)>;
 
 /// The opens that no refusal takes away.
-fn accepted(reach: u64, opens: &[(u64, Option<u64>)], refusals: &Refusals) -> Opens {
-    let mut opens = opens.to_vec();
+fn accepted(reach: u64, opens: &Opens, refusals: &Refusals) -> Opens {
+    let mut opens = opens.clone();
     for (at, _) in refusals {
         let nearest = (0..opens.len()).min_by_key(|place| opens[*place].0.abs_diff(*at));
         if let Some(place) = nearest.filter(|place| opens[*place].0.abs_diff(*at) <= reach) {
@@ -99,13 +158,13 @@ fn accepted(reach: u64, opens: &[(u64, Option<u64>)], refusals: &Refusals) -> Op
 }
 
 /// How many gaps longer than `most` there are between opens, and at the end.
-fn gaps(most: u64, slack: Slack, events: &[Event]) -> usize {
-    let reach = 2 * slack.tolerance + slack.lateness;
+fn gaps(most: u64, terms: &Terms, events: &[RecordedEvent]) -> usize {
+    let reach = 2 * terms.own.tolerance + terms.own.lateness;
     let mut by_t: BTreeMap<u64, (Opens, Refusals)> = BTreeMap::new();
-    for (i, event) in events.iter().enumerate() {
+    for (i, (event, _)) in events.iter().enumerate() {
         match *event {
             Event::Input(Input::Open { at, t, deadline }) => {
-                by_t.entry(t).or_default().0.push((at, deadline));
+                by_t.entry(t).or_default().0.push((at, (deadline, None)));
             }
             Event::Decision(Decision::RefuseOpen { at, t, .. }) => {
                 by_t.entry(t).or_default().1.insert((at, i));
@@ -116,26 +175,93 @@ fn gaps(most: u64, slack: Slack, events: &[Event]) -> usize {
     let of_t = by_t.values().flat_map(|(opens, refusals)| accepted(reach, opens, refusals));
     let mut instants: Vec<u64> = of_t.map(|(at, _)| at).collect();
     if instants.is_empty() {
-        instants.extend(events.iter().map(at).min());
+        instants.extend(events.iter().map(|(event, _)| at(event)).min());
     }
-    instants.push(end(events));
+    instants.push(instants.iter().copied().fold(terms.end(events), u64::max));
     instants.sort_unstable();
     instants.windows(2).filter(|pair| pair[1] - pair[0] > most).count()
 }
 
-fn fate(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> Option<MessageEnding> {
-    let reach = 2 * slack.tolerance + slack.lateness;
-    let mut story = MessageHistory::default();
+/// A request line: source, instant, due instant, attempt.
+type RequestLine = (u64, u64, u64, Option<u8>);
+/// A failure line: source, instant, attempt.
+type FailureLine = (u64, u64, Option<u8>);
+
+/// A47: one request a source, unless an attempt is requested twice.
+fn folded(requests: &[RequestLine]) -> Vec<(u64, u64, u64)> {
+    let mut folded = Vec::new();
+    for p in requests.iter().map(|(p, ..)| *p).collect::<BTreeSet<_>>() {
+        let of_p: Vec<_> = requests.iter().filter(|(q, ..)| *q == p).collect();
+        let attempts: BTreeSet<_> = of_p.iter().map(|(.., attempt)| *attempt).collect();
+        let first = of_p.iter().map(|(_, at, ..)| *at).min();
+        let first = of_p.iter().find(|(_, at, ..)| Some(*at) == first);
+        let is_twice = attempts.len() < of_p.len();
+        let counted = if is_twice { &of_p[..] } else { first.map(std::slice::from_ref).unwrap() };
+        folded.extend(counted.iter().map(|(p, at, due, _)| (*p, *at, *due)));
+    }
+    folded
+}
+
+/// A47: whole requests that failed, and those of which each attempt did.
+fn failed(requests: &[RequestLine], failures: &[FailureLine]) -> Vec<(u64, u64)> {
+    let whole = failures.iter().filter(|(.., attempt)| attempt.is_none());
+    let mut failed: Vec<(u64, u64)> = whole.map(|(p, at, _)| (*p, *at)).collect();
+    for p in [1, 2] {
+        let attempts: BTreeSet<_> =
+            requests.iter().filter(|(q, ..)| *q == p).map(|(.., attempt)| *attempt).collect();
+        let first = |attempt: &Option<u8>| {
+            let of_it = failures.iter().filter(|(q, _, it)| *q == p && it == attempt);
+            attempt.and_then(|_| of_it.map(|(_, at, _)| *at).min())
+        };
+        let firsts: Option<Vec<u64>> = attempts.iter().map(first).collect();
+        failed.extend(firsts.into_iter().flatten().max().map(|at| (p, at)));
+    }
+    failed
+}
+
+/// D2: whether the one output may bear the value that it says, or that the results say.
+fn is_value_wrong(terms: &Terms, t: u64, output: (u64, u64, Option<u64>), came: &[Came]) -> bool {
+    let (p, at, of) = output;
+    let by = at + terms.own.tolerance + terms.slack.tolerance_of(p);
+    let results: Vec<_> = came.iter().filter(|came| came.0 == p && came.1 <= by).collect();
+    let all_say = !results.is_empty() && results.iter().all(|came| came.2.is_some());
+    let latest = results.iter().filter_map(|came| came.2).max().filter(|_| all_say);
+    let (first, last) = terms.header.values_of(t, p);
+    match (of, latest) {
+        (None, None) => false,
+        (None, Some(latest)) => latest < first || latest > last,
+        (Some(of), latest) => of < first || of > last || latest.is_some_and(|it| of > it),
+    }
+}
+
+/// A result: source, instant, whose value.
+type Came = (u64, u64, Option<u64>);
+
+fn fate(
+    terms: &Terms,
+    t: u64,
+    end: u64,
+    events: &[(RecordedEvent, bool)],
+) -> Option<MessageEnding> {
+    let (own, lateness) = (terms.own.tolerance, terms.own.lateness);
+    let reach = 2 * own + lateness;
+    let without_local = terms.header.without_local;
+    let mut story = MessageHistory { without_local, ..MessageHistory::default() };
     let (mut opens, mut refusals, mut is_stranger) = (vec![], BTreeSet::new(), false);
     let (mut unknown, mut superseded) = (BTreeSet::new(), BTreeSet::new());
-    for (i, (event, records_opens)) in events.iter().enumerate() {
+    let (mut requests, mut results, mut failures) = (vec![], Vec::<Came>::new(), vec![]);
+    let mut sent = vec![];
+    for (i, ((event, annotations), records_opens)) in events.iter().enumerate() {
+        let Annotations { of, attempt, .. } = *annotations;
         match *event {
-            Event::Input(Input::Open { at, deadline, .. }) => opens.push((at, deadline)),
-            Event::Input(Input::Result { at, p, .. }) => story.results.push((p, at)),
-            Event::Input(Input::Fail { at, p, .. }) => story.failures.push((p, at)),
+            Event::Input(Input::Open { at, deadline, .. }) => {
+                opens.push((at, (deadline, annotations.due(at))));
+            }
+            Event::Input(Input::Result { at, p, .. }) => results.push((p, at, of)),
+            Event::Input(Input::Fail { at, p, .. }) => failures.push((p, at, attempt)),
             Event::Decision(Decision::Request { at, p, due, .. }) => {
                 is_stranger |= p == 0 || p > 2;
-                story.requests.push((p, at, due));
+                requests.push((p, at, due, attempt));
             }
             Event::Decision(Decision::RefuseOpen { at, .. }) => drop(refusals.insert((at, i))),
             Event::Decision(Decision::Drop { at, p, why: DropReason::Unknown, .. }) => {
@@ -146,42 +272,67 @@ fn fate(commit: Commit, slack: Slack, end: u64, events: &[(Event, bool)]) -> Opt
             {
                 superseded.insert((p, at));
             }
-            Event::Decision(Decision::Emit { at, p, .. }) => story.outputs.push((Some(p), at)),
+            Event::Decision(Decision::Emit { at, p, .. }) => {
+                story.outputs.push((Some(p), at));
+                sent.push((p, at, of));
+            }
             Event::Decision(Decision::Miss { at, .. }) => story.outputs.push((None, at)),
             _ => {}
         }
     }
     let refused_from = refusals.iter().map(|(at, _)| *at).min();
     let opens = accepted(reach, &opens, &refusals);
-    let requested = story.requests.iter().map(|(_, at, _)| *at);
-    let out = story.outputs.iter().map(|(_, at)| *at);
-    let known = opens.iter().map(|(at, _)| *at).chain(requested).chain(out).min();
-    let counts = |fact: &(u64, u64)| {
-        let is_before = |at: u64| known.is_none_or(|known| at + reach < known);
-        let is_refused = refused_from.is_some_and(is_before);
-        let is_before = is_before(fact.1);
-        !unknown.contains(fact) && !((superseded.contains(fact) || is_refused) && is_before)
+    let opened = opens.iter().map(|(at, _)| (*at, own));
+    let out = story.outputs.iter().map(|(_, at)| (*at, own));
+    let requested = requests.iter().map(|(p, at, ..)| (*at, terms.slack.tolerance_of(*p)));
+    let known: Vec<(u64, u64)> = opened.chain(requested).chain(out).collect();
+    let is_before = |at: u64, tolerance: u64| {
+        known.iter().all(|(known, other)| at + tolerance + other + lateness < *known)
     };
-    story.results.retain(counts);
-    story.failures.retain(counts);
-    let was_refused =
-        refused_from.is_some_and(|refused| known.is_none_or(|known| known + reach >= refused));
+    let is_refused = refused_from.is_some_and(|refused| is_before(refused, own));
+    let counts = |p: u64, at: u64| {
+        let is_before = is_before(at, terms.slack.tolerance_of(p));
+        !unknown.contains(&(p, at))
+            && !((superseded.contains(&(p, at)) || is_refused) && is_before)
+    };
+    results.retain(|(p, at, _)| counts(*p, *at));
+    failures.retain(|(p, at, _)| counts(*p, *at));
+    // A refusal, unless something of it certainly came before.
+    let was_refused = refusals.iter().any(|(refused, _)| {
+        !known.iter().any(|(known, other)| known + other + own + lateness < *refused)
+    });
     if opens.is_empty() && was_refused {
-        let is_none = story.requests.is_empty() && story.outputs.is_empty();
+        let is_none = requests.is_empty() && story.outputs.is_empty();
         return (!is_none).then_some(MessageEnding::Breaks);
     }
-    if known.is_none() && story.results.is_empty() && story.failures.is_empty() {
+    if known.is_empty() && results.is_empty() && failures.is_empty() {
         return None;
     }
-    story.open = opens.first().copied();
-    if opens.len() > 1 || is_stranger || !story.is_explained(commit, slack, end) {
+    story.open = opens.first().map(|(at, (deadline, _))| (*at, *deadline));
+    story.requests = folded(&requests);
+    story.results = results.iter().map(|(p, at, _)| (*p, *at)).collect();
+    story.failures = failed(&requests, &failures);
+    let is_explained = story.is_explained(terms.commit, terms.slack.clone(), end);
+    if opens.len() > 1 || is_stranger || !is_explained {
+        return Some(MessageEnding::Breaks);
+    }
+    if sent.len() == 1 && is_value_wrong(terms, t, sent[0], &results) {
+        return Some(MessageEnding::Breaks);
+    }
+    // J2.
+    let due = opens.first().and_then(|(_, (_, due))| *due);
+    let is_late = due.is_some_and(|due| match story.outputs.first() {
+        Some((_, at)) => *at > due + reach,
+        None => end >= due + reach,
+    });
+    if is_late {
         return Some(MessageEnding::Breaks);
     }
     story.outputs.is_empty().then_some(MessageEnding::Open)
 }
 
-/// What the reference machine does, with instants that are off and lines out of order.
-fn traces() -> impl Strategy<Value = (Commit, Slack, Vec<Event>)> {
+/// What the reference machine does, with instants that are off, lines out of order and keys that are now and then wrong.
+fn traces() -> impl Strategy<Value = (Terms, Vec<RecordedEvent>)> {
     let input = prop_oneof![
         4 => (0..6_u64, option::of(1..30_u64))
             .prop_map(|(t, deadline)| Input::Open { at: 0, t, deadline }),
@@ -192,23 +343,27 @@ fn traces() -> impl Strategy<Value = (Commit, Slack, Vec<Event>)> {
         2 => (0..6_u64, 0..4_u64).prop_map(|(t, p)| Input::Fail { at: 0, t, p }),
         3 => Just(Input::Tick { at: 0 }),
     ];
-    let slack = (0..4_u64, 0..6_u64);
+    let slack = (0..4_u64, 0..6_u64, option::of((0..3_u64, 0..7_u64)));
     let steps = vec((0..12_u64, input), 1..40);
     let noise = vec((0..9_u64, 0..9_u64, 0..40_u8), 160);
-    (any::<bool>(), slack, steps, noise).prop_map(|(eager, (tolerance, lateness), steps, noise)| {
-        let commit = if eager { Commit::Eager } else { Commit::Patient };
-        let slack = Slack { tolerance, lateness };
-        (commit, slack, recorded(commit, slack, &steps, &noise))
-    })
+    let header = (any::<bool>(), prop::bool::weighted(0.2));
+    (header, slack, steps, noise).prop_map(
+        |((eager, without_local), (tolerance, lateness, other), steps, noise)| {
+            let commit = if eager { Commit::Eager } else { Commit::Patient };
+            let own = Slack { tolerance, lateness };
+            let terms = Terms::new(commit, own, other, without_local);
+            let events = recorded(&terms, &steps, &noise);
+            (terms, events)
+        },
+    )
 }
 
 fn recorded(
-    commit: Commit,
-    slack: Slack,
+    terms: &Terms,
     steps: &[(u64, Input)],
     noise: &[(u64, u64, u8)],
-) -> Vec<Event> {
-    let mut machine = Reference::new(&header(commit));
+) -> Vec<RecordedEvent> {
+    let mut machine = Reference::new(&header(terms.commit));
     let mut now = 20;
     let mut events = Vec::new();
     let mut noise = noise.iter().cycle();
@@ -220,21 +375,67 @@ fn recorded(
         let decided = demands.into_iter().map(|(decision, _)| Event::Decision(decision));
         for event in std::iter::once(Event::Input(input)).chain(decided) {
             let (off, late, odd) = noise.next().copied().unwrap_or_default();
-            let off = off % (2 * slack.tolerance + 1);
+            let tolerance = terms.tolerance(&event);
+            let off = off % (2 * tolerance + 1);
             // Now and then a line is lost, or later than it may be.
             if odd == 0 {
                 continue;
             }
             let is_output =
                 matches!(event, Event::Decision(Decision::Emit { .. } | Decision::Miss { .. }));
-            let late = if is_output { late % (slack.lateness + 1) } else { 0 };
+            let late = if is_output { late % (terms.own.lateness + 1) } else { 0 };
             let far = if odd == 1 { 25 } else { 0 };
-            events.push(moved(event, now + off - slack.tolerance + late + far));
+            let at = (now + off + late + far).saturating_sub(tolerance);
+            let annotations = annotations(&event, odd);
+            let again = again(&event, &annotations, odd, at);
+            events.push((moved(event, at), annotations));
+            events.extend(again);
         }
     }
-    // Out of order by less than twice the tolerance.
-    events.sort_by_key(|event| at(event) + at(event) * 7 % (2 * slack.tolerance + 1));
+    // Out of order by less than the tolerances of both.
+    events.sort_by_key(|(event, _)| {
+        let tolerance = terms.tolerance(event);
+        at(event) + 9 + at(event) * 7 % (2 * tolerance + 1) - tolerance
+    });
     events
+}
+
+/// The further keys of a line, some of them wrong.
+fn annotations(event: &Event, odd: u8) -> Annotations {
+    let mut annotations = Annotations::NONE;
+    match event {
+        Event::Input(Input::Open { .. }) if odd % 3 == 0 => {
+            annotations.within = Some(u64::from(odd));
+            annotations.age = (odd % 2 == 0).then_some(u64::from(odd / 3));
+        }
+        Event::Input(Input::Result { t, .. }) | Event::Decision(Decision::Emit { t, .. }) => {
+            annotations.of = match odd % 9 {
+                2 | 4 => Some(*t),
+                5 => Some(t.saturating_sub(1)),
+                7 if odd > 20 => Some(t.saturating_sub(2)),
+                _ => None,
+            };
+        }
+        Event::Input(Input::Fail { p, .. }) if *p > 0 && odd % 4 > 1 => {
+            annotations.attempt = Some(odd % 2);
+        }
+        Event::Decision(Decision::Request { .. }) if odd % 4 > 0 => annotations.attempt = Some(0),
+        _ => {}
+    }
+    annotations
+}
+
+/// A second attempt, or the failure of the other one.
+fn again(event: &Event, annotations: &Annotations, odd: u8, at: u64) -> Option<RecordedEvent> {
+    let other = match event {
+        Event::Decision(Decision::Request { .. }) if odd % 4 == 2 => Some(1),
+        // The same attempt a second time is one too many.
+        Event::Decision(Decision::Request { .. }) if odd == 27 => Some(0),
+        Event::Input(Input::Fail { .. }) if odd % 3 == 1 => Some(1 - annotations.attempt?),
+        _ => return None,
+    };
+    let later = at + u64::from(odd % 5);
+    Some((moved(*event, later), Annotations { attempt: other, ..Annotations::NONE }))
 }
 
 fn redated(mut input: Input, now: u64) -> Input {
@@ -260,34 +461,34 @@ proptest! {
 
     #[test]
     fn what_is_judged_along_the_way_is_what_a_look_at_the_whole_trace_finds(
-        (commit, slack, events) in traces()
+        (terms, events) in traces()
     ) {
-        let verdict = judged(commit, slack, &events).expect("it is in order");
-        prop_assert_eq!(broken(&verdict), naive(commit, slack, end(&events), &events)[0].clone(), "{:#?}", events);
+        let verdict = judged(&terms, &events).expect("it is in order");
+        prop_assert_eq!(broken(&verdict), naive(&terms, terms.end(&events), &events)[0].clone(), "{:#?}", events);
         prop_assert_eq!(verdict.unfinished, None);
     }
 
     /// Once the run is known to have ended, nothing more is to come.
     #[test]
     fn what_an_ended_run_owes_is_what_a_look_at_the_whole_trace_finds(
-        (commit, slack, events) in traces()
+        (terms, events) in traces()
     ) {
-        let judge = read(commit, slack, None, &events).expect("it is in order");
+        let judge = read(&terms, None, &events).expect("it is in order");
         let verdict = judge.finish_ended();
-        let [breaks, open] = naive(commit, slack, u64::MAX, &events);
+        let [breaks, open] = naive(&terms, u64::MAX, &events);
         prop_assert_eq!(broken(&verdict), breaks, "{:#?}", events);
         prop_assert_eq!(verdict.unfinished, Some(open.len() as u64), "{:#?}", events);
     }
 
     /// J1.
     #[test]
-    fn gaps_are_those_that_a_look_at_all_opens_finds((commit, slack, events) in traces(), period in 0..60_u64) {
-        let judge = read(commit, slack, Some(period), &events).expect("it is in order");
+    fn gaps_are_those_that_a_look_at_all_opens_finds((terms, events) in traces(), period in 0..60_u64) {
+        let judge = read(&terms, Some(period), &events).expect("it is in order");
         let verdict = judge.finish();
         let found = verdict.violations.iter().filter(|found| found.rule == BrokenRule::J1).count();
-        let most = period + slack.lateness + 2 * slack.tolerance;
-        prop_assert_eq!(found, gaps(most, slack, &events), "{:#?}", events);
-        let others = naive(commit, slack, end(&events), &events);
+        let most = period + terms.own.lateness + 2 * terms.own.tolerance;
+        prop_assert_eq!(found, gaps(most, &terms, &events), "{:#?}", events);
+        let others = naive(&terms, terms.end(&events), &events);
         prop_assert_eq!(broken(&verdict), others[0].clone(), "they change nothing else");
     }
 
@@ -297,11 +498,13 @@ proptest! {
         commit in prop::sample::select(&Commit::ALL[..]),
         tolerance in number(),
         lateness in number(),
-        events in vec(event(), 0..24),
+        other in option::of((0..4_u64, number())),
+        without_local in any::<bool>(),
+        events in vec((event(), any_annotations()), 0..24),
     ) {
-        let slack = Slack { tolerance, lateness };
+        let terms = Terms::new(commit, Slack { tolerance, lateness }, other, without_local);
         for (period, is_ended) in [(None, false), (None, true), (Some(0), false), (Some(u64::MAX), true)] {
-            let Ok(judge) = read(commit, slack, period, &events) else { continue };
+            let Ok(judge) = read(&terms, period, &events) else { continue };
             let verdict = if is_ended { judge.finish_ended() } else { judge.finish() };
             prop_assert_eq!(verdict.conforms, verdict.violations.is_empty() && verdict.judged > 0);
             let is_told = |found: &Violation| found.t.is_none() || !found.story.is_empty();
@@ -316,6 +519,13 @@ fn number() -> impl Strategy<Value = u64> {
         1 => Just(u64::MAX / 2),
         2 => u64::MAX - 2..=u64::MAX,
     ]
+}
+
+fn any_annotations() -> impl Strategy<Value = Annotations> {
+    let n = || option::weighted(0.3, number());
+    (n(), option::weighted(0.3, 0..3_u8), n(), n()).prop_map(|(of, attempt, within, age)| {
+        Annotations { of, attempt, within, age, origin: None }
+    })
 }
 
 fn event() -> impl Strategy<Value = Event> {

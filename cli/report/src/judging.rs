@@ -1,7 +1,9 @@
 //! Either judge, line by line, and what it found.
 
 use fuseline_traces::observed::{self, Slack, TimeOrderError};
-use fuseline_traces::{Event, Header, Judge, Rule, Verdict, Violation, ViolationPlace};
+use fuseline_traces::{
+    Annotations, Event, Header, HeaderAnnotations, Judge, Rule, Verdict, Violation, ViolationPlace,
+};
 use serde::Serialize;
 
 /// How a trace is judged: strictly, or as observed within this.
@@ -82,6 +84,25 @@ impl TraceJudge {
         }
     }
 
+    /// The same, of a trace whose header has these further keys.
+    #[must_use]
+    pub fn with_header_annotations(self, annotations: &HeaderAnnotations) -> Self {
+        match self {
+            Self::Strict(judge) => Self::Strict(judge.with_header_annotations(annotations)),
+            Self::Observed(judge) => Self::Observed(judge.with_header_annotations(annotations)),
+        }
+    }
+
+    /// The same, where the stamps of source `p` have an error of their own, in nanoseconds; 0 is local. The strict judge
+    /// takes stamps as they are.
+    #[must_use]
+    pub fn with_tolerance_of(self, p: u64, tolerance: u64) -> Self {
+        match self {
+            Self::Strict(_) => self,
+            Self::Observed(judge) => Self::Observed(judge.with_tolerance_of(p, tolerance)),
+        }
+    }
+
     /// The same, which also notes where each violation is beyond those that it reports in full.
     #[must_use]
     pub fn with_places(self) -> Self {
@@ -91,14 +112,27 @@ impl TraceJudge {
         }
     }
 
-    /// Judges the next line.
+    /// Judges the next line, which has no further keys.
     ///
     /// # Errors
     /// If an observed trace is further out of order than its tolerance.
     pub fn line(&mut self, line: u64, event: &Event) -> Result<(), TimeOrderError> {
+        self.annotated_line(line, event, &Annotations::NONE)
+    }
+
+    /// Judges the next line, which has these further keys.
+    ///
+    /// # Errors
+    /// If an observed trace is further out of order than its tolerance.
+    pub fn annotated_line(
+        &mut self,
+        line: u64,
+        event: &Event,
+        annotations: &Annotations,
+    ) -> Result<(), TimeOrderError> {
         match self {
-            Self::Strict(judge) => judge.line(line, event),
-            Self::Observed(judge) => judge.line(line, event)?,
+            Self::Strict(judge) => judge.annotated_line(line, event, annotations),
+            Self::Observed(judge) => judge.annotated_line(line, event, annotations)?,
         }
         Ok(())
     }

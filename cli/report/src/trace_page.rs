@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use fuseline_traces::observed::TimeOrderError;
-use fuseline_traces::{Event, Header};
+use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations};
 use thiserror::Error;
 
 use crate::columns::{Columns, PageTrace};
@@ -82,14 +82,41 @@ impl TracePage<'_> {
         self
     }
 
-    /// Takes the next event, with its line.
+    /// The same, of a trace whose header has these further keys; see [`TraceJudge::with_header_annotations`].
+    #[must_use]
+    pub fn with_header_annotations(mut self, annotations: &HeaderAnnotations) -> Self {
+        self.judging = self.judging.with_header_annotations(annotations);
+        self
+    }
+
+    /// The same, where a source's stamps have an error of their own; see [`TraceJudge::with_tolerance_of`].
+    #[must_use]
+    pub fn with_tolerance_of(mut self, p: u64, tolerance: u64) -> Self {
+        self.judging = self.judging.with_tolerance_of(p, tolerance);
+        self
+    }
+
+    /// Takes the next event, with its line and no further keys.
     ///
     /// # Errors
     /// If the page is full, or an observed trace is further out of order than its tolerance.
     pub fn event(&mut self, line: u64, event: Event) -> Result<(), PageError> {
+        self.annotated_event(line, event, &Annotations::NONE)
+    }
+
+    /// Takes the next event, with its line and its further keys, by which it is judged; the page does not show them.
+    ///
+    /// # Errors
+    /// If the page is full, or an observed trace is further out of order than its tolerance.
+    pub fn annotated_event(
+        &mut self,
+        line: u64,
+        event: Event,
+        annotations: &Annotations,
+    ) -> Result<(), PageError> {
         let too_long = || PageError::TooLong { file: self.name.clone() };
         self.room = self.room.checked_sub(1).ok_or_else(too_long)?;
-        self.judging.line(line, &event)?;
+        self.judging.annotated_line(line, &event, annotations)?;
         self.columns.push(event);
         Ok(())
     }

@@ -3,9 +3,8 @@
 use std::io::Read;
 
 use fuseline_traces::rows::{Columns, RowError, Rows};
-use fuseline_traces::{Event, Header};
 
-use crate::convert::recorded::{ConvertError, Recorded};
+use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Recorded};
 use crate::fault::Fault;
 
 /// A CSV file that is being read; it has no header of its own.
@@ -22,12 +21,13 @@ impl<'a, R: Read> Table<'a, R> {
 }
 
 impl<R: Read> Recorded for Table<'_, R> {
-    fn header(&mut self) -> Result<Option<Header>, Fault> {
+    fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
         Ok(None)
     }
 
-    fn next_event(&mut self) -> Result<Option<Event>, Fault> {
-        self.rows.next_event().map_err(|error| row(self.file, error).into())
+    fn next_event(&mut self) -> Result<Option<AnnotatedEvent>, Fault> {
+        let event = self.rows.next_event().map_err(|error| row(self.file, error))?;
+        Ok(event.map(|event| (event, self.rows.annotations().clone())))
     }
 }
 

@@ -3,9 +3,9 @@
 use std::io::Read;
 
 use fuseline_traces::packed::{MessageError, Messages};
-use fuseline_traces::{Event, Header, Line};
+use fuseline_traces::Line;
 
-use crate::convert::recorded::{ConvertError, Recorded};
+use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Recorded};
 use crate::fault::Fault;
 
 /// An MCAP file that is being read.
@@ -13,7 +13,7 @@ pub(crate) struct Recording<'a, R> {
     file: &'a str,
     messages: Messages<'a, R>,
     /// The first event, if it came where a header was expected.
-    first: Option<Event>,
+    first: Option<AnnotatedEvent>,
 }
 
 impl<'a, R: Read> Recording<'a, R> {
@@ -36,24 +36,26 @@ impl<'a, R: Read> Recording<'a, R> {
 }
 
 impl<R: Read> Recorded for Recording<'_, R> {
-    fn header(&mut self) -> Result<Option<Header>, Fault> {
+    fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
         match self.line()? {
-            Some(Line::Header(header)) => Ok(Some(header)),
+            Some(Line::Header(header)) => {
+                Ok(Some((header, self.messages.header_annotations().clone())))
+            }
             Some(Line::Event(event)) => {
-                self.first = Some(event);
+                self.first = Some((event, self.messages.annotations().clone()));
                 Ok(None)
             }
             None => Err(self.fault(&self.messages.none()).into()),
         }
     }
 
-    fn next_event(&mut self) -> Result<Option<Event>, Fault> {
+    fn next_event(&mut self) -> Result<Option<AnnotatedEvent>, Fault> {
         if let Some(event) = self.first.take() {
             return Ok(Some(event));
         }
         match self.line()? {
             None => Ok(None),
-            Some(Line::Event(event)) => Ok(Some(event)),
+            Some(Line::Event(event)) => Ok(Some((event, self.messages.annotations().clone()))),
             Some(Line::Header(_)) => {
                 let (file, number) = (self.file.to_owned(), self.messages.number());
                 let message =

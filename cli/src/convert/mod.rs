@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use fuseline_traces::rows::{self, Columns, Unit};
-use fuseline_traces::{Decision, Event, Events, Header, Input};
+use fuseline_traces::{Decision, Event, Events, Input};
 
 use crate::convert::csv::Table;
-use crate::convert::recorded::{ConvertError, Recorded};
+use crate::convert::recorded::{AnnotatedHeader, ConvertError, Recorded};
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::{is_standard, open};
@@ -21,8 +21,8 @@ use crate::output::{Output, Overwrite, refuse_onto_stdout};
 #[derive(clap::Args)]
 #[command(after_help = "\
 A CSV file has a row an event and names its columns in its first row. The columns at, ev, t, p, due,
-deadline, backlog and why are read, those that a row's event has; --column gives one another
-name. An MCAP file has a JSON channel, /fuseline/trace, each message a line of a trace; a message
+deadline, backlog, why, of, try, within, age, origin and seq are read, those that a row's event has;
+--column gives one another name. An MCAP file has a JSON channel, /fuseline/trace, each message a line of a trace; a message
 without at has its log time. Its first message may be the header.
 
 The header is the trace's first line: it tells the clouds and the commit rule.
@@ -93,7 +93,8 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let header = match &args.header {
         Some(path) => {
             let (name, file) = open(path)?;
-            Some(Events::observed(name, BufReader::new(file))?.header().clone())
+            let events = Events::observed(name, BufReader::new(file))?;
+            Some((events.header().clone(), events.header_annotations().clone()))
         }
         None => own,
     };
@@ -123,7 +124,7 @@ fn format_of(path: &Path) -> Option<Format> {
 
 fn write(
     out: &mut dyn Write,
-    header: &Header,
+    (header, annotations): &AnnotatedHeader,
     recorded: &mut dyn Recorded,
     sort: bool,
 ) -> Result<(), Fault> {
@@ -134,18 +135,18 @@ fn write(
         line.push(b'\n');
         out.write_all(&line).map_err(Fault::Output)
     };
-    put(&|line| header.write(line))?;
+    put(&|line| header.write_annotated(annotations, line))?;
     let mut events = Vec::new();
-    while let Some(event) = recorded.next_event()? {
+    while let Some((event, annotations)) = recorded.next_event()? {
         if sort {
-            events.push(event);
+            events.push((event, annotations));
         } else {
-            put(&|line| event.write(line))?;
+            put(&|line| event.write_annotated(&annotations, line))?;
         }
     }
-    events.sort_by_key(at);
-    for event in events {
-        put(&|line| event.write(line))?;
+    events.sort_by_key(|(event, _)| at(event));
+    for (event, annotations) in events {
+        put(&|line| event.write_annotated(&annotations, line))?;
     }
     out.flush().map_err(Fault::Output)
 }

@@ -1,16 +1,21 @@
 //! What the readers of recordings have in common: their interface and their errors.
 
-use fuseline_traces::{Event, Header};
+use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations};
 use thiserror::Error;
 
 use crate::fault::Fault;
 
+/// A header with its further keys.
+pub(super) type AnnotatedHeader = (Header, HeaderAnnotations);
+/// An event with its further keys.
+pub(super) type AnnotatedEvent = (Event, Annotations);
+
 /// A recording being read: a header, if it has one, then events.
 pub(super) trait Recorded {
     /// The recording's own header, if it has one.
-    fn header(&mut self) -> Result<Option<Header>, Fault>;
+    fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault>;
     /// The next event; none at the end.
-    fn next_event(&mut self) -> Result<Option<Event>, Fault>;
+    fn next_event(&mut self) -> Result<Option<AnnotatedEvent>, Fault>;
 }
 
 /// Why something recorded cannot be converted.

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use fuseline_traces::Events;
 use fuseline_traces::packed::unpack;
 
+use crate::complain::complain;
 use crate::exit::Exit;
 use crate::export::mcap::Messages;
 use crate::export::perfetto::Tracks;
@@ -60,7 +61,8 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     let (name, file) = open(&args.file)?;
     let trace = unpack(BufReader::new(file));
     let trace = trace.map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let mut reader = Events::observed(name, trace)?;
+    let mut reader = Events::observed(name.as_str(), trace)?;
+    let mut is_annotated = !reader.header_annotations().is_empty();
     output.write(|out| {
         let mut writer: Box<dyn Writer> = if args.viewer.mcap {
             Box::new(Messages::new(out, reader.header()).map_err(Fault::Output)?)
@@ -69,8 +71,13 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
         };
         while let Some(event) = reader.next_event()? {
             writer.event(&event).map_err(Fault::Output)?;
+            is_annotated |= !reader.annotations().is_empty();
         }
         writer.finish().map_err(Fault::Output)
     })?;
+    if is_annotated {
+        const LEFT_OUT: &str = "of, try, within, age, origin, seq, max_age and local are left out";
+        complain(format_args!("note: {name}: {LEFT_OUT}; the viewer's file has no place for them"));
+    }
     Ok(Exit::Conforms)
 }

@@ -3,7 +3,7 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
-use super::story::Slack;
+use super::slack::Slack;
 
 /// Goes through the instants at which timestamps were opened, in the order of time.
 ///

@@ -11,22 +11,20 @@ use rangemap::RangeInclusiveSet;
 
 use super::gap::{Gap, Gaps, Opened};
 use super::open::{OpenMessageHistory, WholeMessageHistory};
-use super::story::Slack;
+use super::slack::{Slack, SourceSlack};
 use super::verdict::{BrokenRule, Verdict, Violation};
 use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
+use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Decision, Event, Header, Input};
 use crate::judge::ViolationPlace;
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
+use crate::recent::RecentLines;
 
 /// How many violations a verdict lists; it counts the rest.
 const VIOLATIONS: usize = 100;
 /// How many timestamps that broke the rules wait for what may come out of them too late.
 const OVERDUE: usize = 1024;
-/// How many lines back a story is looked for.
-const RECENT: usize = 16 * 1024;
-/// How many lines a story has.
-const STORY: usize = 12;
 
 /// Judges one trace, line after line.
 ///
@@ -36,11 +34,14 @@ const STORY: usize = 12;
 #[derive(Debug)]
 pub struct Judge {
     header: Header,
-    slack: Slack,
+    annotations: HeaderAnnotations,
+    slack: SourceSlack,
     /// Whether an open was read.
     records_opens: bool,
-    /// The greatest instant so far.
+    /// The greatest instant so far, as far as the operator's own stamps may be off.
     greatest: u64,
+    /// The greatest instant that certainly has passed.
+    passed: u64,
     open: BTreeMap<u64, OpenMessageHistory>,
     /// When each can be judged, or could before it got another line.
     ripening: BinaryHeap<Reverse<(u64, u64)>>,
@@ -52,7 +53,7 @@ pub struct Judge {
     refused: RangeInclusiveSet<u64>,
     /// If a period is known.
     gaps: Option<Gaps>,
-    recent: VecDeque<(u64, Event)>,
+    recent: RecentLines,
     /// Whether the places of all violations are wanted.
     keeps_places: bool,
     verdict: Verdict,
@@ -72,8 +73,8 @@ pub enum JudgeError {
 /// A line that stands further out of order than the tolerance explains.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error(
-    "{file}:{line}:1: at {at} after a line at {greatest}, more than twice the tolerance of {tolerance} ns; sort the \
-     lines, or give a greater tolerance"
+    "{file}:{line}:1: at {at} after a line at {greatest}, more than the tolerances of both, {tolerance} ns in all; sort \
+     the lines, or give a greater tolerance"
 )]
 pub struct TimeOrderError {
     /// The name that the trace was given.
@@ -84,7 +85,7 @@ pub struct TimeOrderError {
     pub at: u64,
     /// The greatest instant before it.
     pub greatest: u64,
-    /// The error that instants may have, either way.
+    /// The errors that the two instants may have, together.
     pub tolerance: u64,
 }
 
@@ -94,9 +95,10 @@ pub struct TimeOrderError {
 /// If the trace cannot be read to its end, or is out of order.
 pub fn judge(file: &str, slack: Slack, trace: impl BufRead) -> Result<Verdict, JudgeError> {
     let mut reader = Events::observed(file, trace)?;
-    let mut judge = Judge::new(file, reader.header(), slack);
+    let mut judge = Judge::new(file, reader.header(), slack)
+        .with_header_annotations(reader.header_annotations());
     while let Some(event) = reader.next_event()? {
-        judge.line(reader.line(), &event)?;
+        judge.annotated_line(reader.line(), &event, reader.annotations())?;
     }
     let mut verdict = judge.finish();
     verdict.violations.sort_by_key(|violation| violation.line);
@@ -109,16 +111,18 @@ impl Judge {
     pub fn new(file: impl Into<String>, header: &Header, slack: Slack) -> Self {
         Self {
             header: header.clone(),
-            slack,
+            annotations: HeaderAnnotations::default(),
+            slack: slack.into(),
             records_opens: false,
             greatest: 0,
+            passed: 0,
             open: BTreeMap::new(),
             ripening: BinaryHeap::new(),
             overdue: VecDeque::new(),
             ended: RangeInclusiveSet::new(),
             refused: RangeInclusiveSet::new(),
             gaps: None,
-            recent: VecDeque::new(),
+            recent: RecentLines::default(),
             keeps_places: false,
             verdict: Verdict {
                 file: file.into(),
@@ -144,29 +148,52 @@ impl Judge {
     /// the first line.
     #[must_use]
     pub fn with_period(mut self, period: u64) -> Self {
-        self.gaps = Some(Gaps::new(period, self.slack));
+        self.gaps = Some(Gaps::new(period, self.slack.own()));
         self
     }
 
-    /// Judges the next line, which has this number.
+    /// The same judge, of a trace whose header has these further keys; to be called before the first line.
+    #[must_use]
+    pub fn with_header_annotations(mut self, annotations: &HeaderAnnotations) -> Self {
+        self.annotations = annotations.clone();
+        self
+    }
+
+    /// The same judge, where the stamps of source `p` have an error of their own; 0 is local. To be called before the first
+    /// line.
+    #[must_use]
+    pub fn with_tolerance_of(mut self, p: u64, tolerance: u64) -> Self {
+        self.slack = self.slack.with_tolerance_of(p, tolerance);
+        self
+    }
+
+    /// Judges the next line, which has this number and no further keys.
     ///
     /// # Errors
-    /// If its instant is more than twice the tolerance before one that was read.
+    /// If its instant is more than the tolerances of both before one that was read.
     pub fn line(&mut self, line: u64, event: &Event) -> Result<(), TimeOrderError> {
-        let at = at(event);
-        let before = self.slack.tolerance.saturating_mul(2);
-        let since = self.greatest.saturating_sub(before);
-        if at < since {
-            let (file, tolerance) = (self.verdict.file.clone(), self.slack.tolerance);
-            return Err(TimeOrderError { file, line, at, greatest: self.greatest, tolerance });
+        self.annotated_line(line, event, &Annotations::NONE)
+    }
+
+    /// Judges the next line, which has this number and these further keys.
+    ///
+    /// # Errors
+    /// If its instant is more than the tolerances of both before one that was read.
+    pub fn annotated_line(
+        &mut self,
+        line: u64,
+        event: &Event,
+        annotations: &Annotations,
+    ) -> Result<(), TimeOrderError> {
+        let (at, own) = (at(event), self.slack.tolerance());
+        let tolerance = source(event).map_or(own, |p| self.slack.tolerance_of(p));
+        if at.saturating_add(tolerance) < self.passed {
+            return Err(self.out_of_order(line, at, tolerance));
         }
-        if self.recent.len() == RECENT {
-            self.recent.pop_front();
-        }
-        self.recent.push_back((line, *event));
+        self.recent.push(line, event, annotations);
         self.verdict.lines = line;
         if let Some(t) = event.t() {
-            self.take(t, line, event, since);
+            self.take(t, line, event, annotations);
         }
         if let Some(gaps) = &mut self.gaps {
             gaps.sees(at);
@@ -174,12 +201,21 @@ impl Judge {
                 gaps.opens(Opened { at, line, t });
             }
         }
+        self.passed = self.passed.max(at.saturating_sub(tolerance));
+        // A stamp that may be further off does not bring the end nearer.
+        let at = at.saturating_sub(tolerance.saturating_sub(own));
         if at > self.greatest {
             self.greatest = at;
             self.settle(Some(at));
             self.ripen();
         }
         Ok(())
+    }
+
+    fn out_of_order(&self, line: u64, at: u64, tolerance: u64) -> TimeOrderError {
+        let both = tolerance.saturating_add(self.greatest.saturating_sub(self.passed));
+        let file = self.verdict.file.clone();
+        TimeOrderError { file, line, at, greatest: self.greatest, tolerance: both }
     }
 
     /// The verdict so far; timestamps that may still get a line do not count yet.
@@ -224,17 +260,18 @@ impl Judge {
     }
 
     /// Notes a line of a timestamp.
-    fn take(&mut self, t: u64, line: u64, event: &Event, since: u64) {
+    fn take(&mut self, t: u64, line: u64, event: &Event, annotations: &Annotations) {
         if !self.open.contains_key(&t) && !self.begins(t, event) {
             return;
         }
         let clouds = &self.header.clouds;
         let is_cloud = |p| clouds.iter().any(|cloud| u64::from(cloud.p) == p);
         let open = self.open.entry(t).or_default();
-        open.take(line, event, is_cloud, self.records_opens);
+        open.take(line, event, annotations, is_cloud, self.records_opens);
         self.records_opens |= matches!(event, Event::Input(Input::Open { .. }));
-        open.compact(since);
-        open.ripe = open.ripens(self.slack);
+        // No line is before that any more.
+        open.compact(self.passed.saturating_sub(self.slack.greatest()));
+        open.ripe = open.ripens(&self.slack);
         if !open.is_queued {
             open.is_queued = true;
             self.ripening.push(Reverse((open.ripe, t)));
@@ -289,7 +326,7 @@ impl Judge {
                 continue;
             }
             let end = self.certain();
-            if !open.is_overdue && !whole.story.is_explained(self.header.commit, self.slack, end) {
+            if !open.is_overdue && self.violation(t, &whole, end).is_some() {
                 open.is_overdue = true;
                 self.overdue.push_back(t);
             }
@@ -304,8 +341,9 @@ impl Judge {
     }
 
     /// What may come yet has its true instant after this.
-    const fn certain(&self) -> u64 {
-        self.greatest.saturating_sub(self.slack.tolerance.saturating_mul(3).saturating_add(1))
+    fn certain(&self) -> u64 {
+        let greatest = self.slack.greatest();
+        self.passed.saturating_sub(greatest.saturating_mul(2).saturating_add(1))
     }
 
     /// Whether a timestamp is not open, nothing having come out: it was refused, never opened, or retired before.
@@ -318,7 +356,18 @@ impl Judge {
     }
 
     fn whole(&self, t: u64, open: &OpenMessageHistory) -> WholeMessageHistory {
-        open.whole(self.slack, self.refused.contains(&t))
+        let mut whole = open.whole(&self.slack, self.refused.contains(&t));
+        whole.story.without_local = self.annotations.without_local;
+        whole
+    }
+
+    fn violation(
+        &self,
+        t: u64,
+        whole: &WholeMessageHistory,
+        end: u64,
+    ) -> Option<UnlocatedViolation> {
+        of_story(t, whole, (self.header.commit, &self.annotations), &self.slack, end)
     }
 
     /// Judges a timestamp; `end` is the greatest instant that its trace is known to have.
@@ -327,7 +376,7 @@ impl Judge {
             self.overdue.retain(|overdue| *overdue != t);
         }
         if let Some(gaps) = &mut self.gaps {
-            open.refused(t, self.slack).into_iter().for_each(|opened| gaps.refuses(opened));
+            open.refused(t, &self.slack).into_iter().for_each(|opened| gaps.refuses(opened));
         }
         let unplaced = if self.ended.contains(&t) {
             of_again(t, whole)
@@ -339,7 +388,7 @@ impl Judge {
         } else {
             self.ended.insert(t..=t);
             self.refused.remove(t..=t);
-            let unplaced = of_story(t, whole, self.header.commit, self.slack, end);
+            let unplaced = self.violation(t, whole, end);
             match &mut self.verdict.unfinished {
                 // P7: what breaks nothing and is open to the end of time waits for local.
                 Some(unfinished) if unplaced.is_none() && !open.has_come_out() => *unfinished += 1,
@@ -366,13 +415,13 @@ impl Judge {
             // One that is done with has reported what was refused.
             let open = self.open.get(&t).filter(|open| open.has_open(line));
             let may_change = |open: &OpenMessageHistory| {
-                greatest.is_some_and(|it| open.opens_by(self.slack) >= it)
+                greatest.is_some_and(|it| open.opens_by(&self.slack) >= it)
             };
             if open.is_some_and(may_change) {
                 break;
             }
             let is_accepted =
-                open.is_none_or(|open| !open.refused(t, self.slack).contains(&opened));
+                open.is_none_or(|open| !open.refused(t, &self.slack).contains(&opened));
             if let Some(gap) = gaps.settle(is_accepted) {
                 self.tell_gap(line, Some(t), gap);
             }
@@ -381,14 +430,14 @@ impl Judge {
 
     fn tell_gap(&mut self, line: u64, t: Option<u64>, gap: Gap) {
         let (found, expected, late) = (gap.found(), gap.expected(), Some(gap.excess()));
-        let story = t.map_or_else(Vec::new, |t| self.story(t));
+        let story = t.map_or_else(Vec::new, |t| self.recent.story(t, None));
         self.violate(Violation { line, t, rule: BrokenRule::J1, found, expected, late, story });
     }
 
     fn tell(&mut self, t: u64, open: &OpenMessageHistory, unplaced: UnlocatedViolation) {
         let UnlocatedViolation { line, rule, found, expected, late } = unplaced;
         let line = line.unwrap_or(open.line);
-        let story = self.story(t);
+        let story = self.recent.story(t, None);
         self.violate(Violation { line, t: Some(t), rule, found, expected, late, story });
     }
 
@@ -404,16 +453,6 @@ impl Judge {
             self.verdict.violations.push(violation);
         }
     }
-
-    /// The last lines of a timestamp.
-    fn story(&self, t: u64) -> Vec<String> {
-        let reported: Vec<_> =
-            self.recent.iter().filter(|(_, event)| event.t() == Some(t)).collect();
-        let left_out = reported.len().saturating_sub(STORY);
-        let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
-        let lines = reported.iter().skip(left_out).map(|(line, event)| format!("{line}: {event}"));
-        lead.into_iter().chain(lines).collect()
-    }
 }
 
 /// When the line was written, or its decision made.
@@ -421,6 +460,25 @@ const fn at(event: &Event) -> u64 {
     match event {
         Event::Input(input) => input.at(),
         Event::Decision(decision) => decision.at(),
+    }
+}
+
+/// The source whose clock or call it is that stamped the line; none if it is the operator.
+const fn source(event: &Event) -> Option<u64> {
+    match event {
+        Event::Input(Input::Result { p, .. } | Input::Fail { p, .. })
+        | Event::Decision(Decision::Request { p, .. }) => Some(*p),
+        Event::Input(Input::Open { .. } | Input::Offer { .. } | Input::Tick { .. })
+        | Event::Decision(
+            Decision::Timer { .. }
+            | Decision::RefuseOpen { .. }
+            | Decision::RefuseOffer { .. }
+            | Decision::Hold { .. }
+            | Decision::Drop { .. }
+            | Decision::Emit { .. }
+            | Decision::Miss { .. }
+            | Decision::Cancel { .. },
+        ) => None,
     }
 }
 

@@ -2,10 +2,13 @@
 //!
 //! Facts that no longer decide anything are left out, so that memory is bounded.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
+use super::attempts::{AttemptFailure, Request, folded_failures, folded_requests};
 use super::gap::Opened;
-use super::story::{MessageHistory, Slack};
+use super::slack::SourceSlack;
+use super::story::MessageHistory;
+use crate::annotations::Annotations;
 use crate::event::{Decision, Event, Input};
 use crate::reason::DropReason;
 
@@ -20,13 +23,11 @@ pub(super) struct OpenMessageHistory {
     opens: Vec<OpenTimestamp>,
     /// When an open was refused.
     refusals: Vec<u64>,
-    /// The clouds requested, when, and with which due instant.
-    requests: Vec<(u64, u64, u64)>,
+    requests: Vec<Request>,
     came: BTreeSet<RequestClosing>,
     /// The drop lines: their results and failures count for nothing.
     dropped: BTreeSet<Dropped>,
-    /// What came out and when, with the line.
-    outputs: Vec<(Option<u64>, u64, u64)>,
+    outputs: Vec<Output>,
     /// The line of a request to a cloud that is not registered, with its priority.
     stranger: Option<(u64, u64)>,
     /// The last line of it.
@@ -42,7 +43,20 @@ pub(super) struct OpenMessageHistory {
 struct OpenTimestamp {
     at: u64,
     deadline: Option<u64>,
+    /// By when its own deadline wants an output (J2).
+    due: Option<u64>,
     line: u64,
+}
+
+/// What came out.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Output {
+    /// Whose result was sent; none for a miss.
+    pub(super) p: Option<u64>,
+    pub(super) at: u64,
+    /// Of which timestamp its value is, as it says itself.
+    pub(super) of: Option<u64>,
+    pub(super) line: u64,
 }
 
 /// A result or a failure.
@@ -52,6 +66,9 @@ struct RequestClosing {
     at: u64,
     is_result: bool,
     is_superseded: bool,
+    attempt: Option<u8>,
+    /// Of which timestamp a result's value is.
+    of: Option<u64>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -65,8 +82,14 @@ struct Dropped {
 #[derive(Debug)]
 pub(super) struct WholeMessageHistory {
     pub(super) story: MessageHistory,
-    /// The lines of what came out.
-    pub(super) lines: Vec<u64>,
+    /// What came out, with its lines.
+    pub(super) outputs: Vec<Output>,
+    /// Of which timestamps the values of results are: source, instant, and none if the result does not say.
+    pub(super) values: Vec<(u64, u64, Option<u64>)>,
+    /// By when the message's own deadline wants an output (J2).
+    pub(super) due: Option<u64>,
+    /// Whether anything of it failed, an attempt among others too.
+    pub(super) has_failed: bool,
     /// The line of an open beside the first.
     pub(super) second_open: Option<u64>,
     /// The line of a request to a cloud that is not registered, with its priority.
@@ -80,22 +103,25 @@ impl OpenMessageHistory {
         &mut self,
         line: u64,
         event: &Event,
+        annotations: &Annotations,
         is_cloud: impl Fn(u64) -> bool,
         records_opens: bool,
     ) {
         self.line = line;
         let known = |p| if p == 0 || is_cloud(p) { p } else { STRANGER };
+        let &Annotations { of, attempt, .. } = annotations;
         match *event {
             Event::Input(Input::Open { at, deadline, .. }) => {
-                self.opens.push(OpenTimestamp { at, deadline, line });
+                self.opens.push(OpenTimestamp { at, deadline, due: annotations.due(at), line });
             }
-            Event::Input(Input::Result { at, p, .. }) => self.comes(known(p), at, true),
-            Event::Input(Input::Fail { at, p, .. }) => self.comes(known(p), at, false),
+            Event::Input(Input::Result { at, p, .. }) => {
+                self.comes(RequestClosing::new(known(p), at, true, attempt, of));
+            }
+            Event::Input(Input::Fail { at, p, .. }) => {
+                self.comes(RequestClosing::new(known(p), at, false, attempt, None));
+            }
             Event::Decision(Decision::Request { at, p, due, .. }) if is_cloud(p) => {
-                // One more than there may be shows that one is requested twice.
-                if self.requests.len() <= MANY {
-                    self.requests.push((p, at, due));
-                }
+                self.requests(Request { p, at, due, attempt });
             }
             Event::Decision(Decision::Request { p, .. }) => {
                 self.stranger.get_or_insert((line, p));
@@ -109,8 +135,12 @@ impl OpenMessageHistory {
                 | DropReason::Duplicate
                 | DropReason::Late => {}
             },
-            Event::Decision(Decision::Emit { at, p, .. }) => self.comes_out(Some(p), at, line),
-            Event::Decision(Decision::Miss { at, .. }) => self.comes_out(None, at, line),
+            Event::Decision(Decision::Emit { at, p, .. }) => {
+                self.comes_out(Output { p: Some(p), at, of, line });
+            }
+            Event::Decision(Decision::Miss { at, .. }) => {
+                self.comes_out(Output { p: None, at, of: None, line });
+            }
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
             | Event::Decision(
                 Decision::Timer { .. }
@@ -127,14 +157,28 @@ impl OpenMessageHistory {
     pub(super) fn compact(&mut self, until: u64) {
         let is_due = |len: usize| len >= MANY && len.is_power_of_two();
         if is_due(self.came.len()) {
-            let mut seen = BTreeSet::new();
+            let newest = self.newest_before(until);
+            let (mut seen, mut kept) = (BTreeSet::new(), BTreeSet::new());
             self.came.retain(|came| {
-                seen.insert((came.p, came.is_result, came.is_superseded)) || came.at >= until
+                let is_newest = came.is_result && newest.get(&came.p) == Some(&came.claim());
+                seen.insert((came.p, came.is_result, came.is_superseded, came.attempt))
+                    || came.at >= until
+                    || (is_newest && kept.insert(came.p))
             });
         }
         if is_due(self.dropped.len()) {
             self.dropped.retain(|dropped| dropped.at >= until);
         }
+    }
+
+    /// Of the results of each source that came before, the greatest claim to be of a late timestamp.
+    fn newest_before(&self, until: u64) -> BTreeMap<u64, Claim> {
+        let mut newest = BTreeMap::new();
+        for came in self.came.iter().filter(|came| came.is_result && came.at < until) {
+            let claim = newest.entry(came.p).or_insert(came.claim());
+            *claim = came.claim().max(*claim);
+        }
+        newest
     }
 
     /// How many facts are held that may be left out.
@@ -153,19 +197,20 @@ impl OpenMessageHistory {
     /// A line may come `2T` after its instant's turn, and its true instant is `T` off. Where something came out, what is observed
     /// after that comes after the retirement. Where nothing did, it is ripe when every timer must have been served
     /// and every output must have come, so that it stays open for good or has no explanation.
-    pub(super) fn ripens(&self, slack: Slack) -> u64 {
-        let Slack { tolerance, lateness } = slack;
+    pub(super) fn ripens(&self, slack: &SourceSlack) -> u64 {
+        let (tolerance, lateness) = (slack.greatest(), slack.lateness());
         let opens = self.opens.iter().map(|open| open.at);
         let dropped = self.dropped.iter().map(|dropped| dropped.at);
         let settled = opens.chain(self.refusals.iter().copied()).chain(dropped);
         let (last, ends) = if self.has_come_out() {
-            (settled.chain(self.outputs.iter().map(|(_, at, _)| *at)).max(), 1)
+            (settled.chain(self.outputs.iter().map(|output| output.at)).max(), 1)
         } else {
-            let dues = self.requests.iter().map(|(_, _, due)| *due);
+            let dues = self.requests.iter().map(|request| request.due);
             let limits =
                 self.opens.iter().map(|open| open.at.saturating_add(open.deadline.unwrap_or(0)));
+            let own = self.opens.iter().filter_map(|open| open.due);
             let came = self.came.iter().map(|came| came.at);
-            (settled.chain(dues).chain(limits).chain(came).max(), 2)
+            (settled.chain(dues).chain(limits).chain(own).chain(came).max(), 2)
         };
         let margin = tolerance.saturating_mul(7).saturating_add(lateness.saturating_mul(ends));
         last.unwrap_or(0).saturating_add(margin).saturating_add(2)
@@ -173,38 +218,57 @@ impl OpenMessageHistory {
 
     /// Puts together what was observed, without what was refused and what came of that; `was_refused` says whether an open of it was
     /// refused long ago.
-    pub(super) fn whole(&self, slack: Slack, was_refused: bool) -> WholeMessageHistory {
-        let reach = slack.tolerance.saturating_mul(2).saturating_add(slack.lateness);
-        let opens = self.accepted(reach);
-        let outputs: Vec<(Option<u64>, u64)> =
-            self.outputs.iter().map(|(p, at, _)| (*p, *at)).collect();
-        let requested = self.requests.iter().map(|(_, at, _)| *at);
-        let known = opens.iter().map(|open| open.at).chain(requested);
-        let known = known.chain(outputs.iter().map(|(_, at)| *at)).min();
+    pub(super) fn whole(&self, slack: &SourceSlack, was_refused: bool) -> WholeMessageHistory {
+        let (own, lateness) = (slack.tolerance(), slack.lateness());
+        let opens = self.accepted(slack.reach());
+        let requested =
+            self.requests.iter().map(|request| (request.at, slack.tolerance_of(request.p)));
+        let out = self.outputs.iter().map(|output| (output.at, own));
+        let known: Vec<(u64, u64)> =
+            opens.iter().map(|open| (open.at, own)).chain(requested).chain(out).collect();
+        // The earliest and the latest instant at which the first of it may have been.
+        let first = known.iter().map(|(at, tolerance)| at.saturating_sub(*tolerance)).min();
+        let first_by = known.iter().map(|(at, tolerance)| at.saturating_add(*tolerance)).min();
         // A43: what came before the timestamp was open, after it was skipped or beside its being refused.
-        let before = |at: u64| known.is_none_or(|known| at.saturating_add(reach) < known);
-        let is_refused = was_refused || self.refusals.iter().any(|refused| before(*refused));
-        let is_none = |came: &RequestClosing| (came.is_superseded || is_refused) && before(came.at);
-        let (mut results, mut failures) = (Vec::new(), Vec::new());
+        let before = |at: u64, tolerance: u64| {
+            let by = at.saturating_add(tolerance).saturating_add(lateness);
+            first.is_none_or(|first| by < first)
+        };
+        let is_refused = was_refused || self.refusals.iter().any(|refused| before(*refused, own));
+        let is_none = |came: &&RequestClosing| {
+            (came.is_superseded || is_refused) && before(came.at, slack.tolerance_of(came.p))
+        };
+        let (mut results, mut failures, mut values) = (Vec::new(), Vec::new(), Vec::new());
         for came in self.came.iter().filter(|came| !is_none(came)) {
-            (if came.is_result { &mut results } else { &mut failures }).push((came.p, came.at));
+            let RequestClosing { p, at, attempt, of, .. } = *came;
+            if came.is_result {
+                results.push((p, at));
+                values.push((p, at, of));
+            } else {
+                failures.push(AttemptFailure { p, at, attempt });
+            }
         }
-        let open = opens.first().map(|open| (open.at, open.deadline));
+        let open = opens.first();
         WholeMessageHistory {
             story: MessageHistory {
-                open,
-                requests: self.requests.clone(),
+                open: open.map(|open| (open.at, open.deadline)),
+                requests: folded_requests(&self.requests),
                 results,
-                failures,
-                outputs,
+                failures: folded_failures(&self.requests, &failures),
+                outputs: self.outputs.iter().map(|output| (output.p, output.at)).collect(),
+                without_local: false,
             },
-            lines: self.outputs.iter().map(|(.., line)| *line).collect(),
+            outputs: self.outputs.clone(),
+            values,
+            due: open.and_then(|open| open.due),
+            has_failed: !failures.is_empty(),
             second_open: opens.get(1).map(|open| open.line),
             stranger: self.stranger,
             // Something of it that certainly came before shows that it was open then.
             was_refused: was_refused
                 || self.refusals.iter().any(|refused| {
-                    known.is_none_or(|known| known.saturating_add(reach) >= *refused)
+                    let by = |by: u64| by.saturating_add(own).saturating_add(lateness);
+                    first_by.is_none_or(|first| by(first) >= *refused)
                 }),
         }
     }
@@ -215,17 +279,16 @@ impl OpenMessageHistory {
     }
 
     /// Until when a line may come that changes which of its opens were refused.
-    pub(super) fn opens_by(&self, slack: Slack) -> u64 {
+    pub(super) fn opens_by(&self, slack: &SourceSlack) -> u64 {
         let opens = self.opens.iter().map(|open| open.at);
         let last = opens.chain(self.refusals.iter().copied()).max().unwrap_or(0);
-        let margin = slack.tolerance.saturating_mul(4).saturating_add(slack.lateness);
+        let margin = slack.greatest().saturating_mul(4).saturating_add(slack.lateness());
         last.saturating_add(margin)
     }
 
     /// Its opens that were refused; `t` is the timestamp.
-    pub(super) fn refused(&self, t: u64, slack: Slack) -> Vec<Opened> {
-        let reach = slack.tolerance.saturating_mul(2).saturating_add(slack.lateness);
-        let accepted = self.accepted(reach);
+    pub(super) fn refused(&self, t: u64, slack: &SourceSlack) -> Vec<Opened> {
+        let accepted = self.accepted(slack.reach());
         let refused = self.opens.iter().filter(|open| !accepted.contains(open));
         refused.map(|open| Opened { at: open.at, line: open.line, t }).collect()
     }
@@ -245,37 +308,68 @@ impl OpenMessageHistory {
         opens
     }
 
-    fn comes(&mut self, p: u64, at: u64, is_result: bool) {
+    fn requests(&mut self, request: Request) {
+        let is_same = |other: &&Request| (other.p, other.attempt) == (request.p, request.attempt);
+        // One more than there may be shows that one is requested twice.
+        if self.requests.iter().filter(is_same).count() < 2 {
+            self.requests.push(request);
+        }
+    }
+
+    fn comes(&mut self, came: RequestClosing) {
+        let RequestClosing { p, at, .. } = came;
         let [first, last] = [false, true].map(|is_unknown| Dropped { p, at, is_unknown });
         let mut drops = self.dropped.range(first..=last).peekable();
         let is_superseded = drops.peek().is_some();
         if !drops.any(|dropped| dropped.is_unknown) {
-            self.came.insert(RequestClosing { p, at, is_result, is_superseded });
+            self.came.insert(RequestClosing { is_superseded, ..came });
         }
     }
 
     /// A drop line is about all that came of the source at its instant, in whatever order the lines stand.
     fn drops(&mut self, p: u64, at: u64, is_unknown: bool) {
         self.dropped.insert(Dropped { p, at, is_unknown });
-        for (is_result, is_superseded) in
-            [(false, false), (false, true), (true, false), (true, true)]
-        {
-            if self.came.remove(&RequestClosing { p, at, is_result, is_superseded }) && !is_unknown
-            {
-                self.came.insert(RequestClosing { p, at, is_result, is_superseded: true });
+        let first = RequestClosing::new(p, at, false, None, None);
+        let dropped: Vec<RequestClosing> =
+            self.came.range(first..).take_while(|came| (came.p, came.at) == (p, at)).copied().collect();
+        for came in dropped {
+            self.came.remove(&came);
+            if !is_unknown {
+                self.came.insert(RequestClosing { is_superseded: true, ..came });
             }
         }
     }
 
-    fn comes_out(&mut self, p: Option<u64>, at: u64, line: u64) {
+    fn comes_out(&mut self, output: Output) {
         // Two are one too many; how many more there are does not matter.
         if self.outputs.len() < 2 {
-            self.outputs.push((p, at, line));
+            self.outputs.push(output);
+        }
+    }
+}
+
+/// How late a timestamp a result's value may be of: one that does not say may be of the latest.
+type Claim = (bool, u64);
+
+impl RequestClosing {
+    const fn new(p: u64, at: u64, is_result: bool, attempt: Option<u8>, of: Option<u64>) -> Self {
+        Self { p, at, is_result, is_superseded: false, attempt, of }
+    }
+
+    const fn claim(&self) -> Claim {
+        match self.of {
+            Some(of) => (false, of),
+            None => (true, 0),
         }
     }
 }
 
 impl WholeMessageHistory {
+    /// The line of the first output.
+    pub(super) fn line(&self) -> Option<u64> {
+        self.outputs.first().map(|output| output.line)
+    }
+
     /// Whether an open of it was not refused.
     pub(super) const fn is_opened(&self) -> bool {
         self.story.open.is_some()
@@ -283,8 +377,8 @@ impl WholeMessageHistory {
 
     /// Whether it has a result, a failure or an output.
     pub(super) const fn is_reported_of(&self) -> bool {
-        let MessageHistory { results, failures, outputs, .. } = &self.story;
-        !(results.is_empty() && failures.is_empty() && outputs.is_empty())
+        let MessageHistory { results, outputs, .. } = &self.story;
+        !(results.is_empty() && !self.has_failed && outputs.is_empty())
     }
 
     /// Whether nothing is left of it.

@@ -56,7 +56,7 @@ pub struct Violation {
 /// A rule or promise of SPEC.md that an observed trace can break.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum BrokenRule {
-    /// A rule, or P1.
+    /// A rule, or P1, or D2.
     Rule(Rule),
     /// Never late.
     P2,
@@ -72,6 +72,8 @@ pub enum BrokenRule {
     P7,
     /// No gap between opens.
     J1,
+    /// In time for the message.
+    J2,
 }
 
 impl BrokenRule {
@@ -87,6 +89,7 @@ impl BrokenRule {
             Self::P6 => "P6",
             Self::P7 => "P7",
             Self::J1 => "J1",
+            Self::J2 => "J2",
         }
     }
 
@@ -115,6 +118,10 @@ impl BrokenRule {
             Self::J1 => {
                 "Two opens, one after the other in time, are at most a period, the lateness and twice \
                  the tolerance apart, and so are the last one and the end of the trace."
+            }
+            Self::J2 => {
+                "A message opened with a deadline of its own has its output by then, the lateness \
+                 and twice the tolerance aside."
             }
         }
     }

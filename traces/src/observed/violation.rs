@@ -1,9 +1,11 @@
 //! What to report of a timestamp that has no explanation: the rule or promise that is broken, and what was allowed.
 
-use super::open::WholeMessageHistory;
-use super::story::{AllowedOutput, MessageHistory, Slack};
+use super::open::{Output, WholeMessageHistory};
+use super::slack::SourceSlack;
+use super::story::{AllowedOutput, MessageHistory};
 use super::verdict::BrokenRule;
-use crate::event::{Commit, Decision};
+use crate::annotations::{Annotations, HeaderAnnotations, allowed_values};
+use crate::event::{Commit, Decision, Event};
 use crate::rule::Rule;
 
 /// What is wrong, in the words of a verdict.
@@ -19,20 +21,20 @@ pub(super) struct UnlocatedViolation {
 
 /// What comes for a timestamp that was retired before: it must be dropped or refused.
 pub(super) fn of_again(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
-    if let Some(line) = whole.lines.first() {
+    if let Some(line) = whole.line() {
         let found = outputs(t, &whole.story);
         let expected = "nothing more: it was forwarded or missed before".to_owned();
-        return Some(UnlocatedViolation::new(Rule::P1, *line, found, expected));
+        return Some(UnlocatedViolation::new(Rule::P1, line, found, expected));
     }
     of_open_or_request(t, whole, "it was opened before, and retired")
 }
 
 /// What comes for a timestamp of which each open was refused (A42).
 pub(super) fn of_refused(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
-    if let Some(line) = whole.lines.first() {
+    if let Some(line) = whole.line() {
         let found = outputs(t, &whole.story);
         let expected = "nothing: its open was refused".to_owned();
-        return Some(UnlocatedViolation::new(Rule::F1, *line, found, expected));
+        return Some(UnlocatedViolation::new(Rule::F1, line, found, expected));
     }
     of_open_or_request(t, whole, "its open was refused")
 }
@@ -41,8 +43,8 @@ pub(super) fn of_refused(t: u64, whole: &WholeMessageHistory) -> Option<Unlocate
 pub(super) fn of_story(
     t: u64,
     whole: &WholeMessageHistory,
-    commit: Commit,
-    slack: Slack,
+    (commit, annotations): (Commit, &HeaderAnnotations),
+    slack: &SourceSlack,
     end: u64,
 ) -> Option<UnlocatedViolation> {
     if let Some(line) = whole.second_open {
@@ -58,23 +60,81 @@ pub(super) fn of_story(
             "a refusal: no such cloud".to_owned(),
         ));
     }
-    let line = whole.lines.last().copied();
+    let line = whole.outputs.last().map(|output| output.line);
     let story = &whole.story;
-    if story.is_explained(commit, slack, end) {
-        return None;
+    if let [output] = &whole.outputs[..]
+        && let Some(violation) = of_value(t, whole, output, annotations, slack)
+    {
+        return Some(violation);
     }
-    let allowed = story.allowed(commit, slack, end);
+    if story.is_explained_within(commit, slack, end) {
+        return of_own_deadline(t, whole, slack, end);
+    }
+    let allowed = story.allowed_within(commit, slack, end);
     let found = outputs(t, story);
     if story.outputs.len() > 1 {
         let unplaced = UnlocatedViolation::new(Rule::P1, 0, found, reported(t, &allowed));
         return Some(UnlocatedViolation { line, ..unplaced });
     }
     let without = MessageHistory { outputs: Vec::new(), ..story.clone() };
-    if allowed.is_empty() && !without.is_explained(commit, slack, end) {
+    if allowed.is_empty() && !without.is_explained_within(commit, slack, end) {
         return Some(of_contradiction(t, story, commit, slack, end));
     }
     let (rule, late) = of_output(story, &allowed, slack, end);
     Some(UnlocatedViolation { line, rule, found, expected: reported(t, &allowed), late })
+}
+
+/// D2: whose value it is that was sent.
+fn of_value(
+    t: u64,
+    whole: &WholeMessageHistory,
+    output: &Output,
+    annotations: &HeaderAnnotations,
+    slack: &SourceSlack,
+) -> Option<UnlocatedViolation> {
+    let Output { p: Some(p), at, of, line } = *output else { return None };
+    // What certainly came later was not sent.
+    let by = at.saturating_add(slack.tolerance()).saturating_add(slack.tolerance_of(p));
+    let came = whole.values.iter().filter(|(q, came, _)| *q == p && *came <= by);
+    // The latest that it can be of, if each result says of which timestamp its value is.
+    let values: Option<Vec<u64>> = came.map(|(.., of)| *of).collect();
+    let latest = values.unwrap_or_default().into_iter().max();
+    let allowed = annotations.values_of(t, p);
+    let is_allowed = |of: u64| allowed.0 <= of && of <= allowed.1;
+    let expected = match (of, latest) {
+        (Some(of), _) if !is_allowed(of) => allowed_values(allowed),
+        (Some(of), Some(latest)) if of > latest => {
+            format!("of {latest} or less: no result of p {p} had a later value")
+        }
+        (None, Some(latest)) if !is_allowed(latest) => {
+            format!("{}; the result's was of {latest}", allowed_values(allowed))
+        }
+        _ => return None,
+    };
+    let emit = Event::Decision(Decision::Emit { at, t, p });
+    let found = emit.annotated(&Annotations { of, ..Annotations::NONE });
+    Some(UnlocatedViolation::new(Rule::D2, line, found, expected))
+}
+
+/// J2: what came out later than the message's own deadline, or nothing by then.
+fn of_own_deadline(
+    t: u64,
+    whole: &WholeMessageHistory,
+    slack: &SourceSlack,
+    end: u64,
+) -> Option<UnlocatedViolation> {
+    let by = whole.due?.saturating_add(slack.reach());
+    let late = match whole.outputs.first() {
+        Some(output) => output.at.checked_sub(by).filter(|late| *late > 0)?,
+        None => end.checked_sub(by)?,
+    };
+    Some(UnlocatedViolation {
+        line: whole.line(),
+        rule: BrokenRule::J2,
+        found: outputs(t, &whole.story),
+        expected: format!("an output at {by} at the latest: the message's own deadline"),
+        late: Some(late),
+    })
 }
 
 fn of_open_or_request(
@@ -104,10 +164,10 @@ fn of_contradiction(
     t: u64,
     story: &MessageHistory,
     commit: Commit,
-    slack: Slack,
+    slack: &SourceSlack,
     end: u64,
 ) -> UnlocatedViolation {
-    let explains = |story: &MessageHistory| !story.allowed(commit, slack, end).is_empty();
+    let explains = |story: &MessageHistory| !story.allowed_within(commit, slack, end).is_empty();
     for i in 0..story.requests.len() {
         let mut without = story.clone();
         let (p, at, due) = without.requests.remove(i);
@@ -135,7 +195,7 @@ fn of_contradiction(
 fn of_output(
     story: &MessageHistory,
     allowed: &[AllowedOutput],
-    slack: Slack,
+    slack: &SourceSlack,
     end: u64,
 ) -> (BrokenRule, Option<u64>) {
     let alone = story.requests.is_empty();
@@ -159,11 +219,15 @@ fn of_output(
         return (rule, Some(at - same.to));
     }
     let Some(p) = what else { return (BrokenRule::Rule(Rule::F6), None) };
+    let own = slack.tolerance_of(p);
+    if p == 0 && story.without_local {
+        return (BrokenRule::Rule(Rule::F3), None);
+    }
     let first = |facts: &[(u64, u64)], p: u64| {
         facts.iter().filter(|(q, _)| *q == p).map(|(_, at)| *at).min()
     };
     let Some(came) = first(&story.results, p) else { return (BrokenRule::P3, None) };
-    if came > at.saturating_add(slack.tolerance.saturating_mul(2)) {
+    if came > at.saturating_add(slack.tolerance()).saturating_add(own) {
         return (BrokenRule::P3, None);
     }
     let request = story.requests.iter().find(|(q, ..)| *q == p);
@@ -172,7 +236,7 @@ fn of_output(
         None => story.open.and_then(|(at, deadline)| Some(at.saturating_add(deadline?))),
     };
     let in_time = due.map(|due| {
-        due.saturating_add(slack.lateness).saturating_add(slack.tolerance.saturating_mul(2))
+        due.saturating_add(slack.lateness()).saturating_add(own.saturating_mul(2))
     });
     if p > 0 && request.is_none() {
         return (BrokenRule::Rule(Rule::F3), None);

@@ -16,7 +16,8 @@ use serde::de::IgnoredAny;
 use thiserror::Error;
 
 use crate::packed::messages::chunks::Chunks;
-use crate::{Line, ParseError, observed};
+use crate::parse::{Form, LineAnnotations, parse_as};
+use crate::{Annotations, HeaderAnnotations, Line, ParseError};
 
 /// The topic of a trace's lines, unless another is named.
 pub const TOPIC: &str = "/fuseline/trace";
@@ -67,6 +68,7 @@ pub struct Messages<'a, R> {
     topic: &'a str,
     channels: BTreeSet<u16>,
     number: u64,
+    annotations: LineAnnotations,
 }
 
 impl<'a, R: Read> Messages<'a, R> {
@@ -77,7 +79,20 @@ impl<'a, R: Read> Messages<'a, R> {
             .with_validate_chunk_crcs(true);
         let reader = LinearReader::new_with_options(options);
         let chunks = Chunks::new();
-        Self { inner, reader, chunks, topic, channels: BTreeSet::new(), number: 0 }
+        let (channels, annotations) = (BTreeSet::new(), LineAnnotations::default());
+        Self { inner, reader, chunks, topic, channels, number: 0, annotations }
+    }
+
+    /// What the message read last has beside what the machine's rules read, if it is an event.
+    #[must_use]
+    pub const fn annotations(&self) -> &Annotations {
+        &self.annotations.event
+    }
+
+    /// What the header read last has beside the machine's configuration.
+    #[must_use]
+    pub const fn header_annotations(&self) -> &HeaderAnnotations {
+        &self.annotations.header
     }
 
     /// How many messages of the topic were read.
@@ -127,7 +142,8 @@ impl<'a, R: Read> Messages<'a, R> {
                 }
                 Record::Message { header, data } if self.channels.contains(&header.channel_id) => {
                     self.number += 1;
-                    let line = observed::parse(&dated(&data, header.log_time));
+                    let line = dated(&data, header.log_time);
+                    let line = parse_as(&line, Form::Observed, &mut self.annotations);
                     let number = self.number;
                     return line
                         .map(Some)
@@ -153,7 +169,12 @@ impl<R: Read> Lines<R> {
 
     fn next_line(&mut self) -> Result<(), MessageError> {
         match self.messages.line()? {
-            Some(line) => line.write(&mut self.line),
+            Some(Line::Header(header)) => {
+                header.write_annotated(self.messages.header_annotations(), &mut self.line);
+            }
+            Some(Line::Event(event)) => {
+                event.write_annotated(self.messages.annotations(), &mut self.line);
+            }
             None if self.messages.number() == 0 => {
                 return Err(self.messages.none());
             }

@@ -5,13 +5,14 @@ use proptest::option;
 use proptest::prelude::*;
 
 use super::super::explain::{InstantRange, RetirementOutput, WideInstant};
+use super::super::slack::Slack;
 use super::*;
 
 /// Every explanation there is, one after the other: the definition of `SPEC.md`, word for word.
 struct Search<'a> {
     story: &'a MessageHistory,
     commit: Commit,
-    slack: Slack,
+    slack: &'a SourceSlack,
     end: u64,
     /// Until when something can happen.
     horizon: i64,
@@ -24,6 +25,8 @@ enum Fact {
     Request(usize),
     Result(usize),
     Failure(usize),
+    /// Where there is no local: it fails at any instant until all is requested.
+    NoLocal,
 }
 
 /// Where an explanation has come to.
@@ -55,8 +58,9 @@ impl Search<'_> {
         left.extend((0..story.requests.len()).map(Fact::Request));
         left.extend((0..story.results.len()).map(Fact::Result));
         left.extend((0..story.failures.len()).map(Fact::Failure));
+        left.extend(story.without_local.then_some(Fact::NoLocal));
         let mut start = State {
-            now: -i64::try_from(self.slack.tolerance).unwrap(),
+            now: -i64::try_from(self.slack.greatest()).unwrap(),
             left,
             pending: BTreeSet::new(),
             requested: BTreeSet::new(),
@@ -74,7 +78,10 @@ impl Search<'_> {
             if !seen.insert(state.clone()) {
                 continue;
             }
-            if state.now > self.horizon && state.left.is_empty() {
+            let has_request = state.left.iter().any(|fact| matches!(fact, Fact::Request(_)));
+            let is_done = state.left.is_empty()
+                || (state.left.len() == 1 && state.left.contains(&Fact::NoLocal) && !has_request);
+            if state.now > self.horizon && is_done {
                 ends.insert(state.out);
             }
             todo.extend(self.next(&state));
@@ -88,27 +95,57 @@ impl Search<'_> {
             Fact::Request(i) => self.story.requests[i].1,
             Fact::Result(i) => self.story.results[i].1,
             Fact::Failure(i) => self.story.failures[i].1,
+            Fact::NoLocal => unreachable!("it has no instant of its own"),
         };
         i64::try_from(at).unwrap()
     }
 
     fn slack(&self) -> (i64, i64) {
-        (i64::try_from(self.slack.tolerance).unwrap(), i64::try_from(self.slack.lateness).unwrap())
+        (
+            i64::try_from(self.slack.tolerance()).unwrap(),
+            i64::try_from(self.slack.lateness()).unwrap(),
+        )
+    }
+
+    /// The error of a source's stamps.
+    fn tolerance_of(&self, p: u64) -> i64 {
+        i64::try_from(self.slack.tolerance_of(p)).unwrap()
+    }
+
+    /// The error of a fact's stamp.
+    fn tolerance(&self, fact: Fact) -> i64 {
+        match fact {
+            Fact::Open | Fact::NoLocal => self.slack().0,
+            Fact::Request(i) => self.tolerance_of(self.story.requests[i].0),
+            Fact::Result(i) => self.tolerance_of(self.story.results[i].0),
+            Fact::Failure(i) => self.tolerance_of(self.story.failures[i].0),
+        }
+    }
+
+    /// Of a due instant: local's counts from the open.
+    fn tolerance_of_due(&self, p: u64) -> i64 {
+        if p == 0 { self.slack().0 } else { self.tolerance_of(p) }
     }
 
     /// Whether a timer that is live cannot be served after `now`.
-    fn must_have_fired(&self, due: i64, now: i64) -> bool {
-        let (tolerance, lateness) = self.slack();
-        let by = due + lateness + tolerance;
+    fn must_have_fired(&self, p: u64, due: i64, now: i64) -> bool {
+        let by = due + self.slack().1 + self.tolerance_of_due(p);
         by <= i64::try_from(self.end).unwrap() && by <= now
     }
 
     fn next(&self, state: &State) -> Vec<State> {
-        let (tolerance, lateness) = self.slack();
+        let lateness = self.slack().1;
         let mut next = Vec::new();
+        let is_within = |fact: Fact| {
+            let (at, tolerance) = (self.at(fact), self.tolerance(fact));
+            at - tolerance <= state.now && state.now <= at + tolerance
+        };
         for fact in &state.left {
-            let at = self.at(*fact);
-            if at - tolerance <= state.now && state.now <= at + tolerance {
+            let is_now = match fact {
+                Fact::NoLocal => state.now <= self.horizon,
+                fact => is_within(*fact),
+            };
+            if is_now {
                 let mut after = state.clone();
                 after.left.remove(fact);
                 if self.apply(&mut after, *fact) {
@@ -117,6 +154,7 @@ impl Search<'_> {
             }
         }
         for (p, due) in &state.armed {
+            let tolerance = self.tolerance_of_due(*p);
             if due - tolerance <= state.now && state.now <= due + lateness + tolerance {
                 let mut after = state.clone();
                 after.armed.remove(&(*p, *due));
@@ -125,8 +163,13 @@ impl Search<'_> {
                 next.push(after);
             }
         }
-        let must_come = state.left.iter().any(|fact| self.at(*fact) + tolerance <= state.now);
-        let must_fire = state.armed.iter().any(|(_, due)| self.must_have_fired(*due, state.now));
+        let has_request = state.left.iter().any(|fact| matches!(fact, Fact::Request(_)));
+        let must_come = state.left.iter().any(|fact| match fact {
+            Fact::NoLocal => !has_request && !self.story.requests.is_empty(),
+            fact => self.at(*fact) + self.tolerance(*fact) <= state.now,
+        });
+        let must_fire =
+            state.armed.iter().any(|(p, due)| self.must_have_fired(*p, *due, state.now));
         if !must_come && !must_fire && state.now <= self.horizon {
             next.push(State { now: state.now + 1, ..state.clone() });
         }
@@ -150,12 +193,15 @@ impl Search<'_> {
                 state.pending.insert(p);
                 let due = i64::try_from(due).unwrap();
                 state.armed.insert((p, due));
-                state.is_open && !self.must_have_fired(due, state.now - 1)
+                state.is_open && !self.must_have_fired(p, due, state.now - 1)
             }
             Fact::Result(i) => {
                 let (p, _) = self.story.results[i];
                 if self.is_before_its_request(state, p) {
                     return false;
+                }
+                if p == 0 && self.story.without_local {
+                    return true;
                 }
                 state.result(self.commit, p);
                 true
@@ -165,8 +211,17 @@ impl Search<'_> {
                 if self.is_before_its_request(state, p) {
                     return false;
                 }
+                if p == 0 && self.story.without_local {
+                    return true;
+                }
                 if state.is_open && state.pending.remove(&p) {
                     state.armed.retain(|(q, _)| *q != p);
+                    state.settle(self.commit, false);
+                }
+                true
+            }
+            Fact::NoLocal => {
+                if state.is_open && state.pending.remove(&0) {
                     state.settle(self.commit, false);
                 }
                 true
@@ -245,13 +300,16 @@ fn stories() -> impl Strategy<Value = MessageHistory> {
     let requests = btree_map(1..4_u64, (0..4_u64, 1..8_u64), 0..4);
     let came = |most| vec((0..4_u64, at.clone()), 0..most);
     let outputs = vec((option::weighted(0.8, 0..4_u64), at.clone()), 0..2);
-    (open, requests, came(4), came(3), outputs).prop_map(
-        |(open, requests, results, failures, outputs)| MessageHistory {
-            open,
+    let without_local = any::<bool>();
+    (open, requests, came(4), came(3), outputs, without_local).prop_map(
+        |(open, requests, results, failures, outputs, without_local)| MessageHistory {
+            // Where there is no local it has no deadline.
+            open: open.map(|(at, deadline)| (at, deadline.filter(|_| !without_local))),
             requests: requests.into_iter().map(|(p, (at, due))| (p, at, due)).collect(),
             results,
             failures,
             outputs,
+            without_local,
         },
     )
 }
@@ -260,8 +318,16 @@ fn commits() -> impl Strategy<Value = Commit> {
     any::<bool>().prop_map(|eager| if eager { Commit::Eager } else { Commit::Patient })
 }
 
-fn slacks() -> impl Strategy<Value = Slack> {
-    (0..3_u64, 0..3_u64).prop_map(|(tolerance, lateness)| Slack { tolerance, lateness })
+/// Often one source has a tolerance of its own.
+fn slacks() -> impl Strategy<Value = SourceSlack> {
+    let own = option::of((0..4_u64, 0..4_u64));
+    (0..3_u64, 0..3_u64, own).prop_map(|(tolerance, lateness, own)| {
+        let slack = SourceSlack::from(Slack { tolerance, lateness });
+        match own {
+            Some((p, tolerance)) => slack.with_tolerance_of(p, tolerance),
+            None => slack,
+        }
+    })
 }
 
 /// The greatest instant of a story's trace, where another timestamp's come `rest` later.
@@ -283,11 +349,11 @@ proptest! {
         story in stories(), slack in slacks(), commit in commits(), rest in 0..12_u64
     ) {
         let end = end(&story, rest);
-        let ends = Search { story: &story, commit, slack, end, horizon: HORIZON }.ends();
+        let ends = Search { story: &story, commit, slack: &slack, end, horizon: HORIZON }.ends();
         // Before the trace's first instant there is nothing that could tell two instants apart.
         let ends: BTreeSet<ObservedOutput> = ends.into_iter().map(|out| out.map(|(p, y)| (p, y.max(0)))).collect();
         let mut found = BTreeSet::new();
-        if let Some((facts, priorities)) = story.facts(commit, slack, end) {
+        if let Some((facts, priorities)) = story.facts(commit, &slack, end) {
             found.extend(facts.stays_open().then_some(None));
             for y in 0..=HORIZON {
                 let at = WideInstant::try_from(y).unwrap();
@@ -300,7 +366,7 @@ proptest! {
             }
         }
         prop_assert_eq!(&found, &ends);
-        let Some((facts, priorities)) = story.facts(commit, slack, end) else { return Ok(()) };
+        let Some((facts, priorities)) = story.facts(commit, &slack, end) else { return Ok(()) };
         let outputs = (0..priorities.len()).map(RetirementOutput::Emit).chain([RetirementOutput::Miss]);
         for output in outputs {
             let what = if let RetirementOutput::Emit(i) = output { Some(priorities[i]) } else { None };
@@ -318,7 +384,7 @@ proptest! {
         story in stories(), slack in slacks(), commit in commits(), rest in 0..12_u64
     ) {
         let end = end(&story, rest);
-        let search = Search { story: &story, commit, slack, end, horizon: HORIZON };
-        prop_assert_eq!(story.is_explained(commit, slack, end), search.fits());
+        let search = Search { story: &story, commit, slack: &slack, end, horizon: HORIZON };
+        prop_assert_eq!(story.is_explained_within(commit, &slack, end), search.fits());
     }
 }
