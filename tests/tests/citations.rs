@@ -25,7 +25,7 @@ static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPATDJ]\d+g?)\b"));
 /// An identifier at the head of a function's name.
 static FUNCTION: LazyLock<Regex> = LazyLock::new(|| regex(r"\bfn ([fpatdj]\d+g?)_"));
 /// Identifiers at the head of a trace's name.
-static TRACE: LazyLock<Regex> = LazyLock::new(|| regex(r"^([fpaj]\d+g?)-"));
+static TRACE: LazyLock<Regex> = LazyLock::new(|| regex(r"^([fpadj]\d+g?)-"));
 /// Where the specification defines: a rule's heading, a promise's or an ambiguity's row.
 static DEFINITION: LazyLock<Regex> =
     LazyLock::new(|| regex(r"(?m)^(?:### (F\d+g?) |\| ([PTDJ]\d+) |\| (A\d+) \|)"));

@@ -78,7 +78,7 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
     let expected = "a.jsonl:1:34: unknown local \"some\"; it is one of none; an operator with local leaves the key out";
     assert_eq!(refused(true, &some, ""), expected);
     let old = WITHOUT_LOCAL.replace("\"max_age\":3", "\"max_age\":-3");
-    assert!(refused(true, &old, "").starts_with("a.jsonl:1:75: expected a whole number"));
+    assert!(refused(true, &old, "").starts_with("a.jsonl:1:78: expected a whole number"));
     let cases = [
         (r#"{"ev":"result","at":1,"t":2,"p":1,"try":256}"#, "2:41: try is 256; it is 0 to 255"),
         (

@@ -57,3 +57,31 @@ fn what_comes_again_and_again_for_one_timestamp_is_held_once() {
     let held = judge.open.get(&1).map_or(0, OpenMessageHistory::len);
     assert!(held < 300, "{held} facts are held");
 }
+
+/// D2: whatever is left out of many results, the latest value that may have been sent is not.
+#[test]
+fn what_comes_again_and_again_leaves_the_latest_value() {
+    let clouds = vec![crate::event::Cloud { p: 1, name: None, limit: 9, resume: 8 }];
+    let header = Header { operator: None, window: 4, commit: Commit::Eager, clouds };
+    for (of, breaks) in [(700, false), (600, true)] {
+        let max_ages = [(1, 400)].into();
+        let terms = HeaderAnnotations { max_ages, ..HeaderAnnotations::default() };
+        let mut judge = Judge::new("a.jsonl", &header, SLACK).with_header_annotations(&terms);
+        let mut line = |event, of| {
+            let annotations = Annotations { of, ..Annotations::NONE };
+            judge.annotated_line(1, &event, &annotations).expect("it is in order");
+            judge.open.get(&1000).map_or(0, OpenMessageHistory::len)
+        };
+        line(opened(0, 1000), None);
+        line(Event::Decision(Decision::Request { at: 0, t: 1000, p: 1, due: 9_000 }), None);
+        // The first is of long ago, the next is as it says, the others count down.
+        for (at, of) in (1..4_000).zip([3, of].into_iter().chain((0..300).rev().cycle())) {
+            let held = line(Event::Input(Input::Result { at, t: 1000, p: 1 }), Some(of));
+            assert!(held < 300, "{held} facts are held");
+        }
+        line(Event::Decision(Decision::Emit { at: 4_000, t: 1000, p: 1 }), Some(650));
+        let verdict = judge.finish();
+        let is_broken = verdict.violations.iter().any(|found| found.rule.id() == "D2");
+        assert_eq!(is_broken, breaks, "{:?}", verdict.violations);
+    }
+}
