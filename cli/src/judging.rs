@@ -172,11 +172,7 @@ impl JudgeOptions {
     }
 
     /// The tolerances of single sources of a trace, by their priority, in nanoseconds.
-    pub(crate) fn tolerances(
-        &self,
-        file: &str,
-        header: &Header,
-    ) -> Result<Vec<(u64, u64)>, Fault> {
+    pub(crate) fn tolerances(&self, file: &str, header: &Header) -> Result<Vec<(u64, u64)>, Fault> {
         let mut tolerances = Vec::new();
         for Tolerance { source, time } in &self.tolerance {
             let Some(source) = source else { continue };
@@ -220,7 +216,9 @@ struct Tolerance {
 /// Why tolerances do not fit together, or not to the trace.
 #[derive(Debug, Error)]
 enum ToleranceError {
-    #[error("no --tolerance without a source; give one for all other stamps, such as --tolerance 2ms")]
+    #[error(
+        "no --tolerance without a source; give one for all other stamps, such as --tolerance 2ms"
+    )]
     None,
     #[error("--tolerance without a source a second time; give it once")]
     Twice,

@@ -94,7 +94,22 @@ fn files() -> io::Result<Vec<(&'static str, Vec<u8>)>> {
         r#""window":1024,"fuseline":1}"#,
         "\n"
     );
+    let annotated = concat!(
+        r#"{"fuseline":1,"window":1,"clouds":[{"p":1,"limit":1,"max_age":3}]}"#,
+        "\n",
+        r#"{"ev":"open","at":9,"t":7,"within":50,"age":3,"origin":"camera/\u0066ront","seq":41}"#,
+        "\n",
+        r#"{"ev":"result","at":12,"t":7,"p":0,"of":6}"#,
+        "\n",
+        r#"{"ev":"emit","at":12,"t":7,"p":0,"of":6}"#,
+        "\n"
+    );
     Ok(vec![
+        ("annotated", annotated.into()),
+        (
+            "attempt-in-a-strict-trace",
+            with("{\"ev\":\"fail\",\"at\":1,\"t\":1,\"p\":1,\"try\":0}\n"),
+        ),
         ("blank-line", with("\n")),
         ("byte-order-mark", format!("\u{feff}{header}").into_bytes()),
         (
@@ -129,6 +144,7 @@ fn files() -> io::Result<Vec<(&'static str, Vec<u8>)>> {
             "resume-not-below-limit",
             header.replace("[]", "[{\"p\":1,\"limit\":1,\"resume\":1}]").into(),
         ),
+        ("seq-without-origin", with("{\"ev\":\"open\",\"at\":1,\"t\":1,\"seq\":1}\n")),
         ("unterminated", with(tick.trim_end())),
         ("window-0", header.replace("\"window\":1", "\"window\":0").into()),
     ])

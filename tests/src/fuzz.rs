@@ -9,7 +9,7 @@ mod edit;
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_testkit::{Coverage, Mark, Run};
 use fuseline_traces as traces;
-use fuseline_traces::{Defect, Event, Events, LINE, Line, ReadError, parse, unpack};
+use fuseline_traces::{Annotations, Defect, Event, Events, LINE, Line, ReadError, parse, unpack};
 use serde::de::IgnoredAny;
 
 use bytes::Bytes;
@@ -48,7 +48,10 @@ pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> Check {
     loop {
         let line = reader.line() + 1;
         match reader.next_event() {
-            Ok(Some(event)) => unchanged(reader.raw(), &Line::Event(event), reach)?,
+            Ok(Some(event)) => {
+                unchanged(reader.raw(), &Line::Event(event), reach)?;
+                unchanged_annotations(&event, reader.annotations())?;
+            }
             Ok(None) => return Ok(()),
             Err(error) => return refused(&error, line, reach),
         }
@@ -130,6 +133,26 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> Check {
         return wrong(&format!("written as {}, read as {again:?}", written.escape_ascii()));
     }
     Ok(())
+}
+
+/// What stands on an accepted line besides: written and read again it is the same.
+fn unchanged_annotations(event: &Event, annotations: &Annotations) -> Check {
+    if annotations.is_empty() {
+        return Ok(());
+    }
+    let mut written = b"{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n".to_vec();
+    event.write_annotated(annotations, &mut written);
+    written.push(b'\n');
+    let again = Events::new(FILE, &written[..]).and_then(|mut reader| {
+        reader.next_event()?;
+        Ok(reader.annotations().clone())
+    });
+    match again {
+        Ok(again) if again == *annotations => Ok(()),
+        again => {
+            Err(format!("{annotations:?} written as {}, read as {again:?}", written.escape_ascii()))
+        }
+    }
 }
 
 /// An error where line number `line` was to be read: it tells that line, fit for a terminal.

@@ -4,7 +4,8 @@
 //! its case in its name and in its header's `x`. The breaking ones stay in `corpus/bad`, each
 //! beside a sidecar with the rule that it breaks and the line. Those of `corpus/options` conform, and do
 //! not, or are unfinished, when more is known: that the run has ended, or its period. Their sidecars say
-//! how they are judged then and what is found.
+//! how they are judged then and what is found. Those of `corpus/annotated` have keys that no rule of the machine reads,
+//! some in observed traces alone; their sidecars say the same.
 
 /// A conforming trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -254,9 +254,8 @@ impl Judge {
     /// D2: an emit says of its value what the result that it sends said, and the value is not too old.
     fn compare_value(&mut self, found: &Decision, of: Option<u64>) {
         let Decision::Emit { t, p, .. } = *found else { return };
-        let written = |of| {
-            Event::Decision(*found).annotated(&Annotations { of, ..Annotations::NONE })
-        };
+        let written =
+            |of| Event::Decision(*found).annotated(&Annotations { of, ..Annotations::NONE });
         let expected = self.values.of(found);
         let allowed = self.annotations.values_of(t, p);
         if of != expected {
@@ -285,12 +284,7 @@ impl Judge {
     }
 
     /// Notes a violation at the last line: what was found, and what was expected.
-    fn violate(
-        &mut self,
-        t: Option<u64>,
-        rule: Rule,
-        reported: impl FnOnce() -> (String, String),
-    ) {
+    fn violate(&mut self, t: Option<u64>, rule: Rule, reported: impl FnOnce() -> (String, String)) {
         self.differs = true;
         self.verdict.conforms = false;
         let line = self.verdict.lines;

@@ -255,7 +255,8 @@ impl<'a> Fields<'a> {
         let given = |key: Key| self.seen.contains(key).then(|| self.numbers[key as usize]);
         let (seq, attempt) = (given(Key::Seq), given(Key::Try));
         if attempt.is_some() && given(Key::P) == Some(0) {
-            let message = "key \"try\" in a line of p 0; local is not requested and has no attempts";
+            let message =
+                "key \"try\" in a line of p 0; local is not requested and has no attempts";
             return Err(self.fault(Key::Try, message));
         }
         if seq.is_some() && self.origin.is_none() {

@@ -89,10 +89,7 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
             r#"{"ev":"open","at":1,"t":2,"seq":7}"#,
             "2:27: key \"seq\" without \"origin\", the stream that it counts in",
         ),
-        (
-            r#"{"ev":"open","at":1,"t":2,"origin":7}"#,
-            "2:36: expected a name in quotes, found `7`",
-        ),
+        (r#"{"ev":"open","at":1,"t":2,"origin":7}"#, "2:36: expected a name in quotes, found `7`"),
         (
             r#"{"ev":"emit","at":1,"t":2,"p":1,"try":1}"#,
             "2:33: key \"try\" has no place in an emit line; it takes ev, at, t, p, of, x",
@@ -236,7 +233,8 @@ fn j2_says_by_how_much_an_output_is_late() {
 /// A50: the lines of two sources may be out of order by the errors of both, and no more.
 #[test]
 fn lines_of_two_sources_are_out_of_order_by_the_sum_of_their_tolerances_at_most() {
-    let header: Header = Events::new("a", format!("{HEADER}\n").as_bytes()).unwrap().header().clone();
+    let header: Header =
+        Events::new("a", format!("{HEADER}\n").as_bytes()).unwrap().header().clone();
     let judged = |before: u64| {
         let slack = Slack { tolerance: 2, lateness: 5 };
         let mut judge = observed::Judge::new("a.jsonl", &header, slack).with_tolerance_of(1, 10);

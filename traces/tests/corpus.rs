@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 use fuseline_traces::corpus::CASES;
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{
-    Annotations, Commit, Decision, DropReason, Event, Events, ExpectedDecisions, Header, HeldValues,
-    Input, Judge, Line, OfferRefusal, OpenRefusal, Reference, Rule, Verdict, judge, parse,
+    Annotations, Commit, Decision, DropReason, Event, Events, ExpectedDecisions, Header,
+    HeldValues, Input, Judge, Line, OfferRefusal, OpenRefusal, Reference, Rule, Verdict, judge,
+    parse,
 };
 use serde::Deserialize;
 
@@ -130,7 +131,8 @@ fn an_emit_says_of_its_value_what_its_result_said() {
         let mut written = format!("{}\n", trace.lines().next().unwrap());
         while let Some(event) = reader.next_event().expect("it is well formed") {
             let Event::Input(input) = event else { continue };
-            written += &format!("{}\n", event.annotated(reader.annotations()));
+            written.push_str(&event.annotated(reader.annotations()));
+            written.push('\n');
             demands.clear();
             machine.apply(&input, &mut demands);
             values.apply(&input, reader.annotations().of, demands.iter().map(|(it, _)| it));
@@ -138,7 +140,8 @@ fn an_emit_says_of_its_value_what_its_result_said() {
                 let of = values.of(decision);
                 emits += u64::from(of.is_some());
                 let annotations = Annotations { of, ..Annotations::NONE };
-                written += &format!("{}\n", Event::Decision(*decision).annotated(&annotations));
+                written.push_str(&Event::Decision(*decision).annotated(&annotations));
+                written.push('\n');
             }
         }
         assert_eq!(written, trace);

@@ -96,7 +96,9 @@ fn the_traces_break_the_rules_of_further_keys_too() {
         let verdict = judged(&terms, &events).expect("it is in order");
         broken.extend(verdict.violations.iter().map(|found| found.rule));
     }
-    for rule in [BrokenRule::Rule(Rule::D2), BrokenRule::J2, BrokenRule::P7, BrokenRule::Rule(Rule::F2)] {
+    for rule in
+        [BrokenRule::Rule(Rule::D2), BrokenRule::J2, BrokenRule::P7, BrokenRule::Rule(Rule::F2)]
+    {
         assert!(broken.contains(&rule), "{rule} in {broken:?}");
     }
 }
@@ -292,8 +294,7 @@ fn fate(
     let is_refused = refused_from.is_some_and(|refused| is_before(refused, own));
     let counts = |p: u64, at: u64| {
         let is_before = is_before(at, terms.slack.tolerance_of(p));
-        !unknown.contains(&(p, at))
-            && !((superseded.contains(&(p, at)) || is_refused) && is_before)
+        !unknown.contains(&(p, at)) && !((superseded.contains(&(p, at)) || is_refused) && is_before)
     };
     results.retain(|(p, at, _)| counts(*p, *at));
     failures.retain(|(p, at, _)| counts(*p, *at));
@@ -358,11 +359,7 @@ fn traces() -> impl Strategy<Value = (Terms, Vec<RecordedEvent>)> {
     )
 }
 
-fn recorded(
-    terms: &Terms,
-    steps: &[(u64, Input)],
-    noise: &[(u64, u64, u8)],
-) -> Vec<RecordedEvent> {
+fn recorded(terms: &Terms, steps: &[(u64, Input)], noise: &[(u64, u64, u8)]) -> Vec<RecordedEvent> {
     let mut machine = Reference::new(&header(terms.commit));
     let mut now = 20;
     let mut events = Vec::new();
@@ -404,9 +401,9 @@ fn recorded(
 fn annotations(event: &Event, odd: u8) -> Annotations {
     let mut annotations = Annotations::NONE;
     match event {
-        Event::Input(Input::Open { .. }) if odd % 3 == 0 => {
+        Event::Input(Input::Open { .. }) if odd.is_multiple_of(3) => {
             annotations.within = Some(u64::from(odd));
-            annotations.age = (odd % 2 == 0).then_some(u64::from(odd / 3));
+            annotations.age = odd.is_multiple_of(2).then_some(u64::from(odd / 3));
         }
         Event::Input(Input::Result { t, .. }) | Event::Decision(Decision::Emit { t, .. }) => {
             annotations.of = match odd % 9 {
@@ -419,7 +416,9 @@ fn annotations(event: &Event, odd: u8) -> Annotations {
         Event::Input(Input::Fail { p, .. }) if *p > 0 && odd % 4 > 1 => {
             annotations.attempt = Some(odd % 2);
         }
-        Event::Decision(Decision::Request { .. }) if odd % 4 > 0 => annotations.attempt = Some(0),
+        Event::Decision(Decision::Request { .. }) if !odd.is_multiple_of(4) => {
+            annotations.attempt = Some(0)
+        }
         _ => {}
     }
     annotations

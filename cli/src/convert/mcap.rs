@@ -2,8 +2,8 @@
 
 use std::io::Read;
 
-use fuseline_traces::packed::{MessageError, Messages};
 use fuseline_traces::Line;
+use fuseline_traces::packed::{MessageError, Messages};
 
 use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Recorded};
 use crate::fault::Fault;

@@ -134,8 +134,8 @@ impl Reading {
         let file =
             File::open(trace).map_err(|source| Fault::Open { name: name.to_owned(), source })?;
         let mut reader = Events::new(name, BufReader::new(file))?;
-        let mut judge = Judge::new(name, reader.header())
-            .with_header_annotations(reader.header_annotations());
+        let mut judge =
+            Judge::new(name, reader.header()).with_header_annotations(reader.header_annotations());
         let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
         let mut queues = Queues::new(priorities.iter().copied(), plan.calls);
         let mut statistics = TraceStatistics::new(priorities, false);

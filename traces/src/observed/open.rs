@@ -224,11 +224,10 @@ impl OpenMessageHistory {
         let requested =
             self.requests.iter().map(|request| (request.at, slack.tolerance_of(request.p)));
         let out = self.outputs.iter().map(|output| (output.at, own));
-        let known: Vec<(u64, u64)> =
-            opens.iter().map(|open| (open.at, own)).chain(requested).chain(out).collect();
+        let known = opens.iter().map(|open| (open.at, own)).chain(requested).chain(out);
         // The earliest and the latest instant at which the first of it may have been.
-        let first = known.iter().map(|(at, tolerance)| at.saturating_sub(*tolerance)).min();
-        let first_by = known.iter().map(|(at, tolerance)| at.saturating_add(*tolerance)).min();
+        let first = known.clone().map(|(at, tolerance)| at.saturating_sub(tolerance)).min();
+        let first_by = known.map(|(at, tolerance)| at.saturating_add(tolerance)).min();
         // A43: what came before the timestamp was open, after it was skipped or beside its being refused.
         let before = |at: u64, tolerance: u64| {
             let by = at.saturating_add(tolerance).saturating_add(lateness);
@@ -238,12 +237,17 @@ impl OpenMessageHistory {
         let is_none = |came: &&RequestClosing| {
             (came.is_superseded || is_refused) && before(came.at, slack.tolerance_of(came.p))
         };
+        let says_of = self.outputs.iter().any(|output| output.of.is_some())
+            || self.came.iter().any(|came| came.of.is_some());
         let (mut results, mut failures, mut values) = (Vec::new(), Vec::new(), Vec::new());
         for came in self.came.iter().filter(|came| !is_none(came)) {
             let RequestClosing { p, at, attempt, of, .. } = *came;
             if came.is_result {
                 results.push((p, at));
-                values.push((p, at, of));
+                // Where nothing says whose value it is, nothing is to be compared.
+                if says_of {
+                    values.push((p, at, of));
+                }
             } else {
                 failures.push(AttemptFailure { p, at, attempt });
             }
@@ -330,8 +334,12 @@ impl OpenMessageHistory {
     fn drops(&mut self, p: u64, at: u64, is_unknown: bool) {
         self.dropped.insert(Dropped { p, at, is_unknown });
         let first = RequestClosing::new(p, at, false, None, None);
-        let dropped: Vec<RequestClosing> =
-            self.came.range(first..).take_while(|came| (came.p, came.at) == (p, at)).copied().collect();
+        let dropped: Vec<RequestClosing> = self
+            .came
+            .range(first..)
+            .take_while(|came| (came.p, came.at) == (p, at))
+            .copied()
+            .collect();
         for came in dropped {
             self.came.remove(&came);
             if !is_unknown {

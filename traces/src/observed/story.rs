@@ -43,12 +43,7 @@ impl MessageHistory {
     /// Nothing is forwarded that has no explanation, and nothing that has one is refused: see `explain` for the way, and the tests
     /// for a search through all orders.
     #[must_use]
-    pub fn is_explained(
-        &self,
-        commit: Commit,
-        slack: impl Into<SourceSlack>,
-        end: u64,
-    ) -> bool {
+    pub fn is_explained(&self, commit: Commit, slack: impl Into<SourceSlack>, end: u64) -> bool {
         self.is_explained_within(commit, &slack.into(), end)
     }
 

@@ -235,9 +235,8 @@ fn of_output(
         Some((_, _, due)) => Some(*due),
         None => story.open.and_then(|(at, deadline)| Some(at.saturating_add(deadline?))),
     };
-    let in_time = due.map(|due| {
-        due.saturating_add(slack.lateness()).saturating_add(own.saturating_mul(2))
-    });
+    let in_time =
+        due.map(|due| due.saturating_add(slack.lateness()).saturating_add(own.saturating_mul(2)));
     if p > 0 && request.is_none() {
         return (BrokenRule::Rule(Rule::F3), None);
     }
