@@ -222,7 +222,12 @@ fn failed(requests: &[RequestLine], failures: &[FailureLine]) -> Vec<(u64, u64)>
 }
 
 /// D2: whether the one output may bear the value that it says, or that the results say.
-fn is_value_wrong(terms: &Terms, t: u64, output: (u64, u64, Option<u64>), came: &[Came]) -> bool {
+fn is_value_wrong(
+    terms: &Terms,
+    t: u64,
+    output: (u64, u64, Option<u64>),
+    came: &[ResultLine],
+) -> bool {
     let (p, at, of) = output;
     let by = at + terms.own.tolerance + terms.slack.tolerance_of(p);
     let results: Vec<_> = came.iter().filter(|came| came.0 == p && came.1 <= by).collect();
@@ -237,7 +242,7 @@ fn is_value_wrong(terms: &Terms, t: u64, output: (u64, u64, Option<u64>), came: 
 }
 
 /// A result: source, instant, whose value.
-type Came = (u64, u64, Option<u64>);
+type ResultLine = (u64, u64, Option<u64>);
 
 fn fate(
     terms: &Terms,
@@ -251,7 +256,7 @@ fn fate(
     let mut story = MessageHistory { without_local, ..MessageHistory::default() };
     let (mut opens, mut refusals, mut is_stranger) = (vec![], BTreeSet::new(), false);
     let (mut unknown, mut superseded) = (BTreeSet::new(), BTreeSet::new());
-    let (mut requests, mut results, mut failures) = (vec![], Vec::<Came>::new(), vec![]);
+    let (mut requests, mut results, mut failures) = (vec![], Vec::<ResultLine>::new(), vec![]);
     let mut sent = vec![];
     for (i, ((event, annotations), records_opens)) in events.iter().enumerate() {
         let Annotations { of, attempt, .. } = *annotations;
@@ -417,7 +422,7 @@ fn annotations(event: &Event, odd: u8) -> Annotations {
             annotations.attempt = Some(odd % 2);
         }
         Event::Decision(Decision::Request { .. }) if !odd.is_multiple_of(4) => {
-            annotations.attempt = Some(0)
+            annotations.attempt = Some(0);
         }
         _ => {}
     }
