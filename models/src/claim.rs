@@ -55,7 +55,8 @@ impl From<Rule> for Claim {
             Rule::F4 => Self::F4,
             Rule::F5 => Self::F5,
             Rule::F6 => Self::F6,
-            Rule::F7 => Self::F7,
+            // No input of a model says whose value it brings, so no decision is demanded by D2; it is about what F7 sends.
+            Rule::F7 | Rule::D2 => Self::F7,
             Rule::P1 => Self::P1,
         }
     }
