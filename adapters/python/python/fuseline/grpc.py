@@ -21,8 +21,7 @@ from types import TracebackType
 from typing import Any
 from urllib.parse import urlsplit
 
-from fuseline._engine import words
-from fuseline._errors import CallError, ConfigError
+from fuseline._errors import CallError, ConfigError, in_one_line
 from fuseline._item import Call
 
 try:
@@ -347,8 +346,8 @@ class Server:
         except asyncio.CancelledError:
             raise
         except Exception as error:
-            _log.warning("message %d was not computed: %s", request.timestamp, words(error))
-            why = words(error)
+            why = in_one_line(error)[:200]
+            _log.warning("message %d was not computed: %s", request.timestamp, why)
         return await context.abort(grpc.StatusCode.INTERNAL, why)
 
     async def _describes(self, _: Any, context: Any) -> Any:
