@@ -170,8 +170,8 @@ pub(crate) fn loss(
         "local" => Source::Local,
         "cloud" => Source::Cloud,
         _ => {
-            let told = format!("a source {source:?}; it is local or cloud");
-            return Err(DeadlineError::new_err(told));
+            let message = format!("a source {source:?}; it is local or cloud");
+            return Err(DeadlineError::new_err(message));
         }
     };
     let (situation, _) = known.split();
@@ -248,12 +248,12 @@ impl Function {
             Source::Local => "local",
             Source::Cloud => "cloud",
         };
-        let told = Python::attach(|py| {
+        let loss = Python::attach(|py| {
             let situation = locked(&self.situation).as_ref().map(|it| it.clone_ref(py));
             let response = AnswerClasses::get(py)?.ns(py, nanos(response))?;
             self.called.call1(py, (situation, word, response))?.extract(py)
         });
-        told.unwrap_or_else(|error| {
+        loss.unwrap_or_else(|error| {
             locked(&self.raised).get_or_insert(error);
             f64::NAN
         })
@@ -317,8 +317,9 @@ where
             return Ok(Self(Span::exactly(object.extract()?)));
         };
         if ends.len() != 2 {
-            let told = format!("a figure of {} ends; give one, or (least, greatest)", ends.len());
-            return Err(PyTypeError::new_err(told));
+            let message =
+                format!("a figure of {} ends; give one, or (least, greatest)", ends.len());
+            return Err(PyTypeError::new_err(message));
         }
         Ok(Self(Span::new(ends.get_item(0)?.extract()?, ends.get_item(1)?.extract()?)))
     }
@@ -351,8 +352,8 @@ impl<'py> FromPyObject<'_, 'py> for LossFields {
             });
         }
         if !object.is_callable() {
-            let told = format!("{}: a loss is Impact, Accuracy or a function", object.repr()?);
-            return Err(PyTypeError::new_err(told));
+            let message = format!("{}: a loss is Impact, Accuracy or a function", object.repr()?);
+            return Err(PyTypeError::new_err(message));
         }
         Ok(Self::Function(object.to_owned().unbind()))
     }
@@ -458,8 +459,8 @@ fn end_of(end: &str, age: Nanos) -> PyResult<End> {
         "failed" => Ok(End::Failed(age)),
         "censored" => Ok(End::Censored(age)),
         _ => {
-            let told = format!("an end {end:?}; it is answered, failed or censored");
-            Err(DeadlineError::new_err(told))
+            let message = format!("an end {end:?}; it is answered, failed or censored");
+            Err(DeadlineError::new_err(message))
         }
     }
 }

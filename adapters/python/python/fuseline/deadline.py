@@ -444,6 +444,6 @@ def compiled(policy: Policy) -> Any:
     return policy
 
 
-def _chosen(told: tuple[int, str, int | None, float | None]) -> Chosen:
-    deadline, reason, case, loss = told
+def _chosen(fields: tuple[int, str, int | None, float | None]) -> Chosen:
+    deadline, reason, case, loss = fields
     return Chosen(ns(deadline), Reason(reason), None if case is None else Case(case), loss)

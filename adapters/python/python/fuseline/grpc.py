@@ -163,18 +163,18 @@ class Remote:
             CallError: if the cloud or the connection to it fails, or the seconds pass.
         """
         try:
-            said = await self._call("Describe", empty_pb2.Empty(), DESCRIPTION, deadline)
+            reply = await self._call("Describe", empty_pb2.Empty(), DESCRIPTION, deadline)
         except CallError as error:
             cause = error.__cause__
             if isinstance(cause, grpc.RpcError) and cause.code() is grpc.StatusCode.UNIMPLEMENTED:
                 return None
             raise
         return Description(
-            said.model,
-            said.runtime_ms if said.HasField("runtime_ms") else None,
-            said.ap if said.HasField("ap") else None,
-            said.drive,
-            said.emulated,
+            reply.model,
+            reply.runtime_ms if reply.HasField("runtime_ms") else None,
+            reply.ap if reply.HasField("ap") else None,
+            reply.drive,
+            reply.emulated,
         )
 
     async def close(self) -> None:
@@ -352,11 +352,11 @@ class Server:
 
     async def _describes(self, _: Any, context: Any) -> Any:
         await self._admit(context)
-        said = self._description
-        if said is None:
+        description = self._description
+        if description is None:
             why = "the server does not say what it serves"
             return await context.abort(grpc.StatusCode.UNIMPLEMENTED, why)
-        given = {name: value for name, value in vars(said).items() if value is not None}
+        given = {name: value for name, value in vars(description).items() if value is not None}
         return DESCRIPTION(**given)
 
     async def _admit(self, context: Any) -> None:
