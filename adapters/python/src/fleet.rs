@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use crate::judging::{ObservedSlack, VerdictFields, judged, told};
+use crate::judging::{ObservedSlack, VerdictFields, judged, verdict_fields};
 use crate::reading::with_trace;
 use crate::tally::{SummaryFields, Tally};
 
@@ -19,8 +19,8 @@ pub(crate) fn survey(
 ) -> PyResult<TraceSummary> {
     with_trace(trace, name, |name, trace| {
         let mut tally = Tally::default();
-        let (header, found) = judged(slack, name, trace, |event| tally.event(event))?;
+        let (header, findings) = judged(slack, name, trace, |event| tally.event(event))?;
         let counted = tally.counted(&header);
-        Ok((header.operator, told(found), counted))
+        Ok((header.operator, verdict_fields(findings), counted))
     })
 }

@@ -1,6 +1,6 @@
 //! The machine.
 
-use fuseline_core::{Firing, Priority, Timestamp};
+use fuseline_core::{Deadline, Firing, OfferRefusal, Priority, Timestamp};
 use fuseline_engine::arbiter::{Answer, Arbiter, decisions_of};
 use fuseline_traces as trace;
 use fuseline_traces::{Header, Input, Line};
@@ -57,7 +57,7 @@ pub(crate) struct Fusion {
 }
 
 /// A window that fits, or what was given instead.
-struct Window(Result<u16, String>);
+pub(crate) struct Window(Result<u16, String>);
 
 /// A text or its bytes.
 #[derive(FromPyObject)]
@@ -68,7 +68,7 @@ enum Text {
 
 /// An entry of `clouds`: an object with these attributes.
 #[derive(FromPyObject)]
-struct CloudEntry<'py> {
+pub(crate) struct CloudEntry<'py> {
     p: Bound<'py, PyAny>,
     limit: Number,
     resume: Option<Number>,
@@ -89,18 +89,7 @@ impl Fusion {
         operator: Option<String>,
         record: bool,
     ) -> PyResult<Self> {
-        let window = window
-            .0
-            .map_err(|window| config(format!("a window of {window}; it must be from 1 to 1024")))?;
-        let commit = match commit {
-            "eager" => trace::Commit::Eager,
-            "patient" => trace::Commit::Patient,
-            other => {
-                return Err(config(format!("a commit rule {other}; it is eager or patient")));
-            }
-        };
-        let clouds = clouds.into_iter().map(cloud).collect::<PyResult<_>>()?;
-        Self::of(Header { operator, window, commit, clouds }, record)
+        Self::of(header(clouds, window, commit, operator)?, record)
     }
 
     /// A machine with the configuration of a trace's first line, with or without its end.
@@ -186,7 +175,15 @@ impl Fusion {
         backlog: Number,
     ) -> PyResult<Option<Py<PyAny>>> {
         let py = slf.py();
-        let why = slf.borrow().foreseen(t.0, p.0, backlog.0);
+        let why = match u16::try_from(p.0) {
+            Err(_) => Some(OfferRefusal::Unknown),
+            Ok(p) => slf.borrow().arbiter.fusion().offer_refusal(
+                Timestamp::new(t.0),
+                Priority::new(p),
+                Deadline::from_nanos(u64::MAX),
+                backlog.0,
+            ),
+        };
         why.map(|why| AnswerClasses::get(py)?.refusal(py, why)).transpose()
     }
 
@@ -291,18 +288,6 @@ impl Fusion {
         }
         (fired, answer)
     }
-
-    fn foreseen(&self, t: u64, p: u64, backlog: u64) -> Option<fuseline_core::OfferRefusal> {
-        use fuseline_core::OfferRefusal::{Closed, Queue, Unknown};
-        let fusion = self.arbiter.fusion();
-        let cloud = u16::try_from(p).ok().filter(|p| *p > 0).map(Priority::new);
-        let gate = cloud.and_then(|cloud| Some((fusion.source(cloud)?, fusion.gate(cloud)?)));
-        let is_reached = fusion.newest().is_some_and(|newest| newest >= Timestamp::new(t));
-        let (Some((source, mut gate)), true) = (gate, is_reached) else { return Some(Unknown) };
-        let Some(slot) = fusion.slot(Timestamp::new(t)) else { return Some(Closed) };
-        // F2g: the gate of the machine itself moves when it is offered.
-        slot.offer(source).1.or_else(|| (!gate.admits(backlog)).then_some(Queue))
-    }
 }
 
 impl<'py> FromPyObject<'_, 'py> for Window {
@@ -336,6 +321,27 @@ fn answer(slf: &Bound<'_, Fusion>, input: &Input) -> PyResult<FiredThenAnswer> {
         Answer::Tick => py.None(),
     };
     Ok((words.firings(py, &fired)?, own))
+}
+
+/// The configuration of a machine, as its trace begins with it.
+pub(crate) fn header(
+    clouds: Vec<CloudEntry<'_>>,
+    window: Window,
+    commit: &str,
+    operator: Option<String>,
+) -> PyResult<Header> {
+    let window = window
+        .0
+        .map_err(|window| config(format!("a window of {window}; it must be from 1 to 1024")))?;
+    let commit = match commit {
+        "eager" => trace::Commit::Eager,
+        "patient" => trace::Commit::Patient,
+        other => {
+            return Err(config(format!("a commit rule {other}; it is eager or patient")));
+        }
+    };
+    let clouds = clouds.into_iter().map(cloud).collect::<PyResult<_>>()?;
+    Ok(Header { operator, window, commit, clouds })
 }
 
 fn cloud(entry: CloudEntry<'_>) -> PyResult<trace::Cloud> {

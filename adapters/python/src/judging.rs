@@ -36,7 +36,7 @@ pub(crate) fn check(
     name: Option<String>,
     slack: ObservedSlack,
 ) -> PyResult<VerdictFields> {
-    with_trace(trace, name, |name, trace| Ok(told(judged(slack, name, trace, |_| {})?.1)))
+    with_trace(trace, name, |name, trace| Ok(verdict_fields(judged(slack, name, trace, |_| {})?.1)))
 }
 
 /// Judges a trace as it is read; `each` is given every event.
@@ -73,7 +73,7 @@ pub(crate) fn report<'py>(
             while let Some(event) = reader.next_event().map_err(unreadable)? {
                 sheet.event(reader.line(), event).map_err(unshown)?;
             }
-            Ok(told(sheet.finish()))
+            Ok(verdict_fields(sheet.finish()))
         })?);
     }
     let html = py.detach(|| {
@@ -89,8 +89,8 @@ fn reader<R: BufRead>(mode: JudgeMode, name: &str, trace: R) -> PyResult<Events<
 }
 
 /// A verdict as the package takes it.
-pub(crate) fn told(found: Findings) -> VerdictFields {
-    match found {
+pub(crate) fn verdict_fields(findings: Findings) -> VerdictFields {
+    match findings {
         Findings::Strict(verdict) => strict(verdict),
         Findings::Observed(verdict) => observed(verdict),
     }
@@ -98,18 +98,36 @@ pub(crate) fn told(found: Findings) -> VerdictFields {
 
 fn strict(verdict: Verdict) -> VerdictFields {
     let Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
-    let violations = violations.into_iter().map(|found| {
-        let (rule, sentence) = (found.rule.id(), found.rule.sentence());
-        (found.line, found.t, rule, sentence, found.found, found.expected, None, found.story)
+    let violations = violations.into_iter().map(|violation| {
+        let (rule, sentence) = (violation.rule.id(), violation.rule.sentence());
+        (
+            violation.line,
+            violation.t,
+            rule,
+            sentence,
+            violation.found,
+            violation.expected,
+            None,
+            violation.story,
+        )
     });
     (file, conforms, judged, lines, violations.collect(), more)
 }
 
 fn observed(verdict: observed::Verdict) -> VerdictFields {
     let observed::Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
-    let violations = violations.into_iter().map(|found| {
-        let (t, rule, sentence) = (found.t, found.rule.id(), found.rule.sentence());
-        (found.line, t, rule, sentence, found.found, found.expected, found.late, found.story)
+    let violations = violations.into_iter().map(|violation| {
+        let (t, rule, sentence) = (violation.t, violation.rule.id(), violation.rule.sentence());
+        (
+            violation.line,
+            t,
+            rule,
+            sentence,
+            violation.found,
+            violation.expected,
+            violation.late,
+            violation.story,
+        )
     });
     (file, conforms, judged, lines, violations.collect(), more)
 }

@@ -1,8 +1,10 @@
 //! The extension module `fuseline._fuseline`. What users meet is the package around it, in `python/fuseline`.
 
+mod engine;
 mod fleet;
 mod fusion;
 mod judging;
+mod logging;
 mod policy;
 mod raised;
 mod reading;
@@ -15,6 +17,10 @@ use pyo3::prelude::*;
 /// The machine, the judges and the policies of deadlines, as the package `fuseline` hands them on.
 #[pymodule]
 mod _fuseline {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use crate::engine::{Counting, Engine};
     #[pymodule_export]
     use crate::fleet::survey;
     #[pymodule_export]
@@ -25,4 +31,11 @@ mod _fuseline {
     use crate::policy::{Expected, Guard, Observations, loss};
     #[pymodule_export]
     use crate::time::nanoseconds;
+
+    #[pymodule_init]
+    #[expect(clippy::unnecessary_wraps, reason = "the macro asks for it")]
+    fn init(_module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::logging::install();
+        Ok(())
+    }
 }

@@ -1,6 +1,6 @@
 //! The policies of `fuseline-deadline`.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
 use fuseline_deadline as deadline;
@@ -9,7 +9,7 @@ use fuseline_deadline::{
     MetresPerSecond, MetresPerSecondSquared, Parameters, Policy, Reason, Situation, Source, Span,
     Survival,
 };
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -65,12 +65,16 @@ pub(crate) struct Vehicle {
 
 /// The longest deadline that is safe.
 #[pyclass(module = "fuseline._fuseline", frozen)]
-pub(crate) struct Guard(deadline::Guard);
+pub(crate) struct Guard(pub(crate) deadline::Guard);
 
 /// The deadline of least mean loss.
-#[pyclass(module = "fuseline._fuseline")]
-pub(crate) struct Expected {
-    policy: deadline::Expected<AnyLoss, WINDOW>,
+#[pyclass(module = "fuseline._fuseline", frozen)]
+pub(crate) struct Expected(pub(crate) SharedExpected);
+
+/// The policy, which an engine may have too.
+#[derive(Clone)]
+pub(crate) struct SharedExpected {
+    policy: Arc<Mutex<deadline::Expected<AnyLoss, WINDOW>>>,
     /// The function that is the loss, if it is one.
     function: Option<Arc<Function>>,
 }
@@ -110,7 +114,9 @@ impl Guard {
     }
 
     fn decide(&self, known: SituationFields, cap: Nanos) -> DeadlineFields {
-        decide(&mut self.0.clone(), known, cap)
+        let (situation, under_way) = known.split();
+        let situation = Situation { under_way: &under_way, ..situation };
+        fields_of(self.0.clone().decide(&situation, Duration::from_nanos(cap.0)))
     }
 }
 
@@ -130,28 +136,24 @@ impl Expected {
         };
         let local_response = local_response.times();
         let policy = deadline::Expected::new(loss, local_response, probe_every).map_err(invalid)?;
-        Ok(Self { policy, function })
+        Ok(Self(SharedExpected { policy: Arc::new(Mutex::new(policy)), function }))
     }
 
-    fn decide(&mut self, known: &Bound<'_, PyAny>, cap: Nanos) -> PyResult<DeadlineFields> {
-        if let Some(function) = &self.function {
-            *locked(&function.situation) = Some(known.clone().unbind());
-        }
-        let told = decide(&mut self.policy, known.extract()?, cap);
-        match self.function.as_ref().and_then(|function| locked(&function.raised).take()) {
-            Some(raised) => Err(raised),
-            None => Ok(told),
-        }
+    fn decide(&self, known: &Bound<'_, PyAny>, cap: Nanos) -> PyResult<DeadlineFields> {
+        let fields: SituationFields = known.extract()?;
+        self.0.set_situation(known.clone().unbind());
+        let (situation, under_way) = fields.split();
+        let situation = Situation { under_way: &under_way, ..situation };
+        self.0.decide(&situation, Duration::from_nanos(cap.0)).map(fields_of)
     }
 
-    fn ended(&mut self, end: &str, age: Nanos) -> PyResult<()> {
-        self.policy.ended(end_of(end, age)?);
-        Ok(())
+    fn ended(&self, end: &str, age: Nanos) -> PyResult<()> {
+        self.0.ended(end_of(end, age)?)
     }
 
     /// What is known of the cloud.
-    fn observations(&self) -> Vec<ObservedCall> {
-        self.policy.observations().sorted().map(seen).collect()
+    fn observations(&self) -> PyResult<Vec<ObservedCall>> {
+        Ok(self.0.locked()?.observations().sorted().map(seen).collect())
     }
 }
 
@@ -168,8 +170,8 @@ pub(crate) fn loss(
         "local" => Source::Local,
         "cloud" => Source::Cloud,
         _ => {
-            let told = format!("a source {source:?}; it is local or cloud");
-            return Err(DeadlineError::new_err(told));
+            let message = format!("a source {source:?}; it is local or cloud");
+            return Err(DeadlineError::new_err(message));
         }
     };
     let (situation, _) = known.split();
@@ -246,20 +248,58 @@ impl Function {
             Source::Local => "local",
             Source::Cloud => "cloud",
         };
-        let told = Python::attach(|py| {
+        let loss = Python::attach(|py| {
             let situation = locked(&self.situation).as_ref().map(|it| it.clone_ref(py));
             let response = AnswerClasses::get(py)?.ns(py, nanos(response))?;
             self.called.call1(py, (situation, word, response))?.extract(py)
         });
-        told.unwrap_or_else(|error| {
+        loss.unwrap_or_else(|error| {
             locked(&self.raised).get_or_insert(error);
             f64::NAN
         })
     }
 }
 
+impl SharedExpected {
+    pub(crate) fn decide(&self, situation: &Situation<'_>, cap: Duration) -> PyResult<Chosen> {
+        let chosen = self.locked()?.decide(situation, cap);
+        match self.function.as_ref().and_then(|function| locked(&function.raised).take()) {
+            Some(raised) => Err(raised),
+            None => Ok(chosen),
+        }
+    }
+
+    pub(crate) fn ended(&self, end: End) -> PyResult<()> {
+        self.locked()?.ended(end);
+        Ok(())
+    }
+
+    /// Whether its loss is a function of Python's.
+    pub(crate) const fn calls_python(&self) -> bool {
+        self.function.is_some()
+    }
+
+    /// The situation that a loss of Python's gets.
+    pub(crate) fn set_situation(&self, situation: Py<PyAny>) {
+        if let Some(function) = &self.function {
+            *locked(&function.situation) = Some(situation);
+        }
+    }
+
+    /// Never waits: a loss of Python's runs meanwhile.
+    fn locked(&self) -> PyResult<MutexGuard<'_, deadline::Expected<AnyLoss, WINDOW>>> {
+        match self.policy.try_lock() {
+            Ok(policy) => Ok(policy),
+            Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
+                "the policy computes a loss: it can be used once that has returned",
+            )),
+        }
+    }
+}
+
 impl SituationFields {
-    fn split(self) -> (Situation<'static>, Vec<Duration>) {
+    pub(crate) fn split(self) -> (Situation<'static>, Vec<Duration>) {
         let reveal = self.reveal.map(|Plain(reveal)| Metres(reveal));
         let situation = Situation { reveal, ..Situation::at(self.speed.numbers(MetresPerSecond)) };
         (situation, ages(self.under_way))
@@ -277,8 +317,9 @@ where
             return Ok(Self(Span::exactly(object.extract()?)));
         };
         if ends.len() != 2 {
-            let told = format!("a figure of {} ends; give one, or (least, greatest)", ends.len());
-            return Err(PyTypeError::new_err(told));
+            let message =
+                format!("a figure of {} ends; give one, or (least, greatest)", ends.len());
+            return Err(PyTypeError::new_err(message));
         }
         Ok(Self(Span::new(ends.get_item(0)?.extract()?, ends.get_item(1)?.extract()?)))
     }
@@ -311,8 +352,8 @@ impl<'py> FromPyObject<'_, 'py> for LossFields {
             });
         }
         if !object.is_callable() {
-            let told = format!("{}: a loss is Impact, Accuracy or a function", object.repr()?);
-            return Err(PyTypeError::new_err(told));
+            let message = format!("{}: a loss is Impact, Accuracy or a function", object.repr()?);
+            return Err(PyTypeError::new_err(message));
         }
         Ok(Self::Function(object.to_owned().unbind()))
     }
@@ -396,10 +437,7 @@ fn guard(vehicle: Vehicle) -> PyResult<deadline::Guard> {
     deadline::Guard::new(parameters).map_err(invalid)
 }
 
-fn decide(policy: &mut impl Policy, known: SituationFields, cap: Nanos) -> DeadlineFields {
-    let (situation, under_way) = known.split();
-    let situation = Situation { under_way: &under_way, ..situation };
-    let Chosen { deadline, reason } = policy.decide(&situation, Duration::from_nanos(cap.0));
+fn fields_of(Chosen { deadline, reason }: Chosen) -> DeadlineFields {
     let (word, case, loss) = match reason {
         Reason::Constant => ("constant", None, None),
         Reason::Guard(case) => ("guard", Some(case.number()), None),
@@ -421,8 +459,8 @@ fn end_of(end: &str, age: Nanos) -> PyResult<End> {
         "failed" => Ok(End::Failed(age)),
         "censored" => Ok(End::Censored(age)),
         _ => {
-            let told = format!("an end {end:?}; it is answered, failed or censored");
-            Err(DeadlineError::new_err(told))
+            let message = format!("an end {end:?}; it is answered, failed or censored");
+            Err(DeadlineError::new_err(message))
         }
     }
 }
