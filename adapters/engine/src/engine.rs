@@ -1,6 +1,8 @@
 //! One operator without its clock, its threads and its network: what happened goes in, what is to be
 //! done comes out.
 
+mod outcomes;
+
 use std::fmt;
 use std::io;
 use std::sync::Arc;
@@ -15,10 +17,10 @@ use crate::arbiter::{Answer, Arbiter};
 use crate::counts::Counting;
 use crate::counts::Event;
 use crate::effect::{Effect, Local, Offer};
+use crate::engine::outcomes::{LOCAL, OperatorState};
 use crate::item::Source;
 use crate::queue::{SourceQueue, Waiting};
 use crate::reasons::words;
-use crate::state::{LOCAL, OperatorState};
 use crate::writer::{Sink, TraceWriter};
 
 /// The most clouds that a header may have.

@@ -20,8 +20,6 @@ mod queue;
 #[cfg(feature = "operator")]
 mod reasons;
 #[cfg(feature = "operator")]
-mod state;
-#[cfg(feature = "operator")]
 mod tally;
 #[cfg(feature = "operator")]
 mod workload;
