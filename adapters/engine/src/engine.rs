@@ -15,9 +15,9 @@ use tracing::warn;
 
 use crate::arbiter::{Answer, Arbiter};
 use crate::counts::Counting;
-use crate::counts::Event;
 use crate::effect::{Effect, Local, Offer};
 use crate::engine::outcomes::{LOCAL, OperatorState};
+use crate::event::Event;
 use crate::item::Source;
 use crate::queue::{SourceQueue, Waiting};
 use crate::reasons::words;

@@ -8,6 +8,8 @@ mod effect;
 #[cfg(feature = "operator")]
 mod engine;
 #[cfg(feature = "operator")]
+mod event;
+#[cfg(feature = "operator")]
 mod item;
 #[cfg(feature = "mcap")]
 mod mcap;

@@ -13,8 +13,9 @@ use fuseline_traces::{Decision, DropReason, Input};
 use tracing::{debug, error, warn};
 
 use crate::arbiter::{Answer, decisions_of, drop_reason, offer_refusal, open_refusal};
-use crate::counts::{Counts, Event};
+use crate::counts::Counts;
 use crate::effect::{Effect, Hint, Local};
+use crate::event::Event;
 use crate::item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 use crate::open_message::OpenMessages;
 use crate::queue::{AbandonedRequest, SourceQueue, Waiting};
@@ -138,7 +139,7 @@ impl<V, R> OperatorState<V, R> {
             }
             Outcome::Held => {
                 debug!(operator, timestamp = t, source, "result held");
-                self.counts.source(place, Event::HeldValue);
+                self.counts.source(place, Event::Held);
                 self.open_messages.hold(t, p, at, value);
             }
             Outcome::Forwarded { .. } => {
