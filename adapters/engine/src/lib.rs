@@ -18,9 +18,15 @@ mod meter;
 #[cfg(feature = "operator")]
 mod open_message;
 #[cfg(feature = "operator")]
+mod policies;
+#[cfg(feature = "operator")]
 mod queue;
 #[cfg(feature = "operator")]
 mod reasons;
+#[cfg(feature = "operator")]
+mod recordings;
+#[cfg(feature = "operator")]
+mod sources;
 #[cfg(feature = "operator")]
 mod tally;
 #[cfg(feature = "operator")]
