@@ -48,16 +48,7 @@ impl<V, R> Engine<V, R> {
         // T6: a policy is called about what will be admitted alone, or it would count probes that never
         // were sent.
         if self.policies.has_policy(index)
-            && !(|| {
-                use fuseline_core::{Priority, Timestamp};
-                let (fusion, q) = (self.arbiter.fusion(), Priority::new(p));
-                let (Some(slot), Some(cloud), Some(mut gate)) =
-                    (fusion.slot(Timestamp::new(t)), fusion.source(q), fusion.gate(q))
-                else {
-                    return false;
-                };
-                slot.offer(cloud).1.is_none() && gate.admits(backlog)
-            })()
+            && self.arbiter.offer_refusal((t, p.into()), super::nanos(cap), backlog).is_some()
         {
             return Some(cap);
         }
