@@ -18,7 +18,8 @@ use crate::drive::{Driver, Timers, finish};
 use crate::local::{Local, Workers};
 use crate::run::{Outbox, Streams};
 use crate::setup::{Registered, Setup};
-use crate::side::{SideCounts, SideRegistration, SideRunner, SideTally};
+use crate::side::{SideRegistration, SideRunner};
+use crate::side_counts::{SideCounts, SideTally};
 use crate::stream::{Reader, stream};
 
 /// A typed operator: for each input message it forwards one result, the best that is in time.
@@ -92,10 +93,10 @@ pub enum SpawnError {
     /// It could not keep up with its [workload](Config::workload).
     #[error("the operator could not keep up: {0}")]
     Workload(#[from] CapacityErrors),
-    /// An aside's gate could never open again.
+    /// The gate of side requests could never open again.
     #[error("the gate of {name} needs a limit of at least 1 and a resume below it")]
     SideRequest {
-        /// The aside's name.
+        /// Their name.
         name: String,
     },
     /// [`output_len`](Config::output_len) is 0: no item could ever be written.

@@ -45,7 +45,7 @@ pub enum RealtimeError {
         "SCHED_FIFO {priority}: {source}; grant CAP_SYS_NICE, or raise `ulimit -r` to {priority}"
     )]
     Schedule {
-        /// What was asked for.
+        /// What was requested.
         priority: u8,
         /// Why not.
         source: io::Error,

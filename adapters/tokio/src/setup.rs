@@ -6,13 +6,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_deadline::{Policy, Situation};
-use fuseline_engine::{Counting, Hint};
+use fuseline_engine::Hint;
 use futures_util::future::BoxFuture;
 use tracing::error;
 
 use crate::Error;
+use crate::call::Call;
 use crate::panics::reason;
-use crate::side::{SideCall, SideCounts, SideRegistration, SideRequest, SideResponse};
+use crate::side::{SideCall, SideRegistration, SideRequest, SideResponse};
 
 /// Registers an operator's clouds, up to 15, and what goes with them.
 pub struct Setup<I, O> {
@@ -35,7 +36,7 @@ pub struct Cloud {
     /// Chooses how long each request may take, at most what the message handler says, and learns how
     /// each ended; none by default: then the message handler alone decides.
     ///
-    /// It is asked in the operator's task and must not block. If it panics, the cloud is not asked.
+    /// It is called in the operator's task and must not block. If it panics, no request is sent.
     pub policy: Option<Box<dyn Policy + Send>>,
     /// How long a call may run on after it was due, so that `policy` learns how long it really
     /// takes; 0 by default. What comes then is still dropped (F3).
@@ -44,36 +45,20 @@ pub struct Cloud {
     pub linger: Duration,
 }
 
-/// One call to a cloud, as its handle sees it.
-#[derive(Clone)]
-pub struct Call {
-    /// The message's timestamp.
-    pub timestamp: u64,
-    /// The time left: without what was spent in the queue, with the time to linger.
-    pub deadline: Duration,
-    pub(crate) byte_counter: ByteCounter,
-}
-
-/// Where the bytes that a call sends are counted.
-#[derive(Clone)]
-pub(crate) enum ByteCounter {
-    Cloud(u16, Counting),
-    SideRequest(Arc<SideCounts>),
-}
-
 /// A cloud and how to make a call to it.
 pub(crate) struct Registered<I, O> {
     pub(crate) priority: u16,
     pub(crate) cloud: Cloud,
-    pub(crate) offer: Offer<I, O>,
+    pub(crate) message_handler: MessageHandler<I, O>,
 }
 
 /// Takes late results.
 pub(crate) type HintHandler<O> = Box<dyn FnMut(Hint<O>) + Send>;
-/// Says what policies are to know of the vehicle.
+/// What policies are to know of the vehicle.
 pub(crate) type SituationSource<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
-/// The message handler: what to send, if anything, and how long the cloud may take.
-pub(crate) type Offer<I, O> = Box<dyn FnMut(&I, u64) -> Option<(Request<O>, Duration)> + Send>;
+/// What to send, if anything, and how long the cloud may take.
+pub(crate) type MessageHandler<I, O> =
+    Box<dyn FnMut(&I, u64) -> Option<(Request<O>, Duration)> + Send>;
 /// A request that knows its handle and its response handler.
 pub(crate) type Request<O> = Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O, Error>> + Send>;
 
@@ -88,8 +73,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
     ///   that happens when its timer fires or another result goes (F5, F7). An error or a
     ///   panic is a failure (F4).
     /// - `message_handler` looks at each message that was taken on, in the operator's task, and may
-    ///   keep state. It must not block; costly encoding belongs in `handle`. `None` does not ask
-    ///   this cloud, nor does a panic; the handler is called again with the next message.
+    ///   keep state. It must not block; costly encoding belongs in `handle`. After `None` or a panic
+    ///   no request is sent; the handler is called again with the next message.
     /// - `response_handler` turns the response into the output, in the call's task, when it
     ///   arrives. An error or a panic is a failure (F4). The result counts as arrived when the
     ///   handler is done.
@@ -107,7 +92,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
         Fut: Future<Output = Result<Res, Error>> + Send + 'static,
     {
         let handlers = Arc::new((handle, response_handler));
-        let offer = move |message: &I, timestamp| {
+        let message_handler = move |message: &I, timestamp| {
             let (request, deadline) = message_handler(message, timestamp)?;
             let handlers = Arc::clone(&handlers);
             let request: Request<O> = Box::new(move |call| {
@@ -123,7 +108,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
             policy: None,
             linger: Duration::ZERO,
         };
-        self.clouds.push(Registered { priority, cloud, offer: Box::new(offer) });
+        let message_handler = Box::new(message_handler);
+        self.clouds.push(Registered { priority, cloud, message_handler });
         let last = self.clouds.len() - 1;
         &mut self.clouds[last].cloud
     }
@@ -131,7 +117,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// Sets what the clouds' policies learn of the vehicle with each message taken in, above all its
     /// speed. Without it they know nothing, and the guard risks nothing.
     ///
-    /// It is called in the operator's task and must not block. After a panic nothing is known.
+    /// It is called in the operator's task and must not block. After a panic the situation is unknown.
     pub fn use_situation(
         &mut self,
         situation: impl FnMut(&I, u64) -> Situation<'static> + Send + 'static,
@@ -140,7 +126,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self
     }
 
-    /// Registers calls beside the rules: for what helps local with later messages and is no result of
+    /// Registers side requests: for what helps local with later messages and is no result of
     /// this one, such as a plan for what may happen.
     ///
     /// The machine does not know of them: no output waits for an answer, and no answer becomes
@@ -150,7 +136,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// - `handle` makes the call as for a cloud, within the time left. When that is over, or
     ///   the operator ends, its future is dropped.
     /// - `message_handler` looks at each message that was taken on, after the clouds' handlers, and must
-    ///   not block. `None` asks nothing.
+    ///   not block. `None` sends nothing.
     /// - `response_handler` gets each answer that comes in time, in the call's task, and changes
     ///   [shared](crate::SharedState) state. `Ok` counts as answered, an error as failed.
     ///
@@ -167,21 +153,22 @@ impl<I, O: Send + 'static> Setup<I, O> {
         Fut: Future<Output = Result<Res, Error>> + Send + 'static,
     {
         let handlers = Arc::new((handle, response_handler));
-        let wonder = move |message: &I, timestamp| {
+        let message_handler = move |message: &I, timestamp| {
             let (request, deadline) = message_handler(message, timestamp)?;
             let handlers = Arc::clone(&handlers);
-            let question: SideCall = Box::new(move |call| {
+            let request: SideCall = Box::new(move |call| {
                 Box::pin(async move {
                     let response = (handlers.0)(request, call).await?;
                     let answered: SideResponse = Box::new(move || (handlers.1)(response));
                     Ok(answered)
                 })
             });
-            Some((question, deadline))
+            Some((request, deadline))
         };
         let name = format!("aside-{}", self.sides.len() + 1);
         let side = SideRequest { name, limit: 31, resume: 0, calls: 8 };
-        self.sides.push(SideRegistration { side, wonder: Box::new(wonder) });
+        let message_handler = Box::new(message_handler);
+        self.sides.push(SideRegistration { side, message_handler });
         let last = self.sides.len() - 1;
         &mut self.sides[last].side
     }
@@ -199,15 +186,18 @@ impl<I, O: Send + 'static> Setup<I, O> {
 }
 
 impl<I, O> Registered<I, O> {
-    /// Asks the message handler; one that panics asks for nothing.
-    pub(crate) fn ask(&mut self, message: &I, timestamp: u64) -> Option<(Request<O>, Duration)> {
-        catch_unwind(AssertUnwindSafe(|| (self.offer)(message, timestamp))).unwrap_or_else(
-            |panic| {
+    /// What the message handler wants to send; nothing if it panics.
+    pub(crate) fn request(
+        &mut self,
+        message: &I,
+        timestamp: u64,
+    ) -> Option<(Request<O>, Duration)> {
+        catch_unwind(AssertUnwindSafe(|| (self.message_handler)(message, timestamp)))
+            .unwrap_or_else(|panic| {
                 let why = reason(&*panic);
                 error!(timestamp, cloud = %self.cloud.name, why, "the message handler panicked");
                 None
-            },
-        )
+            })
     }
 }
 
@@ -222,26 +212,5 @@ impl fmt::Debug for Cloud {
             .field("policy", &policy.as_ref().map(|_| "…"))
             .field("linger", linger)
             .finish()
-    }
-}
-
-impl Call {
-    /// A call for a handle that you drive yourself; what it sends is counted for cloud `priority`.
-    #[must_use]
-    pub const fn new(
-        timestamp: u64,
-        deadline: Duration,
-        priority: u16,
-        counting: Counting,
-    ) -> Self {
-        Self { timestamp, deadline, byte_counter: ByteCounter::Cloud(priority, counting) }
-    }
-
-    /// Counts bytes sent, the price of speculation.
-    pub fn sent(&self, bytes: usize) {
-        match &self.byte_counter {
-            ByteCounter::Cloud(priority, counting) => counting.sent(*priority, bytes as u64),
-            ByteCounter::SideRequest(counts) => counts.sent(bytes as u64),
-        }
     }
 }

@@ -1,4 +1,4 @@
-//! Wakes the driver, and remembers for whom.
+//! Wakes the driver, and keeps which of its parties was woken, so that no other need be polled.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,17 +12,17 @@ pub(super) struct WakeFlag {
     waker: Waker,
 }
 
-/// Rings for one and wakes the driver.
+/// Sets one party's flag and wakes the driver.
 pub(super) struct FlagWaker {
-    is_rung: AtomicBool,
+    is_set: AtomicBool,
     driver: Arc<AtomicWaker>,
 }
 
 impl WakeFlag {
-    /// A bell that rings, so that all parties are polled at first.
+    /// A flag that is set, so that all parties are polled at first.
     pub(super) fn new(driver: &Arc<AtomicWaker>) -> Self {
         let flag_waker =
-            Arc::new(FlagWaker { is_rung: AtomicBool::new(true), driver: Arc::clone(driver) });
+            Arc::new(FlagWaker { is_set: AtomicBool::new(true), driver: Arc::clone(driver) });
         Self { waker: Waker::from(Arc::clone(&flag_waker)), flag_waker }
     }
 
@@ -30,26 +30,26 @@ impl WakeFlag {
         Arc::clone(&self.flag_waker)
     }
 
-    /// Polls if the bell rings; it rings on unless nothing was ready.
+    /// Polls if the flag is set; it stays set unless nothing was ready.
     pub(super) fn poll<T>(&self, poll: impl FnOnce(&mut Context<'_>) -> Poll<T>) -> Poll<T> {
-        if !self.is_rung() {
+        if !self.is_set() {
             return Poll::Pending;
         }
-        self.flag_waker.is_rung.store(false, Ordering::Release);
+        self.flag_waker.is_set.store(false, Ordering::Release);
         let polled = poll(&mut Context::from_waker(&self.waker));
         if polled.is_ready() {
-            self.flag_waker.is_rung.store(true, Ordering::Release);
+            self.flag_waker.is_set.store(true, Ordering::Release);
         }
         polled
     }
 
-    pub(super) fn is_rung(&self) -> bool {
-        self.flag_waker.is_rung.load(Ordering::Acquire)
+    pub(super) fn is_set(&self) -> bool {
+        self.flag_waker.is_set.load(Ordering::Acquire)
     }
 
-    /// Rings without a waker; for the driver itself.
+    /// Sets it without waking; for the driver itself.
     pub(super) fn set(&self) {
-        self.flag_waker.is_rung.store(true, Ordering::Release);
+        self.flag_waker.is_set.store(true, Ordering::Release);
     }
 }
 
@@ -59,7 +59,7 @@ impl Wake for FlagWaker {
     }
 
     fn wake_by_ref(self: &Arc<Self>) {
-        if !self.is_rung.swap(true, Ordering::AcqRel) {
+        if !self.is_set.swap(true, Ordering::AcqRel) {
             self.driver.wake();
         }
     }

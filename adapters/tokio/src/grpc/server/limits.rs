@@ -1,4 +1,4 @@
-//! What all connections of a server share: places, bytes, and the log of who was turned away.
+//! What all connections of a server share: permits, bytes, and the log of who was rejected.
 
 use std::collections::HashMap;
 use std::io;
@@ -14,7 +14,7 @@ use tracing::warn;
 
 use crate::grpc::server::bounds::Bounds;
 
-/// How often one reason is told.
+/// How often one reason is logged.
 const EVERY: Duration = Duration::from_secs(1);
 
 /// What all connections share (D8 bounded).
@@ -26,13 +26,13 @@ pub(crate) struct ServerLimits {
     reported: Mutex<HashMap<Discriminant<RejectReason>, SuppressedLog>>,
 }
 
-/// When a reason was last told, and how many were not told since.
+/// When a reason was last logged, and how many were not logged since.
 struct SuppressedLog {
     at: Instant,
-    untold: u64,
+    suppressed: u64,
 }
 
-/// Why a client was turned away.
+/// Why a client was rejected.
 #[derive(Debug, Error)]
 pub(crate) enum RejectReason {
     #[error("the server has as many connections as it may")]
@@ -66,7 +66,7 @@ impl ServerLimits {
         }
     }
 
-    /// A place for one more connection from this address.
+    /// A permit for one more connection from this address.
     pub(crate) fn permit(
         self: &Arc<Self>,
         address: IpAddr,
@@ -99,26 +99,28 @@ impl ServerLimits {
         self.held.fetch_sub(bytes, Ordering::Relaxed);
     }
 
-    /// Says in the log who was turned away and why, of each reason one a second.
-    pub(crate) fn tell(&self, peer: SocketAddr, why: &RejectReason) {
+    /// Says in the log who was rejected and why, of each reason one a second.
+    pub(crate) fn log(&self, peer: SocketAddr, why: &RejectReason) {
         let (mut reported, now) = (lock(&self.reported), Instant::now());
         let others = match reported.get_mut(&discriminant(why)) {
             Some(last) if now.duration_since(last.at) < EVERY => {
-                last.untold += 1;
+                last.suppressed += 1;
                 return;
             }
-            Some(last) => std::mem::replace(last, SuppressedLog { at: now, untold: 0 }).untold,
+            Some(last) => {
+                std::mem::replace(last, SuppressedLog { at: now, suppressed: 0 }).suppressed
+            }
             None => {
-                reported.insert(discriminant(why), SuppressedLog { at: now, untold: 0 });
+                reported.insert(discriminant(why), SuppressedLog { at: now, suppressed: 0 });
                 0
             }
         };
         drop(reported);
-        warn!(%peer, why = %why, others, "a client was turned away");
+        warn!(%peer, why = %why, others, "a client was rejected");
     }
 }
 
-/// A connection's place, given back when it is dropped.
+/// A connection's permit, given back when it is dropped.
 pub(crate) struct ConnectionPermit {
     limits: Arc<ServerLimits>,
     from: IpAddr,

@@ -183,7 +183,7 @@ fn named<'a>(name: &str, labels: impl Iterator<Item = (&'a str, &'a str)>) -> St
     format!("{name} {}", labels.join(" "))
 }
 
-/// Each aside is asked or refused, and what was asked ends at most once.
+/// Each side request is requested or refused, and what was requested ends at most once.
 fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), String> {
     if facts.scenario.side.is_none() || !facts.is_whole || !facts.scenario.metered {
         return Ok(());
@@ -203,7 +203,9 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
     });
     let wanted = wanted.count() as u64;
     ensure(requested + refused == wanted && ended <= requested, || {
-        format!("of {wanted} asides {requested} were asked, {refused} refused, {ended} ended")
+        format!(
+            "of {wanted} side requests {requested} were requested, {refused} refused, {ended} ended"
+        )
     })?;
     let answers = log.sides[3] as u64;
     ensure(count("answered") <= answers && answers <= ended, || {
