@@ -165,7 +165,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
             });
             Some((request, deadline))
         };
-        let name = format!("aside-{}", self.sides.len() + 1);
+        let name = format!("side-{}", self.sides.len() + 1);
         let side = SideRequest { name, limit: 31, resume: 0, calls: 8 };
         let message_handler = Box::new(message_handler);
         self.sides.push(SideRegistration { side, message_handler });

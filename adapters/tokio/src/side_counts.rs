@@ -45,22 +45,22 @@ pub(crate) struct WaitingGuard(Arc<SideCounts>);
 
 impl SideCounts {
     pub(crate) fn new(operator: &str, name: String) -> Self {
-        let labels = [("operator", operator.to_owned()), ("aside", name.clone())];
+        let labels = [("operator", operator.to_owned()), ("side", name.clone())];
         let by = |outcome: &str| {
             let [operator, side] = labels.clone();
             let labels = [operator, side, ("outcome", outcome.to_owned())];
-            Count(AtomicU64::new(0), counter!("fuseline_asides_total", &labels))
+            Count(AtomicU64::new(0), counter!("fuseline_side_requests_total", &labels))
         };
         Self {
             waiting: AtomicU64::new(0),
-            requested: by("asked"),
+            requested: by("requested"),
             refused: by("refused"),
             answered: by("answered"),
             failed: by("failed"),
             expired: by("expired"),
             sent_bytes: Count(
                 AtomicU64::new(0),
-                counter!("fuseline_aside_sent_bytes_total", &labels),
+                counter!("fuseline_side_sent_bytes_total", &labels),
             ),
             name,
         }

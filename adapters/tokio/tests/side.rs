@@ -113,7 +113,7 @@ async fn an_answer_serves_later_messages_and_is_no_output() {
         ]
     );
     let expected = SideTally {
-        name: "aside-1".into(),
+        name: "side-1".into(),
         requested: 3,
         refused: 0,
         answered: 3,
@@ -257,7 +257,7 @@ async fn an_aside_whose_gate_could_never_open_is_refused() {
         local(&kept)
     });
     let error = spawn(operator, Config::default(), stream(1).1).unwrap_err();
-    assert!(matches!(&error, SpawnError::SideRequest { name } if name == "aside-2"), "{error}");
+    assert!(matches!(&error, SpawnError::SideRequest { name } if name == "side-2"), "{error}");
 }
 
 /// A cloud with 30 ms that answers after so long, and lingers for 100 ms more.
