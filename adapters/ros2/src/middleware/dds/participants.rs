@@ -1,4 +1,4 @@
-//! The domain of DDS that the node has joined, and what it has created in it.
+//! The participants that the node has in its domain of DDS, one after the other, and what it has created in them.
 //!
 //! Every endpoint is created through a factory, which is kept: when the wall clock steps back, [`rejoin`](super::rejoin)
 //! calls all of them again for a second participant. So nothing may be created in a participant by another way.
@@ -6,23 +6,13 @@
 use std::net::{IpAddr, Ipv4Addr};
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
-use std::time::SystemTime;
 
 use rustdds::dds::CreateResult;
 use rustdds::{DomainParticipant, DomainParticipantBuilder, Publisher, QosPolicies, Subscriber};
 use tokio::sync::watch;
 use tokio::task::{JoinSet, spawn_blocking};
 
-use super::rejoin;
-use super::wall_clock::WallClock;
 use crate::error::NodeError;
-
-/// The domain, joined until it is left.
-pub(crate) struct Domain {
-    handle: DomainHandle,
-    /// Watches the wall clock and joins again; ends with this.
-    rejoining: JoinSet<()>,
-}
 
 /// Creates what is to exist in each participant that the node has, one after the other.
 #[derive(Clone)]
@@ -62,28 +52,18 @@ struct State {
     current: JoinedParticipant,
 }
 
-impl Domain {
-    /// Joins the domain.
-    pub(crate) fn join(domain: u16, localhost_only: bool) -> CreateResult<Self> {
-        // Before the participant is there, so that no step goes unnoticed.
-        let wall_clock = WallClock::new(SystemTime::now());
+impl DomainHandle {
+    /// Joins with a first participant.
+    pub(super) fn join(domain: u16, localhost_only: bool) -> CreateResult<Self> {
         let current = JoinedParticipant::new(domain, localhost_only)?;
         let state = State { domain, localhost_only, factories: Vec::new(), current };
-        let handle = DomainHandle(Arc::new(Mutex::new(state)));
-        let mut rejoining = JoinSet::new();
-        rejoin::spawn(&mut rejoining, handle.clone(), wall_clock);
-        Ok(Self { handle, rejoining })
+        Ok(Self(Arc::new(Mutex::new(state))))
     }
 
-    pub(crate) fn handle(&self) -> DomainHandle {
-        self.handle.clone()
-    }
-
-    /// Leaves the domain: readers and writers end before their participant does.
-    pub(crate) async fn leave(mut self) {
-        self.rejoining.shutdown().await;
+    /// Ends what the current participant has, readers and writers first.
+    pub(super) async fn leave(&self) {
         let (factories, mut tasks, mut readers) = {
-            let State { factories, current, .. } = &mut *self.handle.locked();
+            let State { factories, current, .. } = &mut *self.locked();
             let [tasks, readers] = [&mut current.tasks, &mut current.readers].map(std::mem::take);
             (std::mem::take(factories), tasks, readers)
         };
@@ -92,9 +72,7 @@ impl Domain {
         tasks.shutdown().await;
         readers.shutdown().await;
     }
-}
 
-impl DomainHandle {
     /// Creates something, now and again in each later participant.
     ///
     /// # Errors
