@@ -28,7 +28,7 @@ mod tests;
 pub(crate) use channels::InputChannels;
 use channels::known;
 
-/// Local's place among the sources.
+/// Local's index among the sources.
 const LOCAL: usize = 0;
 
 /// What one node hears and says.
@@ -100,7 +100,7 @@ impl Transport for Fusion<'_> {
                 0 => known(received.inputs.poll_recv(context))
                     .map(|sample| if self.is_active() { self.take(sample) } else { None }),
                 1 => known(received.results.poll_recv(context))
-                    .map(|(place, sample)| self.result(place, sample)),
+                    .map(|(index, sample)| self.result(index, sample)),
                 2 => known(received.deadlines.poll_recv(context))
                     .map(|sample| self.environment(sample))
                     .map(|()| None),

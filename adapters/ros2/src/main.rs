@@ -43,7 +43,7 @@ fn main() -> ExitCode {
     }
     let lines = log(settings.log_level);
     for given in &settings.ignored {
-        warn!("{}: {} is of no effect here", given.place, given.name);
+        warn!("{}: {} is of no effect here", given.origin, given.name);
     }
     if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
         warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");

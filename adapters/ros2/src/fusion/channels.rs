@@ -77,10 +77,10 @@ impl Fusion<'_> {
     /// Something came on a source's topic: a result, if it has the key of a message.
     pub(super) fn result(
         &mut self,
-        place: usize,
+        index: usize,
         sample: Sample,
     ) -> Option<Incoming<Payload, Payload>> {
-        let source = &mut self.sources[place];
+        let source = &mut self.sources[index];
         let key = sample.ok().and_then(|payload| {
             let key = self.output_key.read(&payload.body, payload.big_endian).ok()?;
             Some((key, payload))

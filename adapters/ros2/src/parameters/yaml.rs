@@ -67,7 +67,7 @@ pub enum YamlError {
 /// The document in the text, if there is one.
 ///
 /// # Errors
-/// The first thing that is wrong, with its place.
+/// The first thing that is wrong, with its position.
 pub(super) fn read(text: &str) -> Result<Option<Node>, (Mark, YamlError)> {
     let mut reader = Reader { events: Parser::new_from_str(text) };
     let mut root = None;

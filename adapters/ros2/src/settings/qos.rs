@@ -30,7 +30,7 @@ pub struct Topic {
     /// The parameter that names it, or its own name before it was resolved.
     pub purpose: String,
     /// Where its name comes from.
-    pub place: ValueOrigin,
+    pub origin: ValueOrigin,
 }
 
 /// A side of a topic.
@@ -92,7 +92,7 @@ pub(super) fn apply(
                 return match set(&mut topic.qos, policy, &given.value) {
                     Some(()) => Ok((about, expected)),
                     None => Err(SettingsError::Value {
-                        place: given.place.clone(),
+                        origin: given.origin.clone(),
                         name: given.name.clone(),
                         value: given.value.clone(),
                         expected: expected.to_owned(),
@@ -106,7 +106,7 @@ pub(super) fn apply(
     });
     let names: Vec<String> = names.collect();
     let nearest = nearest(&given.name, names.iter().map(String::as_str));
-    Err(SettingsError::Unknown { place: given.place.clone(), name: given.name.clone(), nearest })
+    Err(SettingsError::Unknown { origin: given.origin.clone(), name: given.name.clone(), nearest })
 }
 
 fn set(qos: &mut Qos, policy: &str, value: &Value) -> Option<()> {
