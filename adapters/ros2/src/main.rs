@@ -69,7 +69,7 @@ fn check(settings: &Settings) -> Result<(), NodeError> {
     runtime()?.block_on(async { fuseline_ros2::check(settings) })
 }
 
-/// Runs the node until it is told to end.
+/// Runs the node until it is to end.
 fn serve(settings: &Settings, lines: Lines) -> Result<ExitCode, NodeError> {
     let runtime = runtime()?;
     let mut stop = runtime.block_on(async { Stop::watch() }).map_err(NodeError::System)?;

@@ -64,7 +64,7 @@ pub struct Settings {
     pub timers: Timers,
     /// The priority under `SCHED_FIFO` of the thread that serves what is due, with memory locked; 0 for neither.
     pub realtime: u8,
-    /// Whether the node is managed: it begins unconfigured, and is told by services what to do.
+    /// Whether the node is managed: it begins unconfigured, and services request its transitions.
     pub lifecycle: bool,
     /// How long a cloud without a deadline of its own may take.
     pub deadline: Duration,
@@ -137,7 +137,7 @@ pub struct Cloud {
     pub priority: u16,
     /// How long it may take; none means [`Settings::deadline`].
     pub deadline: Option<Duration>,
-    /// Whether the cloud is asked.
+    /// Whether requests are sent to the cloud.
     pub enabled: bool,
     /// The gate shuts when this many requests wait (F2g); at least 1.
     pub limit: u64,

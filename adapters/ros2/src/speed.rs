@@ -37,7 +37,7 @@ impl Speed {
         self.fresh(now).map_or(Situation::UNKNOWN, |speed| Situation::at(MetresPerSecond(speed)))
     }
 
-    /// That nothing is known, if that is so.
+    /// Why the speed is unknown, if it is.
     pub(crate) fn missing(&self, now: Instant) -> Option<String> {
         match self.last {
             _ if self.fresh(now).is_some() => None,

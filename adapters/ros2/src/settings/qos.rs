@@ -1,4 +1,4 @@
-//! Quality of service: what each topic asks of its middleware.
+//! Quality of service: what each topic requires of its middleware.
 
 use std::fmt;
 
@@ -25,7 +25,7 @@ pub struct Topic {
     pub type_name: String,
     /// Which side of it the node is.
     pub role: Role,
-    /// What it asks of its middleware.
+    /// What it requires of its middleware.
     pub qos: Qos,
     /// The parameter that names it, or its own name before it was resolved.
     pub purpose: String,
@@ -42,7 +42,7 @@ pub enum Role {
     Publisher,
 }
 
-/// What a topic asks of its middleware; the history is always the last `depth` messages.
+/// What a topic requires of its middleware; the history is always the last `depth` messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Qos {
     /// Whether lost messages are sent again.
