@@ -5,13 +5,12 @@
 use core::mem::MaybeUninit;
 
 use fuseline_core::{
-    Admission, At, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal, Opening,
-    Outcome, Priorities, Priority, Ready, Source, Timestamp,
+    Admission, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal, Opening, Outcome,
+    Priorities, Priority, Ready, Source, Timestamp,
 };
 
 use crate::header::StorageHeader;
 use crate::plain::{CAnswer, CMessage, COutcome, CReason, CState, CStatus, FUSELINE_SOURCES};
-use crate::storage::Storage;
 
 /// Where an answer will be written.
 pub(crate) type AnswerPointer<'a, T> = &'a mut MaybeUninit<T>;
@@ -57,55 +56,7 @@ pub(crate) trait Inputs {
     fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus;
 }
 
-impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW> {
-    fn ask(
-        &self,
-        now: u64,
-        t: u64,
-        asked: MessageInput,
-        answer: AnswerPointer<CAnswer>,
-    ) -> CStatus {
-        self.enter(|fusion| {
-            let at = fusion.now().as_nanos().max(now);
-            let answer = answer.write(CAnswer { at, t, ..CAnswer::EMPTY });
-            match fusion.at(Instant::from_nanos(now)) {
-                At::Fired(ref firing) => {
-                    write_firing(answer, firing);
-                    CStatus::Again
-                }
-                At::Ready(ready) => {
-                    apply(ready, Timestamp::new(t), asked, self.header(), answer);
-                    CStatus::Done
-                }
-            }
-        })
-    }
-
-    fn is_busy(&self) -> bool {
-        self.is_busy()
-    }
-
-    fn next_due(&self, due: AnswerPointer<u64>) -> CStatus {
-        self.enter(|fusion| answer_list(fusion.next_due().map(Instant::as_nanos), due))
-    }
-
-    fn look(&self, state: AnswerPointer<CState>) -> CStatus {
-        self.enter(|fusion| answer_list(Some(looked(fusion)), state))
-    }
-
-    fn look_at(&self, t: u64, message: AnswerPointer<CMessage>) -> CStatus {
-        self.enter(|fusion| answer_list(looked_at(fusion, Timestamp::new(t)), message))
-    }
-
-    fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus {
-        self.enter(|fusion| {
-            let gate = priority(p).and_then(|cloud| fusion.gate(cloud));
-            answer_list(gate.map(|gate| gate.is_shut().into()), is_shut)
-        })
-    }
-}
-
-fn apply<const CLOUDS: usize, const WINDOW: usize>(
+pub(crate) fn apply<const CLOUDS: usize, const WINDOW: usize>(
     mut ready: Ready<'_, CLOUDS, WINDOW>,
     t: Timestamp,
     asked: MessageInput,
@@ -136,8 +87,8 @@ fn apply<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// Writes the answer of a query, or nothing and [`CStatus::None`].
-fn answer_list<T>(found: Option<T>, place: AnswerPointer<T>) -> CStatus {
+/// What is asked for, or [`CStatus::None`], which writes nothing.
+pub(crate) fn answer_list<T>(found: Option<T>, place: AnswerPointer<T>) -> CStatus {
     match found {
         Some(found) => {
             place.write(found);
@@ -147,7 +98,9 @@ fn answer_list<T>(found: Option<T>, place: AnswerPointer<T>) -> CStatus {
     }
 }
 
-fn looked<const CLOUDS: usize, const WINDOW: usize>(fusion: &Fusion<CLOUDS, WINDOW>) -> CState {
+pub(crate) fn looked<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+) -> CState {
     let due = fusion.next_due();
     CState {
         now: fusion.now().as_nanos(),
@@ -160,7 +113,7 @@ fn looked<const CLOUDS: usize, const WINDOW: usize>(fusion: &Fusion<CLOUDS, WIND
     }
 }
 
-fn looked_at<const CLOUDS: usize, const WINDOW: usize>(
+pub(crate) fn looked_at<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
     t: Timestamp,
 ) -> Option<CMessage> {

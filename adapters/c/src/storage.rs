@@ -6,13 +6,16 @@ use core::cell::UnsafeCell;
 use core::ffi::c_void;
 use core::sync::atomic::{Ordering, compiler_fence};
 
-use fuseline_core::{Cloud, Fusion};
+use fuseline_core::{At, Cloud, Fusion, Instant, Timestamp};
 
 use crate::header::{AnswerTarget, Kind, NO_CLOUDS, StorageHeader, asked, rule, status_of, wrong};
-use crate::inputs::Inputs;
+use crate::inputs::{
+    AnswerPointer, Inputs, MessageInput, answer_list, apply, looked, looked_at, priority,
+    write_firing,
+};
 use crate::plain::{
-    CConfig, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
-    FUSELINE_BYTES_A_TIMESTAMP,
+    CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD,
+    FUSELINE_BYTES_A_TIMER, FUSELINE_BYTES_A_TIMESTAMP,
 };
 
 /// What a machine's storage begins with. Opaque to the caller.
@@ -142,6 +145,54 @@ impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
         let status = call(unsafe { &mut *self.fusion.get() });
         busy.store(0, Ordering::Release);
         status
+    }
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW> {
+    fn ask(
+        &self,
+        now: u64,
+        t: u64,
+        asked: MessageInput,
+        answer: AnswerPointer<CAnswer>,
+    ) -> CStatus {
+        self.enter(|fusion| {
+            let at = fusion.now().as_nanos().max(now);
+            let answer = answer.write(CAnswer { at, t, ..CAnswer::EMPTY });
+            match fusion.at(Instant::from_nanos(now)) {
+                At::Fired(ref firing) => {
+                    write_firing(answer, firing);
+                    CStatus::Again
+                }
+                At::Ready(ready) => {
+                    apply(ready, Timestamp::new(t), asked, self.header(), answer);
+                    CStatus::Done
+                }
+            }
+        })
+    }
+
+    fn is_busy(&self) -> bool {
+        self.is_busy()
+    }
+
+    fn next_due(&self, due: AnswerPointer<u64>) -> CStatus {
+        self.enter(|fusion| answer_list(fusion.next_due().map(Instant::as_nanos), due))
+    }
+
+    fn look(&self, state: AnswerPointer<CState>) -> CStatus {
+        self.enter(|fusion| answer_list(Some(looked(fusion)), state))
+    }
+
+    fn look_at(&self, t: u64, message: AnswerPointer<CMessage>) -> CStatus {
+        self.enter(|fusion| answer_list(looked_at(fusion, Timestamp::new(t)), message))
+    }
+
+    fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus {
+        self.enter(|fusion| {
+            let gate = priority(p).and_then(|cloud| fusion.gate(cloud));
+            answer_list(gate.map(|gate| gate.is_shut().into()), is_shut)
+        })
     }
 }
 

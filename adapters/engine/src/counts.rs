@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use tracing::error;
 
+use crate::event::Event;
 use crate::item::{Source, Trigger};
 use crate::meter::Meters;
 use crate::reasons::Reasons;
@@ -46,26 +47,6 @@ struct SourceCounts {
 /// The counts of a running operator, to be read from anywhere.
 #[derive(Clone)]
 pub struct Counting(Arc<Counts>);
-
-/// What is counted about one source.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Event {
-    Admitted,
-    Refused(OfferRefusal),
-    Output(Trigger),
-    /// A result was forwarded as it came; its message is counted by `Output`.
-    Forwarded,
-    HeldValue,
-    Dropped(DropReason),
-    Failed,
-    Lost,
-    FailureDropped(DropReason),
-    Timer,
-    Cancelled,
-    Sent {
-        bytes: u64,
-    },
-}
 
 impl Counts {
     pub(crate) fn new(operator: &str, sources: &[Source]) -> Self {
@@ -195,7 +176,7 @@ impl SourceCounts {
             Event::Refused(why) => add_at(&self.refused, why.index()),
             Event::Output(trigger) => add_at(&self.outputs, trigger as usize),
             Event::Forwarded => {}
-            Event::HeldValue => add(&self.held, 1),
+            Event::Held => add(&self.held, 1),
             Event::Dropped(why) => add_at(&self.dropped, why.index()),
             Event::Failed => add(&self.failed, 1),
             Event::Lost => add(&self.lost, 1),

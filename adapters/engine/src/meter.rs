@@ -3,7 +3,7 @@
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use metrics::{Counter, Gauge, Histogram, counter, gauge, histogram};
 
-use crate::counts::Event;
+use crate::event::Event;
 use crate::item::{Source, Trigger};
 use crate::tally::CurrentDeadline;
 
@@ -113,7 +113,7 @@ impl SourceMeters {
             Event::Refused(why) => increment(&self.refused, why.index()),
             Event::Output(trigger) => increment(&self.outputs, trigger as usize),
             Event::Forwarded => self.forwarded.increment(1),
-            Event::HeldValue => self.held.increment(1),
+            Event::Held => self.held.increment(1),
             Event::Dropped(why) => increment(&self.dropped, why.index()),
             Event::Failed => self.failed.increment(1),
             Event::Lost => self.lost.increment(1),

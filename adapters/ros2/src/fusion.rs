@@ -28,10 +28,10 @@ mod tests;
 pub(crate) use channels::InputChannels;
 use channels::known;
 
-/// Local's place among the sources.
+/// Local's index among the sources.
 const LOCAL: usize = 0;
 
-/// What one node hears and says.
+/// What one node receives and sends.
 pub(crate) struct Fusion<'a> {
     /// Local, then the clouds in their order.
     pub(crate) sources: Vec<Source>,
@@ -46,7 +46,7 @@ pub(crate) struct Fusion<'a> {
     pub(crate) status_publisher: Box<dyn PublishStatus>,
     pub(crate) counting: Counting,
     pub(crate) received: InputChannels<'a>,
-    /// What a managed node is told; a plain one is always active.
+    /// The requests to a managed node's lifecycle; a plain one is always active.
     pub(crate) orders: Option<&'a mut LifecycleRequests>,
     pub(crate) stop: &'a mut Stop,
     pub(crate) memory: LoopState,
@@ -100,7 +100,7 @@ impl Transport for Fusion<'_> {
                 0 => known(received.inputs.poll_recv(context))
                     .map(|sample| if self.is_active() { self.take(sample) } else { None }),
                 1 => known(received.results.poll_recv(context))
-                    .map(|(place, sample)| self.result(place, sample)),
+                    .map(|(index, sample)| self.result(index, sample)),
                 2 => known(received.deadlines.poll_recv(context))
                     .map(|sample| self.environment(sample))
                     .map(|()| None),
@@ -126,7 +126,7 @@ impl Transport for Fusion<'_> {
         (payload.clone(), self.sources[LOCAL].deadline)
     }
 
-    /// Each cloud that is there is asked.
+    /// Each cloud that is there gets a request.
     fn offers(&mut self, _: u64, payload: &Payload) -> impl Iterator<Item = Offer<Payload>> {
         let requested = self.sources.iter().skip(1).filter(|it| it.enabled && it.is_reached());
         requested.map(|source| Offer {

@@ -86,7 +86,7 @@ pub enum Key {
     /// The stamp of a `std_msgs/Header` at the very beginning. It fits whatever begins with a
     /// `builtin_interfaces/Time` as well.
     Header,
-    /// An integer at a fixed place.
+    /// An integer at a fixed offset.
     Integer {
         /// Bytes from the first after the encapsulation header.
         offset: u32,

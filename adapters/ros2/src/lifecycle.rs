@@ -57,7 +57,7 @@ const SUCCESS: &str = "transition_success";
 const FAILURE: &str = "transition_failure";
 const ERROR: &str = "transition_error";
 
-/// All transitions: those that may be asked for, then those by which they end.
+/// All transitions: those that may be requested, then those by which they end.
 pub(crate) const TRANSITIONS: [Transition; 25] = [
     transition(1, "configure", Unconfigured, Configuring),
     transition(2, "cleanup", Inactive, CleaningUp),
@@ -99,7 +99,7 @@ pub(crate) enum Task {
 /// How that went.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum TransitionResult {
-    /// As asked.
+    /// As requested.
     Success,
     /// It is as it was before.
     Failure,
@@ -113,7 +113,7 @@ pub(crate) struct LifecycleRequest {
     done: oneshot::Sender<TransitionResult>,
 }
 
-/// What a managed node is told.
+/// The requests to a managed node's lifecycle.
 pub(crate) struct LifecycleRequests {
     pub(crate) reported: mpsc::Receiver<LifecycleRequest>,
     /// Whether messages are taken in.
@@ -149,7 +149,7 @@ impl LifecycleRequests {
                 self.last = Some(order);
                 true
             }
-            // No managed node is asked for it twice: `State::requested`.
+            // It is not requested twice of a managed node: `State::requested`.
             Task::Configure => {
                 order.done(TransitionResult::Failure);
                 false
@@ -180,7 +180,7 @@ impl State {
         TRANSITIONS.into_iter().filter(move |way| way.from == self)
     }
 
-    /// The transition that is asked for, by its label if there is one, else by its number; none if it does not begin
+    /// The transition that is requested, by its label if there is one, else by its number; none if it does not begin
     /// here.
     pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, Task)> {
         let way = self

@@ -43,7 +43,7 @@ fn main() -> ExitCode {
     }
     let lines = log(settings.log_level);
     for given in &settings.ignored {
-        warn!("{}: {} is of no effect here", given.place, given.name);
+        warn!("{}: {} is of no effect here", given.origin, given.name);
     }
     if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
         warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");
@@ -69,7 +69,7 @@ fn check(settings: &Settings) -> Result<(), NodeError> {
     runtime()?.block_on(async { fuseline_ros2::check(settings) })
 }
 
-/// Runs the node until it is told to end.
+/// Runs the node until it is to end.
 fn serve(settings: &Settings, lines: Lines) -> Result<ExitCode, NodeError> {
     let runtime = runtime()?;
     let mut stop = runtime.block_on(async { Stop::watch() }).map_err(NodeError::System)?;

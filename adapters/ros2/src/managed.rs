@@ -71,13 +71,13 @@ pub(crate) async fn run(
     ended
 }
 
-/// Waits for an order; none if the node is told to end.
+/// Waits for an order; none if the node is to end.
 async fn unconfigured(
     orders: &mut LifecycleRequests,
     changes: &mut mpsc::UnboundedReceiver<Change>,
     stop: &mut Stop,
 ) -> Option<LifecycleRequest> {
-    // It may have been asked while the last order was carried out.
+    // It may have been requested while the last order was carried out.
     while !stop.came() {
         tokio::select! {
             () = stop.requested() => return None,
@@ -122,7 +122,7 @@ async fn configured(
     ended
 }
 
-/// It answers its services until it is told to end.
+/// It answers its services until it is to end.
 async fn finalized(order: LifecycleRequest, stop: &mut Stop) {
     order.done(TransitionResult::Success);
     if !stop.came() {

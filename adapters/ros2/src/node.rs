@@ -1,4 +1,5 @@
-//! The node: what it opens, and its end.
+//! A plain node: what it opens, and its end. A managed one opens the same, in
+//! [`managed`](crate::managed).
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,6 +17,7 @@ use crate::error::NodeError;
 use crate::fusion::{Fusion, InputChannels, LoopState};
 use crate::lifecycle::LifecycleRequests;
 use crate::middleware::{Endpoint, Graph, Sample};
+use crate::raw::Payload;
 use crate::report::Reporter;
 use crate::rosout::Lines;
 use crate::settings::{self, Change, Middleware, Role, Settings, SpeedTopic};
@@ -23,27 +25,19 @@ use crate::source::{Handle, Route, Source, UnmatchedResults, call};
 use crate::speed::Speed;
 use crate::status_publisher::{NodeInterface, StatusPublisher};
 use crate::stop::Stop;
-use crate::{Payload, managed};
 
 /// How many results may wait for the node at once; more stay in the readers, which drop the oldest.
 const RESULTS: usize = 64;
 
-/// Runs the node until it is stopped; returns its counts. What comes on `lines`, if anything, goes to
-/// `/rosout`.
-///
-/// Call it within a tokio runtime.
+/// Runs a plain node until it is stopped; returns its counts.
 ///
 /// # Errors
-/// If it cannot be started with these settings, or its trace could not be written whole.
-pub async fn run(
+/// As for [`run`](crate::run).
+pub(crate) async fn run(
     settings: &Settings,
     stop: &mut Stop,
     lines: Option<Lines>,
 ) -> Result<Tally, NodeError> {
-    if settings.lifecycle {
-        // A plain node does not carry its future.
-        return Box::pin(managed::run(settings, stop, lines)).await;
-    }
     // What is refused is refused before anybody notices the node.
     check(settings)?;
     realtime(settings.realtime)?;
@@ -59,7 +53,7 @@ pub async fn run(
     ended
 }
 
-/// What a node hears from outside its topics.
+/// What reaches a node from outside its topics.
 pub(crate) struct ExternalInputs<'a> {
     pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
     pub(crate) orders: Option<&'a mut LifecycleRequests>,
@@ -139,7 +133,7 @@ pub(crate) fn open<'a>(
 }
 
 impl Open<'_> {
-    /// Runs until it is told to stop or to close.
+    /// Runs until it is requested to stop or to close.
     pub(crate) async fn run(self) -> Result<Tally, NodeError> {
         let (mut fusion, engine) = self.driver.run().await;
         fusion.report();
@@ -190,13 +184,13 @@ fn schedule(_: u8) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Whether the node could start, as far as that can be told without starting it: whether its
+/// Whether the node could start, as far as that is known without starting it: whether its
 /// parameters make an operator, and the files of its secrets can be read.
 ///
 /// To be called within a tokio runtime. Nothing is opened, joined or written.
 ///
 /// # Errors
-/// With the first thing that is wrong; [`run`] refuses the same.
+/// With the first thing that is wrong; [`run`](crate::run) refuses the same.
 pub fn check(settings: &Settings) -> Result<(), NodeError> {
     engine(settings)?;
     #[cfg(feature = "zenoh")]
@@ -297,10 +291,10 @@ fn sources(
         hints: None,
         unmatched: UnmatchedResults::default(),
     }];
-    for (place, cloud) in (1..).zip(&settings.clouds) {
+    for (index, cloud) in (1..).zip(&settings.clouds) {
         let way = match &cloud.way {
             settings::CloudConnection::Topics { middleware, input, output } => {
-                topics(graph, settings, *middleware, [input, output], arrived, place)?
+                topics(graph, settings, *middleware, [input, output], arrived, index)?
             }
             settings::CloudConnection::Grpc(grpc) => Route::Grpc(handle(cloud, grpc)?),
         };
@@ -330,7 +324,7 @@ fn topics(
     middleware: Middleware,
     [requests, results]: [&str; 2],
     arrived: &mpsc::Sender<(usize, Sample)>,
-    place: usize,
+    index: usize,
 ) -> Result<Route, NodeError> {
     let qos = settings.qos(requests, Role::Publisher);
     let requests = graph.outlet(middleware, requests, &settings.input.type_name, qos)?;
@@ -339,7 +333,7 @@ fn topics(
     let results =
         graph.inlet(middleware, results, &settings.output.type_name, qos, move |sample| {
             let arrived = arrived.clone();
-            async move { drop(arrived.send((place, sample)).await) }
+            async move { drop(arrived.send((index, sample)).await) }
         })?;
     Ok(Route::Topics { requests, results })
 }

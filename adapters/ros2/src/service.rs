@@ -8,7 +8,7 @@ pub(crate) struct PendingRequest<Q, R> {
     pub(crate) reply: Reply<R>,
 }
 
-/// Where an answer goes; who asked is answered by nobody if it is dropped.
+/// Where an answer is sent; the client gets none if it is dropped.
 pub(crate) struct Reply<R>(Box<dyn FnOnce(R) + Send>);
 
 /// The requests of one service, in the order in which they came.

@@ -64,7 +64,7 @@ pub struct Settings {
     pub timers: Timers,
     /// The priority under `SCHED_FIFO` of the thread that serves what is due, with memory locked; 0 for neither.
     pub realtime: u8,
-    /// Whether the node is managed: it begins unconfigured, and is told by services what to do.
+    /// Whether the node is managed: it begins unconfigured, and services request its transitions.
     pub lifecycle: bool,
     /// How long a cloud without a deadline of its own may take.
     pub deadline: Duration,
@@ -137,7 +137,7 @@ pub struct Cloud {
     pub priority: u16,
     /// How long it may take; none means [`Settings::deadline`].
     pub deadline: Option<Duration>,
-    /// Whether the cloud is asked.
+    /// Whether requests are sent to the cloud.
     pub enabled: bool,
     /// The gate shuts when this many requests wait (F2g); at least 1.
     pub limit: u64,
@@ -219,8 +219,8 @@ impl Settings {
         settings.log_level = log_level;
         settings.rosout = arguments.rosout;
         if let Err(why) = settings.keep_pace() {
-            let place = settings.place("policy.rate");
-            return Err(SettingsError::Workload { place, why });
+            let origin = settings.origin("policy.rate");
+            return Err(SettingsError::Workload { origin, why });
         }
         for at in 0..settings.declared.len() {
             let is_fixed = settings.dynamic(&settings.declared[at].name).is_none();
@@ -245,8 +245,8 @@ impl Settings {
     }
 
     /// Where a parameter comes from.
-    fn place(&self, name: &str) -> ValueOrigin {
-        self.parameter(name).map_or(ValueOrigin::Default, |parameter| parameter.place.clone())
+    fn origin(&self, name: &str) -> ValueOrigin {
+        self.parameter(name).map_or(ValueOrigin::Default, |parameter| parameter.origin.clone())
     }
 }
 
@@ -283,7 +283,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         let value = Value::Integer(realtime.value.into());
         let expected = "0 to a managed node, whose next configuration would start its threads with that priority";
         let (name, expected) = ("realtime".to_owned(), expected.to_owned());
-        return Err(SettingsError::Value { place: realtime.place, name, value, expected });
+        return Err(SettingsError::Value { origin: realtime.origin, name, value, expected });
     }
     let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
@@ -340,7 +340,7 @@ fn stream(r: &mut Reader, name: &'static str, role: Role) -> Result<Stream, Sett
     if !r.is_given(&of("type")) {
         return Err(SettingsError::Type { name: of("type") });
     }
-    let LocatedValue { value: type_name, place } = r.read(
+    let LocatedValue { value: type_name, origin } = r.read(
         &of("type"),
         Value::String(String::new()),
         "The messages' type",
@@ -350,7 +350,7 @@ fn stream(r: &mut Reader, name: &'static str, role: Role) -> Result<Stream, Sett
             _ => None,
         },
     )?;
-    let key = key(r, name, &type_name, &place)?;
+    let key = key(r, name, &type_name, &origin)?;
     let topic = r.topic(&of("topic"), name, "The topic", &type_name, role)?;
     Ok(Stream { topic, type_name, key })
 }
@@ -359,13 +359,13 @@ fn key(
     r: &mut Reader,
     stream: &'static str,
     type_name: &str,
-    type_place: &ValueOrigin,
+    type_origin: &ValueOrigin,
 ) -> Result<Key, SettingsError> {
     let names = [format!("{stream}.key"), format!("{stream}.key_offset")];
     let [key, offset] = [&names[0], &names[1]];
     if !r.is_given(key) && !has_header(type_name) {
-        let (place, type_name) = (type_place.clone(), type_name.to_owned());
-        return Err(SettingsError::Key { place, type_name, name: key.clone() });
+        let (origin, type_name) = (type_origin.clone(), type_name.to_owned());
+        return Err(SettingsError::Key { origin, type_name, name: key.clone() });
     }
     let kind = r.read(
         key,
@@ -382,8 +382,8 @@ fn key(
         },
     )?;
     let Some(kind) = kind.value else {
-        return match r.place(offset) {
-            Some(place) => Err(SettingsError::Offset { place, name: offset.clone() }),
+        return match r.origin(offset) {
+            Some(origin) => Err(SettingsError::Offset { origin, name: offset.clone() }),
             None => Ok(Key::Header),
         };
     };
@@ -434,8 +434,8 @@ fn localhost_only(environment: impl Fn(&str) -> Option<String>) -> Option<Parame
 }
 
 fn from_environment(name: &str, value: Value, variable: &'static str) -> ParameterOverride {
-    let place = ValueOrigin::Environment(variable);
-    ParameterOverride { name: name.to_owned(), value, place, is_shared: false }
+    let origin = ValueOrigin::Environment(variable);
+    ParameterOverride { name: name.to_owned(), value, origin, is_shared: false }
 }
 
 /// The last level for this node's logger, or else for all.

@@ -18,7 +18,7 @@ pub(crate) struct Source {
     pub(crate) priority: u16,
     pub(crate) name: String,
     pub(crate) way: Route,
-    /// Whether it is asked at all; local always is.
+    /// Whether it gets requests at all; local always does.
     pub(crate) enabled: bool,
     /// How long it may take; none means the node's deadline.
     pub(crate) deadline: Option<Duration>,

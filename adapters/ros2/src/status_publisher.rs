@@ -6,7 +6,7 @@ use ros2_client::Log;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
-use crate::backend::{DiscoveredNode, MessagePublisher, NodeBackend, TOLD, TypeName};
+use crate::backend::{DiscoveredNode, MessagePublisher, NodeBackend, REPORTS, TypeName};
 use crate::error::NodeError;
 use crate::lifecycle::{LifecycleRequests, serve};
 use crate::middleware::Graph;
@@ -37,7 +37,7 @@ pub(crate) struct NodeInterface {
     pub(crate) settings: Current,
     /// What was set since it was last looked at.
     pub(crate) changes: mpsc::UnboundedReceiver<Change>,
-    /// What a managed node is told; a plain one is told nothing.
+    /// The requests to a managed node's lifecycle; a plain one has none.
     pub(crate) orders: Option<LifecycleRequests>,
     /// They serve parameters and lifecycle, and publish the log.
     pub(crate) tasks: JoinSet<()>,
@@ -56,8 +56,9 @@ impl StatusPublisher {
         let mut backend = NodeBackend::show(settings, graph)?;
         let of = |name| TypeName { package: "diagnostic_msgs", name };
         let diagnostics =
-            backend.message_publisher(&settings.diagnostics, of("DiagnosticArray"), TOLD)?;
-        let status = backend.message_publisher(&settings.status, of("DiagnosticStatus"), TOLD)?;
+            backend.message_publisher(&settings.diagnostics, of("DiagnosticArray"), REPORTS)?;
+        let status =
+            backend.message_publisher(&settings.status, of("DiagnosticStatus"), REPORTS)?;
         let services = Services::offer(&mut backend, &mut tasks)?;
         let orders = settings.lifecycle.then(|| serve(&mut backend, &settings.node, &mut tasks));
         let orders = orders.transpose()?;

@@ -96,7 +96,7 @@ pub(crate) enum Workers<I, O> {
         /// The threads end when this is dropped and their computations are done.
         jobs: mpsc::Sender<(Arc<I>, u64)>,
         /// At most one for each computation that was begun, so bounded.
-        error_chain: UnboundedReceiver<Completion<O>>,
+        completions: UnboundedReceiver<Completion<O>>,
     },
 }
 
@@ -111,21 +111,21 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
             Kind::Threads(computes) => computes,
         };
         let (jobs, taken) = mpsc::channel::<(Arc<I>, u64)>();
-        let (sender, error_chain) = unbounded_channel();
+        let (sender, completions) = unbounded_channel();
         let taken = Arc::new(Mutex::new(taken));
         for mut compute in computes {
-            let (taken, error_chain) = (Arc::clone(&taken), sender.clone());
+            let (taken, completions) = (Arc::clone(&taken), sender.clone());
             thread::Builder::new().name("fuseline-local".into()).spawn(move || {
                 loop {
                     let job = taken.lock().unwrap_or_else(PoisonError::into_inner).recv();
                     let Ok((message, timestamp)) = job else { return };
                     let result = guard(|| compute(&message, timestamp));
-                    // There is no receiver once the operator has ended.
-                    drop(error_chain.send(Completion { priority: 0, timestamp, result }));
+                    // Nobody waits for it once the operator has ended.
+                    drop(completions.send(Completion { priority: 0, timestamp, result }));
                 }
             })?;
         }
-        Ok(Self::Threads { jobs, error_chain })
+        Ok(Self::Threads { jobs, completions })
     }
 
     /// Computes a message.
@@ -140,11 +140,11 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
     }
 
     /// The next end of a computation on a thread.
-    pub(crate) fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Completion<O>> {
+    pub(crate) fn poll_completion(&mut self, context: &mut Context<'_>) -> Poll<Completion<O>> {
         match self {
             Self::Future(_) => Poll::Pending,
-            Self::Threads { error_chain, .. } => match error_chain.poll_recv(context) {
-                Poll::Ready(Some(word)) => Poll::Ready(word),
+            Self::Threads { completions, .. } => match completions.poll_recv(context) {
+                Poll::Ready(Some(completion)) => Poll::Ready(completion),
                 Poll::Ready(None) | Poll::Pending => Poll::Pending,
             },
         }

@@ -1,4 +1,4 @@
-//! What helps local with later messages: asides, hints, and what they have in common with it.
+//! What helps local with later messages: side requests, hints, and what they share with it.
 
 mod support;
 
@@ -57,7 +57,7 @@ fn local(plan: &Plan) -> Local<u64, String> {
     })
 }
 
-/// An aside that keeps each plan, for 100 ms at most.
+/// A side request that keeps each plan, for 100 ms at most.
 fn planner(setup: &mut Setup<u64, String>, kept: &Plan, what: fn(u64) -> ServiceAction) {
     let start = Instant::now();
     let kept = kept.clone();
@@ -72,7 +72,7 @@ fn planner(setup: &mut Setup<u64, String>, kept: &Plan, what: fn(u64) -> Service
     setup.use_side_request(handle, |_, t| Some((t, 100 * MS)), response_handler);
 }
 
-/// Plays it at these milliseconds; its items, and what its asides counted.
+/// Plays it at these milliseconds; its items, and what its side requests counted.
 async fn watched(
     messages: &[u64],
     config: Config,
@@ -113,7 +113,7 @@ async fn an_answer_serves_later_messages_and_is_no_output() {
         ]
     );
     let expected = SideTally {
-        name: "aside-1".into(),
+        name: "side-1".into(),
         requested: 3,
         refused: 0,
         answered: 3,
@@ -257,7 +257,7 @@ async fn an_aside_whose_gate_could_never_open_is_refused() {
         local(&kept)
     });
     let error = spawn(operator, Config::default(), stream(1).1).unwrap_err();
-    assert!(matches!(&error, SpawnError::SideRequest { name } if name == "aside-2"), "{error}");
+    assert!(matches!(&error, SpawnError::SideRequest { name } if name == "side-2"), "{error}");
 }
 
 /// A cloud with 30 ms that answers after so long, and lingers for 100 ms more.

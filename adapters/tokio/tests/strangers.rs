@@ -237,7 +237,7 @@ async fn rapid_reset(mut raw: Raw) -> usize {
 async fn who_takes_back_calls_faster_than_it_may_is_closed() {
     let _turn = TURN.lock().await;
     under(Bounds { resets: 100, ..WIDE }, rapid_reset).await;
-    LOG.says("a client was turned away").await;
+    LOG.says("a client was rejected").await;
     // One by one, so that each has begun.
     under(Bounds { resets: 2, ..WIDE }, async |mut raw: Raw| {
         raw.greet().await;

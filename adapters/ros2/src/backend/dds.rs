@@ -209,7 +209,7 @@ where
         start: oneshot::Receiver<()>,
         closed: impl Future<Output = ()>,
     ) {
-        // Before, who asks has met the former server, but perhaps not yet this one to be answered by.
+        // Before, the client has met the former server, but perhaps not yet this one to be answered by.
         if start.await.is_err() {
             return;
         }
@@ -262,7 +262,7 @@ fn with_node<T>(
 /// Sets a parameter: it is published on `/parameter_events`, and simulated time is followed if it is to be.
 fn set(node: &Node, name: &str, value: ParameterValue) {
     if let Err(why) = node.set_parameter(name, value) {
-        debug!(name, why, "a change that is not told");
+        debug!(name, why, "a change that is not reported");
     }
 }
 

@@ -12,7 +12,7 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tracing::debug;
 use zenoh::Wait;
 
-use super::{DiscoveredNode, MessagePublisher, TOLD, TypeName};
+use super::{DiscoveredNode, MessagePublisher, REPORTS, TypeName};
 use crate::error::NodeError;
 use crate::middleware::Publish;
 use crate::middleware::zenoh::wire::Attachment;
@@ -103,10 +103,10 @@ impl ZenohSession {
             std::future::ready(())
         })?;
         let ty = TypeName { package: "rcl_interfaces", name: "ParameterEvent" };
-        let events = self.message_publisher::<ParameterEvent>("/parameter_events", ty, TOLD)?;
+        let events = self.message_publisher::<ParameterEvent>("/parameter_events", ty, REPORTS)?;
         let node = self.node();
         let follower = Arc::clone(&follows);
-        // The ends stay open as long as the time is told.
+        // The ends stay open as long as the time is published.
         let session = std::sync::Mutex::new(self);
         Ok(DiscoveredNode {
             clock: Box::new(move || {

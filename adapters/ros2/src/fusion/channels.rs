@@ -14,7 +14,7 @@ use crate::raw::Payload;
 use crate::settings::{Change, seconds};
 use crate::stamps::KeyOrder;
 
-/// The channels on which the node hears.
+/// The channels on which the node receives.
 pub(crate) struct InputChannels<'a> {
     pub(crate) inputs: mpsc::Receiver<Sample>,
     /// Results, each with the index of its source.
@@ -31,7 +31,7 @@ impl Fusion<'_> {
         self.orders.as_ref().is_none_or(|orders| orders.is_active)
     }
 
-    /// A managed node is told what to do.
+    /// A request to a managed node's lifecycle.
     pub(super) fn poll_orders(
         &mut self,
         context: &mut Context<'_>,
@@ -77,10 +77,10 @@ impl Fusion<'_> {
     /// Something came on a source's topic: a result, if it has the key of a message.
     pub(super) fn result(
         &mut self,
-        place: usize,
+        index: usize,
         sample: Sample,
     ) -> Option<Incoming<Payload, Payload>> {
-        let source = &mut self.sources[place];
+        let source = &mut self.sources[index];
         let key = sample.ok().and_then(|payload| {
             let key = self.output_key.read(&payload.body, payload.big_endian).ok()?;
             Some((key, payload))

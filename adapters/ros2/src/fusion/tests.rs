@@ -33,7 +33,7 @@ use SourceAction::{Answers, Fails, Loses, Panics};
 /// What a source does with each message.
 type Plan = fn(u64) -> SourceAction;
 
-/// What happens, for either transport: the timestamp of a message is its place.
+/// What happens, for either transport: the timestamp of a message is its index.
 #[derive(Clone)]
 struct Script {
     local: Plan,

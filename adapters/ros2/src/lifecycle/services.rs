@@ -1,4 +1,4 @@
-//! The five services of a managed node, and the topic on which it tells of its transitions.
+//! The five services of a managed node, and the topic on which it reports its transitions.
 
 use std::time::SystemTime;
 
@@ -13,12 +13,12 @@ use super::messages::{
 use super::{
     LifecycleRequest, LifecycleRequests, STATES, State, TRANSITIONS, Transition, TransitionResult,
 };
-use crate::backend::{MessagePublisher, NodeBackend, TOLD, TypeName};
+use crate::backend::{MessagePublisher, NodeBackend, REPORTS, TypeName};
 use crate::error::NodeError;
 use crate::names::NodeName;
 use crate::service::{PendingRequest, Reply, Requests};
 
-/// Serves the node's lifecycle in `tasks`: it begins unconfigured. What the node is told comes by the orders.
+/// Serves the node's lifecycle in `tasks`: it begins unconfigured. Requests to the node come by the orders.
 ///
 /// # Errors
 /// ROS refuses a service or the topic.
@@ -39,7 +39,7 @@ pub(crate) fn serve(
         events: backend.message_publisher(
             &format!("{}/transition_event", node.full()),
             ty("TransitionEvent"),
-            TOLD,
+            REPORTS,
         )?,
     };
     tasks.spawn(services.run(message_publisher));
@@ -138,7 +138,7 @@ impl Services {
 /// How what is under way went; never, if nothing is.
 async fn done(under_way: &mut Option<PendingTransition>) -> TransitionResult {
     match under_way {
-        // The node ended without a word.
+        // The node ended without an answer.
         Some(under_way) => (&mut under_way.done).await.unwrap_or(TransitionResult::Error),
         None => std::future::pending().await,
     }

@@ -1,6 +1,7 @@
 //! Ends of topics over DDS: serialized messages in and out.
 
 mod domain;
+mod participants;
 mod recent;
 mod rejoin;
 mod wall_clock;
@@ -21,8 +22,9 @@ use rustdds::{
 use tokio::time::Instant;
 use tracing::warn;
 
-use self::domain::JoinedParticipant;
-pub(crate) use self::domain::{Domain, DomainHandle, InUse, NewEntity};
+pub(crate) use self::domain::Domain;
+use self::participants::JoinedParticipant;
+pub(crate) use self::participants::{DomainHandle, InUse, NewEntity};
 pub(crate) use self::recent::RecentIds;
 use super::end::{Endpoint, dds_type};
 use super::{DecodeError, Publish, Sample};

@@ -307,7 +307,7 @@ where
     ) {
         let Self { end, types, type_name, take } = &*self;
         while let Ok(sample) = subscriber.recv_async().await {
-            // Another version of the type: `/diagnostics` tells of that peer.
+            // Another version of the type: `/diagnostics` reports that peer.
             let hash = hash_of(sample.key_expr().as_str());
             if types.known(type_name).is_some_and(|known| known != hash) {
                 continue;

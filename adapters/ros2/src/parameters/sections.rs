@@ -17,8 +17,8 @@ pub(super) fn given(
     text: &str,
     node: &NodeName,
 ) -> Result<Vec<ParameterOverride>, ParameterError> {
-    let place = |(line, column)| ValueOrigin::File(path.to_owned(), line, column);
-    let fault = |(mark, flaw)| ParameterError::ParameterFlaw { place: place(mark), flaw };
+    let origin = |(line, column)| ValueOrigin::File(path.to_owned(), line, column);
+    let fault = |(mark, flaw)| ParameterError::ParameterFlaw { origin: origin(mark), flaw };
     let root = yaml::read(text).map_err(|(mark, error)| fault((mark, error.into())))?;
     let mut sections = Vec::new();
     if let Some(root) = &root {
@@ -36,7 +36,7 @@ pub(super) fn given(
         all.extend(flat.into_iter().map(|(name, (mark, value))| ParameterOverride {
             name,
             value,
-            place: place(mark),
+            origin: origin(mark),
             is_shared,
         }));
     }
@@ -46,7 +46,7 @@ pub(super) fn given(
 /// The parts of a node's name, with wildcards, and its parameters.
 type Section<'a> = (Vec<&'a str>, &'a [Entry]);
 
-/// Values and the places of their names, by dotted name.
+/// Values and the origins of their names, by dotted name.
 type Flat = BTreeMap<String, (Mark, Value)>;
 
 /// Finds the keys above parameters; the keys on the way there make up the node's name.

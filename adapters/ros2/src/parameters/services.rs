@@ -49,9 +49,9 @@ pub(crate) struct Services {
 /// The parameters of a node that runs.
 pub(crate) struct Parameters {
     pub(crate) settings: Current,
-    /// Hears of each change.
+    /// Gets each change.
     pub(crate) setter: mpsc::UnboundedSender<Change>,
-    /// Hears of each parameter that was set.
+    /// Gets each parameter that was set.
     pub(crate) set: ParameterCallback,
 }
 
@@ -76,7 +76,7 @@ impl Services {
         })
     }
 
-    /// Answers until there is nobody to be asked by.
+    /// Answers until no request can come.
     pub(crate) async fn run(mut self, parameters: Parameters) {
         loop {
             tokio::select! {

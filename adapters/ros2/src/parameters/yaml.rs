@@ -67,7 +67,7 @@ pub enum YamlError {
 /// The document in the text, if there is one.
 ///
 /// # Errors
-/// The first thing that is wrong, with its place.
+/// The first thing that is wrong, with its position.
 pub(super) fn read(text: &str) -> Result<Option<Node>, (Mark, YamlError)> {
     let mut reader = Reader { events: Parser::new_from_str(text) };
     let mut root = None;
@@ -164,7 +164,7 @@ impl<'a> Reader<'a> {
             };
             let key = self.node(event, mark, depth + 1)?;
             let key = match key.content {
-                // A terminal would take them for commands when the name is told.
+                // A terminal would take them for commands when the name is printed.
                 Content::Scalar { text, .. } if !text.contains(char::is_control) => text,
                 Content::Scalar { .. } | Content::List(_) | Content::Mapping(_) => {
                     return Err((mark, YamlError::Key));

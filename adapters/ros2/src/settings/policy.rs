@@ -135,7 +135,7 @@ impl fmt::Display for Deadlines {
 
 /// Reads the parameters of policies.
 pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
-    let LocatedValue { value: kind, place } = r.read(
+    let LocatedValue { value: kind, origin } = r.read(
         "policy",
         Value::String("set".to_owned()),
         "What chooses deadlines, at most the one that is set",
@@ -191,10 +191,10 @@ pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
     let speed = speed(r)?;
     let deadlines = Deadlines { kind, parameters, accuracy, probe_every, speed, rate };
     if let Err(why) = deadlines.policy() {
-        return Err(SettingsError::Policy { place, why });
+        return Err(SettingsError::Policy { origin, why });
     }
     if kind.goes_by_speed() && deadlines.speed.is_none() {
-        return Err(SettingsError::Speed { place, policy: kind.as_str() });
+        return Err(SettingsError::Speed { origin, policy: kind.as_str() });
     }
     Ok(deadlines)
 }

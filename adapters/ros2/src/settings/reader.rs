@@ -27,7 +27,7 @@ pub(super) struct Reader<'a> {
 /// A value and where it comes from.
 pub(super) struct LocatedValue<T> {
     pub(super) value: T,
-    pub(super) place: ValueOrigin,
+    pub(super) origin: ValueOrigin,
 }
 
 impl<'a> Reader<'a> {
@@ -49,8 +49,8 @@ impl<'a> Reader<'a> {
         convert: impl FnOnce(&Value) -> Option<T>,
     ) -> Result<LocatedValue<T>, SettingsError> {
         let is_double = matches!(default, Value::Double(_));
-        let (value, place) = match self.given.remove(name) {
-            Some(given) => (given.value, given.place),
+        let (value, origin) = match self.given.remove(name) {
+            Some(given) => (given.value, given.origin),
             None => (default, ValueOrigin::Default),
         };
         let value = match value.number() {
@@ -60,7 +60,7 @@ impl<'a> Reader<'a> {
         let name = name.to_owned();
         let Some(converted) = convert(&value) else {
             let expected = expected.to_owned();
-            return Err(SettingsError::Value { place, name, value, expected });
+            return Err(SettingsError::Value { origin, name, value, expected });
         };
         self.declared.push(Parameter {
             name,
@@ -69,9 +69,9 @@ impl<'a> Reader<'a> {
             expected: expected.to_owned(),
             range: None,
             at_run_time: false,
-            place: place.clone(),
+            origin: origin.clone(),
         });
-        Ok(LocatedValue { value: converted, place })
+        Ok(LocatedValue { value: converted, origin })
     }
 
     pub(super) fn text(
@@ -207,11 +207,11 @@ impl<'a> Reader<'a> {
         type_name: &str,
         role: Role,
     ) -> Result<String, SettingsError> {
-        let LocatedValue { value, place } = self.text(parameter, default, about)?;
+        let LocatedValue { value, origin } = self.text(parameter, default, about)?;
         if value.is_empty() && default.is_empty() {
             return Ok(value);
         }
-        self.add_topic(parameter.to_owned(), &value, place, type_name, role)
+        self.add_topic(parameter.to_owned(), &value, origin, type_name, role)
     }
 
     /// A published topic that has no parameter.
@@ -227,7 +227,7 @@ impl<'a> Reader<'a> {
         &mut self,
         purpose: String,
         value: &str,
-        place: ValueOrigin,
+        origin: ValueOrigin,
         type_name: &str,
         role: Role,
     ) -> Result<String, SettingsError> {
@@ -235,22 +235,22 @@ impl<'a> Reader<'a> {
             Ok(name) => name,
             Err(source) => {
                 let topic = value.to_owned();
-                return Err(SettingsError::Topic { place, name: purpose, topic, source });
+                return Err(SettingsError::Topic { origin, name: purpose, topic, source });
             }
         };
         let is_remapped = self.node.expand(value).is_ok_and(|unmapped| unmapped != name);
-        let place = match place {
+        let origin = match origin {
             ValueOrigin::Default if is_remapped => ValueOrigin::Argument("--remap".to_owned()),
-            place => place,
+            origin => origin,
         };
-        // The node would hear itself, or could not tell whose message it hears.
+        // The node would receive its own messages, or could not tell whose message it received.
         if let Some(other) = self.topics.iter().find(|other| other.name == name) {
-            let place = if place == ValueOrigin::Default { other.place.clone() } else { place };
+            let origin = if origin == ValueOrigin::Default { other.origin.clone() } else { origin };
             let other = other.purpose.clone();
-            return Err(SettingsError::Shared { place, name: purpose, topic: name, other });
+            return Err(SettingsError::Shared { origin, name: purpose, topic: name, other });
         }
         let (type_name, qos) = (type_name.to_owned(), Qos::of(role));
-        self.topics.push(Topic { name: name.clone(), type_name, role, qos, purpose, place });
+        self.topics.push(Topic { name: name.clone(), type_name, role, qos, purpose, origin });
         Ok(name)
     }
 
@@ -276,7 +276,7 @@ impl<'a> Reader<'a> {
                     expected: expected.to_owned(),
                     range: None,
                     at_run_time: false,
-                    place: given.place,
+                    origin: given.origin,
                 }),
                 // A bad value is bad for every node.
                 Err(error @ SettingsError::Value { .. }) => return Err(error),
@@ -292,28 +292,28 @@ impl<'a> Reader<'a> {
     }
 
     /// Where a parameter is given, if it is.
-    pub(super) fn place(&self, name: &str) -> Option<ValueOrigin> {
-        self.given.get(name).map(|given| given.place.clone())
+    pub(super) fn origin(&self, name: &str) -> Option<ValueOrigin> {
+        self.given.get(name).map(|given| given.origin.clone())
     }
 
     fn unknown(&self, given: &ParameterOverride) -> SettingsError {
-        let (place, name) = (given.place.clone(), given.name.clone());
+        let (origin, name) = (given.origin.clone(), given.name.clone());
         if let Some((cloud, part)) = name.split_once('.')
             && is_of_a_cloud(part)
             && check_token(cloud).is_ok()
             && !self.declared.iter().any(|known| known.name == format!("{cloud}.deadline"))
         {
             let cloud = cloud.to_owned();
-            return SettingsError::NoCloud { place, name, cloud };
+            return SettingsError::NoCloud { origin, name, cloud };
         }
         let names = self.declared.iter().map(|known| known.name.as_str());
         let nearest = nearest(&name, names);
-        SettingsError::Unknown { place, name, nearest }
+        SettingsError::Unknown { origin, name, nearest }
     }
 }
 
 impl<T> LocatedValue<T> {
     pub(super) fn map<U>(self, change: impl FnOnce(T) -> U) -> LocatedValue<U> {
-        LocatedValue { value: change(self.value), place: self.place }
+        LocatedValue { value: change(self.value), origin: self.origin }
     }
 }

@@ -43,7 +43,7 @@ impl fmt::Display for Settings {
             parameters.add_row([
                 parameter.name.clone(),
                 parameter.value.to_string(),
-                parameter.place.to_string(),
+                parameter.origin.to_string(),
                 change.to_owned(),
             ]);
         }
@@ -53,7 +53,7 @@ impl fmt::Display for Settings {
             writeln!(f)?;
         }
         for given in &self.ignored {
-            writeln!(f, "{}: {} is for other nodes, not this one", given.place, given.name)?;
+            writeln!(f, "{}: {} is for other nodes, not this one", given.origin, given.name)?;
         }
         Ok(())
     }

@@ -79,7 +79,7 @@ fn two_types_are_enough() {
     assert_eq!((all.trace, all.mcap), (None, None));
     assert_eq!((all.log_level, all.rosout, all.use_sim_time), (None, true, false));
     assert!(all.declared.iter().skip(2).all(|parameter| {
-        parameter.place == ValueOrigin::Default || parameter.name == "output.type"
+        parameter.origin == ValueOrigin::Default || parameter.name == "output.type"
     }));
 }
 

@@ -2,6 +2,7 @@
 
 mod bounds;
 mod connection_handler;
+mod connection_watch;
 mod held;
 mod limits;
 mod tls;
@@ -82,7 +83,7 @@ pub async fn serve(
             accepted = listener.accept() => match accepted {
                 Ok((socket, peer)) => match limits.permit(peer.ip()) {
                     Ok(permit) => drop(guests.spawn(connection_handler.clone().host(socket, peer, permit))),
-                    Err(why) => limits.tell(peer, &why),
+                    Err(why) => limits.log(peer, &why),
                 },
                 Err(error) => {
                     warn!(%error, "no connection can be taken on");

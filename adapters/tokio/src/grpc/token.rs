@@ -116,10 +116,10 @@ mod tests {
         };
         let all = 2 * token.len();
         assert_eq!(looked_at(token), (true, all));
-        for place in 0..token.len() {
+        for index in 0..token.len() {
             let mut shown = *token;
-            shown[place] ^= 1;
-            assert_eq!(looked_at(&shown), (false, all), "{place}");
+            shown[index] ^= 1;
+            assert_eq!(looked_at(&shown), (false, all), "{index}");
         }
     }
 }

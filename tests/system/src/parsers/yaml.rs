@@ -55,7 +55,7 @@ fn file(path: &Path, len: usize, ends: &mut Ends) -> Check {
 }
 
 fn parameter(given: &ParameterOverride, len: usize) -> Check {
-    placed(&given.place, len)?;
+    placed(&given.origin, len)?;
     shown(&given.value)
 }
 
@@ -89,20 +89,20 @@ fn is_same(a: &Value, b: &Value) -> bool {
 }
 
 fn refused(error: &ParameterError, len: usize) -> Check {
-    if let ParameterError::ParameterFlaw { place, .. } = error {
-        placed(place, len)?;
+    if let ParameterError::ParameterFlaw { origin, .. } = error {
+        placed(origin, len)?;
     }
     fit(&error.to_string())
 }
 
-/// A place is in the file, or just behind it.
-fn placed(place: &ValueOrigin, len: usize) -> Check {
-    match place {
+/// An origin is in the file, or just behind it.
+fn placed(origin: &ValueOrigin, len: usize) -> Check {
+    match origin {
         ValueOrigin::File(_, line, column)
             if (1..=len + 1).contains(line) && (1..=len + 1).contains(column) =>
         {
             Ok(())
         }
-        place => Err(format!("{place} is not in a file of {len} bytes")),
+        origin => Err(format!("{origin} is not in a file of {len} bytes")),
     }
 }

@@ -119,8 +119,8 @@ fn beside(
         async move {
             wait(act).await;
             let done = match act.how {
-                CallResult::Fails => Err("the aside fails".into()),
-                CallResult::Panics | CallResult::PanicsAtOnce => panic("the aside panics"),
+                CallResult::Fails => Err("the side request fails".into()),
+                CallResult::Panics | CallResult::PanicsAtOnce => panic("the side request panics"),
                 CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
                 CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
                     Ok(act.how)

@@ -199,7 +199,7 @@ impl fmt::Display for Scenario {
             writeln!(f, "  cloud   {cloud:?}")?;
         }
         if let Some((limit, calls)) = self.side {
-            writeln!(f, "  aside   limit {limit}, {calls} calls")?;
+            writeln!(f, "  side    limit {limit}, {calls} calls")?;
         }
         if let Some(panics) = self.hints {
             writeln!(f, "  hints   {}", if panics { "their handler panics" } else { "taken" })?;
@@ -222,7 +222,7 @@ impl fmt::Display for Scenario {
                 write!(f, ", cloud {} {ask}", cloud.p)?;
             }
             if self.side.is_some() {
-                write!(f, ", aside {}", frame.side)?;
+                write!(f, ", side {}", frame.side)?;
             }
             writeln!(f)?;
         }

@@ -1,7 +1,7 @@
 //! The node's loop in virtual time, on topics that lose, delay, double and reorder what they carry, with peers that die and
 //! come back and parameters that are set meanwhile.
 //!
-//! A seed makes a [`Scenario`]. It is played by the shipped loop, engine and recorder; in the place of the middleware there
+//! A seed makes a [`Scenario`]. It is played by the shipped loop, engine and recorder; instead of the middleware there
 //! are the channels by which the node hears it. Each check is a test, on the same seeds. Fresh ones, or one of them again:
 //!
 //! ```sh

@@ -14,7 +14,7 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout};
 use tracing::{error, info, warn};
 
-use super::domain::{DomainHandle, NewEntity};
+use super::participants::{DomainHandle, NewEntity};
 use super::wall_clock::WallClock;
 use crate::error::NodeError;
 

@@ -23,7 +23,7 @@ const GROUP: &str = "/_buf_cpu";
 /// How long an attachment is, in bytes.
 const ATTACHMENT: usize = 33;
 
-/// What a token tells of.
+/// What a token announces.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Kind {
     Node,

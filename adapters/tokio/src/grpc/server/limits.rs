@@ -29,7 +29,7 @@ pub(crate) struct ServerLimits {
 /// When a reason was last logged, and how many were not logged since.
 struct SuppressedLog {
     at: Instant,
-    untold: u64,
+    suppressed: u64,
 }
 
 /// Why a client was rejected.
@@ -99,22 +99,24 @@ impl ServerLimits {
         self.held.fetch_sub(bytes, Ordering::Relaxed);
     }
 
-    /// Logs who was rejected and why, each reason once a second.
-    pub(crate) fn tell(&self, peer: SocketAddr, why: &RejectReason) {
+    /// Says in the log who was rejected and why, of each reason one a second.
+    pub(crate) fn log(&self, peer: SocketAddr, why: &RejectReason) {
         let (mut reported, now) = (lock(&self.reported), Instant::now());
         let others = match reported.get_mut(&discriminant(why)) {
             Some(last) if now.duration_since(last.at) < EVERY => {
-                last.untold += 1;
+                last.suppressed += 1;
                 return;
             }
-            Some(last) => std::mem::replace(last, SuppressedLog { at: now, untold: 0 }).untold,
+            Some(last) => {
+                std::mem::replace(last, SuppressedLog { at: now, suppressed: 0 }).suppressed
+            }
             None => {
-                reported.insert(discriminant(why), SuppressedLog { at: now, untold: 0 });
+                reported.insert(discriminant(why), SuppressedLog { at: now, suppressed: 0 });
                 0
             }
         };
         drop(reported);
-        warn!(%peer, why = %why, others, "a client was turned away");
+        warn!(%peer, why = %why, others, "a client was rejected");
     }
 }
 

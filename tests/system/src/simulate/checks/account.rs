@@ -49,7 +49,7 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
             let other = metrics.get(name).copied().unwrap_or(0);
             ensure(other == *count, || format!("{name} is {other}, the tally has {count}"))?;
         }
-        let all = metrics.iter().filter(|(name, _)| !name.contains("aside"));
+        let all = metrics.iter().filter(|(name, _)| !name.starts_with("side_"));
         let unknown = all.filter(|(name, _)| !name.starts_with("deadlines "));
         let unknown: Vec<_> =
             unknown.filter(|(name, count)| **count > 0 && !metered.contains_key(*name)).collect();
@@ -189,10 +189,10 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
         return Ok(());
     }
     let count = |outcome| {
-        let labels = [("aside", "aside-1"), ("outcome", outcome)];
-        metrics.get(&named("asides", labels.into_iter())).copied().unwrap_or(0)
+        let labels = [("side", "side-1"), ("outcome", outcome)];
+        metrics.get(&named("side_requests", labels.into_iter())).copied().unwrap_or(0)
     };
-    let [requested, refused] = ["asked", "refused"].map(count);
+    let [requested, refused] = ["requested", "refused"].map(count);
     let ended: u64 = ["answered", "failed", "expired"].map(count).into_iter().sum();
     let log = &facts.played.log;
     let wanted = facts.replay.opened.iter().filter(|message| {
@@ -203,7 +203,9 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
     });
     let wanted = wanted.count() as u64;
     ensure(requested + refused == wanted && ended <= requested, || {
-        format!("of {wanted} asides {requested} were asked, {refused} refused, {ended} ended")
+        format!(
+            "of {wanted} side requests {requested} were requested, {refused} refused, {ended} ended"
+        )
     })?;
     let answers = log.sides[3] as u64;
     ensure(count("answered") <= answers && answers <= ended, || {

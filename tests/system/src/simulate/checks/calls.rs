@@ -185,7 +185,7 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     }
     if let Some((_, calls)) = scenario.side {
         let most = log.sides[2];
-        ensure(most <= calls, || format!("{most} asides were under way, {calls} may be"))?;
+        ensure(most <= calls, || format!("{most} side requests were under way, {calls} may be"))?;
     }
     let window = usize::from(scenario.window);
     let waiting = scenario.local.waiting.unwrap_or(window);

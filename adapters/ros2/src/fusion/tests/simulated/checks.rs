@@ -92,35 +92,35 @@ fn one_item(facts: &Facts<'_>) -> Result<(), String> {
 
 /// D2: outputs and hints are results of their messages, of their sources.
 fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
-    let is_of = |value: super::play::Value, t: usize, place: usize| {
+    let is_of = |value: super::play::Value, t: usize, index: usize| {
         let serial = facts.messages.get(t).map(|message| message.serial);
         let key = serial.map(|serial| facts.inputs[serial].key);
         let is_same = !serial.is_some_and(|serial| facts.is_unique(serial));
         Some(value.key) == key
-            && value.place == place
+            && value.index == index
             && facts.inputs.get(value.serial).map(|input| input.key) == key
             && (is_same || Some(value.serial) == serial)
     };
     for (t, opened) in facts.opened.iter().enumerate() {
-        let Some((_, MessageOutcome::Forwarded { place, .. })) = opened.left else { continue };
+        let Some((_, MessageOutcome::Forwarded { index, .. })) = opened.left else { continue };
         let output = facts.messages.get(t).and_then(|message| message.reported.output.as_ref());
         let value = output.and_then(|output| output.value.as_ref().ok()).copied();
-        ensure(value.is_some_and(|value| is_of(value, t, place)), || {
-            format!("{t} was forwarded from {place} as {output:?}")
+        ensure(value.is_some_and(|value| is_of(value, t, index)), || {
+            format!("{t} was forwarded from {index} as {output:?}")
         })?;
     }
     // F3: what was late, in that order, of the peers whose late results are published.
-    let hints = |place: usize| facts.played.log.hints.iter().filter(move |it| it.0 == place);
-    for (place, peer) in facts.scenario.peers.iter().enumerate() {
-        let late: Vec<_> = facts.late.iter().filter(|it| it.0 == place && peer.hints).collect();
-        let same = hints(place).count() == late.len()
-            && hints(place).zip(&late).all(|((_, value), (_, t))| {
+    let hints = |index: usize| facts.played.log.hints.iter().filter(move |it| it.0 == index);
+    for (index, peer) in facts.scenario.peers.iter().enumerate() {
+        let late: Vec<_> = facts.late.iter().filter(|it| it.0 == index && peer.hints).collect();
+        let same = hints(index).count() == late.len()
+            && hints(index).zip(&late).all(|((_, value), (_, t))| {
                 let t = usize::try_from(*t).unwrap_or(usize::MAX);
-                value.as_ref().is_ok_and(|value| is_of(*value, t, place))
+                value.as_ref().is_ok_and(|value| is_of(*value, t, index))
             });
         ensure(same, || {
-            let hints: Vec<_> = hints(place).collect();
-            format!("late were {late:?} of {place}, the hints were {hints:?}")
+            let hints: Vec<_> = hints(index).collect();
+            format!("late were {late:?} of {index}, the hints were {hints:?}")
         })?;
     }
     Ok(())
@@ -133,7 +133,7 @@ fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
         let StatusReport { at, status, output } = message.reported;
         let Some((left, how)) = opened.left else { return Err(format!("{t} never left")) };
         let (source, rule, is_output) = match how {
-            MessageOutcome::Forwarded { place, rule } => (Some(name(place)), Some(rule), true),
+            MessageOutcome::Forwarded { index, rule } => (Some(name(index)), Some(rule), true),
             MessageOutcome::Missed | MessageOutcome::Refused(_) => (None, None, false),
         };
         let words = match how {
@@ -175,19 +175,19 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     ensure(reported == traced, || {
         format!("messages, missed, refused: {reported:?}, traced {traced:?}")
     })?;
-    for (place, source) in tally.sources.iter().enumerate() {
-        let offers = opened.iter().filter_map(|message| message.offers.get(&place));
-        let admitted = if place == LOCAL {
+    for (index, source) in tally.sources.iter().enumerate() {
+        let offers = opened.iter().filter_map(|message| message.offers.get(&index));
+        let admitted = if index == LOCAL {
             opened.len() as u64 - refused
         } else {
             offers.clone().filter(|(_, is_refused)| !is_refused).count() as u64
         };
         let outputs = count(
-            &|left| matches!(left, MessageOutcome::Forwarded { place: of, .. } if of == place),
+            &|left| matches!(left, MessageOutcome::Forwarded { index: of, .. } if of == index),
         );
-        let is_called = facts.scenario.peers[place].is_called;
-        let sent = facts.requested(place).map(|requested| requested.bytes).sum::<u64>();
-        let of = |counts: &BTreeMap<usize, u64>| counts.get(&place).copied().unwrap_or(0);
+        let is_called = facts.scenario.peers[index].is_called;
+        let sent = facts.requested(index).map(|requested| requested.bytes).sum::<u64>();
+        let of = |counts: &BTreeMap<usize, u64>| counts.get(&index).copied().unwrap_or(0);
         let traced = [
             admitted,
             outputs,
@@ -204,7 +204,7 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
         ];
         ensure(reported == traced, || {
             format!(
-                "{place}: admitted, outputs, timers, cancelled, bytes {reported:?}, traced {traced:?}"
+                "{index}: admitted, outputs, timers, cancelled, bytes {reported:?}, traced {traced:?}"
             )
         })?;
     }
@@ -222,14 +222,14 @@ fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
             continue;
         }
         seen += 1;
-        let is_best = matches!(opened.left, Some((_, MessageOutcome::Forwarded { place, rule: "F3" })) if place == best);
+        let is_best = matches!(opened.left, Some((_, MessageOutcome::Forwarded { index, rule: "F3" })) if index == best);
         ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.left))?;
-        for place in 0..=best {
+        for index in 0..=best {
             let mut requested =
-                facts.requested(place).filter(|requested| requested.serial == message.serial);
+                facts.requested(index).filter(|requested| requested.serial == message.serial);
             let at: Vec<_> = requested.by_ref().map(|requested| requested.at).collect();
             ensure(at == [opened.at], || {
-                format!("{place} was asked about {t} of the calm, opened at {}: {at:?}", opened.at)
+                format!("{index} was asked about {t} of the calm, opened at {}: {at:?}", opened.at)
             })?;
         }
     }
@@ -318,9 +318,9 @@ fn as_set(facts: &Facts<'_>) -> Result<(), String> {
         let states: Vec<_> = facts.states(facts.played.log.came[message.serial]).collect();
         let is_refused = matches!(opened.left, Some((_, MessageOutcome::Refused(_))));
         let of_local = states.iter().any(|state| opened.deadline == Some(nanos(state.local)));
-        let is_so = |place: usize| {
-            let peers = || states.iter().map(|state| state.peers[place]);
-            let Some((deadline, _)) = opened.offers.get(&place) else {
+        let is_so = |index: usize| {
+            let peers = || states.iter().map(|state| state.peers[index]);
+            let Some((deadline, _)) = opened.offers.get(&index) else {
                 return is_refused
                     || peers().any(|it| !it.is_enabled)
                     || peers().any(|it| !it.is_there);
@@ -340,6 +340,6 @@ fn as_set(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-fn name(place: usize) -> String {
-    if place == LOCAL { "local".into() } else { format!("cloud{place}") }
+fn name(index: usize) -> String {
+    if index == LOCAL { "local".into() } else { format!("cloud{index}") }
 }

@@ -17,7 +17,7 @@ impl Scenario {
         let mut rng = Rng::with_seed(seed);
         let rng = &mut rng;
         let clouds = one(rng, &[0, 1, 1, 2, 2, 3]);
-        let peers: Vec<_> = (0..=clouds).map(|place| peer(rng, place)).collect();
+        let peers: Vec<_> = (0..=clouds).map(|index| peer(rng, index)).collect();
         let count = one(rng, &[3, 10, 30, 60, 120]);
         let gap = one(rng, &[1, 5, 10, 33, 100]);
         let inputs = inputs(rng, count, gap, peers.len());
@@ -33,14 +33,14 @@ impl Scenario {
     }
 }
 
-fn peer(rng: &mut Rng, place: usize) -> Peer {
-    let is_called = place > 0 && rng.u8(..3) == 0;
+fn peer(rng: &mut Rng, index: usize) -> Peer {
+    let is_called = index > 0 && rng.u8(..3) == 0;
     Peer {
         // As by default, most of the time.
-        in_flight: if place == 0 { one(rng, &[1, 2, 4, 4, 4]) } else { one(rng, &[1, 2, 8, 8]) },
+        in_flight: if index == 0 { one(rng, &[1, 2, 4, 4, 4]) } else { one(rng, &[1, 2, 8, 8]) },
         limit: one(rng, &[1, 3, 31]),
         is_called,
-        hints: place > 0 && !is_called && rng.bool(),
+        hints: index > 0 && !is_called && rng.bool(),
     }
 }
 

@@ -36,19 +36,19 @@ pub(super) struct Facts<'a> {
     pub(super) messages: Vec<Message<'a>>,
     /// By timestamp: what the trace says.
     pub(super) opened: Vec<OpenedMessage>,
-    /// Inputs that were no messages, by their places.
+    /// Inputs that were no messages, by their indices.
     pub(super) rejected: Vec<usize>,
     /// Each state that was set, and from when on.
     pub(super) set: Vec<(u64, State)>,
     pub(super) timers: BTreeMap<usize, u64>,
     pub(super) cancelled: BTreeMap<usize, u64>,
-    /// Results that were too late or superseded: place and timestamp.
+    /// Results that were too late or superseded: index and timestamp.
     pub(super) late: Vec<(usize, u64)>,
 }
 
 /// A message that was taken in, and what was told of it.
 pub(super) struct Message<'a> {
-    /// The input's place.
+    /// The input's index.
     pub(super) serial: usize,
     pub(super) reported: &'a StatusReport,
 }
@@ -65,7 +65,7 @@ pub(super) struct OpenedMessage {
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum MessageOutcome {
-    Forwarded { place: usize, rule: &'static str },
+    Forwarded { index: usize, rule: &'static str },
     Missed,
     Refused(OpenRefusal),
 }
@@ -76,7 +76,7 @@ pub(super) struct State {
     pub(super) is_active: bool,
     pub(super) deadline: Duration,
     pub(super) local: Duration,
-    /// By place; local's mean nothing.
+    /// By index; local's mean nothing.
     pub(super) peers: Vec<CloudStatus>,
 }
 
@@ -162,7 +162,7 @@ impl<'a> Facts<'a> {
             }
             Input::Offer { t, p, deadline, .. } => {
                 let message = self.message(t);
-                message.offers.insert(place(p), (deadline, false));
+                message.offers.insert(index(p), (deadline, false));
             }
             Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. } => {}
         }
@@ -171,8 +171,8 @@ impl<'a> Facts<'a> {
 
     fn decision(&mut self, decision: Decision, input: Option<Input>) {
         match decision {
-            Decision::Timer { p, .. } => *self.timers.entry(place(p)).or_default() += 1,
-            Decision::Cancel { p, .. } => *self.cancelled.entry(place(p)).or_default() += 1,
+            Decision::Timer { p, .. } => *self.timers.entry(index(p)).or_default() += 1,
+            Decision::Cancel { p, .. } => *self.cancelled.entry(index(p)).or_default() += 1,
             Decision::Emit { at, t, p } => {
                 let rule = match input {
                     Some(Input::Result { .. }) => "F3",
@@ -180,21 +180,21 @@ impl<'a> Facts<'a> {
                     _ => "F5",
                 };
                 self.message(t).left =
-                    Some((at, MessageOutcome::Forwarded { place: place(p), rule }));
+                    Some((at, MessageOutcome::Forwarded { index: index(p), rule }));
             }
             Decision::Miss { at, t } => self.message(t).left = Some((at, MessageOutcome::Missed)),
             Decision::RefuseOpen { at, t, why } => {
                 self.message(t).left = Some((at, MessageOutcome::Refused(why)));
             }
             Decision::RefuseOffer { t, p, .. } => {
-                if let Some(offer) = self.message(t).offers.get_mut(&place(p)) {
+                if let Some(offer) = self.message(t).offers.get_mut(&index(p)) {
                     offer.1 = true;
                 }
             }
             Decision::Drop { t, p, why, .. } => {
                 let is_result = matches!(input, Some(Input::Result { .. }));
                 if is_result && matches!(why, DropReason::Late | DropReason::Superseded) {
-                    self.late.push((place(p), t));
+                    self.late.push((index(p), t));
                 }
             }
             Decision::Request { .. } | Decision::Hold { .. } => {}
@@ -242,8 +242,8 @@ impl<'a> Facts<'a> {
     }
 
     /// The requests to a peer.
-    pub(super) fn requested(&self, place: usize) -> impl Iterator<Item = &SentRequest> {
-        self.played.log.requested.iter().filter(move |requested| requested.place == place)
+    pub(super) fn requested(&self, index: usize) -> impl Iterator<Item = &SentRequest> {
+        self.played.log.requested.iter().filter(move |requested| requested.index == index)
     }
 
     /// Whether no other input has this one's key.
@@ -262,8 +262,8 @@ impl<'a> Facts<'a> {
         };
         for OpenedMessage { left, offers, .. } in &self.opened {
             match left {
-                Some((_, MessageOutcome::Forwarded { place: 0, rule: "F5" })) => saw(true, 1),
-                Some((_, MessageOutcome::Forwarded { place: 0, .. })) | None => {}
+                Some((_, MessageOutcome::Forwarded { index: 0, rule: "F5" })) => saw(true, 1),
+                Some((_, MessageOutcome::Forwarded { index: 0, .. })) | None => {}
                 Some((_, MessageOutcome::Forwarded { .. })) => saw(true, 0),
                 Some((_, MessageOutcome::Missed)) => saw(true, 2),
                 Some((_, MessageOutcome::Refused(_))) => saw(true, 3),
@@ -331,7 +331,7 @@ fn states(
     states
 }
 
-fn place(p: u64) -> usize {
+fn index(p: u64) -> usize {
     usize::try_from(p).unwrap()
 }
 

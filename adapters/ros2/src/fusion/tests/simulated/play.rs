@@ -42,11 +42,11 @@ pub(super) struct Log {
     pub(super) came: Vec<u64>,
     pub(super) requested: Vec<SentRequest>,
     pub(super) statuses: Vec<StatusReport>,
-    /// By place: hints as they were published.
+    /// By index: hints as they were published.
     pub(super) hints: Vec<(usize, Result<Value, Vec<u8>>)>,
     /// What else happened, and when.
     pub(super) turned: Vec<(u64, Disturbance)>,
-    /// By place: what came on its topic that is no result of a message, by key or form.
+    /// By index: what came on its topic that is no result of a message, by key or form.
     pub(super) unmatched: Vec<UnmatchedResults>,
     pub(super) diagnostics: Vec<(u64, Vec<DiagnosticStatus>)>,
     /// An order that the node did not carry out.
@@ -59,7 +59,7 @@ pub(super) struct Log {
 #[derive(Debug)]
 pub(super) struct SentRequest {
     pub(super) at: u64,
-    pub(super) place: usize,
+    pub(super) index: usize,
     pub(super) serial: usize,
     pub(super) bytes: u64,
 }
@@ -84,7 +84,7 @@ pub(super) struct Output {
 pub(super) struct Value {
     pub(super) key: u64,
     pub(super) serial: usize,
-    pub(super) place: usize,
+    pub(super) index: usize,
 }
 
 /// All that the simulated parts share.
@@ -92,7 +92,7 @@ struct SimulationState {
     inputs: Vec<Input>,
     start: Instant,
     log: Mutex<Log>,
-    /// By place: whether it is dead, and since how many deaths.
+    /// By index: whether it is dead, and since how many deaths.
     health: Mutex<Vec<Health>>,
     mouths: Publications,
     payloads: Arc<AtomicUsize>,
@@ -152,7 +152,7 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
             mouths,
             payloads: Arc::clone(&payloads),
         });
-        let sources = (0..peers).map(|place| source(&simulation, scenario, place));
+        let sources = (0..peers).map(|index| source(&simulation, scenario, index));
         let (output, status_publisher) =
             (simulation.outlet(Kind::Output, "/output"), StatusPublisher(Arc::clone(&simulation)));
         let running = run(
@@ -179,24 +179,24 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
 }
 
 /// A peer as the node has it.
-fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, place: usize) -> Source {
-    let peer = scenario.peers[place];
-    let name = if place == LOCAL { "local".to_owned() } else { format!("cloud{place}") };
+fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) -> Source {
+    let peer = scenario.peers[index];
+    let name = if index == LOCAL { "local".to_owned() } else { format!("cloud{index}") };
     let way = if peer.is_called {
-        Route::Grpc(called(simulation, place))
+        Route::Grpc(called(simulation, index))
     } else {
-        let requests = simulation.outlet(Kind::Requests(place), &format!("/{name}/input"));
+        let requests = simulation.outlet(Kind::Requests(index), &format!("/{name}/input"));
         let results = Endpoint::new(&format!("/{name}/output"), "tests/msg/Text");
         results.change([7; 16], 1, None);
         Route::Topics { requests: Box::new(requests), results: Arc::new(results) }
     };
-    let hints = simulation.outlet(Kind::Hints(place), &format!("/late{place}"));
+    let hints = simulation.outlet(Kind::Hints(index), &format!("/late{index}"));
     Source {
-        priority: u16::try_from(place).unwrap(),
+        priority: u16::try_from(index).unwrap(),
         name,
         way,
         enabled: true,
-        deadline: (place == LOCAL).then_some(Duration::from_secs(1)),
+        deadline: (index == LOCAL).then_some(Duration::from_secs(1)),
         hints: peer.hints.then(|| Box::new(hints) as Box<dyn Publish>),
         unmatched: UnmatchedResults::default(),
     }
@@ -245,13 +245,13 @@ async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbanc
 }
 
 /// A request on its way to its peer and back.
-async fn travel(simulation: Arc<SimulationState>, place: usize, serial: usize) {
+async fn travel(simulation: Arc<SimulationState>, index: usize, serial: usize) {
     let Input { key, fates, .. } = &simulation.inputs[serial];
-    let Delivery { way: Some(way), took, replies } = &fates[place] else { return };
+    let Delivery { way: Some(way), took, replies } = &fates[index] else { return };
     sleep(*way).await;
-    let before = simulation.health()[place];
+    let before = simulation.health()[index];
     sleep(*took).await;
-    let after = simulation.health()[place];
+    let after = simulation.health()[index];
     if before.is_dead || before.deaths < after.deaths {
         return;
     }
@@ -262,34 +262,34 @@ async fn travel(simulation: Arc<SimulationState>, place: usize, serial: usize) {
         let (simulation, key) = (Arc::clone(&simulation), *key);
         tokio::spawn(async move {
             sleep(way).await;
-            simulation.reply(Value { key, serial, place }, what).await;
+            simulation.reply(Value { key, serial, index }, what).await;
         });
     }
 }
 
 /// A cloud that is called: what gets lost on topics is an answer that never comes.
-fn called(simulation: &Arc<SimulationState>, place: usize) -> Handle {
+fn called(simulation: &Arc<SimulationState>, index: usize) -> Handle {
     let simulation = Arc::clone(simulation);
     Arc::new(move |request: Payload, _: Call| {
         let simulation = Arc::clone(&simulation);
-        let serial = simulation.requested(place, &request);
+        let serial = simulation.requested(index, &request);
         drop(request);
         Box::pin(async move {
             let Input { key, fates, .. } = &simulation.inputs[serial];
-            let Delivery { way, took, replies } = &fates[place];
-            if simulation.health()[place].is_gone {
+            let Delivery { way, took, replies } = &fates[index];
+            if simulation.health()[index].is_gone {
                 return Err("connection refused".into());
             }
             let (Some(way), Some(reply)) = (way, replies.first()) else {
                 return std::future::pending().await;
             };
             sleep(*way + *took + reply.way).await;
-            if simulation.health()[place].is_dead {
+            if simulation.health()[index].is_dead {
                 return std::future::pending().await;
             }
             match reply.what {
                 DisturbanceKind::Result => {
-                    let value = Value { key: *key, serial, place };
+                    let value = Value { key: *key, serial, index };
                     Ok(simulation.sample(Some(value.bytes())).unwrap())
                 }
                 DisturbanceKind::Stray | DisturbanceKind::Short | DisturbanceKind::NotCdr => {
@@ -327,11 +327,11 @@ impl SimulationState {
     }
 
     /// A request left.
-    fn requested(&self, place: usize, request: &Payload) -> usize {
+    fn requested(&self, index: usize, request: &Payload) -> usize {
         let serial = u64::from_le_bytes(request.body[8..].try_into().unwrap());
         let serial = usize::try_from(serial).unwrap();
         let bytes = request.body.len() as u64;
-        self.log().requested.push(SentRequest { at: self.now(), place, serial, bytes });
+        self.log().requested.push(SentRequest { at: self.now(), index, serial, bytes });
         serial
     }
 
@@ -347,13 +347,13 @@ impl SimulationState {
         };
         match what {
             DisturbanceKind::Result => {}
-            DisturbanceKind::Stray => self.log().unmatched[value.place].unknown_stamp += 1,
+            DisturbanceKind::Stray => self.log().unmatched[value.index].unknown_stamp += 1,
             DisturbanceKind::Short | DisturbanceKind::NotCdr => {
-                self.log().unmatched[value.place].malformed += 1;
+                self.log().unmatched[value.index].malformed += 1;
             }
         }
         // The node may have ended.
-        drop(self.mouths.results.send((value.place, self.sample(body))).await);
+        drop(self.mouths.results.send((value.index, self.sample(body))).await);
     }
 
     /// Tells the node what to do, and hears how that went.
@@ -369,7 +369,7 @@ impl SimulationState {
 
 impl Value {
     fn bytes(self) -> Vec<u8> {
-        [self.key, self.serial as u64, self.place as u64].map(u64::to_le_bytes).concat()
+        [self.key, self.serial as u64, self.index as u64].map(u64::to_le_bytes).concat()
     }
 
     fn read(payload: &Payload) -> Result<Self, Vec<u8>> {
@@ -379,9 +379,9 @@ impl Value {
             .map(|number| u64::from_le_bytes(number.try_into().unwrap()))
             .collect();
         let value = match numbers[..] {
-            [key, serial, place] => {
-                let [serial, place] = [serial, place].map(|it| usize::try_from(it).unwrap());
-                Some(Self { key, serial, place })
+            [key, serial, index] => {
+                let [serial, index] = [serial, index].map(|it| usize::try_from(it).unwrap());
+                Some(Self { key, serial, index })
             }
             _ => None,
         };
@@ -393,13 +393,13 @@ impl Publish for SimulatedPublisher {
     fn publish(&self, payload: Payload) -> bool {
         let Self { simulation, what, .. } = self;
         match *what {
-            Kind::Requests(place) => {
-                let serial = simulation.requested(place, &payload);
-                tokio::spawn(travel(Arc::clone(simulation), place, serial));
+            Kind::Requests(index) => {
+                let serial = simulation.requested(index, &payload);
+                tokio::spawn(travel(Arc::clone(simulation), index, serial));
                 true
             }
-            Kind::Hints(place) => {
-                simulation.log().hints.push((place, Value::read(&payload)));
+            Kind::Hints(index) => {
+                simulation.log().hints.push((index, Value::read(&payload)));
                 true
             }
             Kind::Output => {
@@ -415,7 +415,7 @@ impl Publish for SimulatedPublisher {
 
     fn matched(&self) -> usize {
         match self.what {
-            Kind::Requests(place) => usize::from(!self.simulation.health()[place].is_gone),
+            Kind::Requests(index) => usize::from(!self.simulation.health()[index].is_gone),
             Kind::Hints(_) | Kind::Output => 1,
         }
     }

@@ -119,11 +119,11 @@ impl Scenario {
             format!("local.waiting:={}", self.waiting),
             format!("local.in_flight:={}", self.peers[LOCAL].in_flight),
         ];
-        for (place, peer) in self.peers.iter().enumerate().skip(1) {
-            all.push(format!("cloud{place}.in_flight:={}", peer.in_flight));
-            all.push(format!("cloud{place}.limit:={}", peer.limit));
+        for (index, peer) in self.peers.iter().enumerate().skip(1) {
+            all.push(format!("cloud{index}.in_flight:={}", peer.in_flight));
+            all.push(format!("cloud{index}.limit:={}", peer.limit));
             if peer.hints {
-                all.push(format!("cloud{place}.hints:=late{place}"));
+                all.push(format!("cloud{index}.hints:=late{index}"));
             }
         }
         all
@@ -176,8 +176,8 @@ impl fmt::Display for Scenario {
     /// The parameters, then a line for each thing that happens.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.parameters().join(" "))?;
-        for (place, peer) in self.peers.iter().enumerate() {
-            writeln!(f, "  {place}: {peer:?}")?;
+        for (index, peer) in self.peers.iter().enumerate() {
+            writeln!(f, "  {index}: {peer:?}")?;
         }
         for (at, turn) in &self.turns {
             writeln!(f, "  at {at:?}: {turn:?}")?;
@@ -185,11 +185,11 @@ impl fmt::Display for Scenario {
         for Input { at, key, form, is_unsent, fates } in &self.inputs {
             let unsent = if *is_unsent { ", its output is not sent" } else { "" };
             writeln!(f, "  at {at:?}: input {key}, {form:?}{unsent}")?;
-            for (place, Delivery { way, took, replies }) in fates.iter().enumerate() {
+            for (index, Delivery { way, took, replies }) in fates.iter().enumerate() {
                 let way = way.map_or_else(|| "is lost".to_owned(), |way| format!("{way:?} away"));
                 let came: Vec<_> =
                     replies.iter().map(|it| format!("{:?} after {:?}", it.what, it.way)).collect();
-                writeln!(f, "    {place}: {way}, takes {took:?}, sends [{}]", came.join(", "))?;
+                writeln!(f, "    {index}: {way}, takes {took:?}, sends [{}]", came.join(", "))?;
             }
         }
         Ok(())
@@ -198,8 +198,8 @@ impl fmt::Display for Scenario {
 
 impl Delivery {
     /// What is well: the greater the priority, the later the result.
-    pub(super) fn fair(place: usize) -> Self {
-        let took = Duration::from_millis(20 + place as u64);
+    pub(super) fn fair(index: usize) -> Self {
+        let took = Duration::from_millis(20 + index as u64);
         let reply = Reply { way: Duration::from_millis(2), what: DisturbanceKind::Result };
         Self { way: Some(Duration::from_millis(2)), took, replies: vec![reply] }
     }

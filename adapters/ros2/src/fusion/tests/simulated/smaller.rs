@@ -77,11 +77,11 @@ fn plainer(scenario: &Scenario) -> Vec<Scenario> {
             all.push(smaller);
         }
     };
-    for place in 0..scenario.peers.len() {
-        propose(&|it| it.peers[place].hints = false);
-        propose(&|it| it.peers[place].is_called = false);
+    for index in 0..scenario.peers.len() {
+        propose(&|it| it.peers[index].hints = false);
+        propose(&|it| it.peers[index].is_called = false);
         for input in 0..scenario.inputs.len().min(40) {
-            propose(&|it| it.inputs[input].fates[place] = Delivery::fair(place));
+            propose(&|it| it.inputs[input].fates[index] = Delivery::fair(index));
         }
     }
     for input in 0..scenario.inputs.len().min(40) {
