@@ -22,10 +22,11 @@ use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::sync::{LazyLock, mpsc};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use checks::{CHECKS, Finding};
 use facts::Facts;
+use fuseline_testkit::Rng;
 use play::play;
 use scenario::Scenario;
 
@@ -244,6 +245,5 @@ fn fresh_seeds() {
 
 /// A seed by chance, short enough to be read aloud.
 fn by_chance() -> u64 {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
-    fastrand::Rng::with_seed(u64::from(now.subsec_nanos())).u64(..1_000_000_000)
+    Rng::by_chance().u64(0..1_000_000_000)
 }
