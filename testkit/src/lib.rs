@@ -9,6 +9,7 @@ mod history;
 mod ledger;
 mod rng;
 mod run;
+mod shrink;
 
 pub use context::{Gate, HoldingReasons, RuleDecision, RunContext};
 pub use coverage::{Cause, Consequence, Coverage, CoverageShare, Mark};
@@ -18,3 +19,4 @@ pub use history::History;
 pub use ledger::{Ledger, OperatorConfig, Promise, Violation, split};
 pub use rng::Rng;
 pub use run::Run;
+pub use shrink::{Simplification, Steps, shrink};
