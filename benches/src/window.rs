@@ -7,26 +7,11 @@ use fuseline_core::{
     Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Ready,
     Timestamp,
 };
-use fuseline_testkit::splitmix64;
+use fuseline_testkit::Rng;
 
 /// How many inputs one pass times: as many machines as give so many open timestamps, so that small and great windows
 /// work on as much memory.
 pub const INPUTS: usize = 1024;
-
-/// A stream of random numbers.
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn next(&mut self) -> u64 {
-        splitmix64(&mut self.0)
-    }
-
-    fn shuffle<T>(&mut self, items: &mut [T]) {
-        for i in (1..items.len()).rev() {
-            items.swap(i, usize::try_from(self.next() % (i as u64 + 1)).unwrap_or_default());
-        }
-    }
-}
 
 /// What is timed, and what the open timestamps have seen before.
 #[derive(Clone, Copy, Debug)]
@@ -78,7 +63,7 @@ impl Load {
     /// For windows of so many.
     #[must_use]
     pub fn new(window: usize, spacing: Spacing) -> Self {
-        let mut random = SplitMix(window as u64);
+        let mut random = Rng::with_seed(window as u64);
         let mut timestamps = Vec::new();
         for machine in 0..INPUTS / window {
             let mut t = 1;
@@ -87,13 +72,13 @@ impl Load {
                 t += match spacing {
                     Spacing::Dense => 1,
                     Spacing::Strided => 64,
-                    Spacing::Random => 1 + random.next() % 1_000_000,
+                    Spacing::Random => random.u64(1..1_000_001),
                 };
             }
         }
         let mut touched: Vec<_> = timestamps
             .iter()
-            .map(|(machine, t)| (*machine, *t, 1_000 + random.next() % 1_000_000))
+            .map(|(machine, t)| (*machine, *t, random.u64(1_000..1_001_000)))
             .collect();
         random.shuffle(&mut touched);
         Self { timestamps, touched }

@@ -1,14 +1,12 @@
 //! What the guarantees rest on: with the shipped machine an output is never later than local's arrival and every due
 //! instant admitted for it.
 
-mod random;
-
 use std::collections::BTreeMap;
 
 use fuseline_core::{
     Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Timestamp,
 };
-use random::Random;
+use fuseline_testkit::Rng;
 
 type Machine = Fusion<3, 8>;
 
@@ -38,7 +36,7 @@ fn retire(open: &mut BTreeMap<u64, Open>, t: Timestamp, is_forwarded: bool, seen
     seen.missed += u64::from(!is_forwarded);
 }
 
-fn run(random: &mut Random, seen: &mut Outcomes) {
+fn run(random: &mut Rng, seen: &mut Outcomes) {
     let commit = random.one_of(&[Commit::Eager, Commit::Patient]);
     let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
     let mut machine = Machine::new(8, commit, &clouds).unwrap();
@@ -70,11 +68,11 @@ fn run(random: &mut Random, seen: &mut Outcomes) {
                 }
             }
         };
-        let t = Timestamp::new(next - random.bits() % 8 % (next + 1));
+        let t = Timestamp::new(next - random.u64(0..8) % (next + 1));
         let deadline = Deadline::from_nanos(random.one_of(&[1, 3, 10, 30]));
-        match random.bits() % 6 {
+        match random.u8(0..6) {
             0 => {
-                let limit = random.chance(0.3).then_some(deadline);
+                let limit = (random.f64() < 0.3).then_some(deadline);
                 if ready.open(Timestamp::new(next + 1), limit) == Opening::Accepted {
                     next += 1;
                     let limit = limit.map(|limit| now + limit.as_nanos());
@@ -118,7 +116,7 @@ fn run(random: &mut Random, seen: &mut Outcomes) {
 #[test]
 fn p5_p7_an_output_is_no_later_than_local_and_the_due_instants_admitted_for_it() {
     let mut seen = Outcomes::default();
-    (0..3000).for_each(|seed| run(&mut Random(seed), &mut seen));
+    (0..3000).for_each(|seed| run(&mut Rng::with_seed(seed), &mut seen));
     assert!(seen.forwarded_at_local > 1000 && seen.forwarded_at_due > 1000 && seen.missed > 1000);
 }
 

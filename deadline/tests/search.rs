@@ -1,6 +1,5 @@
 //! Random drives look for an obstacle that fusion hits and local alone does not.
 
-mod random;
 mod vehicle;
 
 use std::sync::LazyLock;
@@ -10,7 +9,7 @@ use fuseline_deadline::{
     Classes, Guard, Hazard, Metres, MetresPerSecond, MetresPerSecondSquared, Parameters, Situation,
     Span,
 };
-use random::Random;
+use fuseline_testkit::Rng;
 use vehicle::{Drive, Frame};
 
 /// Drives per search.
@@ -24,11 +23,11 @@ struct Setting {
 }
 
 /// A span around the truth; exact in half of the cases.
-fn around(random: &mut Random, truth: f64) -> Span<f64> {
-    if random.chance(0.5) {
+fn around(random: &mut Rng, truth: f64) -> Span<f64> {
+    if random.f64() < 0.5 {
         return Span::exactly(truth);
     }
-    let (below, above) = (random.between(0.9, 1.0), random.between(1.0, 1.1));
+    let (below, above) = (random.f64_between(0.9, 1.0), random.f64_between(1.0, 1.1));
     Span::new(truth * below, truth * above)
 }
 
@@ -60,26 +59,26 @@ enum Network {
 }
 
 fn setting(number: u64, view: View) -> Setting {
-    let random = &mut Random(number);
+    let random = &mut Rng::with_seed(number);
     let period = 1.0 / random.one_of(&[10.0, 20.0, 30.0]);
-    let speed = random.between(8.0, 32.0);
-    let deceleration = random.between(4.0, 10.0);
-    let brake_delay = random.between(0.0, 0.3);
-    let (least, span) = (random.between(0.05, 0.5), random.one_of(&[0.0, 0.01, 0.1]));
+    let speed = random.f64_between(8.0, 32.0);
+    let deceleration = random.f64_between(4.0, 10.0);
+    let brake_delay = random.f64_between(0.0, 0.3);
+    let (least, span) = (random.f64_between(0.05, 0.5), random.one_of(&[0.0, 0.01, 0.1]));
     let local_response = Span::new(least, least + span);
-    let range_local = random.between(20.0, 65.0);
-    let range_cloud = range_local * random.between(1.0, 1.8);
-    let is_late = view == View::Late || (view == View::Broken && random.chance(0.5));
-    let hidden_beyond = if is_late { random.between(3.0, range_cloud) } else { f64::INFINITY };
-    let covered = if view == View::Broken { random.between(0.0, 0.5) } else { 0.0 };
+    let range_local = random.f64_between(20.0, 65.0);
+    let range_cloud = range_local * random.f64_between(1.0, 1.8);
+    let is_late = view == View::Late || (view == View::Broken && random.f64() < 0.5);
+    let hidden_beyond = if is_late { random.f64_between(3.0, range_cloud) } else { f64::INFINITY };
+    let covered = if view == View::Broken { random.f64_between(0.0, 0.5) } else { 0.0 };
     let reports = random.one_of(&[1, 2, 3, 4_u32]);
     let lateness = random.one_of(&[0.0, 0.005, 0.02]);
-    let is_serial = random.chance(0.3);
+    let is_serial = random.f64() < 0.3;
     let network =
         random.one_of(&[Network::Silent, Network::Steady, Network::Mixed, Network::Outage]);
 
-    let start = range_cloud + speed * period * random.between(0.0, 1.0);
-    let (steady, outage) = (random.between(0.05, 2.5), random.between(0.0, start / speed));
+    let start = range_cloud + speed * period * random.f64();
+    let (steady, outage) = (random.f64_between(0.05, 2.5), random.f64_between(0.0, start / speed));
     let mut free = 0.0;
     let mut frames = Vec::new();
     for frame in 0.. {
@@ -89,7 +88,7 @@ fn setting(number: u64, view: View) -> Setting {
         if frame > 0 && gap <= speed * speed / (2.0 * deceleration) {
             break;
         }
-        let takes = random.between(local_response.least, local_response.greatest);
+        let takes = random.f64_between(local_response.least, local_response.greatest);
         let is_taken = !is_serial || captured >= free;
         if is_taken {
             free = captured + takes;
@@ -97,13 +96,13 @@ fn setting(number: u64, view: View) -> Setting {
         let cloud = match network {
             Network::Steady => steady,
             Network::Mixed => {
-                random.one_of(&[0.1, 0.3, 0.6, 1.2, f64::INFINITY]) * random.between(0.5, 1.5)
+                random.one_of(&[0.1, 0.3, 0.6, 1.2, f64::INFINITY]) * random.f64_between(0.5, 1.5)
             }
             Network::Outage if captured < outage => steady,
             Network::Silent | Network::Outage => f64::INFINITY,
         };
-        let lateness = random.between(0.0, lateness);
-        let is_covered = covered > 0.0 && random.chance(covered);
+        let lateness = random.f64_between(0.0, lateness);
+        let is_covered = covered > 0.0 && random.f64() < covered;
         let local = is_taken.then_some(takes);
         frames.push(Frame { captured, gap, local, cloud, lateness, is_covered });
     }
@@ -125,11 +124,11 @@ fn setting(number: u64, view: View) -> Setting {
     let hazard = Hazard { range_cloud: range, ..hazard };
     let other = Hazard {
         weight: 2.0,
-        range_local: Metres(random.between(10.0, 70.0)).into(),
-        range_cloud: Metres(random.between(70.0, 90.0)).into(),
+        range_local: Metres(random.f64_between(10.0, 70.0)).into(),
+        range_cloud: Metres(random.f64_between(70.0, 90.0)).into(),
     };
     let classes =
-        if random.chance(0.3) { Classes::new(&[other, hazard]).unwrap() } else { hazard.into() };
+        if random.f64() < 0.3 { Classes::new(&[other, hazard]).unwrap() } else { hazard.into() };
     Setting {
         parameters: Parameters {
             deceleration: around(random, deceleration).map(MetresPerSecondSquared),

@@ -1,14 +1,7 @@
-//! Random numbers that depend on the seed alone.
+//! The draws of the generator.
 
-/// The next number of the stream that has this state, by Steele and Vigna's `SplitMix64`. The first state is the seed.
-pub const fn splitmix64(state: &mut u64) -> u64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
-/// A stream of them. What a generated case is depends on its values, so they must not change.
+/// Steele and Vigna's `SplitMix64`. All else draws from [`Rng`](crate::Rng); the runs that `fuseline drive` calls by number are
+/// those of this stream, and a digest on record pins them.
 pub(crate) struct Draw(u64);
 
 impl Draw {
@@ -20,7 +13,10 @@ impl Draw {
 
     /// Any number.
     pub(crate) fn next(&mut self) -> u64 {
-        splitmix64(&mut self.0)
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
     }
 
     /// A number from `least` to `most`, both included.

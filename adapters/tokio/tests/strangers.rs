@@ -10,11 +10,13 @@ mod hostile;
 mod hosts;
 
 use std::future::ready;
+use std::iter;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::time::Duration;
 
 use bytes::Bytes;
+use fuseline_testkit::Rng;
 use fuseline_tokio::grpc::tonic::{self, Code, Status};
 use fuseline_tokio::grpc::{Bounds, InferClient, Remote, Reply, Request, Server, Token};
 use futures_util::future::join_all;
@@ -410,8 +412,9 @@ async fn what_a_call_held_is_given_back_when_it_ends() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn garbage_on_the_port_is_closed_and_named() {
     let _turn = TURN.lock().await;
-    let mut noise = fastrand::Rng::with_seed(1);
-    let noise: Vec<u8> = (0..100_000).map(|_| noise.u8(..)).collect();
+    let mut noise = Rng::with_seed(1);
+    let noise = iter::repeat_with(|| noise.next_u64().to_le_bytes());
+    let noise: Vec<u8> = noise.flatten().take(100_000).collect();
     let tls = [&[22, 3, 1, 2, 0, 1, 0, 1, 252, 3, 3][..], &[7; 600]].concat();
     for garbage in [&noise[..], b"GET / HTTP/1.1\r\nhost: x\r\n\r\n", &tls, &[0; 4096]] {
         under(WIDE, async |mut raw: Raw| {

@@ -6,21 +6,12 @@
 use std::hint::black_box;
 
 use fuseline_core::{At, Cloud, Commit, Deadline, Fusion, Instant, Priority, Ready, Timestamp};
-use fuseline_testkit::splitmix64;
+use fuseline_testkit::Rng;
 
 type Machine = Fusion<3, 16>;
 
 /// Enough for timestamps to take all seats many times over.
 const ROUNDS: u64 = 4_000;
-
-/// A stream of random numbers.
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn below(&mut self, bound: u64) -> u64 {
-        splitmix64(&mut self.0) % bound
-    }
-}
 
 /// The input alone: nothing is due at the instants given.
 fn ready(machine: &mut Machine, now: u64) -> Option<Ready<'_, 3, 16>> {
@@ -79,28 +70,27 @@ fn machines() -> [Box<Machine>; 2] {
 
 fn inputs(machines: &mut [Box<Machine>; 2]) {
     for machine in machines {
-        let mut random = SplitMix(1);
+        let mut random = Rng::with_seed(1);
         let (mut now, mut newest) = (0, 0);
         for _ in 0..ROUNDS {
             // Kept nearly full, touched anywhere, with dues that now and then coincide.
-            if machine.len() < 16 - usize::try_from(random.below(3)).unwrap_or_default() {
-                newest += 1 + random.below(5);
-                let deadline =
-                    (random.below(2) == 0).then(|| Deadline::from_nanos(1 + random.below(40)));
+            if machine.len() < 16 - random.usize(0..3) {
+                newest += random.u64(1..6);
+                let deadline = random.bool().then(|| Deadline::from_nanos(random.u64(1..41)));
                 worst_open(machine, now, newest, deadline);
                 input_done();
             }
-            let nth = usize::try_from(random.below(16)).unwrap_or_default() % machine.len().max(1);
+            let nth = random.usize(0..16) % machine.len().max(1);
             let t = machine.open().nth(nth).map_or(newest, |open| open.0.as_u64());
-            let p = u16::try_from(random.below(4)).unwrap_or_default();
-            match random.below(4) {
-                0 | 1 => worst_offer(machine, now, t, p, 1 + random.below(60)),
+            let p = random.u8(0..4).into();
+            match random.u8(0..4) {
+                0 | 1 => worst_offer(machine, now, t, p, random.u64(1..61)),
                 2 => worst_result(machine, now, t, p),
                 _ => worst_fail(machine, now, t, p),
             }
             input_done();
-            if random.below(4) == 0 {
-                now += random.below(10);
+            if random.one_in(4) {
+                now += random.u64(0..10);
                 while machine.next_due().is_some_and(|due| due.as_nanos() <= now) {
                     worst_firing(machine, now);
                     input_done();

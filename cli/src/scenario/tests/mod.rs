@@ -3,15 +3,15 @@
 mod checks;
 mod crossing;
 mod emitted;
-mod random;
 mod second;
 
 use std::time::Duration;
 
+use fuseline_testkit::Rng;
+
 use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
 use crate::scenario::braking::DriveOutcome;
 use crate::scenario::operator::Operator;
-use crate::scenario::tests::random::Random;
 
 /// The vehicle of the specification.
 const REFERENCE: Vehicle = Vehicle {
@@ -27,19 +27,19 @@ const REFERENCE: Vehicle = Vehicle {
 };
 
 /// A vehicle and a speed from anywhere.
-fn any_vehicle(random: &mut Random) -> (Vehicle, f64) {
+fn any_vehicle(random: &mut Rng) -> (Vehicle, f64) {
     let vehicle = Vehicle {
-        deceleration: random.between(4.0, 10.0),
-        brake_delay: random.between(0.0, 0.3),
+        deceleration: random.f64_between(4.0, 10.0),
+        brake_delay: random.f64_between(0.0, 0.3),
         rate: random.one_of(&[10.0, 20.0, 30.0]),
         frames: random.one_of(&[1, 2, 3, 4]),
-        range_local: random.between(15.0, 70.0),
-        range_cloud: random.between(30.0, 90.0),
-        local_response: random.between(0.05, 0.5),
+        range_local: random.f64_between(15.0, 70.0),
+        range_cloud: random.f64_between(30.0, 90.0),
+        local_response: random.f64_between(0.05, 0.5),
         local_serial: false,
         reveal: None,
     };
-    (vehicle, random.between(8.0, 32.0))
+    (vehicle, random.f64_between(8.0, 32.0))
 }
 
 /// How a drive ends, with these responses of the cloud by the instant of capture.

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
+use fuseline_testkit::Rng;
+
 use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
 use crate::scenario::braking::DriveOutcome;
-use crate::scenario::tests::random::Random;
 use crate::scenario::tests::{any_vehicle, end};
 
 /// A step, in s.
@@ -116,23 +117,23 @@ fn decides(frames: &[Frame], wanted: u32) -> bool {
 fn a_second_simulation_by_small_steps_of_time_agrees_on_250_random_runs() {
     let (mut compared, mut hits) = (0, 0);
     for seed in 0..250 {
-        let random = &mut Random(seed);
+        let random = &mut Rng::with_seed(seed);
         let (mut vehicle, speed) = any_vehicle(random);
-        vehicle.local_serial = random.between(0.0, 1.0) < 0.3;
+        vehicle.local_serial = random.f64() < 0.3;
         let approaches = [Approach::Local, Approach::Cloud, Approach::First, Approach::Ours];
         let approach = random.one_of(&approaches);
         let drive = Drive {
             vehicle: &vehicle,
             speed,
-            phase: random.between(0.05, 0.95),
+            phase: random.f64_between(0.05, 0.95),
             approach,
-            deadline: Duration::from_secs_f64(random.between(0.05, 1.5)),
+            deadline: Duration::from_secs_f64(random.f64_between(0.05, 1.5)),
         };
         let responses = [0.1, 0.3, 0.6, 1.2, 3.0];
         let clouds: Vec<Option<f64>> = (0..400)
             .map(|_| {
-                let response = random.one_of(&responses) * random.between(0.7, 1.3);
-                (random.between(0.0, 1.0) < 0.9).then_some(response)
+                let response = random.one_of(&responses) * random.f64_between(0.7, 1.3);
+                (random.f64() < 0.9).then_some(response)
             })
             .collect();
         let first = end(&drive, |at| {

@@ -7,10 +7,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use clap::Parser;
 use fuseline_system_tests::simulate::{Finding, KeptSeed, Scenario, Simulated, Simulator, kept};
+use fuseline_testkit::Rng;
 use indicatif::{ProgressBar, ProgressStyle};
 use mimalloc::MiMalloc;
 use serde::Serialize;
@@ -267,6 +268,5 @@ fn bar(cli: &Cli) -> ProgressBar {
 
 /// A seed by chance, short enough to be read aloud.
 fn by_chance() -> u64 {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    fastrand::Rng::with_seed(u64::try_from(now.as_nanos()).unwrap_or(0)).u64(..1_000_000_000_000)
+    Rng::by_chance().u64(0..1_000_000_000_000)
 }

@@ -22,10 +22,11 @@ use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::sync::{LazyLock, mpsc};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use checks::{CHECKS, Finding};
 use facts::Facts;
+use fuseline_testkit::Rng;
 use play::play;
 use scenario::Scenario;
 
@@ -196,6 +197,19 @@ fn a_seed_is_the_same_run_to_the_byte() {
     }
 }
 
+#[test]
+fn a_smallest_run_has_what_breaks_it_and_no_more() {
+    let drawn = (0..SEEDS).map(Scenario::draw);
+    let mut large = drawn.filter(|it| it.inputs.len() > 20 && it.turns.len() > 2);
+    let scenario = large.next().unwrap();
+    let (input, turn) = (scenario.inputs[7].key, scenario.turns[1].0);
+    let smallest = smaller::smallest(&scenario, |it| {
+        it.inputs.iter().any(|it| it.key == input) && it.turns.iter().any(|it| it.0 == turn)
+    });
+    assert_eq!((smallest.inputs.len(), smallest.turns.len()), (1, 1), "{smallest}");
+    assert_eq!((smallest.window, smallest.waiting), (16, 64), "{smallest}");
+}
+
 /// What the scenarios are for comes about in those that the tests play.
 #[test]
 fn the_seeds_come_to_each_kind_of_ending() {
@@ -244,6 +258,5 @@ fn fresh_seeds() {
 
 /// A seed by chance, short enough to be read aloud.
 fn by_chance() -> u64 {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
-    fastrand::Rng::with_seed(u64::from(now.subsec_nanos())).u64(..1_000_000_000)
+    Rng::by_chance().u64(0..1_000_000_000)
 }

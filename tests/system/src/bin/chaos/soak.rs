@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use fuseline_testkit::Rng;
 use fuseline_tokio::Error;
 use tokio::time::{Instant, sleep, sleep_until};
 
@@ -50,7 +51,7 @@ pub(crate) struct Args {
 /// Whether everything held.
 pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     let sources = args.keep.as_deref().map(record::digest).transpose()?;
-    let seed = args.seed.unwrap_or_else(|| fastrand::u64(..));
+    let seed = args.seed.unwrap_or_else(|| Rng::by_chance().next_u64());
     let each = args.messages.div_ceil(args.operators.into());
     let (operators, rate) = (args.operators, args.rate);
     println!("seed {seed}: {operators} operators, {each} messages each, {rate} a second each");
