@@ -16,7 +16,7 @@ pub const INPUTS: usize = 1024;
 /// What is timed, and what the open timestamps have seen before.
 #[derive(Clone, Copy, Debug)]
 #[expect(missing_docs, reason = "an input and what comes of it")]
-pub enum Kind {
+pub enum BenchKind {
     Open,
     Offer,
     ResultHeld,
@@ -28,7 +28,7 @@ pub enum Kind {
     ExpireForwarded,
 }
 
-impl Kind {
+impl BenchKind {
     /// Each by its name.
     pub const ALL: [(&str, Self); 9] = [
         ("open", Self::Open),
@@ -87,9 +87,9 @@ impl Load {
 
 const NEAR: Priority = Priority::new(1);
 const FAR: Priority = Priority::new(2);
-type Machine<const WINDOW: usize> = Fusion<3, WINDOW>;
+type SizedFusion<const WINDOW: usize> = Fusion<3, WINDOW>;
 
-fn ready<const WINDOW: usize>(machine: &mut Machine<WINDOW>) -> Ready<'_, 3, WINDOW> {
+fn ready<const WINDOW: usize>(machine: &mut SizedFusion<WINDOW>) -> Ready<'_, 3, WINDOW> {
     match machine.at(Instant::START) {
         At::Ready(ready) => ready,
         At::Fired(firing) => unreachable!("{firing:?}"),
@@ -97,14 +97,14 @@ fn ready<const WINDOW: usize>(machine: &mut Machine<WINDOW>) -> Ready<'_, 3, WIN
 }
 
 /// With all timestamps open, as far as the kind needs it.
-fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>> {
+fn machines<const WINDOW: usize>(load: &Load, kind: BenchKind) -> Vec<SizedFusion<WINDOW>> {
     let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
     let machine = || Fusion::new(WINDOW, Commit::Eager, &clouds).expect("a valid configuration");
-    let mut machines: Vec<Machine<WINDOW>> = (0..INPUTS / WINDOW).map(|_| machine()).collect();
-    if matches!(kind, Kind::Open) {
+    let mut machines: Vec<SizedFusion<WINDOW>> = (0..INPUTS / WINDOW).map(|_| machine()).collect();
+    if matches!(kind, BenchKind::Open) {
         return machines;
     }
-    let limited = matches!(kind, Kind::ExpireWaiting);
+    let limited = matches!(kind, BenchKind::ExpireWaiting);
     for (i, t) in &load.timestamps {
         // A deadline long after every cloud's due.
         let deadline = limited.then_some(Deadline::from_nanos(1_000_000_000));
@@ -119,19 +119,19 @@ fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>
             assert!(matches!(admission, Admission::Admitted { .. }));
         };
         match kind {
-            Kind::Open | Kind::Offer | Kind::FailMissed => {}
-            Kind::ResultHeld | Kind::ExpireWaiting => offer(NEAR),
-            Kind::FailWaiting | Kind::ResultForwarded => {
+            BenchKind::Open | BenchKind::Offer | BenchKind::FailMissed => {}
+            BenchKind::ResultHeld | BenchKind::ExpireWaiting => offer(NEAR),
+            BenchKind::FailWaiting | BenchKind::ResultForwarded => {
                 offer(NEAR);
                 offer(FAR);
             }
-            Kind::ResultSuperseded => {
+            BenchKind::ResultSuperseded => {
                 if nth % 2 == 0 {
                     let outcome = ready.result(t, Priority::LOCAL);
                     assert!(matches!(outcome, Outcome::Forwarded { .. }));
                 }
             }
-            Kind::ExpireForwarded => {
+            BenchKind::ExpireForwarded => {
                 offer(FAR);
                 assert_eq!(ready.result(t, Priority::LOCAL), Outcome::Held);
             }
@@ -145,16 +145,16 @@ fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>
 /// # Panics
 /// If the machine does not decide as the kind says.
 #[must_use]
-pub fn flat<const WINDOW: usize>(load: &Load, kind: Kind) -> Duration {
+pub fn flat<const WINDOW: usize>(load: &Load, kind: BenchKind) -> Duration {
     let mut machines = machines::<WINDOW>(load, kind);
     let start = Clock::now();
     match kind {
-        Kind::Open => {
+        BenchKind::Open => {
             for (i, t) in &load.timestamps {
                 let _ = black_box(ready(&mut machines[*i]).open(Timestamp::new(*t), None));
             }
         }
-        Kind::ExpireWaiting | Kind::ExpireForwarded => {
+        BenchKind::ExpireWaiting | BenchKind::ExpireForwarded => {
             for machine in &mut machines {
                 // A tick at each due instant, as a driver would.
                 for _ in 0..WINDOW {
@@ -168,17 +168,17 @@ pub fn flat<const WINDOW: usize>(load: &Load, kind: Kind) -> Duration {
                 let t = Timestamp::new(*t);
                 let mut ready = ready(&mut machines[*i]);
                 match kind {
-                    Kind::Offer => {
+                    BenchKind::Offer => {
                         let deadline = Deadline::from_nanos(*deadline);
                         let _ = black_box(ready.offer(t, NEAR, deadline, 0));
                     }
-                    Kind::ResultHeld => {
+                    BenchKind::ResultHeld => {
                         let _ = black_box(ready.result(t, Priority::LOCAL));
                     }
-                    Kind::ResultForwarded | Kind::ResultSuperseded => {
+                    BenchKind::ResultForwarded | BenchKind::ResultSuperseded => {
                         let _ = black_box(ready.result(t, FAR));
                     }
-                    Kind::FailWaiting => {
+                    BenchKind::FailWaiting => {
                         let _ = black_box(ready.fail(t, FAR));
                     }
                     _ => {

@@ -11,7 +11,7 @@ use thiserror::Error;
 /// A runtime differs from the paper's by at most one part in this many.
 const JITTER: u64 = 20;
 
-static TABLE: LazyLock<Table> = LazyLock::new(|| {
+static TABLE: LazyLock<ModelTable> = LazyLock::new(|| {
     serde_json::from_str(include_str!("../data/paper.json")).expect("a test reads the same bytes")
 });
 
@@ -48,12 +48,12 @@ pub(crate) enum ModelError {
 }
 
 #[derive(Deserialize)]
-struct Table {
-    runtime_ms: Vec<Row>,
+struct ModelTable {
+    runtime_ms: Vec<ModelRow>,
 }
 
 #[derive(Deserialize)]
-struct Row {
+struct ModelRow {
     model: String,
     orin: f64,
     a100: f64,

@@ -3,12 +3,12 @@
 use std::io::{self, Write};
 
 /// Takes everything, even after its reader has gone.
-pub(crate) struct Sink<W> {
+pub(crate) struct OutputSink<W> {
     inner: W,
     gone: bool,
 }
 
-impl<W: Write> Sink<W> {
+impl<W: Write> OutputSink<W> {
     /// Writes to `inner` while somebody reads it.
     pub(crate) const fn new(inner: W) -> Self {
         Self { inner, gone: false }
@@ -25,7 +25,7 @@ impl<W: Write> Sink<W> {
     }
 }
 
-impl<W: Write> Write for Sink<W> {
+impl<W: Write> Write for OutputSink<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let wrote = if self.gone { Ok(bytes.len()) } else { self.inner.write(bytes) };
         self.attempt(wrote, bytes.len())

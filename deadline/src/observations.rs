@@ -11,14 +11,14 @@ use crate::survival::Observation;
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Observations<const WINDOW: usize> {
     /// Sorted; entries from `len` on mean nothing.
-    calls: [Call; WINDOW],
+    calls: [CallRecord; WINDOW],
     len: usize,
     /// How many calls have ended so far.
     ended: u64,
 }
 
 #[derive(Clone, Copy, PartialEq, Debug)]
-struct Call {
+struct CallRecord {
     observation: Observation,
     /// How many calls ended before this one.
     number: u64,
@@ -31,7 +31,7 @@ impl<const WINDOW: usize> Observations<WINDOW> {
     #[must_use]
     pub const fn new() -> Self {
         const { assert!(WINDOW > 0, "a window of no calls remembers nothing") };
-        Self { calls: [Call { observation: NONE, number: 0 }; WINDOW], len: 0, ended: 0 }
+        Self { calls: [CallRecord { observation: NONE, number: 0 }; WINDOW], len: 0, ended: 0 }
     }
 
     /// Adds how a call ended, and removes the one `WINDOW` calls ago. It costs `WINDOW` comparisons.
@@ -51,7 +51,7 @@ impl<const WINDOW: usize> Observations<WINDOW> {
         }
         let sorted = self.calls.get(..self.len).unwrap_or_default();
         let place = sorted.partition_point(|call| call.observation.key() <= observation.key());
-        self.insert(place, Call { observation, number: self.ended });
+        self.insert(place, CallRecord { observation, number: self.ended });
         self.ended = self.ended.wrapping_add(1);
     }
 
@@ -71,7 +71,7 @@ impl<const WINDOW: usize> Observations<WINDOW> {
     }
 
     /// Puts a call at `place`, where there is room for it.
-    fn insert(&mut self, place: usize, call: Call) {
+    fn insert(&mut self, place: usize, call: CallRecord) {
         if let Some(calls) = self.calls.get_mut(place..=self.len) {
             calls.rotate_right(1);
             if let Some(first) = calls.first_mut() {

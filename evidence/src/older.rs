@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use crate::error::Error;
+use crate::error::EvidenceError;
 use crate::tree::Tree;
 
 /// Where they are named.
@@ -13,16 +13,16 @@ const FILE: &str = "evidence/older.toml";
 ///
 /// # Errors
 /// The file cannot be read, or a reason is empty.
-pub(crate) fn declared(tree: &Tree) -> Result<BTreeMap<String, String>, Error> {
+pub(crate) fn declared(tree: &Tree) -> Result<BTreeMap<String, String>, EvidenceError> {
     let path = tree.path(FILE);
     if !path.exists() {
         return Ok(BTreeMap::new());
     }
-    let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+    let text = fs::read_to_string(&path).map_err(EvidenceError::file(&path))?;
     let reasons: BTreeMap<String, String> =
-        toml::from_str(&text).map_err(|error| Error::content(&path, error.to_string()))?;
+        toml::from_str(&text).map_err(|error| EvidenceError::content(&path, error.to_string()))?;
     match reasons.iter().find(|(_, because)| because.trim().is_empty()) {
-        Some((name, _)) => Err(Error::content(&path, format!("{name}: no reason"))),
+        Some((name, _)) => Err(EvidenceError::content(&path, format!("{name}: no reason"))),
         None => Ok(reasons),
     }
 }

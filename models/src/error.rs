@@ -8,7 +8,7 @@ use thiserror::Error;
 
 /// Why a command stopped.
 #[derive(Debug, Error)]
-pub(crate) enum Error {
+pub(crate) enum ModelsError {
     #[error("no configuration is named {name:?}; `list` names them")]
     World { name: String },
     #[error("{config}: {source}; mend the model")]

@@ -9,7 +9,7 @@ use fuseline_testkit::{History, Ledger};
 use fuseline_traces::{Decision, ExpectedDecisions, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
-use crate::machine::{InputResponse, Machine, WholeAnswer, answer, machine};
+use crate::machine::{InputResponse, ModelMachine, WholeAnswer, answer, machine};
 use crate::sighting::Sightings;
 use crate::world::World;
 
@@ -20,9 +20,9 @@ use crate::world::World;
 /// takes for one, it would otherwise see the first alone.
 #[derive(Clone)]
 pub struct State {
-    pub(crate) machine: Machine,
+    pub(crate) machine: ModelMachine,
     /// P10: made with its clouds in reverse order, and ticked at every instant on the way.
-    twin: Machine,
+    twin: ModelMachine,
     /// The rules' own machine, until the two disagree.
     reference: Option<Reference>,
     pub(crate) ledger: Ledger,

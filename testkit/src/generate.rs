@@ -46,7 +46,7 @@ impl Generator {
             _ => draw.between(2, 40),
         };
         let header = self.header(&mut draw, is_flood);
-        let mut writer = Writer::new(&header, draw);
+        let mut writer = InputGenerator::new(&header, draw);
         writer.start();
         if is_flood {
             // More than the greatest window holds.
@@ -118,7 +118,7 @@ enum StepKind {
 }
 
 /// Makes inputs, with the reference machine to know where the edges are.
-struct Writer {
+struct InputGenerator {
     context: RunContext,
     draw: Draw,
     inputs: Vec<Input>,
@@ -129,7 +129,7 @@ struct Writer {
     is_long: bool,
 }
 
-impl Writer {
+impl InputGenerator {
     fn new(header: &Header, draw: Draw) -> Self {
         Self {
             context: RunContext::new(header),

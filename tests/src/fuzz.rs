@@ -21,14 +21,14 @@ const FILE: &str = "fuzz";
 const MESSAGE: usize = 512;
 
 /// What is wrong, in words.
-type Check = Result<(), String>;
+type FuzzResult = Result<(), String>;
 
 /// Bytes as a run, the machine that ships against the reference machine: decision for decision, and
 /// the next due instant after each input.
 ///
 /// # Errors
 /// The first difference, and the run as it should be.
-pub fn step(bytes: &[u8], reach: &mut Coverage) -> Check {
+pub fn step(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     let run = Bytes::new(bytes).run();
     compare(&run, reach).map_err(|difference| format!("{difference}\n{run:?}"))
 }
@@ -38,7 +38,7 @@ pub fn step(bytes: &[u8], reach: &mut Coverage) -> Check {
 ///
 /// # Errors
 /// What is wrong with how it was read.
-pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> Check {
+pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     let inner = unpack(bytes).map_err(|error| format!("bytes in memory did not come: {error}"))?;
     let mut reader = match Events::new(FILE, inner) {
         Ok(reader) => reader,
@@ -60,7 +60,7 @@ pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> Check {
 ///
 /// # Errors
 /// Where the judge is wrong, and the edited trace.
-pub fn judge(bytes: &[u8], reach: &mut Coverage) -> Check {
+pub fn judge(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     let mut bytes = Bytes::new(bytes);
     let edit = Edit::read(&mut bytes);
     let run = bytes.run();
@@ -96,7 +96,7 @@ pub fn run_of(bytes: &[u8]) -> Run {
 ///
 /// # Errors
 /// The first difference.
-pub fn compare(run: &Run, reach: &mut Coverage) -> Check {
+pub fn compare(run: &Run, reach: &mut Coverage) -> FuzzResult {
     let mut arbiter = arbiter(run)?;
     let mut context = reach.begin(run);
     let mut found = Vec::new();
@@ -117,7 +117,7 @@ pub fn compare(run: &Run, reach: &mut Coverage) -> Check {
 }
 
 /// An accepted line: it is JSON to others too, and written and read again it says the same.
-fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> Check {
+fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> FuzzResult {
     reach.line(line);
     let wrong = |what: &str| Err(format!("{what}: {}\n{line:?}", String::from_utf8_lossy(raw)));
     if serde_json::from_slice::<IgnoredAny>(raw).is_err() {
@@ -133,7 +133,7 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> Check {
 }
 
 /// An error where line number `line` was to be read: it tells that line, fit for a terminal.
-fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> Check {
+fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> FuzzResult {
     reach.defect(error);
     let message = error.to_string();
     let column = 1..=LINE as u64 + 1;
@@ -159,7 +159,7 @@ fn replay(run: &Run) -> Result<Vec<Event>, String> {
     Ok(events)
 }
 
-fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> Check {
+fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> FuzzResult {
     let conforming = verdict(run, whole)?;
     if !conforming.conforms || !conforming.violations.is_empty() {
         return Err(format!("what the core decides is judged so: {conforming}"));

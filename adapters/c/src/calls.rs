@@ -9,7 +9,7 @@
 use core::ffi::{c_char, c_void};
 
 use crate::header::place;
-use crate::inputs::{AnswerPointer, Inputs, MessageInput, Offer};
+use crate::inputs::{AnswerPointer, Inputs, MessageInput, OfferArguments};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
 use crate::storage::{self, CMachine};
@@ -135,7 +135,7 @@ pub unsafe extern "C" fn fuseline_offer(
     // SAFETY: as the header requires.
     unsafe {
         with(machine, answer, |room, answer| {
-            room.ask(now, t, MessageInput::Offer(&Offer { p, deadline, backlog }), answer)
+            room.ask(now, t, MessageInput::Offer(&OfferArguments { p, deadline, backlog }), answer)
         })
     }
 }

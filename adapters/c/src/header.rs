@@ -31,7 +31,7 @@ pub(crate) struct StorageHeader {
 }
 
 /// A kind of machine, of which a caller has a pointer: a [`StorageHeader`] and its alignment.
-pub(crate) trait Kind {
+pub(crate) trait StorageKind {
     /// Differs from kind to kind.
     const SEAL: u64;
 }
@@ -46,7 +46,7 @@ pub(crate) struct AnswerTarget {
 
 impl StorageHeader {
     /// The head of a whole storage of type `T`.
-    pub(crate) fn new<K: Kind, T>(storage: *const T, config: &CConfig) -> Self {
+    pub(crate) fn new<K: StorageKind, T>(storage: *const T, config: &CConfig) -> Self {
         Self {
             close: close::<K>(storage.addr()),
             bytes: size_of::<T>(),
@@ -67,7 +67,7 @@ impl StorageHeader {
     /// # Safety
     /// `machine` came from the kind's init or may be read as a `K` at least, which begins with a head.
     #[expect(unsafe_code, reason = "reads the caller's storage")]
-    pub(crate) unsafe fn of<'a, K: Kind>(
+    pub(crate) unsafe fn of<'a, K: StorageKind>(
         machine: *mut K,
         answers: &[AnswerTarget],
     ) -> Result<&'a Self, CStatus> {
@@ -93,7 +93,7 @@ impl StorageHeader {
     /// # Safety
     /// `machine` is one, and no other call uses it.
     #[expect(unsafe_code, reason = "writes to the caller's storage")]
-    pub(crate) unsafe fn end<K: Kind>(machine: *mut K) {
+    pub(crate) unsafe fn end<K: StorageKind>(machine: *mut K) {
         // SAFETY: a machine begins with its head, and is the caller's to end.
         let close = unsafe { addr_of_mut!((*machine.cast::<Self>()).close) };
         // SAFETY: as above.
@@ -216,7 +216,7 @@ fn overlaps(at: usize, len: usize, storage: usize, bytes: usize) -> bool {
     distance < bytes || distance.wrapping_neg() < len
 }
 
-fn close<K: Kind>(address: usize) -> u64 {
+fn close<K: StorageKind>(address: usize) -> u64 {
     // An address has at most 64 bits.
     K::SEAL ^ address as u64
 }

@@ -23,7 +23,7 @@ pub(crate) enum MessageInput<'a> {
     /// F1: a message came, and local has this deadline.
     OpenWithin(u64),
     /// F2.
-    Offer(&'a Offer),
+    Offer(&'a OfferArguments),
     /// F3: of this source.
     Result(u64),
     /// F4: of this source.
@@ -33,7 +33,7 @@ pub(crate) enum MessageInput<'a> {
 }
 
 /// F2: the cloud, its deadline and the length of its queue.
-pub(crate) struct Offer {
+pub(crate) struct OfferArguments {
     pub(crate) p: u64,
     pub(crate) deadline: u64,
     pub(crate) backlog: u64,
@@ -70,7 +70,7 @@ pub(crate) fn apply<const CLOUDS: usize, const WINDOW: usize>(
         MessageInput::OpenWithin(deadline) => {
             write_opening(answer, ready.open(t, Some(header.deadline(deadline))));
         }
-        MessageInput::Offer(&Offer { p, deadline, backlog }) => {
+        MessageInput::Offer(&OfferArguments { p, deadline, backlog }) => {
             // F2 unknown: as for a result.
             let admission = priority(p).map_or(Admission::Refused(OfferRefusal::Unknown), |p| {
                 ready.offer(t, p, header.deadline(deadline), backlog)

@@ -12,7 +12,9 @@ use core::sync::atomic::Ordering;
 use fuseline_core::{Deadline, DropReason, Firing, Instant, Outcome, Priority, Timestamp};
 use fuseline_threads::{MessageId, Owner, Shared, SharedHandle};
 
-use crate::header::{AnswerTarget, Kind, NO_CLOUDS, StorageHeader, asked, rule, status_of, wrong};
+use crate::header::{
+    AnswerTarget, NO_CLOUDS, StorageHeader, StorageKind, asked, rule, status_of, wrong,
+};
 use crate::inputs::{open_refusal, priority, write_admission, write_answer, write_firing};
 use crate::plain::{
     CAnswer, CConfig, CMessageId, CReason, CStatus, FUSELINE_SHARED_BYTES,
@@ -27,7 +29,7 @@ pub struct CShared {
     header: StorageHeader,
 }
 
-impl Kind for CShared {
+impl StorageKind for CShared {
     const SEAL: u64 = 0x5468_7265_6164_7321; // "Threads!"
 }
 

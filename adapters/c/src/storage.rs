@@ -8,7 +8,9 @@ use core::sync::atomic::{Ordering, compiler_fence};
 
 use fuseline_core::{At, Cloud, Fusion, Instant, Timestamp};
 
-use crate::header::{AnswerTarget, Kind, NO_CLOUDS, StorageHeader, asked, rule, status_of, wrong};
+use crate::header::{
+    AnswerTarget, NO_CLOUDS, StorageHeader, StorageKind, asked, rule, status_of, wrong,
+};
 use crate::inputs::{
     AnswerPointer, Inputs, MessageInput, answer_list, apply, looked, looked_at, priority,
     write_firing,
@@ -25,7 +27,7 @@ pub struct CMachine {
     header: StorageHeader,
 }
 
-impl Kind for CMachine {
+impl StorageKind for CMachine {
     const SEAL: u64 = 0x4675_7365_6c69_6e65; // "Fuseline"
 }
 

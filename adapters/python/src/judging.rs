@@ -3,7 +3,7 @@
 use std::io::BufRead;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_report::{Findings, JudgeMode, Page, TraceJudge};
+use fuseline_report::{Findings, JudgeMode, PageWriter, TraceJudge};
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Decision, Event, Events, Header, Input, Verdict};
 use pyo3::prelude::*;
@@ -64,7 +64,7 @@ pub(crate) fn report<'py>(
     traces: Vec<(Bound<'py, PyAny>, Option<String>)>,
     slack: ObservedSlack,
 ) -> PyResult<(Vec<VerdictFields>, Bound<'py, PyBytes>)> {
-    let (mut page, mode) = (Page::default(), mode(slack));
+    let (mut page, mode) = (PageWriter::default(), mode(slack));
     let mut verdicts = Vec::with_capacity(traces.len());
     for (trace, name) in traces {
         verdicts.push(with_trace(&trace, name, |name, trace| {

@@ -14,7 +14,7 @@ use crate::middleware::Graph;
 #[cfg(feature = "zenoh")]
 use crate::middleware::zenoh::ZenohSession;
 use crate::parameters::Value;
-use crate::report::Time;
+use crate::report::RosTime;
 use crate::service::Requests;
 use crate::settings::{Middleware, Qos, Settings};
 
@@ -109,7 +109,7 @@ impl NodeBackend {
 /// A node that is shown whole.
 pub(crate) struct DiscoveredNode {
     /// The time that messages are stamped with.
-    pub(crate) clock: Box<dyn Fn() -> Time + Send + Sync>,
+    pub(crate) clock: Box<dyn Fn() -> RosTime + Send + Sync>,
     /// Gets each parameter that was set.
     pub(crate) set: ParameterCallback,
 }

@@ -10,12 +10,12 @@ use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
 use tokio::time::Instant;
 use tracing::{debug, error};
 
-use crate::key::{Key, Stamp};
+use crate::key::{MessageKey, Stamp};
 use crate::lifecycle::LifecycleRequests;
 use crate::middleware::{Endpoint, Publish};
 use crate::raw::Payload;
 use crate::report::{self, NodeCounts, Reporter};
-use crate::source::{Route, Source};
+use crate::source::{NodeSource, Route};
 use crate::speed::Speed;
 use crate::stamps::Stamps;
 use crate::status_publisher::PublishStatus;
@@ -32,14 +32,14 @@ use channels::known;
 const LOCAL: usize = 0;
 
 /// What one node receives and sends.
-pub(crate) struct Fusion<'a> {
+pub(crate) struct NodeFusion<'a> {
     /// Local, then the clouds in their order.
-    pub(crate) sources: Vec<Source>,
+    pub(crate) sources: Vec<NodeSource>,
     pub(crate) output: Box<dyn Publish>,
     /// The ends of input and output, to report peers that do not fit.
     pub(crate) ends: Vec<Arc<Endpoint>>,
-    pub(crate) input_key: Key,
-    pub(crate) output_key: Key,
+    pub(crate) input_key: MessageKey,
+    pub(crate) output_key: MessageKey,
     /// The deadline of clouds without one of their own.
     pub(crate) deadline: Duration,
     pub(crate) node: String,
@@ -74,7 +74,7 @@ impl LoopState {
     }
 }
 
-impl Transport for Fusion<'_> {
+impl Transport for NodeFusion<'_> {
     type Request = Payload;
     type Value = Payload;
     type Message = Payload;

@@ -29,7 +29,7 @@ pub use error::{GrpcError, NodeError};
 pub use fuseline_engine::{Commit, Tally};
 pub use node::check;
 pub use raw::Payload;
-pub use rosout::{Lines, Rosout};
+pub use rosout::{PendingLogs, Rosout};
 pub use run::run;
 pub use settings::Settings;
 pub use stop::Stop;

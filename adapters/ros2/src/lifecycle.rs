@@ -88,7 +88,7 @@ pub(crate) const TRANSITIONS: [Transition; 25] = [
 
 /// What a managed node is to do.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Task {
+pub(crate) enum LifecycleTask {
     Configure,
     CleanUp,
     Activate,
@@ -109,7 +109,7 @@ pub(crate) enum TransitionResult {
 
 /// A task, and where to say that it is done.
 pub(crate) struct LifecycleRequest {
-    pub(crate) task: Task,
+    pub(crate) task: LifecycleTask,
     done: oneshot::Sender<TransitionResult>,
 }
 
@@ -124,7 +124,7 @@ pub(crate) struct LifecycleRequests {
 
 impl LifecycleRequest {
     /// An order, and where it is said how it went.
-    pub(crate) fn new(task: Task) -> (Self, oneshot::Receiver<TransitionResult>) {
+    pub(crate) fn new(task: LifecycleTask) -> (Self, oneshot::Receiver<TransitionResult>) {
         let (done, received) = oneshot::channel();
         (Self { task, done }, received)
     }
@@ -139,18 +139,18 @@ impl LifecycleRequests {
     /// Does what needs nothing but this; whether the node is to close what is open.
     pub(crate) fn obey(&mut self, order: LifecycleRequest) -> bool {
         match order.task {
-            Task::Activate | Task::Deactivate => {
-                self.is_active = order.task == Task::Activate;
+            LifecycleTask::Activate | LifecycleTask::Deactivate => {
+                self.is_active = order.task == LifecycleTask::Activate;
                 order.done(TransitionResult::Success);
                 false
             }
-            Task::CleanUp | Task::ShutDown => {
+            LifecycleTask::CleanUp | LifecycleTask::ShutDown => {
                 self.is_active = false;
                 self.last = Some(order);
                 true
             }
             // It is not requested twice of a managed node: `State::requested`.
-            Task::Configure => {
+            LifecycleTask::Configure => {
                 order.done(TransitionResult::Failure);
                 false
             }
@@ -182,16 +182,16 @@ impl State {
 
     /// The transition that is requested, by its label if there is one, else by its number; none if it does not begin
     /// here.
-    pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, Task)> {
+    pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, LifecycleTask)> {
         let way = self
             .ways()
             .find(|way| if label.is_empty() { way.id == id } else { way.label == label })?;
         let task = match way.to {
-            Configuring => Task::Configure,
-            CleaningUp => Task::CleanUp,
-            Activating => Task::Activate,
-            Deactivating => Task::Deactivate,
-            ShuttingDown => Task::ShutDown,
+            Configuring => LifecycleTask::Configure,
+            CleaningUp => LifecycleTask::CleanUp,
+            Activating => LifecycleTask::Activate,
+            Deactivating => LifecycleTask::Deactivate,
+            ShuttingDown => LifecycleTask::ShutDown,
             Unknown | Unconfigured | Inactive | Active | Finalized | ErrorProcessing => {
                 return None;
             }
@@ -236,36 +236,36 @@ mod tests {
         };
         assert_eq!(
             goes(Unconfigured, 1, "", TransitionResult::Success),
-            Some((Task::Configure, Inactive))
+            Some((LifecycleTask::Configure, Inactive))
         );
         assert_eq!(
             goes(Unconfigured, 1, "", TransitionResult::Failure),
-            Some((Task::Configure, Unconfigured))
+            Some((LifecycleTask::Configure, Unconfigured))
         );
         assert_eq!(
             goes(Inactive, 3, "", TransitionResult::Success),
-            Some((Task::Activate, Active))
+            Some((LifecycleTask::Activate, Active))
         );
         assert_eq!(
             goes(Active, 4, "", TransitionResult::Success),
-            Some((Task::Deactivate, Inactive))
+            Some((LifecycleTask::Deactivate, Inactive))
         );
         assert_eq!(
             goes(Inactive, 2, "", TransitionResult::Success),
-            Some((Task::CleanUp, Unconfigured))
+            Some((LifecycleTask::CleanUp, Unconfigured))
         );
         assert_eq!(
             goes(Inactive, 2, "", TransitionResult::Error),
-            Some((Task::CleanUp, ErrorProcessing))
+            Some((LifecycleTask::CleanUp, ErrorProcessing))
         );
         for (state, id) in [(Unconfigured, 5), (Inactive, 6), (Active, 7)] {
             assert_eq!(
                 goes(state, id, "", TransitionResult::Success),
-                Some((Task::ShutDown, Finalized))
+                Some((LifecycleTask::ShutDown, Finalized))
             );
             assert_eq!(
                 goes(state, 0, "shutdown", TransitionResult::Success),
-                Some((Task::ShutDown, Finalized))
+                Some((LifecycleTask::ShutDown, Finalized))
             );
         }
         assert_eq!(
@@ -280,7 +280,10 @@ mod tests {
         assert_eq!(Active.requested(1, "configure"), None);
         assert_eq!(Configuring.requested(10, ""), None);
         assert_eq!(Configuring.requested(0, SUCCESS), None);
-        assert_eq!(Inactive.requested(3, "cleanup").map(|(_, task)| task), Some(Task::CleanUp));
+        assert_eq!(
+            Inactive.requested(3, "cleanup").map(|(_, task)| task),
+            Some(LifecycleTask::CleanUp)
+        );
         assert_eq!(Inactive.ended(TransitionResult::Success), None);
     }
 }

@@ -14,14 +14,14 @@ use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::error::NodeError;
-use crate::fusion::{Fusion, InputChannels, LoopState};
+use crate::fusion::{InputChannels, LoopState, NodeFusion};
 use crate::lifecycle::LifecycleRequests;
-use crate::middleware::{Endpoint, Graph, Sample};
+use crate::middleware::{Endpoint, Graph, ReceivedPayload};
 use crate::raw::Payload;
 use crate::report::Reporter;
-use crate::rosout::Lines;
+use crate::rosout::PendingLogs;
 use crate::settings::{self, Change, Middleware, Role, Settings, SpeedTopic};
-use crate::source::{Handle, Route, Source, UnmatchedResults, call};
+use crate::source::{Handle, NodeSource, Route, UnmatchedResults, call};
 use crate::speed::Speed;
 use crate::status_publisher::{NodeInterface, StatusPublisher};
 use crate::stop::Stop;
@@ -36,7 +36,7 @@ const RESULTS: usize = 64;
 pub(crate) async fn run(
     settings: &Settings,
     stop: &mut Stop,
-    lines: Option<Lines>,
+    lines: Option<PendingLogs>,
 ) -> Result<Tally, NodeError> {
     // What is refused is refused before anybody notices the node.
     check(settings)?;
@@ -61,8 +61,8 @@ pub(crate) struct ExternalInputs<'a> {
 }
 
 /// A node whose topics are open.
-pub(crate) struct Open<'a> {
-    driver: Driver<Fusion<'a>>,
+pub(crate) struct OpenNode<'a> {
+    driver: Driver<NodeFusion<'a>>,
     counting: Counting,
 }
 
@@ -73,7 +73,7 @@ pub(crate) fn open<'a>(
     graph: &mut Graph,
     status_publisher: Arc<StatusPublisher>,
     outside: ExternalInputs<'a>,
-) -> Result<Open<'a>, NodeError> {
+) -> Result<OpenNode<'a>, NodeError> {
     let ExternalInputs { changes, orders, stop } = outside;
     let counting = engine.counts();
     let (arrived, results) = mpsc::channel(RESULTS);
@@ -102,7 +102,7 @@ pub(crate) fn open<'a>(
     let node = settings.node.full();
     let mut report = interval(settings.diagnostics_period);
     report.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let fusion = Fusion {
+    let fusion = NodeFusion {
         sources,
         ends,
         output,
@@ -129,10 +129,10 @@ pub(crate) fn open<'a>(
         clouds = settings.clouds.len(),
         "fusing"
     );
-    Ok(Open { driver, counting })
+    Ok(OpenNode { driver, counting })
 }
 
-impl Open<'_> {
+impl OpenNode<'_> {
     /// Runs until it is requested to stop or to close.
     pub(crate) async fn run(self) -> Result<Tally, NodeError> {
         let (mut fusion, engine) = self.driver.run().await;
@@ -279,10 +279,10 @@ fn record<V, R>(engine: &mut Engine<V, R>, settings: &Settings) -> Result<(), No
 fn sources(
     settings: &Settings,
     graph: &mut Graph,
-    arrived: &mpsc::Sender<(usize, Sample)>,
-) -> Result<Vec<Source>, NodeError> {
+    arrived: &mpsc::Sender<(usize, ReceivedPayload)>,
+) -> Result<Vec<NodeSource>, NodeError> {
     let local = &settings.local;
-    let mut sources = vec![Source {
+    let mut sources = vec![NodeSource {
         priority: 0,
         name: "local".into(),
         way: topics(graph, settings, local.middleware, [&local.input, &local.output], arrived, 0)?,
@@ -305,7 +305,7 @@ fn sources(
                 Some(graph.outlet(settings.middleware, topic, &settings.output.type_name, qos)?)
             }
         };
-        sources.push(Source {
+        sources.push(NodeSource {
             priority: cloud.priority,
             name: cloud.name.clone(),
             way,
@@ -323,7 +323,7 @@ fn topics(
     settings: &Settings,
     middleware: Middleware,
     [requests, results]: [&str; 2],
-    arrived: &mpsc::Sender<(usize, Sample)>,
+    arrived: &mpsc::Sender<(usize, ReceivedPayload)>,
     index: usize,
 ) -> Result<Route, NodeError> {
     let qos = settings.qos(requests, Role::Publisher);
@@ -344,7 +344,7 @@ fn latest(
     settings: &Settings,
     topic: &str,
     type_name: &str,
-    received: mpsc::Sender<Sample>,
+    received: mpsc::Sender<ReceivedPayload>,
 ) -> Result<Arc<Endpoint>, NodeError> {
     let qos = settings.qos(topic, Role::Subscription);
     let end = graph.inlet(settings.middleware, topic, type_name, qos, move |sample| {

@@ -3,7 +3,7 @@
 use fuseline_engine::Tally;
 
 use crate::error::NodeError;
-use crate::rosout::Lines;
+use crate::rosout::PendingLogs;
 use crate::settings::Settings;
 use crate::stop::Stop;
 use crate::{managed, node};
@@ -18,7 +18,7 @@ use crate::{managed, node};
 pub async fn run(
     settings: &Settings,
     stop: &mut Stop,
-    lines: Option<Lines>,
+    lines: Option<PendingLogs>,
 ) -> Result<Tally, NodeError> {
     if settings.lifecycle {
         // A plain node does not carry its future.

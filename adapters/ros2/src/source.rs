@@ -13,7 +13,7 @@ use crate::raw::Payload;
 use crate::settings::Grpc;
 
 /// Local or a cloud, as the node sees it.
-pub(crate) struct Source {
+pub(crate) struct NodeSource {
     /// 0 is local.
     pub(crate) priority: u16,
     pub(crate) name: String,
@@ -53,7 +53,7 @@ pub(crate) struct UnmatchedResults {
 #[error("the reply is not a message serialized as plain CDR")]
 struct NotCdr;
 
-impl Source {
+impl NodeSource {
     /// Who should be there and is missing, in words.
     pub(crate) fn missing(&self) -> Option<String> {
         match &self.way {

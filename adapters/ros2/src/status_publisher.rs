@@ -10,9 +10,9 @@ use crate::backend::{DiscoveredNode, MessagePublisher, NodeBackend, REPORTS, Typ
 use crate::error::NodeError;
 use crate::lifecycle::{LifecycleRequests, serve};
 use crate::middleware::Graph;
-use crate::parameters::services::{Parameters, Services};
-use crate::report::{self, DiagnosticArray, DiagnosticStatus, Time};
-use crate::rosout::Lines;
+use crate::parameters::services::{NodeParameters, ParameterServices};
+use crate::report::{self, DiagnosticArray, DiagnosticStatus, RosTime};
+use crate::rosout::PendingLogs;
 use crate::settings::{Change, Current, Qos, Settings};
 
 /// Publishes what the node reports.
@@ -26,7 +26,7 @@ pub(crate) trait PublishStatus: Send {
 
 /// The node's publishers of reports.
 pub(crate) struct StatusPublisher {
-    clock: Box<dyn Fn() -> Time + Send + Sync>,
+    clock: Box<dyn Fn() -> RosTime + Send + Sync>,
     diagnostics: MessagePublisher<DiagnosticArray>,
     status: MessagePublisher<DiagnosticStatus>,
 }
@@ -48,7 +48,7 @@ impl StatusPublisher {
     pub(crate) fn join(
         settings: &Settings,
         graph: &Graph,
-        lines: Option<Lines>,
+        lines: Option<PendingLogs>,
     ) -> Result<NodeInterface, NodeError> {
         let (setter, changes) = mpsc::unbounded_channel();
         let current = Current::new(settings.clone());
@@ -59,7 +59,7 @@ impl StatusPublisher {
             backend.message_publisher(&settings.diagnostics, of("DiagnosticArray"), REPORTS)?;
         let status =
             backend.message_publisher(&settings.status, of("DiagnosticStatus"), REPORTS)?;
-        let services = Services::offer(&mut backend, &mut tasks)?;
+        let services = ParameterServices::offer(&mut backend, &mut tasks)?;
         let orders = settings.lifecycle.then(|| serve(&mut backend, &settings.node, &mut tasks));
         let orders = orders.transpose()?;
         if let Some(lines) = lines.filter(|_| settings.rosout) {
@@ -70,7 +70,7 @@ impl StatusPublisher {
             tasks.spawn(publish(lines, log, settings.node.name.clone()));
         }
         let DiscoveredNode { clock, set } = backend.settle(settings)?;
-        let parameters = Parameters { settings: current.clone(), setter, set };
+        let parameters = NodeParameters { settings: current.clone(), setter, set };
         tasks.spawn(services.run(parameters));
         let status_publisher = Arc::new(Self { clock, diagnostics, status });
         Ok(NodeInterface { status_publisher, settings: current, changes, orders, tasks })
@@ -83,13 +83,13 @@ impl PublishStatus for Arc<StatusPublisher> {
     }
 
     fn diagnostics(&self, status: Vec<DiagnosticStatus>) {
-        let header = report::Header { stamp: (self.clock)(), frame_id: String::new() };
+        let header = report::RosHeader { stamp: (self.clock)(), frame_id: String::new() };
         (self.diagnostics)(DiagnosticArray { header, status });
     }
 }
 
 /// Publishes the log.
-async fn publish(mut lines: Lines, log: MessagePublisher<Log>, name: String) {
+async fn publish(mut lines: PendingLogs, log: MessagePublisher<Log>, name: String) {
     while let Some(line) = lines.0.recv().await {
         // The log is on standard error, too.
         log(Log {

@@ -19,7 +19,7 @@ use crate::call::Call;
 use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::local::Workers;
 use crate::panics::reason;
-use crate::setup::{HintHandler, Registered, Request, SituationSource};
+use crate::setup::{BoxedRequest, HintHandler, Registered, SituationSource};
 use crate::side::SideRunner;
 use crate::stream::{Reader, WriteError, Writer};
 
@@ -43,7 +43,7 @@ pub(crate) struct Streams<I, O> {
 /// What is sent to a source.
 pub(crate) enum Work<I, O> {
     Local(Arc<I>),
-    Call(Request<O>),
+    Call(BoxedRequest<O>),
 }
 
 /// The output: items are given to the readers at once, and wait here only while one lags.

@@ -60,9 +60,10 @@ pub(crate) type HintHandler<O> = Box<dyn FnMut(Hint<O>) + Send>;
 pub(crate) type SituationSource<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
 /// What to send, if anything, and how long the cloud may take.
 pub(crate) type MessageHandler<I, O> =
-    Box<dyn FnMut(&I, u64) -> Option<(Request<O>, Duration)> + Send>;
+    Box<dyn FnMut(&I, u64) -> Option<(BoxedRequest<O>, Duration)> + Send>;
 /// A request that knows its handle and its response handler.
-pub(crate) type Request<O> = Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O, Error>> + Send>;
+pub(crate) type BoxedRequest<O> =
+    Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O, Error>> + Send>;
 
 impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
@@ -97,7 +98,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
         let message_handler = move |message: &I, timestamp| {
             let (request, deadline) = message_handler(message, timestamp)?;
             let handlers = Arc::clone(&handlers);
-            let request: Request<O> = Box::new(move |call| {
+            let request: BoxedRequest<O> = Box::new(move |call| {
                 Box::pin(async move { (handlers.1)((handlers.0)(request, call).await?) })
             });
             Some((request, deadline))
@@ -193,7 +194,7 @@ impl<I, O> Registered<I, O> {
         &mut self,
         message: &I,
         timestamp: u64,
-    ) -> Option<(Request<O>, Duration)> {
+    ) -> Option<(BoxedRequest<O>, Duration)> {
         catch_unwind(AssertUnwindSafe(|| (self.message_handler)(message, timestamp)))
             .unwrap_or_else(|panic| {
                 let why = reason(&*panic);

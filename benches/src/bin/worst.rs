@@ -8,13 +8,13 @@ use std::hint::black_box;
 use fuseline_core::{At, Cloud, Commit, Deadline, Fusion, Instant, Priority, Ready, Timestamp};
 use fuseline_testkit::Rng;
 
-type Machine = Fusion<3, 16>;
+type SmallFusion = Fusion<3, 16>;
 
 /// Enough for timestamps to take all seats many times over.
 const ROUNDS: u64 = 4_000;
 
 /// The input alone: nothing is due at the instants given.
-fn ready(machine: &mut Machine, now: u64) -> Option<Ready<'_, 3, 16>> {
+fn ready(machine: &mut SmallFusion, now: u64) -> Option<Ready<'_, 3, 16>> {
     match machine.at(Instant::from_nanos(now)) {
         At::Ready(ready) => Some(ready),
         At::Fired(_) => None,
@@ -22,14 +22,14 @@ fn ready(machine: &mut Machine, now: u64) -> Option<Ready<'_, 3, 16>> {
 }
 
 #[inline(never)]
-fn worst_open(machine: &mut Machine, now: u64, t: u64, deadline: Option<Deadline>) {
+fn worst_open(machine: &mut SmallFusion, now: u64, t: u64, deadline: Option<Deadline>) {
     if let Some(mut ready) = ready(machine, now) {
         let _ = black_box(ready.open(Timestamp::new(t), deadline));
     }
 }
 
 #[inline(never)]
-fn worst_offer(machine: &mut Machine, now: u64, t: u64, p: u16, deadline: u64) {
+fn worst_offer(machine: &mut SmallFusion, now: u64, t: u64, p: u16, deadline: u64) {
     if let Some(mut ready) = ready(machine, now) {
         let deadline = Deadline::from_nanos(deadline);
         let _ = black_box(ready.offer(Timestamp::new(t), Priority::new(p), deadline, 0));
@@ -37,21 +37,21 @@ fn worst_offer(machine: &mut Machine, now: u64, t: u64, p: u16, deadline: u64) {
 }
 
 #[inline(never)]
-fn worst_result(machine: &mut Machine, now: u64, t: u64, p: u16) {
+fn worst_result(machine: &mut SmallFusion, now: u64, t: u64, p: u16) {
     if let Some(mut ready) = ready(machine, now) {
         let _ = black_box(ready.result(Timestamp::new(t), Priority::new(p)));
     }
 }
 
 #[inline(never)]
-fn worst_fail(machine: &mut Machine, now: u64, t: u64, p: u16) {
+fn worst_fail(machine: &mut SmallFusion, now: u64, t: u64, p: u16) {
     if let Some(mut ready) = ready(machine, now) {
         let _ = black_box(ready.fail(Timestamp::new(t), Priority::new(p)));
     }
 }
 
 #[inline(never)]
-fn worst_firing(machine: &mut Machine, now: u64) -> bool {
+fn worst_firing(machine: &mut SmallFusion, now: u64) -> bool {
     matches!(black_box(machine.at(Instant::from_nanos(now))), At::Fired(_))
 }
 
@@ -62,13 +62,14 @@ fn input_done() {
 }
 
 /// One for each commit rule, on the heap: a thread's stack then holds what the inputs need and no machine.
-fn machines() -> [Box<Machine>; 2] {
+fn machines() -> [Box<SmallFusion>; 2] {
     let clouds = [3, 1, 2].map(|p| Cloud::new(Priority::new(p), 31));
-    [Commit::Eager, Commit::Patient]
-        .map(|commit| Box::new(Machine::new(16, commit, &clouds).expect("a valid configuration")))
+    [Commit::Eager, Commit::Patient].map(|commit| {
+        Box::new(SmallFusion::new(16, commit, &clouds).expect("a valid configuration"))
+    })
 }
 
-fn inputs(machines: &mut [Box<Machine>; 2]) {
+fn inputs(machines: &mut [Box<SmallFusion>; 2]) {
     for machine in machines {
         let mut random = Rng::with_seed(1);
         let (mut now, mut newest) = (0, 0);
@@ -125,7 +126,7 @@ fn main() {
             assert!(thread.join().is_ok());
         }
         _ => {
-            let (machine, great) = (size_of::<Machine>(), size_of::<Fusion<15, 1024>>());
+            let (machine, great) = (size_of::<SmallFusion>(), size_of::<Fusion<15, 1024>>());
             println!("Fusion<3, 16>: {machine} bytes");
             println!("Fusion<15, 1024>: {great} bytes");
         }

@@ -28,7 +28,7 @@ pub enum Findings {
 
 /// A verdict without its violations.
 #[derive(Clone, Copy, Debug)]
-pub struct Summary<'a> {
+pub struct VerdictSummary<'a> {
     /// The trace's name.
     pub file: &'a str,
     /// Whether the rules explain all of it.
@@ -172,7 +172,7 @@ impl Findings {
 
     /// The verdict in short.
     #[must_use]
-    pub const fn summary(&self) -> Summary<'_> {
+    pub const fn summary(&self) -> VerdictSummary<'_> {
         match self {
             Self::Strict(Verdict {
                 file,
@@ -183,7 +183,7 @@ impl Findings {
                 violations,
                 more,
                 places: _,
-            }) => Summary {
+            }) => VerdictSummary {
                 file: file.as_str(),
                 conforms: *conforms,
                 judged: *judged,
@@ -200,7 +200,7 @@ impl Findings {
                 violations,
                 more,
                 places: _,
-            }) => Summary {
+            }) => VerdictSummary {
                 file: file.as_str(),
                 conforms: *conforms,
                 judged: *judged,

@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 
 /// When a source's result was there, or would have been, since its message came.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Arrival {
+pub enum ArrivalTime {
     /// At this time.
     At(Duration),
     /// Unknown, but later than this, if ever: the call was ended then, before its result was there.
@@ -68,13 +68,13 @@ impl Response {
     }
 }
 
-impl From<Arrival> for Response {
-    fn from(arrival: Arrival) -> Self {
+impl From<ArrivalTime> for Response {
+    fn from(arrival: ArrivalTime) -> Self {
         match arrival {
-            Arrival::At(at) => Self::exactly(Some(at)),
-            Arrival::After(bound) => Self { least: bound, most: NEVER },
+            ArrivalTime::At(at) => Self::exactly(Some(at)),
+            ArrivalTime::After(bound) => Self { least: bound, most: NEVER },
             // No output however long one waits.
-            Arrival::Failed(_) | Arrival::Never => Self::exactly(None),
+            ArrivalTime::Failed(_) | ArrivalTime::Never => Self::exactly(None),
         }
     }
 }
@@ -141,11 +141,11 @@ mod tests {
     }
 
     fn at(millis: u64) -> Response {
-        Arrival::At(ms(millis)).into()
+        ArrivalTime::At(ms(millis)).into()
     }
 
     fn after(millis: u64) -> Response {
-        Arrival::After(ms(millis)).into()
+        ArrivalTime::After(ms(millis)).into()
     }
 
     #[expect(clippy::unnecessary_wraps, reason = "as quantiles are given")]

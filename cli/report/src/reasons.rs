@@ -5,22 +5,23 @@ use serde::Serialize;
 
 /// One reason; the columns name it by its place.
 #[derive(Serialize)]
-pub(crate) struct Reason {
+pub(crate) struct ReasonColumn {
     word: &'static str,
     sentence: &'static str,
 }
 
 /// Those of refusals: an open's, then an offer's.
-pub(crate) fn refusals() -> Vec<Reason> {
-    let opens = OpenRefusal::ALL.map(|why| Reason { word: why.as_str(), sentence: why.sentence() });
+pub(crate) fn refusals() -> Vec<ReasonColumn> {
+    let opens =
+        OpenRefusal::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() });
     let offers =
-        OfferRefusal::ALL.map(|why| Reason { word: why.as_str(), sentence: why.sentence() });
+        OfferRefusal::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() });
     opens.into_iter().chain(offers).collect()
 }
 
 /// Those of drops, each at its index.
-pub(crate) fn drops() -> [Reason; DropReason::ALL.len()] {
-    DropReason::ALL.map(|why| Reason { word: why.as_str(), sentence: why.sentence() })
+pub(crate) fn drops() -> [ReasonColumn; DropReason::ALL.len()] {
+    DropReason::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() })
 }
 
 /// The place of an open's refusal among [`refusals`].

@@ -4,10 +4,10 @@ use quick_junit::{
     NonSuccessKind, Report as Xml, SerializeError, TestCase, TestCaseStatus, TestSuite,
 };
 
-use super::report::{Mark, Report};
+use super::report::{CaseOutcome, DriveReport};
 
 /// The report's cases; all generated ones count as one, named after the one that failed, if any.
-pub(super) fn xml(report: &Report) -> Result<String, SerializeError> {
+pub(super) fn xml(report: &DriveReport) -> Result<String, SerializeError> {
     let mut suite = TestSuite::new(report.name.as_str());
     suite.set_time(report.took);
     for (id, mark) in &report.fixed {
@@ -19,7 +19,7 @@ pub(super) fn xml(report: &Report) -> Result<String, SerializeError> {
         }
         None if report.suite.generated > 0 => {
             let (driven, all) = (&report.suite, report.suite.generated);
-            let mark = if report.passed == all { Mark::Passes } else { Mark::NotRun };
+            let mark = if report.passed == all { CaseOutcome::Passes } else { CaseOutcome::NotRun };
             let span = format!("{} to {}", driven.id(0), driven.id(all - 1));
             suite.add_test_case(case(report, &span, mark));
         }
@@ -35,11 +35,11 @@ pub(super) fn xml(report: &Report) -> Result<String, SerializeError> {
     xml.to_string()
 }
 
-fn case(report: &Report, id: &str, mark: Mark) -> TestCase {
+fn case(report: &DriveReport, id: &str, mark: CaseOutcome) -> TestCase {
     let status = match mark {
-        Mark::Passes => TestCaseStatus::success(),
-        Mark::NotRun => TestCaseStatus::skipped(),
-        Mark::Breaks(_) | Mark::Misbehaves => {
+        CaseOutcome::Passes => TestCaseStatus::success(),
+        CaseOutcome::NotRun => TestCaseStatus::skipped(),
+        CaseOutcome::Breaks(_) | CaseOutcome::Misbehaves => {
             let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
             status.set_message(mark.word());
             if let Some(found) = report.found.iter().find(|found| found.case == id) {

@@ -13,9 +13,9 @@ use serde_json::{Map, Value, json};
 use textwrap::{Options, WordSplitter};
 
 use super::case::Suite;
-use super::extent::Extent;
+use super::extent::DrivenExtent;
 use super::peer::ProtocolViolation;
-use super::shrink::{Finding, FindingKind};
+use super::shrink::{DriveFinding, FindingKind};
 use super::words;
 use crate::exit::Exit;
 use crate::verdict::{BAD, GOOD, plain, print_violation};
@@ -30,18 +30,18 @@ const WIDTH: usize = 96;
 const INDENT: &str = "            ";
 
 /// The results of driving a command.
-pub(super) struct Report {
+pub(super) struct DriveReport {
     /// What the implementation is called.
     pub(super) name: String,
     /// The command, as a shell takes it.
     pub(super) command: String,
     pub(super) suite: Suite,
     /// The fixed cases in their order, with what became of each.
-    pub(super) fixed: Vec<(String, Mark)>,
+    pub(super) fixed: Vec<(String, CaseOutcome)>,
     /// How many generated runs passed, from the first on.
     pub(super) passed: u64,
     /// The generated run that did not pass.
-    pub(super) failed: Option<(String, Mark)>,
+    pub(super) failed: Option<(String, CaseOutcome)>,
     /// The first thing wrong in the fixed cases and in the generated ones.
     pub(super) found: Vec<ReportedFinding>,
     /// What the command did when its input ended.
@@ -50,14 +50,14 @@ pub(super) struct Report {
     pub(super) inputs: u64,
     pub(super) took: Duration,
     pub(super) reach: Coverage,
-    pub(super) extent: Extent,
+    pub(super) extent: DrivenExtent,
     /// How long generated runs could begin, if their number was not given.
     pub(super) budget: Option<Duration>,
 }
 
 /// What became of a case.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Mark {
+pub(super) enum CaseOutcome {
     Passes,
     Breaks(Rule),
     Misbehaves,
@@ -69,14 +69,14 @@ pub(super) struct ReportedFinding {
     pub(super) case: String,
     /// How many inputs its case has.
     pub(super) of: usize,
-    pub(super) finding: Finding,
+    pub(super) finding: DriveFinding,
     pub(super) saved: Option<PathBuf>,
     /// The command line that shows it again.
     pub(super) replay: String,
 }
 
-impl Mark {
-    pub(super) fn of(finding: &Finding) -> Self {
+impl CaseOutcome {
+    pub(super) fn of(finding: &DriveFinding) -> Self {
         match &finding.what {
             FindingKind::Breaks(rule) => Self::Breaks(*rule),
             FindingKind::Misbehaves(_) => Self::Misbehaves,
@@ -157,7 +157,7 @@ impl ReportedFinding {
     }
 }
 
-impl Report {
+impl DriveReport {
     pub(super) fn exit(&self) -> Exit {
         if !self.found.is_empty() || self.at_end.is_some() {
             Exit::Differs
@@ -170,12 +170,12 @@ impl Report {
     }
 
     pub(super) fn runs(&self) -> u64 {
-        self.fixed_count(|mark| mark != Mark::NotRun) as u64
+        self.fixed_count(|mark| mark != CaseOutcome::NotRun) as u64
             + self.passed
             + u64::from(self.failed.is_some())
     }
 
-    pub(super) fn fixed_count(&self, counts: impl Fn(Mark) -> bool) -> usize {
+    pub(super) fn fixed_count(&self, counts: impl Fn(CaseOutcome) -> bool) -> usize {
         self.fixed.iter().filter(|(_, mark)| counts(*mark)).count()
     }
 
@@ -233,9 +233,10 @@ impl Report {
     }
 
     fn fixed_line(&self) -> String {
-        let passed = self.fixed_count(|mark| mark == Mark::Passes);
+        let passed = self.fixed_count(|mark| mark == CaseOutcome::Passes);
         let mut line = format!("{passed} of {} cases pass", self.fixed.len());
-        let failed = |mark: &Mark| matches!(mark, Mark::Breaks(_) | Mark::Misbehaves);
+        let failed =
+            |mark: &CaseOutcome| matches!(mark, CaseOutcome::Breaks(_) | CaseOutcome::Misbehaves);
         let names: Vec<_> = self.fixed.iter().filter(|(_, mark)| failed(mark)).collect();
         for (i, (name, _)) in names.iter().take(NAMED).enumerate() {
             // Writing to a string does not fail.
@@ -244,7 +245,7 @@ impl Report {
         if names.len() > NAMED {
             let _ = write!(line, " and {} more", names.len() - NAMED);
         }
-        let left = self.fixed_count(|mark| mark == Mark::NotRun);
+        let left = self.fixed_count(|mark| mark == CaseOutcome::NotRun);
         if left > 0 {
             let _ = write!(line, "; {left} not run");
         }

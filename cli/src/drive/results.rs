@@ -2,7 +2,7 @@
 
 use fuseline_report::AnyViolation;
 
-use crate::drive::report::{Report, ReportedFinding};
+use crate::drive::report::{DriveReport, ReportedFinding};
 use crate::exit::Exit;
 use crate::results::{Problem, Subject};
 
@@ -13,7 +13,7 @@ const PROTOCOL: (&str, &str) = (
 );
 
 /// The report as one verdict.
-pub(super) fn judged(report: &Report) -> Subject {
+pub(super) fn judged(report: &DriveReport) -> Subject {
     let mut problems: Vec<Problem> = report.reported().map(problem).collect();
     problems.extend(report.at_end.as_ref().map(|how| Problem {
         rule: PROTOCOL,

@@ -10,7 +10,7 @@ use fuseline_testkit::{Run, Simplification};
 use fuseline_traces::{Cloud, Header, Input, Rule};
 
 use super::peer::ProtocolViolation;
-use super::trial::{Bench, Comparison, Stop, Transcript};
+use super::trial::{Bench, Comparison, DriveStop, Transcript};
 
 /// The most runs that are tried.
 const TRIES: u32 = 4000;
@@ -18,7 +18,7 @@ const TRIES: u32 = 4000;
 const LONGEST: Duration = Duration::from_secs(20);
 
 /// What a run shows, with what was sent and answered.
-pub(super) struct Finding {
+pub(super) struct DriveFinding {
     pub(super) reported: Transcript,
     pub(super) what: FindingKind,
 }
@@ -30,7 +30,7 @@ pub(super) enum FindingKind {
     Misbehaves(ProtocolViolation),
 }
 
-impl Finding {
+impl DriveFinding {
     /// What a run shows, if anything.
     pub(super) fn of(outcome: Comparison) -> Option<Self> {
         match outcome {
@@ -60,7 +60,7 @@ impl Finding {
 }
 
 /// The smallest run found that shows what `first` shows; what stops the command ends the search.
-pub(super) fn shrink(bench: &mut Bench, first: Finding) -> Finding {
+pub(super) fn shrink(bench: &mut Bench, first: DriveFinding) -> DriveFinding {
     if matches!(&first.what, FindingKind::Misbehaves(how) if how.is_slow()) {
         return first;
     }
@@ -76,12 +76,12 @@ pub(super) fn shrink(bench: &mut Bench, first: Finding) -> Finding {
             return Ok(false);
         }
         tries += 1;
-        match Finding::of(bench.try_run(run)?) {
+        match DriveFinding::of(bench.try_run(run)?) {
             Some(finding) if finding.is_as(&best) => {
                 (best, least) = (finding, cost(run));
                 Ok(true)
             }
-            Some(_) | None => Ok::<_, Stop>(false),
+            Some(_) | None => Ok::<_, DriveStop>(false),
         }
     });
     best

@@ -11,9 +11,9 @@ use fuseline_traces::Events;
 use fuseline_traces::packed::unpack;
 
 use crate::exit::Exit;
-use crate::export::mcap::Messages;
+use crate::export::mcap::McapWriter;
 use crate::export::perfetto::Tracks;
-use crate::export::viewer::Writer;
+use crate::export::viewer::TraceViewer;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::output::{Output, Overwrite};
@@ -62,8 +62,8 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     let trace = trace.map_err(|source| Fault::Open { name: name.clone(), source })?;
     let mut reader = Events::observed(name, trace)?;
     output.write(|out| {
-        let mut writer: Box<dyn Writer> = if args.viewer.mcap {
-            Box::new(Messages::new(out, reader.header()).map_err(Fault::Output)?)
+        let mut writer: Box<dyn TraceViewer> = if args.viewer.mcap {
+            Box::new(McapWriter::new(out, reader.header()).map_err(Fault::Output)?)
         } else {
             Box::new(Tracks::new(out, reader.header()).map_err(Fault::Output)?)
         };

@@ -20,7 +20,7 @@ const OUTPUTS: u32 = 1;
 pub(super) struct Tracks<W> {
     out: W,
     /// By priority; all sources that are not registered share the last one.
-    sources: BTreeMap<Option<u64>, Source>,
+    sources: BTreeMap<Option<u64>, SourceTrack>,
     /// The slices that have not ended, by timestamp and priority.
     open: BTreeMap<(u64, u64), Slice>,
     latest: u64,
@@ -30,7 +30,7 @@ pub(super) struct Tracks<W> {
 }
 
 /// Local, a cloud, or all that is neither.
-struct Source {
+struct SourceTrack {
     name: String,
     tracks: Vec<Track>,
 }
@@ -62,7 +62,7 @@ impl<W: Write> Tracks<W> {
         });
         let others = (None, "not registered".to_owned());
         let named = [local].into_iter().chain(clouds).chain([others]);
-        let source = |(p, name)| (p, Source { name, tracks: Vec::new() });
+        let source = |(p, name)| (p, SourceTrack { name, tracks: Vec::new() });
         let mut tracks = Self {
             out,
             sources: named.map(source).collect(),
@@ -239,7 +239,7 @@ impl<W: Write> Tracks<W> {
     }
 }
 
-impl<W: Write> viewer::Writer for Tracks<W> {
+impl<W: Write> viewer::TraceViewer for Tracks<W> {
     fn event(&mut self, event: &Event) -> io::Result<()> {
         let at = match event {
             Event::Input(input) => input.at(),

@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-type Point = (f64, f64);
+type ChartPoint = (f64, f64);
 
 /// The pieces of a line that lie between the edges.
-pub(crate) fn pieces(line: &[Point], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<Point>> {
-    let mut pieces: Vec<Vec<Point>> = Vec::new();
+pub(crate) fn pieces(line: &[ChartPoint], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<ChartPoint>> {
+    let mut pieces: Vec<Vec<ChartPoint>> = Vec::new();
     for way in line.windows(2) {
         let [from, to] = [way[0], way[1]];
         let mut part = (0.0, 1.0);
@@ -31,7 +31,7 @@ pub(crate) fn pieces(line: &[Point], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<Point>
 }
 
 /// Which part of a way, of the part that is left, lies between two edges; none has its end before its begin.
-fn between((at, by): Point, edges: &Range<f64>, (first, last): Point) -> Point {
+fn between((at, by): ChartPoint, edges: &Range<f64>, (first, last): ChartPoint) -> ChartPoint {
     if by == 0.0 {
         let is_between = (edges.start..=edges.end).contains(&at);
         return if is_between { (first, last) } else { (1.0, 0.0) };

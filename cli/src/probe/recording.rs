@@ -19,7 +19,7 @@ const LATEST_MS: f64 = 1e12;
 const LONGEST_MS: f64 = 86_400_000.0;
 
 /// A recording that can be read more than once.
-pub(crate) struct Recording {
+pub(crate) struct ProbeRecording {
     name: String,
     file: File,
 }
@@ -53,7 +53,7 @@ impl From<RecordingError> for Fault {
 }
 
 #[derive(Deserialize)]
-struct Cells {
+struct RowCells {
     sent_ms: f64,
     rtt_ms: f64,
     lat: Option<f64>,
@@ -61,7 +61,7 @@ struct Cells {
     queued: Option<u64>,
 }
 
-impl Recording {
+impl ProbeRecording {
     /// The recording at `path`.
     ///
     /// # Errors
@@ -82,7 +82,7 @@ impl Recording {
         let name = || self.name.clone();
         let fault = |source| RecordingError::Csv { name: name(), source };
         self.file.rewind().map_err(|source| Fault::Open { name: name(), source })?;
-        let text = Lines { text: &self.file, since: 0 };
+        let text = BoundedLines { text: &self.file, since: 0 };
         // A quoted cell could hold lines without end.
         let mut rows = TableReader::new(text, csv::ReaderBuilder::new().quoting(false));
         let columns = rows.names().map_err(fault)?;
@@ -91,7 +91,7 @@ impl Recording {
             && let Some((line, row)) = rows.next_row().map_err(fault)?
         {
             let cells = row.deserialize(Some(&columns));
-            let cells: Cells = cells.map_err(|source| fault(TableError { line, source }))?;
+            let cells: RowCells = cells.map_err(|source| fault(TableError { line, source }))?;
             cells.check(before).map_err(|(column, found, must)| RecordingError::Value {
                 name: name(),
                 line,
@@ -116,7 +116,7 @@ fn described(error: &TableError) -> String {
     }
 }
 
-impl Cells {
+impl RowCells {
     /// What is wrong: the column, the figure and what it must be.
     fn check(&self, before: f64) -> Result<(), (&'static str, f64, &'static str)> {
         if !(self.sent_ms > before && self.sent_ms.abs() <= LATEST_MS) {
@@ -143,13 +143,13 @@ impl Cells {
 }
 
 /// Text with lines of bounded length.
-struct Lines<R> {
+struct BoundedLines<R> {
     text: R,
     /// Bytes since the last line ended.
     since: usize,
 }
 
-impl<R: Read> Read for Lines<R> {
+impl<R: Read> Read for BoundedLines<R> {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let most = into.len().min(LINE);
         let read = self.text.read(&mut into[..most])?;

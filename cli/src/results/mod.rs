@@ -32,9 +32,9 @@ pub(crate) struct Files {
 }
 
 /// Where the files go, and how each is written.
-pub(crate) struct Outputs(Vec<(Output, Format)>, Overwrite);
+pub(crate) struct Outputs(Vec<(Output, ResultWriter)>, Overwrite);
 
-type Format = fn(&[Subject], &mut dyn Write) -> io::Result<()>;
+type ResultWriter = fn(&[Subject], &mut dyn Write) -> io::Result<()>;
 
 /// What was judged: a trace, or a command that was driven.
 pub(crate) struct Subject {
@@ -76,7 +76,12 @@ impl Outputs {
         self.add(path, inputs, junit::write)
     }
 
-    fn add(&mut self, path: Option<&Path>, inputs: &[&Path], format: Format) -> Result<(), Fault> {
+    fn add(
+        &mut self,
+        path: Option<&Path>,
+        inputs: &[&Path],
+        format: ResultWriter,
+    ) -> Result<(), Fault> {
         if let Some(path) = path {
             self.0.push((Output::new(path, inputs, self.1)?, format));
         }

@@ -24,12 +24,12 @@ pub(crate) enum CloudAddress {
     /// In this process, behind a recorded network.
     Emulated { model: Model, drive: String, start: Duration },
     /// A server elsewhere; what it runs is given only for the report.
-    Remote { model: Option<Model>, remote: Remote },
+    Remote { model: Option<Model>, remote: RemoteServer },
 }
 
 /// How to reach a server elsewhere.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub(crate) struct Remote {
+pub(crate) struct RemoteServer {
     pub(crate) url: String,
     /// The authority that must have signed the server's certificate, PEM.
     pub(crate) ca: Option<PathBuf>,
@@ -98,7 +98,7 @@ impl CloudOptions {
                 let file = drive.rsplit_once(':').map_or(&**drive, |(file, _)| file);
                 vec![Path::new(drive), Path::new(file)]
             }
-            CloudAddress::Remote { remote: Remote { ca, cert, key, token, .. }, .. } => {
+            CloudAddress::Remote { remote: RemoteServer { ca, cert, key, token, .. }, .. } => {
                 [ca, cert, key, token].into_iter().flatten().map(PathBuf::as_path).collect()
             }
         }
@@ -153,7 +153,7 @@ impl FromStr for CloudOptions {
     /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150`, or with
     /// `url=…` instead of a drive. Values have no commas.
     fn from_str(text: &str) -> Result<Self, CloudError> {
-        let mut keys = Keys::default();
+        let mut keys = CloudKeys::default();
         for pair in text.split(',') {
             let (key, value) =
                 pair.split_once('=').ok_or_else(|| CloudError::Pair(pair.to_owned()))?;
@@ -167,7 +167,7 @@ impl FromStr for CloudOptions {
 }
 
 #[derive(Default)]
-struct Keys {
+struct CloudKeys {
     name: Option<String>,
     priority: Option<String>,
     model: Option<String>,
@@ -180,7 +180,7 @@ struct Keys {
     token: Option<String>,
 }
 
-impl Keys {
+impl CloudKeys {
     fn place(&mut self, key: &str) -> Option<&mut Option<String>> {
         Some(match key {
             "name" => &mut self.name,
@@ -219,7 +219,7 @@ impl Keys {
             }
             let path = |value: Option<String>| value.map(PathBuf::from);
             let [ca, cert, key, token] = [self.ca, self.cert, self.key, self.token].map(path);
-            CloudAddress::Remote { model, remote: Remote { url, ca, cert, key, token } }
+            CloudAddress::Remote { model, remote: RemoteServer { url, ca, cert, key, token } }
         } else {
             let remote =
                 [("ca", self.ca), ("cert", self.cert), ("key", self.key), ("token", self.token)];
@@ -305,11 +305,11 @@ mod tests {
     fn a_remote_cloud_has_a_url() {
         let cloud: CloudOptions =
             "name=a,priority=1,url=https://h:1,ca=ca.pem,token=t".parse().unwrap();
-        let remote = Remote {
+        let remote = RemoteServer {
             url: "https://h:1".into(),
             ca: Some("ca.pem".into()),
             token: Some("t".into()),
-            ..Remote::default()
+            ..RemoteServer::default()
         };
         assert_eq!(cloud.place, CloudAddress::Remote { model: None, remote });
     }

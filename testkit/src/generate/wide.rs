@@ -6,7 +6,7 @@
 
 use fuseline_traces::{Cloud, Commit, Header, Input};
 
-use super::{Generator, Writer};
+use super::{Generator, InputGenerator};
 use crate::draw::Draw;
 use crate::run::Run;
 
@@ -27,7 +27,7 @@ impl Generator {
         let header = self.wide_header(&mut draw);
         let is_long = number % LONGS == LONGS / 4;
         let steps = if is_long { draw.between(700, 1_500) } else { draw.between(10, 80) };
-        let mut writer = Writer { is_long, ..Writer::new(&header, draw) };
+        let mut writer = InputGenerator { is_long, ..InputGenerator::new(&header, draw) };
         if !is_long {
             writer.start();
         }
@@ -77,7 +77,7 @@ fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
     priorities
 }
 
-impl Writer {
+impl InputGenerator {
     /// A gate comes last (F2): an offer that is refused for another reason must not move it. So
     /// one is refused that would shut or open it, and the next one shows how it stands.
     fn probe_gate(&mut self, header: &Header) {

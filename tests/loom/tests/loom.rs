@@ -10,8 +10,8 @@ use fuseline_core::{
     Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
 };
 use fuseline_loom::{
-    Answer, CallOrder, History, Sequential, ThreadHandle, Timed, fail, limited, next_due, offer,
-    open, queued, result, tick,
+    CallAnswer, CallHistory, CallOrder, Sequential, ThreadHandle, Timed, fail, limited, next_due,
+    offer, open, queued, result, tick,
 };
 use fuseline_threads::Shared;
 use loom::model::Builder;
@@ -28,7 +28,7 @@ struct Race {
 impl Race {
     /// Explores it under a commit rule; answers how many different lists of answers there were.
     fn ends<const CLOUDS: usize, const WINDOW: usize>(&'static self, commit: Commit) -> usize {
-        let ends: Arc<Mutex<HashSet<Vec<Answer>>>> = Arc::default();
+        let ends: Arc<Mutex<HashSet<Vec<CallAnswer>>>> = Arc::default();
         let seen = Arc::clone(&ends);
         explore(move || {
             seen.lock().unwrap().insert(self.run::<CLOUDS, WINDOW>(commit));
@@ -36,13 +36,13 @@ impl Race {
         ends.lock().unwrap().len()
     }
 
-    fn run<const CLOUDS: usize, const WINDOW: usize>(&self, commit: Commit) -> Vec<Answer> {
+    fn run<const CLOUDS: usize, const WINDOW: usize>(&self, commit: Commit) -> Vec<CallAnswer> {
         let numbers: [u16; CLOUDS] = std::array::from_fn(|i| u16::try_from(i).unwrap() + 1);
         let clouds = numbers.map(|p| Cloud { priority: Priority::new(p), limit: 2, resume: 0 });
         let shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, commit, &clouds).unwrap();
         // Loom's threads cannot borrow.
         let (shared, history) =
-            (Box::leak(Box::new(shared)), &*Box::leak(Box::<History>::default()));
+            (Box::leak(Box::new(shared)), &*Box::leak(Box::<CallHistory>::default()));
         let (intake, handle) = shared.split();
         let mut owner = ThreadHandle::owner(history, handle, intake);
         owner.make(self.before, || {});

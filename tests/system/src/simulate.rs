@@ -15,7 +15,7 @@ mod value;
 pub use checks::{CHECKS, Check, Finding};
 pub use kept::{KeptSeed, kept};
 pub use scenario::{
-    CallResult, Disk, Finish, Message, OfferAction, OnBoard, ReaderPlan, Remote, Scenario,
-    SourceAction,
+    CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,
+    ScenarioCloud, SourceAction,
 };
 pub use simulator::{Simulated, Simulator};

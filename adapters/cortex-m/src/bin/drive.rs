@@ -13,15 +13,15 @@ use fuseline_cortex_m::console::Console;
 use fuseline_cortex_m::line::{Decisions, Line};
 
 /// Whatever SPEC.md allows.
-type Machine = Fusion<15, 1024>;
+type LargestFusion = Fusion<15, 1024>;
 /// An answer, gathered so that the host is asked once for it: at worst 1024 timestamps of 16 timers.
-type Answer = heapless::String<{ 2 * 1024 * 1024 }>;
+type AnswerText = heapless::String<{ 2 * 1024 * 1024 }>;
 
 #[entry]
 fn main() -> ! {
-    static mut ANSWER: Answer = heapless::String::new();
+    static mut ANSWER: AnswerText = heapless::String::new();
     let mut console = Console::open();
-    let mut machine: Option<Machine> = None;
+    let mut machine: Option<LargestFusion> = None;
     loop {
         let Some(text) = console.line() else { end(EXIT_SUCCESS) };
         ANSWER.clear();
@@ -33,17 +33,17 @@ fn main() -> ! {
     }
 }
 
-fn reply(machine: &mut Option<Machine>, line: &Line<'_>, out: &mut Answer) -> Option<()> {
+fn reply(machine: &mut Option<LargestFusion>, line: &Line<'_>, out: &mut AnswerText) -> Option<()> {
     if line.fuseline.is_some() {
         let (window, commit, clouds) = line.configuration()?;
-        *machine = Some(Machine::new(window, commit, &clouds).ok()?);
+        *machine = Some(LargestFusion::new(window, commit, &clouds).ok()?);
     } else {
         ask(machine.as_mut()?, line, out)?;
     }
     out.write_str("{\"ev\":\"done\"}\n").ok()
 }
 
-fn ask(machine: &mut Machine, line: &Line<'_>, out: &mut Answer) -> Option<()> {
+fn ask(machine: &mut LargestFusion, line: &Line<'_>, out: &mut AnswerText) -> Option<()> {
     let now = line.at?;
     // F0: decisions bear the machine's instant, which does not go back.
     let mut decisions = Decisions { out, at: machine.now().as_nanos().max(now) };

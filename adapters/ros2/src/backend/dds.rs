@@ -19,8 +19,8 @@ use super::{DiscoveredNode, MessagePublisher, TypeName};
 use crate::error::NodeError;
 use crate::middleware::{Domain, DomainHandle, InUse, NewEntity, RecentIds};
 use crate::parameters::{Value, ros};
-use crate::report::Time;
-use crate::service::{PendingRequest, Reply, Requests, WAITING};
+use crate::report::RosTime;
+use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
 use crate::settings::{Qos, Settings};
 
 /// How many requests a service has room for, as ROS's services have: those that come while a participant is not in use yet.
@@ -35,21 +35,21 @@ pub(crate) struct Participant {
     domain: DomainHandle,
     pending: PendingNode,
     /// As they are set now.
-    parameters: Arc<Mutex<Parameters>>,
+    parameters: Arc<Mutex<ParameterMap>>,
     name: String,
 }
 
 /// The node of a participant while its publishers and services are created.
 type PendingNode = Arc<Mutex<Option<Node>>>;
 
-type Parameters = BTreeMap<String, Value>;
+type ParameterMap = BTreeMap<String, Value>;
 
 impl Participant {
     pub(super) fn show(settings: &Settings, domain: &Domain) -> Result<Self, NodeError> {
         let name = NodeName::new(&settings.node.namespace, &settings.node.name);
         let name = name.map_err(|error| NodeError::Ros(error.to_string()))?;
         let declared = settings.declared.iter().map(|it| (it.name.clone(), it.value.clone()));
-        let parameters = Arc::new(Mutex::new(declared.collect::<Parameters>()));
+        let parameters = Arc::new(Mutex::new(declared.collect::<ParameterMap>()));
         let (domain, pending) = (domain.handle(), PendingNode::default());
         let (next, current) = (pending.clone(), Arc::clone(&parameters));
         domain.create(move |joined| {
@@ -179,7 +179,7 @@ impl Participant {
         Ok(DiscoveredNode {
             // The time of day, or simulated time.
             clock: Box::new(move || {
-                Time::of_nanos(clock.with(|node| node.time_now().to_nanos()).unwrap_or(0))
+                RosTime::of_nanos(clock.with(|node| node.time_now().to_nanos()).unwrap_or(0))
             }),
             set: Box::new(move |name, value| {
                 locked(&parameters).insert(name.to_owned(), value.clone());
@@ -233,7 +233,7 @@ where
                 continue;
             }
             let service = Arc::clone(&self);
-            let reply = Reply::new(move |answer| {
+            let reply = ServiceReply::new(move |answer| {
                 let sent = service.server.with(|it| it.send_response(id, answer).is_ok());
                 if !sent.unwrap_or(false) {
                     debug!(service = service.name, "answer not sent");

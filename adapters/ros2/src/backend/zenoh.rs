@@ -19,8 +19,8 @@ use crate::middleware::zenoh::wire::Attachment;
 use crate::middleware::zenoh::{ZenohSession, time_of_day};
 use crate::parameters::{Value, ros};
 use crate::raw::Payload;
-use crate::report::Time;
-use crate::service::{PendingRequest, Reply, Requests, WAITING};
+use crate::report::RosTime;
+use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
 use crate::settings::{Qos, Role, Settings};
 
 /// How many requests of a service may wait in the session; the oldest are left out.
@@ -71,7 +71,7 @@ impl ZenohSession {
                     debug!(name, "a request that cannot be read");
                     continue;
                 };
-                let reply = Reply::new(move |answer: R| {
+                let reply = ServiceReply::new(move |answer: R| {
                     let Some(payload) = Payload::of(&answer) else { return };
                     let attachment = Attachment { sent: time_of_day(), ..id }.to_bytes();
                     spawn_blocking(move || {
@@ -113,7 +113,7 @@ impl ZenohSession {
                 let _ = &session;
                 let is_simulated = follows.load(Ordering::Relaxed);
                 let simulated = simulated.load(Ordering::Relaxed);
-                Time::of_nanos(if is_simulated { simulated } else { time_of_day() })
+                RosTime::of_nanos(if is_simulated { simulated } else { time_of_day() })
             }),
             set: Box::new(move |name, value| {
                 if let ("use_sim_time", Value::Bool(value)) = (name, value) {

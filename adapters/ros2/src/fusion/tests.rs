@@ -14,7 +14,7 @@ use node::{Node, payload};
 use tokio::time::{Instant, sleep, sleep_until};
 
 use super::*;
-use crate::lifecycle::{Task, TransitionResult};
+use crate::lifecycle::{LifecycleTask, TransitionResult};
 use crate::settings::Change;
 
 const MS: Duration = Duration::from_millis(1);
@@ -336,13 +336,19 @@ async fn d16_a_managed_node_takes_in_what_comes_while_it_is_active_and_answers_i
     let node = Node::start_with(|_| Answers(300), &[], &["-p", "lifecycle:=true"]);
     node.feed(0, [10]).await;
     node.until(20).await;
-    assert_eq!(node.publish_report(Task::Activate).await.await, Ok(TransitionResult::Success));
+    assert_eq!(
+        node.publish_report(LifecycleTask::Activate).await.await,
+        Ok(TransitionResult::Success)
+    );
     node.feed(1, [30]).await;
     node.until(40).await;
-    assert_eq!(node.publish_report(Task::Deactivate).await.await, Ok(TransitionResult::Success));
+    assert_eq!(
+        node.publish_report(LifecycleTask::Deactivate).await.await,
+        Ok(TransitionResult::Success)
+    );
     node.feed(2, [50]).await;
     node.until(60).await;
-    let closed = node.publish_report(Task::CleanUp).await;
+    let closed = node.publish_report(LifecycleTask::CleanUp).await;
     node.feed(3, [70]).await;
     assert_eq!(closed.await, Ok(TransitionResult::Success));
     assert_eq!(node.start.elapsed(), 330 * MS);

@@ -16,7 +16,7 @@ use super::{
 use crate::backend::{MessagePublisher, NodeBackend, REPORTS, TypeName};
 use crate::error::NodeError;
 use crate::names::NodeName;
-use crate::service::{PendingRequest, Reply, Requests};
+use crate::service::{PendingRequest, Requests, ServiceReply};
 
 /// Serves the node's lifecycle in `tasks`: it begins unconfigured. Requests to the node come by the orders.
 ///
@@ -30,7 +30,7 @@ pub(crate) fn serve(
     // One at a time is under way.
     let (message_publisher, reported) = mpsc::channel(1);
     let ty = |name| TypeName { package: "lifecycle_msgs", name };
-    let services = Services {
+    let services = LifecycleServices {
         change: backend.serve("change_state", ty("ChangeState"), tasks)?,
         state: backend.serve("get_state", ty("GetState"), tasks)?,
         states: backend.serve("get_available_states", ty("GetAvailableStates"), tasks)?,
@@ -46,7 +46,7 @@ pub(crate) fn serve(
     Ok(LifecycleRequests { reported, is_active: false, last: None })
 }
 
-struct Services {
+struct LifecycleServices {
     change: Requests<ChangeStateRequest, ChangeStateResponse>,
     state: Requests<EmptyRequest, CurrentState>,
     states: Requests<EmptyRequest, AvailableStates>,
@@ -57,11 +57,11 @@ struct Services {
 
 /// A change of state that the node works on.
 struct PendingTransition {
-    reply: Reply<ChangeStateResponse>,
+    reply: ServiceReply<ChangeStateResponse>,
     done: oneshot::Receiver<TransitionResult>,
 }
 
-impl Services {
+impl LifecycleServices {
     async fn run(mut self, message_publisher: mpsc::Sender<LifecycleRequest>) {
         let mut state = State::Unconfigured;
         let mut under_way: Option<PendingTransition> = None;

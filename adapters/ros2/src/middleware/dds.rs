@@ -27,7 +27,7 @@ use self::participants::JoinedParticipant;
 pub(crate) use self::participants::{DomainHandle, InUse, NewEntity};
 pub(crate) use self::recent::RecentIds;
 use super::end::{Endpoint, dds_type};
-use super::{DecodeError, Publish, Sample};
+use super::{DecodeError, Publish, ReceivedPayload};
 use crate::error::NodeError;
 use crate::raw::{Cdr, Payload};
 use crate::settings::Qos;
@@ -50,12 +50,12 @@ const REMEMBERED: usize = 1024;
 
 /// A publisher of serialized messages.
 pub(crate) struct SerializedPublisher {
-    writer: Arc<InUse<Writer>>,
+    writer: Arc<InUse<SharedWriter>>,
     stamper: Stamper,
     end: Arc<Endpoint>,
 }
 
-type Writer = Arc<DataWriter<Payload, Cdr>>;
+type SharedWriter = Arc<DataWriter<Payload, Cdr>>;
 
 /// A subscription, whichever participant its samples come to.
 struct Inlet<T> {
@@ -94,7 +94,7 @@ impl Domain {
         self.handle().create(move |joined| {
             let dds = joined.topic(&topic, &ty, &qos)?;
             let next = joined.publisher.create_datawriter_no_key(&dds, Some(qos.clone()))?;
-            let (next, next_end) = (Writer::new(next), Arc::new(end.in_new_participant()));
+            let (next, next_end) = (SharedWriter::new(next), Arc::new(end.in_new_participant()));
             let (watched, its_end) = (Arc::clone(&next), Arc::clone(&next_end));
             let participant = joined.participant.clone();
             joined.tasks.spawn(async move {
@@ -123,7 +123,7 @@ impl Domain {
         topic: &str,
         ty: &str,
         qos: Qos,
-        take: impl Fn(Sample) -> F + Send + Sync + 'static,
+        take: impl Fn(ReceivedPayload) -> F + Send + Sync + 'static,
     ) -> Result<Arc<Endpoint>, NodeError>
     where
         F: Future<Output = ()> + Send + 'static,
@@ -158,7 +158,7 @@ impl JoinedParticipant {
 
 impl<T, F> Inlet<T>
 where
-    T: Fn(Sample) -> F + Send + Sync + 'static,
+    T: Fn(ReceivedPayload) -> F + Send + Sync + 'static,
     F: Future<Output = ()> + Send + 'static,
 {
     /// Takes what comes to one participant until that is closed.

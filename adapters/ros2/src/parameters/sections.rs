@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::names::{NodeName, check_token};
 use crate::parameters::value::{self, FlawResult, Value};
-use crate::parameters::yaml::{self, Content, Entry, Mark, Node, YamlError};
+use crate::parameters::yaml::{self, Content, Node, Position, YamlEntry, YamlError};
 use crate::parameters::{ParameterError, ParameterFlaw, ParameterOverride, ValueOrigin};
 
 /// The key above a node's parameters.
@@ -44,17 +44,17 @@ pub(super) fn given(
 }
 
 /// The parts of a node's name, with wildcards, and its parameters.
-type Section<'a> = (Vec<&'a str>, &'a [Entry]);
+type Section<'a> = (Vec<&'a str>, &'a [YamlEntry]);
 
 /// Values and the origins of their names, by dotted name.
-type Flat = BTreeMap<String, (Mark, Value)>;
+type Flat = BTreeMap<String, (Position, Value)>;
 
 /// Finds the keys above parameters; the keys on the way there make up the node's name.
 fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) -> FlawResult<()> {
     let Content::Mapping(entries) = &node.content else {
         return Err((node.mark, ParameterFlaw::Node));
     };
-    for Entry { mark, key, value } in entries {
+    for YamlEntry { mark, key, value } in entries {
         if key != PARAMETERS {
             let mut pattern = above.to_owned();
             for part in key.strip_prefix('/').unwrap_or(key).split('/') {
@@ -118,8 +118,8 @@ fn specificity(pattern: &[&str]) -> u8 {
 }
 
 /// Joins the names of nested parameters with dots.
-fn flatten(above: &str, entries: &[Entry], flat: &mut Flat) -> FlawResult<()> {
-    for Entry { mark, key, value } in entries {
+fn flatten(above: &str, entries: &[YamlEntry], flat: &mut Flat) -> FlawResult<()> {
+    for YamlEntry { mark, key, value } in entries {
         let name = if above.is_empty() { key.clone() } else { format!("{above}.{key}") };
         match &value.content {
             Content::Mapping(entries) => flatten(&name, entries, flat)?,

@@ -37,7 +37,7 @@ const NOT_SET: ParameterValue = ParameterValue {
 };
 
 /// The services, and what comes on them.
-pub(crate) struct Services {
+pub(crate) struct ParameterServices {
     get: Requests<GetParametersRequest, GetParametersResponse>,
     types: Requests<GetParameterTypesRequest, GetParameterTypesResponse>,
     set: Requests<SetParametersRequest, SetParametersResponse>,
@@ -47,7 +47,7 @@ pub(crate) struct Services {
 }
 
 /// The parameters of a node that runs.
-pub(crate) struct Parameters {
+pub(crate) struct NodeParameters {
     pub(crate) settings: Current,
     /// Gets each change.
     pub(crate) setter: mpsc::UnboundedSender<Change>,
@@ -55,7 +55,7 @@ pub(crate) struct Parameters {
     pub(crate) set: ParameterCallback,
 }
 
-impl Services {
+impl ParameterServices {
     /// Offers them.
     pub(crate) fn offer(
         backend: &mut NodeBackend,
@@ -77,7 +77,7 @@ impl Services {
     }
 
     /// Answers until no request can come.
-    pub(crate) async fn run(mut self, parameters: Parameters) {
+    pub(crate) async fn run(mut self, parameters: NodeParameters) {
         loop {
             tokio::select! {
                 Some(requested) = self.get.recv() => requested.answer(|requested| GetParametersResponse {
@@ -108,7 +108,7 @@ impl Services {
     }
 }
 
-impl Parameters {
+impl NodeParameters {
     fn value(&self, name: &str) -> ParameterValue {
         let settings = self.settings.locked();
         settings.parameter(name).map_or(NOT_SET, |found| ros::value(&found.value))

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::names::check_token;
 use crate::parameters::{Value, ValueOrigin};
-use crate::settings::reader::{LocatedValue, Reader};
+use crate::settings::reader::{LocatedValue, ParameterReader};
 use crate::settings::{
     Cloud, CloudConnection, Grpc, Middleware, Role, SettingsError, middleware, seconds, topics,
 };
@@ -34,7 +34,7 @@ const RESERVED: [&str; 17] = [
 
 /// Reads which clouds there are, and then each.
 pub(super) fn read(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     types: [&str; 2],
     middleware: Middleware,
 ) -> Result<Vec<Cloud>, SettingsError> {
@@ -70,7 +70,7 @@ pub(super) fn read(
 }
 
 fn cloud(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     name: String,
     priority: u16,
     types: [&str; 2],
@@ -107,7 +107,7 @@ fn cloud(
 
 /// The topic of its late results, if there is to be one.
 fn hints(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     cloud: &str,
     type_name: &str,
     way: &CloudConnection,
@@ -126,7 +126,7 @@ fn hints(
     }
 }
 
-fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
+fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
     let of = |part: &str| format!("{cloud}.grpc.{part}");
     let parts = ["ca", "certificate", "key", "token_file", "server_name"].map(of);
     let LocatedValue { value: url, origin } = r.read(
@@ -143,7 +143,7 @@ fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
             _ => None,
         },
     )?;
-    let alone = |r: &Reader, name: &String, other: &String| {
+    let alone = |r: &ParameterReader, name: &String, other: &String| {
         r.origin(name).map(|origin| SettingsError::Alone {
             origin,
             name: name.clone(),

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::parameters::{ParameterOverride, Value};
-use crate::settings::reader::Reader;
+use crate::settings::reader::ParameterReader;
 use crate::settings::{CloudConnection, SettingsError, from_environment};
 
 /// What carries a topic's messages.
@@ -43,7 +43,7 @@ pub(super) fn from_rmw(environment: impl Fn(&str) -> Option<String>) -> Option<P
 
 /// Reads which one is meant; one that is not built in is refused.
 pub(super) fn read(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     name: &str,
     default: Middleware,
     about: &'static str,

@@ -14,7 +14,7 @@ use crate::settings::seconds::{MOST_SECONDS, SECONDS, own_seconds, seconds_of};
 use crate::settings::{SettingsError, qos};
 
 /// The parameters given and not read yet, and those read.
-pub(super) struct Reader<'a> {
+pub(super) struct ParameterReader<'a> {
     given: BTreeMap<String, ParameterOverride>,
     node: NodeName,
     remaps: &'a [Remap],
@@ -30,7 +30,7 @@ pub(super) struct LocatedValue<T> {
     pub(super) origin: ValueOrigin,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> ParameterReader<'a> {
     pub(super) fn new(
         given: BTreeMap<String, ParameterOverride>,
         node: NodeName,

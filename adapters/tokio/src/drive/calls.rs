@@ -20,9 +20,9 @@ use crate::drive::Completion;
 use crate::drive::wake_flag::FlagWaker;
 use crate::panics::{guarded, panicked};
 
-type Call<V> = BoxFuture<'static, Result<V, Error>>;
+type CallFuture<V> = BoxFuture<'static, Result<V, Error>>;
 /// Priority and timestamp.
-type Key = (u16, u64);
+type CallKey = (u16, u64);
 
 /// The calls under way, aborted when this is dropped; local's computations never are (F7).
 ///
@@ -33,7 +33,7 @@ pub(super) enum Calls<V: Send + 'static> {
     Tasks {
         completions: mpsc::UnboundedReceiver<Completion<V>>,
         sender: mpsc::UnboundedSender<Completion<V>>,
-        under_way: FxHashMap<Key, AbortHandle>,
+        under_way: FxHashMap<CallKey, AbortHandle>,
     },
     InlineCalls(InlineCalls<V>),
 }
@@ -42,7 +42,7 @@ pub(super) enum Calls<V: Send + 'static> {
 pub(super) struct InlineCalls<V> {
     slots: Vec<CallSlot<V>>,
     free: Vec<usize>,
-    under_way: FxHashMap<Key, usize>,
+    under_way: FxHashMap<CallKey, usize>,
     /// The slots that were woken, in that order.
     turns: VecDeque<usize>,
     woken: Arc<WokenSlots>,
@@ -50,14 +50,14 @@ pub(super) struct InlineCalls<V> {
 
 /// Room for one call, with a waker for every call that it ever has.
 struct CallSlot<V> {
-    call: Option<Running<V>>,
+    call: Option<RunningCall<V>>,
     slot_waker: Arc<SlotWaker>,
     waker: Waker,
 }
 
-struct Running<V> {
-    key: Key,
-    call: Call<V>,
+struct RunningCall<V> {
+    key: CallKey,
+    call: CallFuture<V>,
     span: Span,
 }
 
@@ -92,11 +92,11 @@ impl<V: Send + 'static> Calls<V> {
         Self::Tasks { completions, sender, under_way: FxHashMap::default() }
     }
 
-    pub(super) fn begin(&mut self, priority: u16, timestamp: u64, call: Call<V>) {
+    pub(super) fn begin(&mut self, priority: u16, timestamp: u64, call: CallFuture<V>) {
         let span = debug_span!("call", priority, timestamp);
         match self {
             Self::InlineCalls(inline) => {
-                inline.begin(Running { key: (priority, timestamp), call, span });
+                inline.begin(RunningCall { key: (priority, timestamp), call, span });
             }
             Self::Tasks { sender, under_way, .. } => {
                 let sender = sender.clone();
@@ -147,7 +147,7 @@ impl<V: Send + 'static> Calls<V> {
 }
 
 impl<V> InlineCalls<V> {
-    fn begin(&mut self, running: Running<V>) {
+    fn begin(&mut self, running: RunningCall<V>) {
         let index = self.free.pop().unwrap_or_else(|| {
             let (index, woken) = (self.slots.len(), Arc::clone(&self.woken));
             let slot_waker = Arc::new(SlotWaker { woken, index, is_woken: AtomicBool::new(false) });
@@ -185,7 +185,7 @@ impl<V> InlineCalls<V> {
     fn poll_slot(&mut self, index: usize) -> Option<Completion<V>> {
         let CallSlot { call, slot_waker, waker } = &mut self.slots[index];
         slot_waker.is_woken.store(false, Ordering::Release);
-        let Running { key, call, span } = call.as_mut()?;
+        let RunningCall { key, call, span } = call.as_mut()?;
         let entered = span.enter();
         let mut context = Context::from_waker(waker);
         let polled = catch_unwind(AssertUnwindSafe(|| call.as_mut().poll(&mut context)));
@@ -209,7 +209,7 @@ impl<V> InlineCalls<V> {
         let runtime = Handle::try_current();
         for running in self.slots.iter_mut().filter_map(|slot| slot.call.take()) {
             match (&runtime, running) {
-                (Ok(runtime), Running { key: (0, _), call, span }) => {
+                (Ok(runtime), RunningCall { key: (0, _), call, span }) => {
                     drop(runtime.spawn(guarded(call).instrument(span)));
                 }
                 (_, running) => end(running),

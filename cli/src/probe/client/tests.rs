@@ -4,9 +4,9 @@ use std::sync::{Arc, Mutex};
 use tokio::time::{advance, sleep};
 
 use super::*;
-use crate::probe::figures::Counts;
+use crate::probe::figures::RequestCounts;
 use crate::probe::position::Fixes;
-use crate::probe::row::Rows;
+use crate::probe::row::SlotRows;
 use fuseline_report::Quantile;
 
 const fn ms(ms: u64) -> Duration {
@@ -29,7 +29,7 @@ impl Write for Shared {
 }
 
 struct ProbeRun {
-    log: Log<Shared>,
+    log: ProbeLog<Shared>,
     rows: Vec<[f64; 3]>,
 }
 
@@ -43,8 +43,8 @@ where
     Fut: Future<Output = bool> + Send + 'static,
 {
     let file = Shared::default();
-    let rows = Rows::new(file.clone(), Fixes::default()).unwrap();
-    let mut log = Log::new(rows, Duration::from_secs(1) / 30, (ms(118), ms(500)));
+    let rows = SlotRows::new(file.clone(), Fixes::default()).unwrap();
+    let mut log = ProbeLog::new(rows, Duration::from_secs(1) / 30, (ms(118), ms(500)));
     let schedule = Schedule { rate: 30.0, slots, give_up: ms(20_000) };
     drive(&mut log, &schedule, ask, end, (ms(1000), |_, _| {})).await.unwrap();
     let text = String::from_utf8(file.0.lock().unwrap().clone()).unwrap();
@@ -70,7 +70,13 @@ async fn calls_overlap_and_quantiles_are_those_of_the_delays() {
         true
     };
     let ProbeRun { log, rows } = probe(Some(600), ask, future::pending()).await;
-    let counts = Counts { slots: 600, sent: 600, answered: 600, in_time: 600, ..Counts::default() };
+    let counts = RequestCounts {
+        slots: 600,
+        sent: 600,
+        answered: 600,
+        in_time: 600,
+        ..RequestCounts::default()
+    };
     assert_eq!(log.figures.counts, counts);
     for (percent, expected) in [(50, 100.0), (90, 180.0), (99, 198.0), (100, 200.0)] {
         for spread in [&log.figures.answers, &log.figures.slots] {
@@ -157,7 +163,7 @@ async fn ended_by_the_user_the_recording_is_whole() {
         true
     };
     let ProbeRun { log, rows } = probe(None, ask, sleep(ms(990))).await;
-    let Counts { slots, sent, answered, unanswered, .. } = log.figures.counts;
+    let RequestCounts { slots, sent, answered, unanswered, .. } = log.figures.counts;
     assert_eq!((slots, sent, answered, unanswered), (30, 30, 20, 10));
     assert_eq!((rows.len(), rows.iter().filter(|row| row[1] < 0.0).count()), (30, 10));
 }
@@ -172,7 +178,7 @@ async fn slots_that_were_overslept_are_told_and_not_made_up() {
         true
     };
     let ProbeRun { log, rows } = probe(Some(90), ask, future::pending()).await;
-    let Counts { slots, sent, missed, skipped, .. } = log.figures.counts;
+    let RequestCounts { slots, sent, missed, skipped, .. } = log.figures.counts;
     assert_eq!((slots, sent + missed, skipped), (90, 90, 0));
     assert!((28..=30).contains(&missed), "{missed}");
     assert_eq!(rows.len() as u64, sent);

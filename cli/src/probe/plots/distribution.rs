@@ -3,7 +3,7 @@
 use plotters::element::Circle;
 use plotters::style::{Color, RGBColor};
 
-use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, Theme, canvas, logarithmic};
+use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, Theme, canvas, logarithmic};
 use crate::probe::plots::extent::Extent;
 use crate::probe::summary::PAPER;
 use fuseline_report::Quantile;
@@ -34,7 +34,7 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
                     line("this network", theme.series[1], false, &curve),
                     line("the paper's 5G drive", theme.series[2], true, &paper),
                 ];
-                Line::keys(&lines, theme, canvas, (82, 84));
+                ChartLine::keys(&lines, theme, canvas, (82, 84));
                 let area = canvas.margin(104, 12, 20, 24);
                 let axes = Axes {
                     x: x.clone(),
@@ -80,6 +80,6 @@ fn short(ms: f64) -> String {
     if ms < 9.95 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }
 }
 
-fn line(name: &str, colour: RGBColor, is_dashed: bool, points: &[(f64, f64)]) -> Line {
-    Line { name: name.to_owned(), colour, width: 2, is_dashed, points: points.to_vec() }
+fn line(name: &str, colour: RGBColor, is_dashed: bool, points: &[(f64, f64)]) -> ChartLine {
+    ChartLine { name: name.to_owned(), colour, width: 2, is_dashed, points: points.to_vec() }
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use crate::probe::figures::Spread;
-use crate::probe::plots::places::Bounds;
+use crate::probe::plots::places::BoundingBox;
 use crate::probe::recording::PlotRow;
 use crate::probe::summary::{PAPER, counted, quantile};
 
@@ -17,7 +17,7 @@ pub(crate) struct Extent {
     /// When the first and the last were sent, in seconds.
     pub(crate) sent: Option<(f64, f64)>,
     pub(crate) round_trips: Spread,
-    pub(crate) bounds: Option<Bounds>,
+    pub(crate) bounds: Option<BoundingBox>,
     /// The least and the greatest round trip, in milliseconds.
     ends: Option<(f64, f64)>,
 }
@@ -45,7 +45,7 @@ impl Extent {
             None => self.lost += 1,
         }
         if let Some(place) = seen.place {
-            let bounds = self.bounds.get_or_insert_with(|| Bounds::new(place));
+            let bounds = self.bounds.get_or_insert_with(|| BoundingBox::new(place));
             bounds.add(place);
         }
     }

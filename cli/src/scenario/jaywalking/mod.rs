@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::fault::Fault;
 use crate::plot::{Folder, PageContent, show};
-pub(crate) use crate::scenario::jaywalking::geometry::{Geometry, Manoeuvre};
+pub(crate) use crate::scenario::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
 use crate::scenario::jaywalking::planning::{PlanCallOutcome, Planning};
 use crate::scenario::options::{OutputOptions, above_0, not_below_0, speed};
 
@@ -81,7 +81,7 @@ pub(crate) struct Greatest {
 
 /// A run.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
-pub(crate) struct Run {
+pub(crate) struct JaywalkingRun {
     speed: f64,
     /// What became of the call for a contingency plan.
     cloud: PlanCallOutcome,
@@ -94,8 +94,8 @@ pub(crate) struct Run {
 }
 
 impl Args {
-    const fn geometry(&self) -> Geometry {
-        Geometry {
+    const fn geometry(&self) -> SwerveGeometry {
+        SwerveGeometry {
             distance: self.distance,
             person_speed: self.person_speed,
             lateral: self.lateral,
@@ -107,11 +107,11 @@ impl Args {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-pub(crate) struct ScenarioResult {
+pub(crate) struct JaywalkingResult {
     scenario: &'static str,
     parameters: Value,
     greatest: Vec<Greatest>,
-    runs: Vec<Run>,
+    runs: Vec<JaywalkingRun>,
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
@@ -120,7 +120,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let greatest = args.response.iter().map(|at| greatest(&geometry, *at)).collect();
     let runs = runs(args, &geometry, traces.as_ref())?;
     let parameters = json!({"speed": args.speed, "response": args.response, "scene": geometry});
-    let found = ScenarioResult { scenario: "jaywalking", parameters, greatest, runs };
+    let found = JaywalkingResult { scenario: "jaywalking", parameters, greatest, runs };
     let text = text::text(&found);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
@@ -133,7 +133,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     args.leave.print_report(&found, &text)
 }
 
-fn greatest(geometry: &Geometry, response: f64) -> Greatest {
+fn greatest(geometry: &SwerveGeometry, response: f64) -> Greatest {
     Greatest {
         response,
         swerve: geometry.greatest(Manoeuvre::Swerve, response),
@@ -142,7 +142,11 @@ fn greatest(geometry: &Geometry, response: f64) -> Greatest {
 }
 
 /// Each way in which the side request may end, at each speed.
-fn runs(args: &Args, geometry: &Geometry, traces: Option<&Folder>) -> Result<Vec<Run>, Fault> {
+fn runs(
+    args: &Args,
+    geometry: &SwerveGeometry,
+    traces: Option<&Folder>,
+) -> Result<Vec<JaywalkingRun>, Fault> {
     let (Some(planner), Some(cached)) = (args.response.first(), args.response.last()) else {
         return Ok(Vec::new());
     };
@@ -158,7 +162,14 @@ fn runs(args: &Args, geometry: &Geometry, traces: Option<&Folder>) -> Result<Vec
                 let response = came.response;
                 let collides = geometry.contact(*speed, manoeuvre, response).is_some();
                 let cached = came.is_cached;
-                runs.push(Run { speed: *speed, cloud, cached, response, manoeuvre, collides });
+                runs.push(JaywalkingRun {
+                    speed: *speed,
+                    cloud,
+                    cached,
+                    response,
+                    manoeuvre,
+                    collides,
+                });
             }
         }
     }

@@ -3,14 +3,14 @@
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, canvas};
-use crate::scenario::jaywalking::geometry::{Geometry, Manoeuvre};
-use crate::scenario::jaywalking::{Greatest, ScenarioResult};
+use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, canvas};
+use crate::scenario::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
+use crate::scenario::jaywalking::{Greatest, JaywalkingResult};
 
 /// Responses that are shown, in fiftieths of a second.
 const SHOWN: std::ops::RangeInclusive<u32> = 0..=50;
 
-pub(crate) fn plots(found: &ScenarioResult, geometry: Geometry) -> Vec<Plot> {
+pub(crate) fn plots(found: &JaywalkingResult, geometry: SwerveGeometry) -> Vec<Plot> {
     let line = |manoeuvre: Manoeuvre| -> Vec<(f64, f64)> {
         let responses = SHOWN.into_par_iter().map(|fiftieths| f64::from(fiftieths) / 50.0);
         let points = responses.map(|at| (at, geometry.greatest(manoeuvre, at)));
@@ -34,7 +34,7 @@ pub(crate) fn plots(found: &ScenarioResult, geometry: Geometry) -> Vec<Plot> {
     vec![Plot::new("greatest-speed", caption, move |theme| {
         let words = ("Person jaywalking", &*below);
         canvas(theme, (760, 470), words, |canvas| {
-            let of = |name: &str, series: usize, points: &Vec<(f64, f64)>| Line {
+            let of = |name: &str, series: usize, points: &Vec<(f64, f64)>| ChartLine {
                 name: name.to_owned(),
                 colour: theme.series[series],
                 width: 3,
@@ -42,7 +42,7 @@ pub(crate) fn plots(found: &ScenarioResult, geometry: Geometry) -> Vec<Plot> {
                 points: points.clone(),
             };
             let lines = [of("swerve", 1, &swerve), of("brake", 2, &brake)];
-            Line::keys(&lines, theme, canvas, (82, 84));
+            ChartLine::keys(&lines, theme, canvas, (82, 84));
             let area = canvas.margin(104, 12, 20, 24);
             let axes = Axes {
                 x: 0.0..1.0,

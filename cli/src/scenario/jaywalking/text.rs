@@ -2,20 +2,20 @@
 
 use std::fmt::Write;
 
-use crate::scenario::jaywalking::ScenarioResult;
+use crate::scenario::jaywalking::JaywalkingResult;
 use crate::scenario::jaywalking::geometry::Manoeuvre;
 use crate::scenario::jaywalking::planning::PlanCallOutcome;
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
 
-pub(crate) fn text(found: &ScenarioResult) -> String {
+pub(crate) fn text(found: &JaywalkingResult) -> String {
     written(|text| {
         runs(text, found)?;
         greatest(text, found)
     })
 }
 
-fn runs(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
+fn runs(text: &mut String, found: &JaywalkingResult) -> std::fmt::Result {
     writeln!(
         text,
         "{:>4}  {:<26}{:<9}{:>9}  {:<8}{:<8}the paper",
@@ -71,7 +71,7 @@ fn padded(collides: bool) -> String {
     word(collides) + "  "
 }
 
-fn greatest(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
+fn greatest(text: &mut String, found: &JaywalkingResult) -> std::fmt::Result {
     writeln!(text, "The greatest speed up to which nobody is touched, in m/s:")?;
     writeln!(text, "  {:>10}{:>10}{:>10}", "response", "swerve", "brake")?;
     let shown = |speed: Option<f64>| speed.map_or("any".to_owned(), |speed| format!("{speed:.2}"));

@@ -18,7 +18,7 @@ use crate::scenario::ScenarioError;
 use crate::scenario::approach::{self, Vehicle, whole};
 use crate::scenario::braking::DriveOutcome;
 use crate::scenario::networks::policy::{ResponsePolicy, deadline, observe};
-use crate::scenario::operator::Operator;
+use crate::scenario::operator::ScenarioOperator;
 use crate::scenario::options::{OutputOptions, VehicleArgs, not_below_0, speed};
 
 /// All that is recorded but the wifi, which was hardly ever there.
@@ -80,7 +80,7 @@ pub(crate) struct Args {
 
 /// What a drive, a speed and a policy come to.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub(crate) struct Row {
+pub(crate) struct DriveRow {
     drive: String,
     speed: f64,
     policy: ResponsePolicy,
@@ -92,7 +92,7 @@ pub(crate) struct Row {
 }
 
 /// A vehicle on its way, before it is known how fast.
-struct Start<'a> {
+struct DriveStart<'a> {
     drive: &'a Drive,
     place: u32,
     at: Duration,
@@ -111,7 +111,7 @@ struct Setting<'a> {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-pub(crate) struct ScenarioResult {
+pub(crate) struct NetworksResult {
     scenario: &'static str,
     parameters: Value,
     #[serde(skip)]
@@ -122,7 +122,7 @@ pub(crate) struct ScenarioResult {
     policies: Vec<ResponsePolicy>,
     #[serde(skip)]
     starts: u32,
-    rows: Vec<Row>,
+    rows: Vec<DriveRow>,
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
@@ -139,7 +139,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let [traces, plots] = args.leave.folders()?;
     let runtime = Duration::from_secs_f64(args.cloud_runtime);
     let setting = Setting { args, vehicle, guard, runtime, traces };
-    let found = ScenarioResult {
+    let found = NetworksResult {
         scenario: "networks",
         parameters: args.parameters(),
         drives: drives.iter().map(|drive| drive.name().to_owned()).collect(),
@@ -172,7 +172,7 @@ impl Args {
 
 impl Setting<'_> {
     /// Each drive's rows, speed by speed and policy by policy.
-    fn rows(&self, drives: &[Drive]) -> Result<Vec<Row>, Fault> {
+    fn rows(&self, drives: &[Drive]) -> Result<Vec<DriveRow>, Fault> {
         let mut rows = Vec::new();
         for drive in drives {
             let starts = 0..self.args.starts;
@@ -185,7 +185,7 @@ impl Setting<'_> {
                 let collisions = ends.clone().map(|end| u32::from(end.hits())).sum();
                 let energy = ends.map(DriveOutcome::energy).sum::<f64>() / f64::from(starts);
                 let drive = drive.name().to_owned();
-                rows.push(Row { drive, speed, policy, starts, collisions, energy });
+                rows.push(DriveRow { drive, speed, policy, starts, collisions, energy });
             }
         }
         Ok(rows)
@@ -197,17 +197,17 @@ impl Setting<'_> {
         self.args.speed.iter().copied().flat_map(policies)
     }
 
-    fn start<'a>(&self, drive: &'a Drive, place: u32) -> Start<'a> {
+    fn start<'a>(&self, drive: &'a Drive, place: u32) -> DriveStart<'a> {
         let at = drive.length() * place / self.args.starts;
         let phase = (GOLDEN * f64::from(place)).fract();
         let needs = self.args.policy.contains(&ResponsePolicy::Expected);
         let observed =
             if needs { observe(drive, &self.vehicle, self.runtime, at) } else { Vec::new() };
-        Start { drive, place, at, phase, observed }
+        DriveStart { drive, place, at, phase, observed }
     }
 }
 
-impl Start<'_> {
+impl DriveStart<'_> {
     /// How the runs from here end, speed by speed and policy by policy.
     fn ends(&self, setting: &Setting<'_>) -> Result<Vec<DriveOutcome>, Fault> {
         setting.pairs().map(|(speed, mode)| self.end(setting, speed, mode)).collect()
@@ -221,7 +221,7 @@ impl Start<'_> {
     ) -> Result<DriveOutcome, Fault> {
         let situation = setting.vehicle.situation(speed);
         let deadline = deadline(mode, setting.guard.as_ref(), &situation, &self.observed);
-        let run = approach::Drive {
+        let run = approach::ApproachRun {
             vehicle: &setting.vehicle,
             speed,
             phase: self.phase,
@@ -235,7 +235,7 @@ impl Start<'_> {
             }
             None => String::new(),
         };
-        let mut operator = Operator::new(&name, run.frames(), traced.is_some());
+        let mut operator = ScenarioOperator::new(&name, run.frames(), traced.is_some());
         let (end, _) = run.run(&mut operator, |at| {
             let trip = self.drive.round_trip(self.at + Duration::from_nanos(at))?;
             Some(whole(setting.runtime + trip))

@@ -1,11 +1,11 @@
 //! Collisions and impact over the speed.
 
-use crate::plot::{Axes, Line, Plot, Theme, canvas};
+use crate::plot::{Axes, ChartLine, Plot, Theme, canvas};
 use crate::scenario::networks::policy::ResponsePolicy;
 use crate::scenario::networks::text::{mean, percent};
-use crate::scenario::networks::{Row, ScenarioResult};
+use crate::scenario::networks::{DriveRow, NetworksResult};
 
-pub(crate) fn plots(found: &ScenarioResult) -> Vec<Plot> {
+pub(crate) fn plots(found: &NetworksResult) -> Vec<Plot> {
     let collisions = PlotView {
         name: "collisions",
         words: (
@@ -39,11 +39,11 @@ struct PlotView {
     name: &'static str,
     words: (&'static str, &'static str),
     y_name: &'static str,
-    of: fn(&Row) -> f64,
+    of: fn(&DriveRow) -> f64,
 }
 
 impl PlotView {
-    fn plot(self, found: &ScenarioResult, caption: String) -> Plot {
+    fn plot(self, found: &NetworksResult, caption: String) -> Plot {
         let mut speeds = found.speeds.clone();
         speeds.sort_by(f64::total_cmp);
         let rows = found.rows.clone();
@@ -57,12 +57,12 @@ impl PlotView {
         let top = top(&curves);
         Plot::new(self.name, caption, move |theme| {
             canvas(theme, (860, 500), self.words, |canvas| {
-                let lines: Vec<Line> = curves
+                let lines: Vec<ChartLine> = curves
                     .iter()
                     .enumerate()
                     .map(|(place, curve)| line(theme, place, curve))
                     .collect();
-                Line::keys(&lines, theme, canvas, (82, 84));
+                ChartLine::keys(&lines, theme, canvas, (82, 84));
                 let area = canvas.margin(104, 12, 20, 24);
                 let axes =
                     Axes { x: x.clone(), y: 0.0..top, x_name: "speed, m/s", y_name: self.y_name };
@@ -96,9 +96,13 @@ fn top(curves: &[(ResponsePolicy, Vec<(f64, f64)>)]) -> f64 {
     shown.unwrap_or(1.0) * 1.15
 }
 
-fn line(theme: &Theme, place: usize, (policy, points): &(ResponsePolicy, Vec<(f64, f64)>)) -> Line {
+fn line(
+    theme: &Theme,
+    place: usize,
+    (policy, points): &(ResponsePolicy, Vec<(f64, f64)>),
+) -> ChartLine {
     let is_constant = matches!(policy, ResponsePolicy::Constant(_));
-    Line {
+    ChartLine {
         name: if is_constant { format!("{policy} s") } else { policy.to_string() },
         colour: theme.series[place % theme.series.len()],
         width: if *policy == ResponsePolicy::Guard { 4 } else { 2 },

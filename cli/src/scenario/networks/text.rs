@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use crate::scenario::networks::policy::ResponsePolicy;
-use crate::scenario::networks::{Row, ScenarioResult};
+use crate::scenario::networks::{DriveRow, NetworksResult};
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 
 /// How wide a name and a cell are.
@@ -12,12 +12,12 @@ const CELL: usize = 9;
 
 /// The mean over drives of a figure of the rows: of a speed, or of all.
 pub(crate) fn mean(
-    rows: &[Row],
+    rows: &[DriveRow],
     speed: Option<f64>,
     policy: ResponsePolicy,
-    of: impl Fn(&Row) -> f64,
+    of: impl Fn(&DriveRow) -> f64,
 ) -> f64 {
-    let is_meant = |row: &&Row| {
+    let is_meant = |row: &&DriveRow| {
         row.policy == policy && speed.is_none_or(|speed| row.speed.total_cmp(&speed).is_eq())
     };
     let (mut sum, mut count) = (0.0, 0.0);
@@ -29,11 +29,11 @@ pub(crate) fn mean(
 }
 
 /// How many starts in a hundred collide.
-pub(crate) fn percent(row: &Row) -> f64 {
+pub(crate) fn percent(row: &DriveRow) -> f64 {
     100.0 * f64::from(row.collisions) / f64::from(row.starts)
 }
 
-pub(crate) fn text(found: &ScenarioResult) -> String {
+pub(crate) fn text(found: &NetworksResult) -> String {
     written(|text| {
         table(text, found, "collisions, %", percent)?;
         table(text, found, "energy, m²/s²", |row| row.energy)?;
@@ -50,9 +50,9 @@ fn name(policy: ResponsePolicy) -> String {
 
 fn table(
     text: &mut String,
-    found: &ScenarioResult,
+    found: &NetworksResult,
     what: &str,
-    of: fn(&Row) -> f64,
+    of: fn(&DriveRow) -> f64,
 ) -> std::fmt::Result {
     write!(text, "{what:<NAME$}")?;
     for policy in &found.policies {
@@ -75,7 +75,7 @@ fn table(
     writeln!(text, "\n")
 }
 
-fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
+fn beside(text: &mut String, found: &NetworksResult) -> std::fmt::Result {
     let drives = found.drives.len();
     writeln!(
         text,
@@ -111,9 +111,9 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
 }
 
 /// In how many pairs of a drive and a speed a policy collides more often than local alone.
-pub(crate) fn worse(rows: &[Row], policy: ResponsePolicy) -> usize {
-    let local = |row: &Row| {
-        let is = |other: &&Row| {
+pub(crate) fn worse(rows: &[DriveRow], policy: ResponsePolicy) -> usize {
+    let local = |row: &DriveRow| {
+        let is = |other: &&DriveRow| {
             (other.policy, other.speed, &other.drive)
                 == (ResponsePolicy::Local, row.speed, &row.drive)
         };

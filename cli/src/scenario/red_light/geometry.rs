@@ -98,7 +98,7 @@ impl Intersection {
 
 /// Two cars that approach one intersection.
 #[derive(Clone, Copy)]
-pub(crate) struct Geometry {
+pub(crate) struct CrossingGeometry {
     pub(crate) place: &'static Intersection,
     pub(crate) ego_speed: f64,
     pub(crate) runner_speed: f64,
@@ -107,7 +107,7 @@ pub(crate) struct Geometry {
     pub(crate) has_occluder: bool,
 }
 
-impl Geometry {
+impl CrossingGeometry {
     /// Until when there is something to look at, in s.
     pub(crate) fn end(&self) -> f64 {
         MEETING + self.delta.abs() + AFTER

@@ -3,9 +3,9 @@
 use plotters::prelude::*;
 
 use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, inside, width};
-use crate::scenario::red_light::crossing::Approach;
-use crate::scenario::red_light::geometry::{Geometry, MEETING};
-use crate::scenario::red_light::{Args, Run, ScenarioResult};
+use crate::scenario::red_light::crossing::WarningSource;
+use crate::scenario::red_light::geometry::{CrossingGeometry, MEETING};
+use crate::scenario::red_light::{Args, RedLightResult, RedLightRun};
 use crate::scenario::shape::{Point, Rectangle as Car};
 
 /// How many units a metre has.
@@ -16,19 +16,20 @@ const SHOWN: [[f64; 2]; 2] = [[-34.0, 22.0], [-24.0, 20.0]];
 const TOP: f64 = 104.0;
 
 /// A picture of each variant, at the delta nearest to 0.
-pub(crate) fn plots(args: &Args, found: &ScenarioResult) -> Vec<Plot> {
+pub(crate) fn plots(args: &Args, found: &RedLightResult) -> Vec<Plot> {
     let nearest = args.delta.iter().copied().min_by(|one, other| one.abs().total_cmp(&other.abs()));
     let delta = nearest.unwrap_or_default();
     let names = ["corner-building", "queue-in-turning-lane", "skewed"];
     let mut plots = Vec::new();
     for variant in &args.variant {
         let geometry = args.geometry(*variant, delta, !args.no_occluder);
-        let of = |approach: Approach| {
-            let is =
-                |run: &&Run| (run.variant, run.delta, run.approach) == (*variant, delta, approach);
+        let of = |approach: WarningSource| {
+            let is = |run: &&RedLightRun| {
+                (run.variant, run.delta, run.approach) == (*variant, delta, approach)
+            };
             found.runs.iter().find(is).cloned()
         };
-        let (local, sharing) = (of(Approach::Local), of(Approach::Sharing));
+        let (local, sharing) = (of(WarningSource::Local), of(WarningSource::Sharing));
         let deceleration = args.deceleration;
         let caption = format!(
             "{} from above, at δ = {delta} s. Ego comes from the left. Filled: where the cars are at 6 s if ego brakes by \
@@ -45,7 +46,7 @@ pub(crate) fn plots(args: &Args, found: &ScenarioResult) -> Vec<Plot> {
             canvas(theme, size, (&title, &below), |canvas| {
                 keys(theme, canvas);
                 let area = canvas.margin(i32::try_from(unit(TOP)).unwrap_or(0), 0, 0, 0);
-                let ego = |run: &Run, now: f64| {
+                let ego = |run: &RedLightRun, now: f64| {
                     let bite = run.brakes_before.map(|before| MEETING - before);
                     geometry.ego_braking(now, bite, deceleration)
                 };
@@ -74,8 +75,8 @@ fn capital(name: &str) -> String {
     first.to_uppercase() + rest
 }
 
-fn below(local: Option<&Run>, sharing: Option<&Run>) -> String {
-    let word = |run: &Run| match (run.collides, run.brakes_before) {
+fn below(local: Option<&RedLightRun>, sharing: Option<&RedLightRun>) -> String {
+    let word = |run: &RedLightRun| match (run.collides, run.brakes_before) {
         (true, _) => "collides".to_owned(),
         (false, Some(before)) => format!("brakes {before:.2} s before 6 s and avoids"),
         (false, None) => "avoids".to_owned(),
@@ -119,7 +120,7 @@ fn outline(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>)
 }
 
 /// Both roads, 7 m wide, and what hides the other car.
-fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry) {
+fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &CrossingGeometry) {
     let road = theme.line.filled();
     shape(canvas, &[[-80.0, -3.5], [80.0, -3.5], [80.0, 3.5], [-80.0, 3.5]], road);
     let [along, across] = geometry.place.heading();
@@ -147,7 +148,12 @@ fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry) {
 }
 
 /// Where both cars are, half second by half second; ego by shared locations.
-fn ways(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry, ego: impl Fn(f64) -> Option<Car>) {
+fn ways(
+    theme: &Theme,
+    canvas: &Canvas<'_>,
+    geometry: &CrossingGeometry,
+    ego: impl Fn(f64) -> Option<Car>,
+) {
     for step in 1..=12_i32 {
         let now = MEETING - f64::from(step) / 2.0;
         let faint = 0.6 - f64::from(step) * 0.04;

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use fuseline_testkit::Rng;
 
-use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
+use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
 use crate::scenario::tests::{REFERENCE, any_vehicle, drive, end, end_at};
 use crate::scenario::traffic_jam::tests_of_cells::guard;
 
@@ -71,7 +71,7 @@ fn scaled_in_distance_speed_and_time_everything_ends_the_same() {
             for phase in PHASES {
                 let of = |vehicle, speed, factor: f64| {
                     let deadline = Duration::from_secs_f64(deadline * factor);
-                    let drive = Drive { deadline, ..drive(vehicle, speed, phase, approach) };
+                    let drive = ApproachRun { deadline, ..drive(vehicle, speed, phase, approach) };
                     end_at(&drive, response * factor).hits()
                 };
                 let plain = of(&vehicle, speed, 1.0);
@@ -114,7 +114,7 @@ fn a_slower_cloud_makes_nothing_green_and_a_longer_range_nothing_red() {
 #[test]
 fn a_response_equal_to_the_deadline_is_late() {
     let deadline = Duration::from_millis(750);
-    let drive = Drive { deadline, ..drive(&REFERENCE, 22.0, 0.5, Approach::Ours) };
+    let drive = ApproachRun { deadline, ..drive(&REFERENCE, 22.0, 0.5, Approach::Ours) };
     let takes = |nanos: u64| end(&drive, |_| Some(nanos)).hits();
     assert_eq!([749_999_999, 750_000_000, 750_000_001].map(takes), [false, true, true]);
 }
@@ -124,7 +124,7 @@ fn a_blind_cloud_in_time_collides_where_local_alone_does_not() {
     let blind = Vehicle { range_cloud: 0.0, ..REFERENCE };
     let deadline = guard(&REFERENCE, 11.0);
     for phase in PHASES {
-        let ours = Drive { deadline, ..drive(&blind, 11.0, phase, Approach::Ours) };
+        let ours = ApproachRun { deadline, ..drive(&blind, 11.0, phase, Approach::Ours) };
         assert!(end_at(&ours, 0.5).hits());
         assert!(!end_at(&drive(&blind, 11.0, phase, Approach::Local), 0.5).hits());
     }
@@ -146,7 +146,7 @@ fn the_guard_never_collides_where_local_alone_does_not_and_half_a_second_does() 
         };
         let local = end(&drive(&REFERENCE, speed, phase, Approach::Local), response).hits();
         let ours = |deadline| {
-            let drive = Drive { deadline, ..drive(&REFERENCE, speed, phase, Approach::Ours) };
+            let drive = ApproachRun { deadline, ..drive(&REFERENCE, speed, phase, Approach::Ours) };
             end(&drive, response).hits()
         };
         let guarded = ours(guard(&REFERENCE, speed));

@@ -3,8 +3,8 @@
 use fuseline_testkit::Rng;
 
 use crate::scenario::braking::Brakes;
-use crate::scenario::jaywalking::{Geometry as Street, Manoeuvre};
-use crate::scenario::red_light::{Geometry, Variant};
+use crate::scenario::jaywalking::{Manoeuvre, SwerveGeometry as Street};
+use crate::scenario::red_light::{CrossingGeometry, Variant};
 
 const STEP: f64 = 1e-3;
 
@@ -36,7 +36,7 @@ fn cars_touch_where_points_of_one_come_into_the_other() {
         let variants = [Variant::CornerBuilding, Variant::QueueInTurningLane, Variant::Skewed];
         let which = random.one_of(&[0, 1, 2_usize]);
         let place = variants[which].place();
-        let geometry = Geometry {
+        let geometry = CrossingGeometry {
             place,
             ego_speed: random.f64_between(9.0, 16.0),
             runner_speed: random.f64_between(9.0, 16.0),

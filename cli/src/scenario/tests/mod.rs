@@ -9,9 +9,9 @@ use std::time::Duration;
 
 use fuseline_testkit::Rng;
 
-use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
+use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
 use crate::scenario::braking::DriveOutcome;
-use crate::scenario::operator::Operator;
+use crate::scenario::operator::ScenarioOperator;
 
 /// The vehicle of the specification.
 const REFERENCE: Vehicle = Vehicle {
@@ -43,20 +43,20 @@ fn any_vehicle(random: &mut Rng) -> (Vehicle, f64) {
 }
 
 /// How a drive ends, with these responses of the cloud by the instant of capture.
-fn end(drive: &Drive<'_>, response: impl Fn(u64) -> Option<u64>) -> DriveOutcome {
-    let mut operator = Operator::new("", drive.frames(), false);
+fn end(drive: &ApproachRun<'_>, response: impl Fn(u64) -> Option<u64>) -> DriveOutcome {
+    let mut operator = ScenarioOperator::new("", drive.frames(), false);
     let (end, _) = drive.run(&mut operator, response);
     assert!(!operator.is_full());
     end
 }
 
 /// The same with one response for all frames, in s.
-fn end_at(drive: &Drive<'_>, response: f64) -> DriveOutcome {
+fn end_at(drive: &ApproachRun<'_>, response: f64) -> DriveOutcome {
     let takes = nanos(response);
     end(drive, |_| Some(takes))
 }
 
 /// A drive of a vehicle.
-fn drive(vehicle: &Vehicle, speed: f64, phase: f64, approach: Approach) -> Drive<'_> {
-    Drive { vehicle, speed, phase, approach, deadline: Duration::ZERO }
+fn drive(vehicle: &Vehicle, speed: f64, phase: f64, approach: Approach) -> ApproachRun<'_> {
+    ApproachRun { vehicle, speed, phase, approach, deadline: Duration::ZERO }
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use fuseline_testkit::Rng;
 
-use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
+use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
 use crate::scenario::braking::DriveOutcome;
 use crate::scenario::tests::{any_vehicle, end};
 
@@ -32,8 +32,8 @@ enum FrameOutput {
 }
 
 /// Lets a vehicle drive into an obstacle or stop before it; `clouds` are the responses by frame.
-fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
-    let Drive { vehicle, speed: full, approach, .. } = *drive;
+fn stepped(drive: &ApproachRun<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
+    let ApproachRun { vehicle, speed: full, approach, .. } = *drive;
     let mut frames: Vec<Frame> = Vec::new();
     let (mut now, mut gap, mut speed) = (0.0, drive.start(), full);
     let (mut busy, mut bite) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -122,7 +122,7 @@ fn a_second_simulation_by_small_steps_of_time_agrees_on_250_random_runs() {
         vehicle.local_serial = random.f64() < 0.3;
         let approaches = [Approach::Local, Approach::Cloud, Approach::First, Approach::Ours];
         let approach = random.one_of(&approaches);
-        let drive = Drive {
+        let drive = ApproachRun {
             vehicle: &vehicle,
             speed,
             phase: random.f64_between(0.05, 0.95),

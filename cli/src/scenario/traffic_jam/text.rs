@@ -5,21 +5,23 @@ use std::fmt::Write;
 use crate::scenario::approach::Approach;
 use crate::scenario::paint::{BAD, GOOD, SOFT, paint, written};
 use crate::scenario::traffic_jam::cells::{Cell, Colour};
-use crate::scenario::traffic_jam::narrow::{Constant, Constants, MEDIAN, ON_BOARD, OnBoard};
-use crate::scenario::traffic_jam::{ExtraResults, ScenarioResult};
+use crate::scenario::traffic_jam::narrow::{
+    ConstantMisses, Constants, MEDIAN, ON_BOARD, OnBoardCells,
+};
+use crate::scenario::traffic_jam::{ExtraResults, TrafficJamResult};
 
 /// How wide a cell is.
 const CELL: usize = 7;
 
-pub(crate) fn text(found: &ScenarioResult) -> String {
+pub(crate) fn text(found: &TrafficJamResult) -> String {
     written(|text| {
         table(text, found)?;
         beside(text, found)
     })
 }
 
-fn table(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
-    let ScenarioResult { responses, cells, phases, .. } = found;
+fn table(text: &mut String, found: &TrafficJamResult) -> std::fmt::Result {
+    let TrafficJamResult { responses, cells, phases, .. } = found;
     write!(text, "{:>4}  {:<8} {:>8} ", "m/s", "approach", "deadline")?;
     for response in responses {
         write!(text, "{:>CELL$}", format!("{response} s"))?;
@@ -81,7 +83,7 @@ fn deadline(row: &[Cell]) -> String {
     }
 }
 
-fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
+fn beside(text: &mut String, found: &TrafficJamResult) -> std::fmt::Result {
     let (same, known) = found.agreement();
     let colour = if same == known { GOOD } else { BAD };
     let sum = paint(colour, &format!("{same} of the {known} cells"));
@@ -116,7 +118,10 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     let Constants { some, best } = &beside.constants;
     writeln!(text, "\nA constant deadline misses some of the paper's 30 cells of ours:")?;
     for (name, of) in [
-        ("deadline, s", (|one: &Constant| one.deadline.to_string()) as fn(&Constant) -> String),
+        (
+            "deadline, s",
+            (|one: &ConstantMisses| one.deadline.to_string()) as fn(&ConstantMisses) -> String,
+        ),
         ("cells missed", |one| one.misses.to_string()),
     ] {
         write!(text, "  {name:<14}")?;
@@ -134,7 +139,7 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
 }
 
 /// A row's name, and what it shows.
-type TextRow = (&'static str, fn(&OnBoard) -> Colour);
+type TextRow = (&'static str, fn(&OnBoardCells) -> Colour);
 
 fn on_board(text: &mut String, beside: &ExtraResults) -> std::fmt::Result {
     let mark = |colour: Colour| match colour {

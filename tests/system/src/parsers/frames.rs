@@ -16,7 +16,7 @@ use http_body::Frame;
 use http_body_util::{BodyExt, StreamBody};
 use prost::Message;
 
-use crate::parsers::{Check, Ends, fit};
+use crate::parsers::{Ends, ParserResult, fit};
 use crate::serve::location::Locations;
 use crate::serve::locations::LocationService;
 
@@ -32,7 +32,7 @@ const PREFIX: usize = 5;
 const VEHICLES: usize = 3;
 
 /// A byte for the call, one for where the bytes are cut in two, and those bytes.
-pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
+pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let [what, cut, rest @ ..] = bytes else { return Ok(()) };
     unchanged::<Reply>(rest)?;
     unchanged::<Description>(rest)?;
@@ -44,7 +44,7 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
 }
 
 /// What can be read of a message says the same when it is written and read again.
-fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> Check {
+fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> ParserResult {
     let Ok(message) = M::decode(bytes) else { return Ok(()) };
     let written = message.encode_to_vec();
     let again = M::decode(&*written).map_err(|error| format!("{message:?}: {error}"))?;
@@ -55,7 +55,7 @@ fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> Check {
 }
 
 /// A server that gives back what it gets: it answers one whole frame, and no half.
-fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
+fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
     let (code, replied) = ask(INFER, body, cut)?;
     let whole = split(body).map(|(message, rest)| (Request::decode(message).ok(), rest));
     match whole {
@@ -80,7 +80,7 @@ fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
 }
 
 /// The description of what is served is sent for one whole message.
-fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
+fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
     let (code, replied) = ask(DESCRIBE, body, cut)?;
     if code == Code::Ok {
         ends.insert("described");
@@ -135,7 +135,7 @@ fn split(body: &[u8]) -> Option<(&[u8], &[u8])> {
 }
 
 /// The service that shares locations: each request is a byte for its length, and its payload.
-fn locations(mut bytes: &[u8], ends: &mut Ends) -> Check {
+fn locations(mut bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let sharing = LocationService::new(VEHICLES, Duration::from_secs(3600));
     while let Some((len, rest)) = bytes.split_first() {
         let (payload, rest) = rest.split_at(usize::from(*len).min(rest.len()));
@@ -161,7 +161,7 @@ fn locations(mut bytes: &[u8], ends: &mut Ends) -> Check {
 }
 
 /// The others are each another, few, named, and somewhere.
-fn others(reply: &Reply) -> Check {
+fn others(reply: &Reply) -> ParserResult {
     let reported = Locations::decode(reply.payload.clone()).map_err(|error| error.to_string())?;
     let names: BTreeSet<&str> = reported.others.iter().map(|other| &*other.vehicle).collect();
     let is_right = reported.others.iter().all(|other| {

@@ -7,8 +7,8 @@ use fuseline_testkit::Rng;
 use fuseline_tokio::Commit;
 
 use crate::simulate::scenario::{
-    CallResult, Disk, Finish, Message, OfferAction, OnBoard, ReaderPlan, Remote, Scenario,
-    SourceAction,
+    CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,
+    ScenarioCloud, SourceAction,
 };
 
 /// So many lines of a trace wait for the disk in any case, which is as slow as the host that this runs on.
@@ -37,7 +37,7 @@ impl Scenario {
         let rng = &mut rng;
         let priorities = priorities(rng);
         let local = local(rng);
-        let clouds: Vec<Remote> = priorities.into_iter().map(|p| remote(rng, p)).collect();
+        let clouds: Vec<ScenarioCloud> = priorities.into_iter().map(|p| remote(rng, p)).collect();
         let count = match rng.u8(0..10) {
             0..2 => rng.usize(1..8),
             2..4 => rng.usize(8..80),
@@ -84,10 +84,10 @@ fn local(rng: &mut Rng) -> OnBoard {
     }
 }
 
-fn remote(rng: &mut Rng, p: u16) -> Remote {
+fn remote(rng: &mut Rng, p: u16) -> ScenarioCloud {
     let limit = rng.one_of(&[1, 2, 5, 31, 1000]);
     let linger = Duration::from_millis(rng.one_of(&[0, 0, 0, 10, 100]));
-    Remote {
+    ScenarioCloud {
         p,
         limit,
         resume: rng.u64(0..limit),
@@ -102,10 +102,10 @@ fn frames(
     rng: &mut Rng,
     count: usize,
     gap: Duration,
-    clouds: &[Remote],
+    clouds: &[ScenarioCloud],
     (local, end): (&OnBoard, Finish),
     side: bool,
-) -> Vec<Message> {
+) -> Vec<MessageScript> {
     let mut skies = vec![(0, SourcePhase::Wild); clouds.len() + 2];
     let mut frames = Vec::with_capacity(count);
     for _ in 0..count {
@@ -131,7 +131,7 @@ fn frames(
             _ => gap,
         };
         let yields = if rng.u8(0..8) == 0 { rng.u8(1..6) } else { 0 };
-        frames.push(Message { gap, yields, local: of_local, asks, side });
+        frames.push(MessageScript { gap, yields, local: of_local, asks, side });
     }
     frames
 }

@@ -9,7 +9,7 @@ use fuseline_tokio::{DropReason, Ending, Hint, Item, OpenRefusal};
 use tokio::time::Instant;
 
 use crate::simulate::scenario::Scenario;
-use crate::simulate::value::{InstanceCounts, Value, ValueLabel};
+use crate::simulate::value::{InstanceCounts, ResultValue, ValueLabel};
 
 /// All that the simulated parts share.
 pub(crate) struct SimulationState {
@@ -58,12 +58,12 @@ pub(crate) struct LoggedCall {
     /// The time left that it was given; none for local.
     pub(crate) left: Option<Duration>,
     /// When and how it ended.
-    pub(crate) end: Option<(u64, Stop)>,
+    pub(crate) end: Option<(u64, CallStop)>,
 }
 
 /// How a call ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Stop {
+pub(crate) enum CallStop {
     Answered,
     Failed,
     /// It was dropped by others.
@@ -128,7 +128,7 @@ impl SimulationState {
         self.log.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(crate) fn read(&self, reader: usize, item: &Item<Value>) {
+    pub(crate) fn read(&self, reader: usize, item: &Item<ResultValue>) {
         let left = match &item.ending {
             Ending::Forwarded(forwarded) => LoggedOutcome::Forwarded {
                 reported: forwarded.value.reported,
@@ -152,7 +152,7 @@ impl SimulationState {
         self.log().items[reader].push(read);
     }
 
-    pub(crate) fn hear(&self, hint: &Hint<Value>) {
+    pub(crate) fn hear(&self, hint: &Hint<ResultValue>) {
         let received = LoggedHint {
             at: self.now(),
             t: hint.timestamp,

@@ -14,9 +14,9 @@ use fuseline_tokio::{Call, Error, Items, Local, Operator, Setup, Writer};
 use tokio::task::yield_now;
 use tokio::time::{advance, sleep, sleep_until};
 
-use crate::simulate::log::{LoggedCall, SimulationState, Stop};
+use crate::simulate::log::{CallStop, LoggedCall, SimulationState};
 use crate::simulate::scenario::{CallResult, OfferAction, SourceAction};
-use crate::simulate::value::{Frame, Value, ValueLabel};
+use crate::simulate::value::{Frame, ResultValue, ValueLabel};
 
 /// The operator whose sources do as the scenario says.
 pub(crate) struct Script(pub(crate) Arc<SimulationState>);
@@ -45,9 +45,9 @@ struct FixedPolicy {
 
 impl Operator for Script {
     type Input = Frame;
-    type Output = Value;
+    type Output = ResultValue;
 
-    fn setup(self, setup: &mut Setup<Frame, Value>) -> Local<Frame, Value> {
+    fn setup(self, setup: &mut Setup<Frame, ResultValue>) -> Local<Frame, ResultValue> {
         let Self(simulation) = self;
         for (place, remote) in simulation.scenario.clouds.iter().copied().enumerate() {
             let (here, asking) = (Arc::clone(&simulation), Arc::clone(&simulation));
@@ -89,7 +89,7 @@ impl Operator for Script {
             let act = simulation.scenario.frames[frame.serial].local;
             let way = CallInProgress::begin(&simulation, (0, t, frame.serial), None, act.how);
             if act.how == CallResult::PanicsAtOnce {
-                way.end(Stop::Failed);
+                way.end(CallStop::Failed);
                 panic(&words(way.reported));
             }
             async move {
@@ -108,7 +108,7 @@ impl Operator for Script {
 /// The side requests.
 fn beside(
     simulation: &Arc<SimulationState>,
-    setup: &mut Setup<Frame, Value>,
+    setup: &mut Setup<Frame, ResultValue>,
     limit: u64,
     calls: usize,
 ) {
@@ -155,18 +155,18 @@ fn ask(serial: usize, ask: OfferAction) -> Option<((usize, SourceAction), Durati
 /// To the response, if there is one.
 async fn travel(mut way: CallInProgress, act: SourceAction) -> Result<CallInProgress, Error> {
     if act.how == CallResult::PanicsAtOnce {
-        way.end(Stop::Failed);
+        way.end(CallStop::Failed);
         panic(&words(way.reported));
     }
     wait(act).await;
     match act.how {
         CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
         CallResult::Fails => {
-            way.end(Stop::Failed);
+            way.end(CallStop::Failed);
             Err(words(way.reported).into())
         }
         CallResult::Panics | CallResult::PanicsAtOnce => {
-            way.end(Stop::Failed);
+            way.end(CallStop::Failed);
             panic(&words(way.reported))
         }
         CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
@@ -211,24 +211,24 @@ impl CallInProgress {
     }
 
     /// The response handler. The result counts as made when it is done.
-    fn respond(self) -> Result<Value, Error> {
+    fn respond(self) -> Result<ResultValue, Error> {
         match self.how {
             CallResult::PanickingResponse => {
-                self.end(Stop::Failed);
+                self.end(CallStop::Failed);
                 panic(&words(self.reported))
             }
             CallResult::BadResponse => {
-                self.end(Stop::Failed);
+                self.end(CallStop::Failed);
                 Err(words(self.reported).into())
             }
             _ => {
-                self.end(Stop::Answered);
-                Ok(Value::new(self.reported, &self.simulation.values))
+                self.end(CallStop::Answered);
+                Ok(ResultValue::new(self.reported, &self.simulation.values))
             }
         }
     }
 
-    fn end(&self, stop: Stop) {
+    fn end(&self, stop: CallStop) {
         let at = self.simulation.now();
         self.simulation.log().calls[self.place].end.get_or_insert((at, stop));
     }
@@ -236,7 +236,7 @@ impl CallInProgress {
 
 impl Drop for CallInProgress {
     fn drop(&mut self) {
-        self.end(Stop::DroppedResult);
+        self.end(CallStop::DroppedResult);
         if self.how == CallResult::HangsAndPanics && !std::thread::panicking() {
             panic("it panics when it is dropped");
         }
@@ -301,12 +301,12 @@ pub(crate) async fn camera(simulation: Arc<SimulationState>, mut writer: Writer<
 pub(crate) fn audience(
     simulation: Arc<SimulationState>,
     place: usize,
-    items: Items<Value>,
+    items: Items<ResultValue>,
 ) -> BoxFuture {
     Box::pin(listen(simulation, place, items))
 }
 
-async fn listen(simulation: Arc<SimulationState>, place: usize, mut items: Items<Value>) {
+async fn listen(simulation: Arc<SimulationState>, place: usize, mut items: Items<ResultValue>) {
     let plan = simulation.scenario.readers[place];
     let mut count = 0;
     loop {

@@ -17,7 +17,7 @@ use tokio::time::{sleep_until, timeout};
 use crate::simulate::log::{Log, SimulationState};
 use crate::simulate::peers::{Script, audience, camera, stall};
 use crate::simulate::scenario::{Disk, Finish, Scenario};
-use crate::simulate::value::Value;
+use crate::simulate::value::ResultValue;
 
 /// In virtual time, longer than any run.
 const FOR_EVER: Duration = Duration::from_secs(100_000);
@@ -96,9 +96,13 @@ pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<RunResult> 
     })
 }
 
-type Held = (OperatorEnd, Option<Tally>);
+type PlayResult = (OperatorEnd, Option<Tally>);
 
-async fn run(simulation: Arc<SimulationState>, running: Running, items: Items<Value>) -> Held {
+async fn run(
+    simulation: Arc<SimulationState>,
+    running: Running,
+    items: Items<ResultValue>,
+) -> PlayResult {
     let reading = tokio::spawn(audience(Arc::clone(&simulation), 0, items));
     let mut counts = None;
     let ended = match simulation.scenario.end {

@@ -86,7 +86,7 @@ pub(crate) struct DroppedResult {
 }
 
 /// One source's queue.
-struct Queue {
+struct ReplayQueue {
     p: u16,
     at_once: usize,
     waiting: VecDeque<usize>,
@@ -94,10 +94,10 @@ struct Queue {
 }
 
 /// Reads the trace line by line.
-struct Reader<'a> {
+struct ReplayReader<'a> {
     scenario: &'a Scenario,
     replay: Replay,
-    queues: Vec<Queue>,
+    queues: Vec<ReplayQueue>,
     now: u64,
     /// The timestamp whose local computation must fail now, unless it finds room.
     crowded: Option<u64>,
@@ -111,7 +111,7 @@ impl Replay {
             Err(error) => return Self { defect: Some(error.to_string()), ..Self::default() },
         };
         let mut judge = Judge::new("trace", events.header());
-        let queue = |p, at_once: usize| Queue {
+        let queue = |p, at_once: usize| ReplayQueue {
             p,
             at_once: at_once.max(1),
             waiting: VecDeque::new(),
@@ -120,7 +120,7 @@ impl Replay {
         let clouds = scenario.clouds.iter().map(|cloud| queue(cloud.p, cloud.calls));
         let queues = [queue(0, scenario.local.at_once)].into_iter().chain(clouds).collect();
         let replay = Self::default();
-        let mut reader = Reader { scenario, replay, queues, now: 0, crowded: None };
+        let mut reader = ReplayReader { scenario, replay, queues, now: 0, crowded: None };
         let mut input = None;
         let mut decisions = Vec::new();
         loop {
@@ -163,7 +163,7 @@ impl AdmittedRequest {
     }
 }
 
-impl Reader<'_> {
+impl ReplayReader<'_> {
     fn step(&mut self, input: &Input, decisions: &[Decision]) {
         self.now = self.now.max(input.at());
         self.replay.end = self.now;
@@ -304,7 +304,7 @@ impl Reader<'_> {
         let Some(place) = self.replay.by_t.get(&t).copied() else { return };
         self.replay.opened[place].left = Some(MessageEnd { at, how });
         self.replay.left.push(place);
-        let waits = |queue: &Queue, requested: &[AdmittedRequest]| {
+        let waits = |queue: &ReplayQueue, requested: &[AdmittedRequest]| {
             queue.waiting.iter().position(|place| requested[*place].t == t)
         };
         if self.scenario.local.skip_answered
@@ -330,7 +330,7 @@ impl Reader<'_> {
     /// Takes a request out of its queue, or from what is under way.
     fn take(&mut self, queue: usize, t: u64) -> Option<usize> {
         let requested = &self.replay.requested;
-        let Queue { waiting, flying, .. } = &mut self.queues[queue];
+        let ReplayQueue { waiting, flying, .. } = &mut self.queues[queue];
         if let Some(place) = flying.iter().position(|place| requested[*place].t == t) {
             return Some(flying.remove(place));
         }

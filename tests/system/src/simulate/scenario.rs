@@ -21,7 +21,7 @@ pub struct Scenario {
     /// The computation on board.
     pub local: OnBoard,
     /// The clouds, as they are registered.
-    pub clouds: Vec<Remote>,
+    pub clouds: Vec<ScenarioCloud>,
     /// Side requests, if there are any: the gate's limit and how many may be under way.
     pub side: Option<(u64, usize)>,
     /// Whether late results are handed on as hints, and whether their handler panics.
@@ -35,7 +35,7 @@ pub struct Scenario {
     /// When the process stands still, and for how long.
     pub stalls: Vec<(Duration, Duration)>,
     /// The messages, in order.
-    pub frames: Vec<Message>,
+    pub frames: Vec<MessageScript>,
     /// How the run ends.
     pub end: Finish,
 }
@@ -55,7 +55,7 @@ pub struct OnBoard {
 
 /// A cloud.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Remote {
+pub struct ScenarioCloud {
     /// Its priority.
     pub p: u16,
     /// Its gate's limit.
@@ -94,7 +94,7 @@ pub struct ReaderPlan {
 
 /// One message, and what everybody does about it.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Message {
+pub struct MessageScript {
     /// How long after the one before it comes.
     pub gap: Duration,
     /// How often others have their turn before it is written.

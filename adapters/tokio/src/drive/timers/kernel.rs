@@ -19,9 +19,9 @@ const NEVER: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 /// The shortest time that does not disarm it.
 const SHORTEST: Duration = Duration::from_nanos(1);
 
-pub(in crate::drive) struct Timer(AsyncFd<OwnedFd>);
+pub(in crate::drive) struct KernelTimer(AsyncFd<OwnedFd>);
 
-impl Timer {
+impl KernelTimer {
     #[expect(
         deprecated,
         reason = "sound for what owns its descriptor; the new name is unsafe, for what does not"

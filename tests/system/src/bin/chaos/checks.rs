@@ -33,7 +33,7 @@ pub(crate) struct ObservedRun {
 }
 
 /// One check and what it found.
-pub(crate) struct Check {
+pub(crate) struct ChaosCheck {
     name: &'static str,
     found: Vec<String>,
 }
@@ -44,7 +44,7 @@ pub(crate) fn checks(
     fates: &[Result<OperatorOutcome, String>],
     late: &LateItem,
     lateness: &Lateness,
-) -> Vec<Check> {
+) -> Vec<ChaosCheck> {
     let ended: Vec<&OperatorOutcome> = fates.iter().flatten().collect();
     let each = |found: &dyn Fn(&OperatorOutcome) -> Vec<String>| {
         ended.iter().flat_map(|f| found(f)).collect()
@@ -72,7 +72,7 @@ pub(crate) fn checks(
         ("flat", observed.grown()),
         ("nothing is left", observed.left()),
     ];
-    found.into_iter().map(|(name, found)| Check { name, found }).collect()
+    found.into_iter().map(|(name, found)| ChaosCheck { name, found }).collect()
 }
 
 /// What the judge found in the trace, and whether all messages are in it.
@@ -198,13 +198,13 @@ impl ObservedRun {
     }
 }
 
-impl Check {
+impl ChaosCheck {
     pub(crate) fn holds(&self) -> bool {
         self.found.is_empty()
     }
 }
 
-impl fmt::Display for Check {
+impl fmt::Display for ChaosCheck {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, found } = self;
         if found.is_empty() {

@@ -17,7 +17,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout_at};
 
 use crate::field::Testbed;
 use crate::gauges::Overruns;
-use crate::vehicle::{Answer, DEADLINE, Vehicle, name};
+use crate::vehicle::{ChaosVehicle, DEADLINE, ResultOrigin, name};
 
 /// How long operators may take to end once all cameras have.
 const ENDS: Duration = Duration::from_secs(30);
@@ -93,7 +93,7 @@ impl Fleet {
             let clouds = [lower, (lower + 1) % field.len()];
             let connected =
                 [field.remote(clouds[0])?.connect()?, field.remote(clouds[1])?.connect()?];
-            let vehicle = Vehicle {
+            let vehicle = ChaosVehicle {
                 number: number.into(),
                 clouds: std::array::from_fn(|place| (clouds[place], connected[place].clone())),
                 outlived: Arc::clone(&late.calls),
@@ -212,7 +212,7 @@ async fn film(mut writer: Writer<u64>, messages: u64, every: Duration, offset: D
 }
 
 async fn see(
-    mut output: Items<Answer>,
+    mut output: Items<ResultOrigin>,
     number: u64,
     messages: u64,
     read: Arc<AtomicU64>,
@@ -228,7 +228,7 @@ async fn see(
             *times == 1
         });
         match item.forwarded().map(|forwarded| forwarded.value) {
-            Some(Answer { operator, message, cloud })
+            Some(ResultOrigin { operator, message, cloud })
                 if is_first && (operator, message) == (number, item.timestamp) =>
             {
                 *seen.answers.entry(name(cloud)).or_default() += 1;
@@ -246,7 +246,7 @@ async fn see(
 }
 
 impl ReaderLog {
-    fn wrong(&mut self, operator: u64, item: &Item<Answer>) {
+    fn wrong(&mut self, operator: u64, item: &Item<ResultOrigin>) {
         self.wrong.0 += 1;
         if self.wrong.1.len() < TOLD {
             let Item { timestamp, ending, .. } = item;

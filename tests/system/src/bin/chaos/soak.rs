@@ -16,7 +16,7 @@ use crate::field::Testbed;
 use crate::fleet::{Fleet, LateItem, OperatorOutcome};
 use crate::gauges::{Lateness, Overruns, ResourceUsage};
 use crate::record::{self, Soaked};
-use crate::span::{TimeSpan, Totals};
+use crate::span::{ChaosTotals, TimeSpan};
 
 /// How many clouds there are; each operator has two of them.
 const CLOUDS: usize = 3;
@@ -124,9 +124,9 @@ async fn struck(
     let ends = Instant::now() + disruption.lasts;
     field.disruption(disruption)?;
     sleep(BITES).await;
-    let (from, before) = (Instant::now(), Totals::of(&fleet.tallies()));
+    let (from, before) = (Instant::now(), ChaosTotals::of(&fleet.tallies()));
     sleep_until(ends).await;
-    let now = Totals::of(&fleet.tallies());
+    let now = ChaosTotals::of(&fleet.tallies());
     field.mend(disruption)?;
     let of = (!disruption.harm.is_of_all()).then_some(disruption.cloud);
     let span = now.since(&before, of, from.elapsed());
@@ -143,8 +143,8 @@ async fn calm(fleet: &Fleet, observed: &mut ObservedRun) -> Result<(), Error> {
         taken.push(ResourceUsage::now()?);
         sleep(Duration::from_millis(100)).await;
     }
-    let now = Totals::of(&fleet.tallies());
-    observed.calm.add(&now.since(&Totals::of(&before), None, from.elapsed()));
+    let now = ChaosTotals::of(&fleet.tallies());
+    observed.calm.add(&now.since(&ChaosTotals::of(&before), None, from.elapsed()));
     observed.unheard.extend(fleet.unheard(&before));
     observed.taken.push(ResourceUsage::median(&taken));
     Ok(())

@@ -9,7 +9,7 @@ use crate::vehicle::name;
 
 /// What all operators have done so far.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Totals {
+pub(crate) struct ChaosTotals {
     outputs: BTreeMap<String, u64>,
     failed: u64,
     timed_out: u64,
@@ -29,7 +29,7 @@ pub(crate) struct TimeSpan {
     pub(crate) timed_out: u64,
 }
 
-impl Totals {
+impl ChaosTotals {
     pub(crate) fn of(tallies: &[Tally]) -> Self {
         let mut done = Self::default();
         for source in tallies.iter().flat_map(|tally| &tally.sources) {

@@ -1,7 +1,7 @@
 //! Checks of calls: what is requested of sources, when it begins and when it ends (D3 to D9).
 
 use crate::simulate::checks::{Facts, ensure};
-use crate::simulate::log::{LoggedCall, Stop};
+use crate::simulate::log::{CallStop, LoggedCall};
 use crate::simulate::replay::{AdmittedRequest, Departure};
 use crate::simulate::scenario::{CallResult, Finish, OfferAction};
 
@@ -120,7 +120,7 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
         };
         let is_over = log.over.is_some_and(|over| over <= ended);
         if requested.p == 0 {
-            ensure(stop != Stop::DroppedResult || is_over, || {
+            ensure(stop != CallStop::DroppedResult || is_over, || {
                 format!("local was aborted: {}", what())
             })?;
         } else {
@@ -128,12 +128,12 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
                 .map_err(|why| format!("{why}: {}", what()))?;
         }
         // Its end is an input of the trace at the same instant, unless the operator has ended.
-        if stop != Stop::DroppedResult
+        if stop != CallStop::DroppedResult
             && !facts.is_after(ended)
             && (requested.p == 0 || seen.begun < ended)
         {
             let reported = requested.ended;
-            let is_reported = reported == Some((ended, stop == Stop::Answered));
+            let is_reported = reported == Some((ended, stop == CallStop::Answered));
             let is_done = requested.p == 0 && log.over.is_some();
             ensure(is_reported || is_done && reported.is_none(), || {
                 format!("its word came {reported:?}: {}", what())
@@ -147,7 +147,7 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
 fn cloud_ends(
     facts: &Facts<'_>,
     requested: &AdmittedRequest,
-    (ended, stop): (u64, Stop),
+    (ended, stop): (u64, CallStop),
 ) -> Result<(), String> {
     let Facts { scenario, played, .. } = facts;
     let log = &played.log;
@@ -156,7 +156,7 @@ fn cloud_ends(
     let stopped = facts.is_after(ended) || log.over.is_some_and(|over| over <= ended);
     let Some(closed) = requested.closed() else {
         // Once all is answered nothing is under way but what lingers.
-        return ensure(stop != Stop::DroppedResult || stopped, || {
+        return ensure(stop != CallStop::DroppedResult || stopped, || {
             "it was dropped while wanted".into()
         });
     };
@@ -167,7 +167,9 @@ fn cloud_ends(
         let most = until.saturating_add(TICK + log.stalled(until, ended));
         ensure(ended <= most, || "it lingered too long".into())?;
     }
-    ensure(stop != Stop::DroppedResult || ended >= closed, || "it was dropped while wanted".into())
+    ensure(stop != CallStop::DroppedResult || ended >= closed, || {
+        "it was dropped while wanted".into()
+    })
 }
 
 /// D8.

@@ -18,12 +18,12 @@ use super::scenario::{
     Delivery, Disturbance, DisturbanceKind, Form, Input, Reply, STRAY_KEYS, Scenario,
 };
 use crate::fusion::LOCAL;
-use crate::lifecycle::{LifecycleRequest, Task, TransitionResult};
-use crate::middleware::{DecodeError, Endpoint, Publish, Sample};
+use crate::lifecycle::{LifecycleRequest, LifecycleTask, TransitionResult};
+use crate::middleware::{DecodeError, Endpoint, Publish, ReceivedPayload};
 use crate::node;
 use crate::raw::Payload;
 use crate::report::DiagnosticStatus;
-use crate::source::{Handle, Route, Source, UnmatchedResults};
+use crate::source::{Handle, NodeSource, Route, UnmatchedResults};
 use crate::status_publisher::PublishStatus;
 
 /// What came of a scenario.
@@ -167,7 +167,7 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
         feed(&simulation).await;
         turning.await.unwrap();
         sleep_until(simulation.start + scenario.end()).await;
-        simulation.publish_report(Task::CleanUp).await;
+        simulation.publish_report(LifecycleTask::CleanUp).await;
         running.await.unwrap();
         (simulation, counting.tally())
     });
@@ -179,7 +179,7 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
 }
 
 /// A peer as the node has it.
-fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) -> Source {
+fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) -> NodeSource {
     let peer = scenario.peers[index];
     let name = if index == LOCAL { "local".to_owned() } else { format!("cloud{index}") };
     let way = if peer.is_called {
@@ -191,7 +191,7 @@ fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) 
         Route::Topics { requests: Box::new(requests), results: Arc::new(results) }
     };
     let hints = simulation.outlet(Kind::Hints(index), &format!("/late{index}"));
-    Source {
+    NodeSource {
         priority: u16::try_from(index).unwrap(),
         name,
         way,
@@ -218,7 +218,7 @@ async fn feed(simulation: &Arc<SimulationState>) {
 
 /// Whatever else happens, each at its time.
 async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbance)>) {
-    simulation.publish_report(Task::Activate).await;
+    simulation.publish_report(LifecycleTask::Activate).await;
     for (at, turn) in turns {
         sleep_until(simulation.start + at).await;
         simulation.log().turned.push((simulation.now(), turn));
@@ -228,8 +228,10 @@ async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbanc
                 let sample = simulation.sample(Some(seconds.to_le_bytes().to_vec()));
                 simulation.mouths.deadlines.send(sample).await.unwrap();
             }
-            Disturbance::Activate(true) => simulation.publish_report(Task::Activate).await,
-            Disturbance::Activate(false) => simulation.publish_report(Task::Deactivate).await,
+            Disturbance::Activate(true) => simulation.publish_report(LifecycleTask::Activate).await,
+            Disturbance::Activate(false) => {
+                simulation.publish_report(LifecycleTask::Deactivate).await
+            }
             Disturbance::Dies { peer, is_seen } => {
                 let health = &mut simulation.health()[peer];
                 let deaths = health.deaths + 1;
@@ -319,7 +321,7 @@ impl SimulationState {
     }
 
     /// A message of these bytes, or one that cannot be read.
-    fn sample(&self, body: Option<Vec<u8>>) -> Sample {
+    fn sample(&self, body: Option<Vec<u8>>) -> ReceivedPayload {
         let body = body.ok_or_else(|| DecodeError("not CDR".into()))?;
         self.payloads.fetch_add(1, Ordering::Relaxed);
         let body = Bytes::from_owner(CountedBytes(body, Arc::clone(&self.payloads)));
@@ -357,7 +359,7 @@ impl SimulationState {
     }
 
     /// Tells the node what to do, and hears how that went.
-    async fn publish_report(&self, task: Task) {
+    async fn publish_report(&self, task: LifecycleTask) {
         let (order, done) = LifecycleRequest::new(task);
         assert!(self.mouths.orders.send(order).await.is_ok(), "the node ended");
         let done = done.await.unwrap();
