@@ -13,11 +13,11 @@ use crate::output::discard;
 /// Whether the user wants the command to end.
 #[derive(Clone, Default)]
 pub(crate) struct Interrupt {
-    inner: Arc<Inner>,
+    inner: Arc<InterruptState>,
 }
 
 #[derive(Default)]
-struct Inner {
+struct InterruptState {
     came: AtomicBool,
     waiting: Notify,
 }

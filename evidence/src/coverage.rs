@@ -9,7 +9,7 @@ use crate::gap::CoverageGap;
 use crate::tool::{Tests, version};
 use crate::tree::Tree;
 
-type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<CoverageGap>);
+pub(crate) type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<CoverageGap>);
 
 /// Runs the tests and reads what they took of `files`.
 pub(crate) fn take(

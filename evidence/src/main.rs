@@ -28,7 +28,7 @@ enum Command {
     /// Results that are current are kept: an interrupted run goes on where it was.
     Faults(Faults),
     /// Measure the tests: mutants that survive, code that never runs.
-    Measure(MeasurementResult),
+    Measure(MeasureArguments),
     /// Write the matrix of the results into evidence/ of cargo's target folder: matrix.md, evidence.csv and evidence.json.
     ///
     /// It fails if a result is missing or older than its sources without a reason in evidence/older.toml; the files name it.
@@ -58,7 +58,7 @@ struct Faults {
 }
 
 #[derive(Args)]
-struct MeasurementResult {
+struct MeasureArguments {
     /// The measurements; all unless named.
     #[arg(value_parser = MEASURES.iter().map(|measure| measure.name).collect::<Vec<_>>())]
     names: Vec<String>,
@@ -140,7 +140,7 @@ fn report(summary: &CampaignSummary) -> bool {
 }
 
 /// Takes measurements; what they leave open is for the matrix to say.
-fn measure(tree: &Tree, args: &MeasurementResult) -> Result<bool, EvidenceError> {
+fn measure(tree: &Tree, args: &MeasureArguments) -> Result<bool, EvidenceError> {
     let is_wanted = |name: &str| args.names.is_empty() || args.names.iter().any(|n| n == name);
     for measure in MEASURES.iter().filter(|measure| is_wanted(measure.name)) {
         let measured = measure.take(tree, args.jobs)?;

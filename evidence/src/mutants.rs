@@ -6,13 +6,12 @@ use std::process::Command;
 
 use serde::Deserialize;
 
+use crate::coverage::BranchCounts;
 use crate::error::EvidenceError;
 use crate::gap::CoverageGap;
 use crate::tool::{Tests, version};
 use crate::tree::Tree;
 use crate::work_copy::BOUNDED;
-
-type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<CoverageGap>);
 
 /// Makes and tests all mutants of `files`.
 pub(crate) fn take(

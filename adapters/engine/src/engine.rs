@@ -20,14 +20,14 @@ use tracing::warn;
 use crate::arbiter::{Answer, Arbiter};
 use crate::counts::{Counting, Counts};
 use crate::effect::{Effect, Local, Offer};
-use crate::event::Event;
+use crate::event::CountedEvent;
 use crate::item::Source;
 use crate::open_message::OpenMessages;
 use crate::policies::Policies;
 use crate::queue::Waiting;
 use crate::reasons::words;
 use crate::recordings::Recordings;
-use crate::sources::{LOCAL, Sources};
+use crate::sources::{LOCAL, SourceQueues};
 use crate::writer::{Sink, TraceWriter};
 
 /// The most clouds that a header may have.
@@ -52,7 +52,7 @@ pub struct Engine<V, R> {
     /// What fired before the current input, and when it was served.
     firings: Vec<(u64, Firing<CLOUDS>)>,
     operator: Arc<str>,
-    sources: Sources<R>,
+    sources: SourceQueues<R>,
     local: Local,
     policies: Policies,
     open_messages: OpenMessages<V>,
@@ -72,7 +72,7 @@ impl<V, R> Engine<V, R> {
     pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
         let arbiter = Arbiter::new(header)?;
         let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
-        let sources = Sources::new(header, at_once, local);
+        let sources = SourceQueues::new(header, at_once, local);
         let named: Vec<Source> = sources.iter().map(|queue| queue.source.clone()).collect();
         Ok(Self {
             arbiter,
@@ -162,7 +162,7 @@ impl<V, R> Engine<V, R> {
             return false;
         }
         self.counts.message();
-        self.counts.source(LOCAL, Event::Admitted);
+        self.counts.source(LOCAL, CountedEvent::Admitted);
         self.open_messages.open(t, now);
         let lost_after = deadline.filter(|_| self.local.lossy);
         let waiting = Waiting { t, requested_at: now, due: None, lost_after, request: job };
@@ -201,7 +201,7 @@ impl<V, R> Engine<V, R> {
             // The core admits only requests to registered clouds.
             (Admission::Admitted { .. }, None) => {}
             (Admission::Admitted { due }, Some(index)) => {
-                self.counts.source(index, Event::Admitted);
+                self.counts.source(index, CountedEvent::Admitted);
                 let due = Some(due.as_nanos());
                 let waiting = Waiting { t, requested_at: now, due, lost_after: None, request };
                 self.sources[index].push(waiting);

@@ -6,7 +6,7 @@ use crate::item::Trigger;
 
 /// What is counted about one source.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Event {
+pub(crate) enum CountedEvent {
     Admitted,
     Refused(OfferRefusal),
     Output(Trigger),

@@ -15,11 +15,11 @@ use crate::queue::SourceQueue;
 pub(crate) const LOCAL: usize = 0;
 
 /// One queue a source.
-pub(crate) struct Sources<R> {
+pub(crate) struct SourceQueues<R> {
     queues: Vec<SourceQueue<R>>,
 }
 
-impl<R> Sources<R> {
+impl<R> SourceQueues<R> {
     /// Empty queues; `at_once[i]` bounds the calls under way to the header's cloud `i`, which is 1 if it is not given.
     pub(crate) fn new(header: &Header, at_once: &[usize], local: Local) -> Self {
         let source = Source { priority: 0, name: "local".into() };
@@ -68,7 +68,7 @@ impl<R> Sources<R> {
     }
 }
 
-impl<R> Index<usize> for Sources<R> {
+impl<R> Index<usize> for SourceQueues<R> {
     type Output = SourceQueue<R>;
 
     fn index(&self, index: usize) -> &SourceQueue<R> {
@@ -76,7 +76,7 @@ impl<R> Index<usize> for Sources<R> {
     }
 }
 
-impl<R> IndexMut<usize> for Sources<R> {
+impl<R> IndexMut<usize> for SourceQueues<R> {
     fn index_mut(&mut self, index: usize) -> &mut SourceQueue<R> {
         &mut self.queues[index]
     }

@@ -18,25 +18,25 @@ use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyTuple};
 
-pub(crate) use crate::engine::counting::Counting;
+pub(crate) use crate::engine::counting::PyCounting;
 use crate::engine::effects::Effects;
 use crate::engine::policy::EnginePolicy;
-use crate::fusion::{CloudEntry, Window, header};
+use crate::fusion::{CloudEntry, WindowArgument, header};
 use crate::policy::SituationFields;
 use crate::raised::config;
 use crate::time::Nanos;
 
 /// An engine whose values and requests are Python's.
-type Inner = engine::Engine<Py<PyAny>, Py<PyAny>>;
+type EngineState = engine::Engine<Py<PyAny>, Py<PyAny>>;
 
 /// The engine of one operator; instants are nanoseconds of its clock, which begins with it.
-#[pyclass(module = "fuseline._fuseline", frozen)]
-pub(crate) struct Engine {
+#[pyclass(name = "Engine", module = "fuseline._fuseline", frozen)]
+pub(crate) struct PyEngine {
     /// None once it has finished.
-    inner: Mutex<Option<Inner>>,
+    inner: Mutex<Option<EngineState>>,
     effects: Effects,
-    counting: Counting,
-    interrupt: Interrupt,
+    counting: PyCounting,
+    interrupt: PendingException,
     /// Whether it writes a trace.
     #[pyo3(get)]
     is_recording: bool,
@@ -45,10 +45,10 @@ pub(crate) struct Engine {
 /// What of Python's exceptions is no error of a handler, such as `KeyboardInterrupt`: it ends the input after its
 /// decisions.
 #[derive(Clone, Default)]
-pub(crate) struct Interrupt(Arc<Mutex<Option<PyErr>>>);
+pub(crate) struct PendingException(Arc<Mutex<Option<PyErr>>>);
 
 #[pymethods]
-impl Engine {
+impl PyEngine {
     /// `calls` bounds the calls under way to each cloud, in the order of `clouds`; `local` is how many computations run
     /// at once, how many may wait (by default as many as the window holds), whether one of an answered message is skipped,
     /// and whether results can be lost.
@@ -58,7 +58,7 @@ impl Engine {
         clouds: Vec<CloudEntry<'_>>,
         calls: Vec<usize>,
         local: (usize, Option<usize>, bool, bool),
-        window: Window,
+        window: WindowArgument,
         commit: &str,
         operator: String,
         trace: Option<PathBuf>,
@@ -68,20 +68,20 @@ impl Engine {
         let waiting = waiting.unwrap_or(header.window.into());
         let local = Local { at_once, waiting, skip_answered, lossy };
         let is_recording = trace.is_some();
-        let mut inner = Inner::new(&header, &calls, local).map_err(config)?;
+        let mut inner = EngineState::new(&header, &calls, local).map_err(config)?;
         if let Some(path) = trace {
             let recorder = Recorder::create(&path, &header, Recording::default());
             recorder
                 .and_then(|recorder| inner.record(recorder))
                 .map_err(|error| unwritable(&error, path))?;
         }
-        let counting = Counting::new(operator, inner.counts());
+        let counting = PyCounting::new(operator, inner.counts());
         let effects = Effects::new(&header);
         Ok(Self {
             inner: Mutex::new(Some(inner)),
             effects,
             counting,
-            interrupt: Interrupt::default(),
+            interrupt: PendingException::default(),
             is_recording,
         })
     }
@@ -173,7 +173,7 @@ impl Engine {
 
     /// The counts.
     #[getter]
-    fn counting(&self) -> Counting {
+    fn counting(&self) -> PyCounting {
         self.counting.clone()
     }
 
@@ -186,12 +186,12 @@ impl Engine {
     }
 }
 
-impl Engine {
+impl PyEngine {
     /// Applies an input; returns what is to be done.
     fn apply<'py>(
         &self,
         py: Python<'py>,
-        input: impl FnOnce(&mut Inner),
+        input: impl FnOnce(&mut EngineState),
     ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
         self.with(|inner| {
             input(inner);
@@ -205,7 +205,7 @@ impl Engine {
         })?
     }
 
-    fn with<T>(&self, apply: impl FnOnce(&mut Inner) -> T) -> PyResult<T> {
+    fn with<T>(&self, apply: impl FnOnce(&mut EngineState) -> T) -> PyResult<T> {
         match &mut *self.locked()? {
             Some(inner) => Ok(apply(inner)),
             None => Err(PyRuntimeError::new_err("the operator has ended")),
@@ -213,7 +213,7 @@ impl Engine {
     }
 
     /// Never waits: whoever holds it may wait for the interpreter.
-    fn locked(&self) -> PyResult<MutexGuard<'_, Option<Inner>>> {
+    fn locked(&self) -> PyResult<MutexGuard<'_, Option<EngineState>>> {
         match self.inner.try_lock() {
             Ok(inner) => Ok(inner),
             Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
@@ -225,7 +225,7 @@ impl Engine {
     }
 }
 
-impl Drop for Engine {
+impl Drop for PyEngine {
     fn drop(&mut self) {
         let inner = self.inner.get_mut().unwrap_or_else(PoisonError::into_inner);
         let Some(inner) = inner else { return };
@@ -236,7 +236,7 @@ impl Drop for Engine {
     }
 }
 
-impl Interrupt {
+impl PendingException {
     /// Keeps the first one.
     pub(crate) fn set(&self, error: PyErr) {
         self.locked().get_or_insert(error);

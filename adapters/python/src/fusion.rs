@@ -48,8 +48,8 @@ type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 /// ((), Held())
 /// >>> fusion.tick(fusion.next_due)
 /// (Firing(t=7, due=500000000, timers=(1,), outcome=Forwarded(by=0, cancelled=())),)
-#[pyclass(module = "fuseline")]
-pub(crate) struct Fusion {
+#[pyclass(name = "Fusion", module = "fuseline")]
+pub(crate) struct PyFusion {
     arbiter: Arbiter,
     header: Header,
     /// What was recorded since it was taken last; none if nothing is recorded.
@@ -57,7 +57,7 @@ pub(crate) struct Fusion {
 }
 
 /// A window that fits, or what was given instead.
-pub(crate) struct Window(Result<u16, String>);
+pub(crate) struct WindowArgument(Result<u16, String>);
 
 /// A text or its bytes.
 #[derive(FromPyObject)]
@@ -76,15 +76,15 @@ pub(crate) struct CloudEntry<'py> {
 }
 
 #[pymethods]
-impl Fusion {
+impl PyFusion {
     #[new]
     #[pyo3(
-        signature = (clouds=Vec::new(), *, window=Window(Ok(16)), commit="eager", operator=None, record=false),
+        signature = (clouds=Vec::new(), *, window=WindowArgument(Ok(16)), commit="eager", operator=None, record=false),
         text_signature = "(clouds=(), *, window=16, commit='eager', operator=None, record=False)"
     )]
     fn new(
         clouds: Vec<CloudEntry<'_>>,
-        window: Window,
+        window: WindowArgument,
         commit: &str,
         operator: Option<String>,
         record: bool,
@@ -261,7 +261,7 @@ impl Fusion {
     }
 }
 
-impl Fusion {
+impl PyFusion {
     fn of(header: Header, record: bool) -> PyResult<Self> {
         let arbiter = Arbiter::new(&header).map_err(config)?;
         let recorded = record.then(|| format!("{header}\n").into_bytes());
@@ -290,7 +290,7 @@ impl Fusion {
     }
 }
 
-impl<'py> FromPyObject<'_, 'py> for Window {
+impl<'py> FromPyObject<'_, 'py> for WindowArgument {
     type Error = PyErr;
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
@@ -308,7 +308,7 @@ impl Text {
 }
 
 /// Applies an input. While Python's own classes make the answer, the machine is free again.
-fn answer(slf: &Bound<'_, Fusion>, input: &Input) -> PyResult<FiredThenAnswer> {
+fn answer(slf: &Bound<'_, PyFusion>, input: &Input) -> PyResult<FiredThenAnswer> {
     let py = slf.py();
     let words = AnswerClasses::get(py)?;
     let (fired, answer) = slf.borrow_mut().apply(input);
@@ -326,7 +326,7 @@ fn answer(slf: &Bound<'_, Fusion>, input: &Input) -> PyResult<FiredThenAnswer> {
 /// The configuration of a machine, as its trace begins with it.
 pub(crate) fn header(
     clouds: Vec<CloudEntry<'_>>,
-    window: Window,
+    window: WindowArgument,
     commit: &str,
     operator: Option<String>,
 ) -> PyResult<Header> {

@@ -20,15 +20,15 @@ mod _fuseline {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use crate::engine::{Counting, Engine};
+    use crate::engine::{PyCounting, PyEngine};
     #[pymodule_export]
     use crate::fleet::survey;
     #[pymodule_export]
-    use crate::fusion::Fusion;
+    use crate::fusion::PyFusion;
     #[pymodule_export]
     use crate::judging::{check, read, replay, report};
     #[pymodule_export]
-    use crate::policy::{Expected, Guard, Observations, loss};
+    use crate::policy::{PyExpected, PyGuard, PyObservations, loss};
     #[pymodule_export]
     use crate::time::nanoseconds;
 

@@ -19,7 +19,7 @@ struct PythonSubscriber;
 
 /// An event in words: `operator: message (field=value, …)`.
 #[derive(Default)]
-struct LogLine {
+struct PyLogLine {
     operator: Option<String>,
     message: String,
     fields: String,
@@ -47,7 +47,7 @@ impl Subscriber for PythonSubscriber {
     }
 
     fn event(&self, event: &Event<'_>) {
-        let mut line = LogLine::default();
+        let mut line = PyLogLine::default();
         event.record(&mut line);
         let level = if *event.metadata().level() == Level::ERROR { "error" } else { "warning" };
         // None at the interpreter's end, when nobody reads logs any more.
@@ -67,7 +67,7 @@ impl Subscriber for PythonSubscriber {
     fn exit(&self, _: &Id) {}
 }
 
-impl Visit for LogLine {
+impl Visit for PyLogLine {
     fn record_str(&mut self, field: &Field, value: &str) {
         match field.name() {
             "operator" => self.operator = Some(value.to_owned()),
@@ -88,7 +88,7 @@ impl Visit for LogLine {
     }
 }
 
-impl fmt::Display for LogLine {
+impl fmt::Display for PyLogLine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(operator) = &self.operator {
             write!(f, "{operator}: ")?;

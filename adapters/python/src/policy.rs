@@ -27,70 +27,70 @@ type DeadlineFields = (u64, &'static str, Option<u8>, Option<f64>);
 type ObservedCall = (u64, bool, u64);
 
 /// A figure: a number or a time, or the least and the greatest.
-pub(crate) struct Figure<T>(Span<T>);
+pub(crate) struct FigureArgument<T>(Span<T>);
 
 /// What a policy knows: an object with these attributes.
 pub(crate) struct SituationFields {
-    speed: Figure<Plain>,
+    speed: FigureArgument<Plain>,
     reveal: Option<Plain>,
     under_way: Vec<Nanos>,
 }
 
 /// What an output costs: an object with the attributes of one of them, or a function.
 pub(crate) enum LossFields {
-    Impact { vehicle: Vehicle },
+    Impact { vehicle: VehicleArgument },
     Accuracy { local: Plain, cloud: Plain, price_per_ms: Plain },
     Function(Py<PyAny>),
 }
 
 /// A class of hazards: an object with these attributes.
 pub(crate) struct Class {
-    range_local: Figure<Plain>,
-    range_cloud: Figure<Plain>,
+    range_local: FigureArgument<Plain>,
+    range_cloud: FigureArgument<Plain>,
     weight: Plain,
 }
 
 /// A vehicle, its sources and the hazards: an object with these attributes.
-pub(crate) struct Vehicle {
-    deceleration: Figure<Plain>,
-    brake_delay: Figure<Nanos>,
+pub(crate) struct VehicleArgument {
+    deceleration: FigureArgument<Plain>,
+    brake_delay: FigureArgument<Nanos>,
     frames: u32,
-    period_local: Figure<Nanos>,
-    period_cloud: Figure<Nanos>,
-    local_response: Figure<Nanos>,
+    period_local: FigureArgument<Nanos>,
+    period_cloud: FigureArgument<Nanos>,
+    local_response: FigureArgument<Nanos>,
     lateness: Nanos,
     margin: Plain,
     hazards: Vec<Class>,
 }
 
 /// The longest deadline that is safe.
-#[pyclass(module = "fuseline._fuseline", frozen)]
-pub(crate) struct Guard(pub(crate) deadline::Guard);
+#[pyclass(name = "Guard", module = "fuseline._fuseline", frozen)]
+pub(crate) struct PyGuard(pub(crate) deadline::Guard);
 
 /// The deadline of least mean loss.
-#[pyclass(module = "fuseline._fuseline", frozen)]
-pub(crate) struct Expected(pub(crate) SharedExpected);
+#[pyclass(name = "Expected", module = "fuseline._fuseline", frozen)]
+pub(crate) struct PyExpected(pub(crate) SharedExpected);
 
 /// The policy, which an engine may have too.
 #[derive(Clone)]
 pub(crate) struct SharedExpected {
     policy: Arc<Mutex<deadline::Expected<AnyLoss, WINDOW>>>,
     /// The function that is the loss, if it is one.
-    function: Option<Arc<Function>>,
+    function: Option<Arc<LossFunction>>,
 }
 
 /// The ends of the last calls of one cloud.
-#[pyclass(module = "fuseline._fuseline")]
-pub(crate) struct Observations(deadline::Observations<WINDOW>);
+#[pyclass(name = "Observations", module = "fuseline._fuseline")]
+pub(crate) struct PyObservations(deadline::Observations<WINDOW>);
 
 enum AnyLoss {
     Impact(Box<Impact>),
     Accuracy(Accuracy),
-    Function(Arc<Function>),
+    Function(Arc<LossFunction>),
 }
 
 /// A loss that is a function of Python's.
-struct Function {
+struct LossFunction {
     called: Py<PyAny>,
     /// The situation that the policy is asked about.
     situation: Mutex<Option<Py<PyAny>>>,
@@ -99,9 +99,9 @@ struct Function {
 }
 
 #[pymethods]
-impl Guard {
+impl PyGuard {
     #[new]
-    fn new(vehicle: Vehicle) -> PyResult<Self> {
+    fn new(vehicle: VehicleArgument) -> PyResult<Self> {
         Ok(Self(guard(vehicle)?))
     }
 
@@ -121,12 +121,12 @@ impl Guard {
 }
 
 #[pymethods]
-impl Expected {
+impl PyExpected {
     #[new]
     #[pyo3(signature = (loss, local_response, probe_every))]
     fn new(
         loss: LossFields,
-        local_response: Figure<Nanos>,
+        local_response: FigureArgument<Nanos>,
         probe_every: Option<u32>,
     ) -> PyResult<Self> {
         let loss = AnyLoss::try_from(loss)?;
@@ -179,7 +179,7 @@ pub(crate) fn loss(
 }
 
 #[pymethods]
-impl Observations {
+impl PyObservations {
     #[new]
     const fn new() -> Self {
         Self(deadline::Observations::new())
@@ -235,13 +235,13 @@ impl TryFrom<LossFields> for AnyLoss {
             }
             LossFields::Function(function) => {
                 let (situation, raised) = (Mutex::new(None), Mutex::new(None));
-                Self::Function(Arc::new(Function { called: function, situation, raised }))
+                Self::Function(Arc::new(LossFunction { called: function, situation, raised }))
             }
         })
     }
 }
 
-impl Function {
+impl LossFunction {
     /// Not a number once it has raised: then no deadline is chosen for its sake.
     fn loss(&self, source: Source, response: Duration) -> f64 {
         let word = match source {
@@ -306,7 +306,7 @@ impl SituationFields {
     }
 }
 
-impl<'a, 'py, T> FromPyObject<'a, 'py> for Figure<T>
+impl<'a, 'py, T> FromPyObject<'a, 'py> for FigureArgument<T>
 where
     T: Copy + for<'b> FromPyObject<'b, 'py, Error = PyErr>,
 {
@@ -371,7 +371,7 @@ impl<'py> FromPyObject<'_, 'py> for Class {
     }
 }
 
-impl<'py> FromPyObject<'_, 'py> for Vehicle {
+impl<'py> FromPyObject<'_, 'py> for VehicleArgument {
     type Error = PyErr;
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
@@ -401,13 +401,13 @@ where
     })
 }
 
-impl Figure<Nanos> {
+impl FigureArgument<Nanos> {
     fn times(self) -> Span<Duration> {
         self.0.map(|Nanos(nanos)| Duration::from_nanos(nanos))
     }
 }
 
-impl Figure<Plain> {
+impl FigureArgument<Plain> {
     fn numbers<T>(self, unit: impl FnMut(f64) -> T) -> Span<T> {
         self.0.map(|Plain(number)| number).map(unit)
     }
@@ -421,7 +421,7 @@ impl From<Class> for Hazard {
     }
 }
 
-fn guard(vehicle: Vehicle) -> PyResult<deadline::Guard> {
+fn guard(vehicle: VehicleArgument) -> PyResult<deadline::Guard> {
     let hazards: Vec<Hazard> = vehicle.hazards.into_iter().map(Hazard::from).collect();
     let parameters = Parameters {
         deceleration: vehicle.deceleration.numbers(MetresPerSecondSquared),

@@ -66,7 +66,7 @@ impl TraceSource {
             Self::File(path) => packed(BufReader::with_capacity(CHUNK, File::open(path)?)),
             Self::Stream(stream) => packed(BufReader::with_capacity(CHUNK, Stream(stream))),
             Self::Lines(lines) => {
-                packed(Lines { from: lines, ends: None, held: Vec::new(), taken: 0 })
+                packed(IteratorLines { from: lines, ends: None, held: Vec::new(), taken: 0 })
             }
         }
     }
@@ -116,7 +116,7 @@ impl Read for Stream {
 }
 
 /// Lines of an iterator, gathered while the interpreter is held.
-struct Lines {
+struct IteratorLines {
     from: Py<PyIterator>,
     /// Whether lines bear their own ends, which the first one shows.
     ends: Option<bool>,
@@ -124,7 +124,7 @@ struct Lines {
     taken: usize,
 }
 
-impl Lines {
+impl IteratorLines {
     fn gather(&mut self, py: Python<'_>) -> PyResult<()> {
         let mut lines = self.from.bind(py).clone();
         while self.held.len() < CHUNK {
@@ -147,7 +147,7 @@ impl Lines {
     }
 }
 
-impl BufRead for Lines {
+impl BufRead for IteratorLines {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         if self.taken == self.held.len() {
             self.held.clear();
@@ -162,7 +162,7 @@ impl BufRead for Lines {
     }
 }
 
-impl Read for Lines {
+impl Read for IteratorLines {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let len = self.fill_buf()?.read(buffer)?;
         self.consume(len);

@@ -9,7 +9,7 @@ pub(crate) use services::serve;
 
 /// Where a managed node is: at rest, or from 10 on under way.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum State {
+pub(crate) enum LifecycleState {
     /// No node is; ROS lists it.
     Unknown = 0,
     Unconfigured = 1,
@@ -24,7 +24,7 @@ pub(crate) enum State {
     ErrorProcessing = 15,
 }
 
-use State::{
+use LifecycleState::{
     Activating, Active, CleaningUp, Configuring, Deactivating, ErrorProcessing, Finalized,
     Inactive, ShuttingDown, Unconfigured, Unknown,
 };
@@ -34,12 +34,12 @@ use State::{
 pub(crate) struct Transition {
     pub(crate) id: u8,
     pub(crate) label: &'static str,
-    pub(crate) from: State,
-    pub(crate) to: State,
+    pub(crate) from: LifecycleState,
+    pub(crate) to: LifecycleState,
 }
 
 /// All states, in the order of their numbers.
-pub(crate) const STATES: [State; 11] = [
+pub(crate) const STATES: [LifecycleState; 11] = [
     Unknown,
     Unconfigured,
     Inactive,
@@ -149,7 +149,7 @@ impl LifecycleRequests {
                 self.last = Some(order);
                 true
             }
-            // It is not requested twice of a managed node: `State::requested`.
+            // It is not requested twice of a managed node: `LifecycleState::requested`.
             LifecycleTask::Configure => {
                 order.done(TransitionResult::Failure);
                 false
@@ -158,7 +158,7 @@ impl LifecycleRequests {
     }
 }
 
-impl State {
+impl LifecycleState {
     pub(crate) const fn label(self) -> &'static str {
         match self {
             Unknown => "unknown",
@@ -210,7 +210,12 @@ impl State {
     }
 }
 
-const fn transition(id: u8, label: &'static str, from: State, to: State) -> Transition {
+const fn transition(
+    id: u8,
+    label: &'static str,
+    from: LifecycleState,
+    to: LifecycleState,
+) -> Transition {
     Transition { id, label, from, to }
 }
 
@@ -220,7 +225,7 @@ mod tests {
 
     #[test]
     fn each_state_that_rests_has_the_transitions_of_ros() {
-        let ways = |state: State| state.ways().map(|way| way.label).collect::<Vec<_>>();
+        let ways = |state: LifecycleState| state.ways().map(|way| way.label).collect::<Vec<_>>();
         assert_eq!(ways(Unconfigured), ["configure", "shutdown"]);
         assert_eq!(ways(Inactive), ["cleanup", "activate", "shutdown"]);
         assert_eq!(ways(Active), ["deactivate", "shutdown"]);
@@ -229,7 +234,7 @@ mod tests {
 
     #[test]
     fn a_task_leads_to_where_it_is_meant_to_lead() {
-        let goes = |state: State, id, label, how| {
+        let goes = |state: LifecycleState, id, label, how| {
             let (way, task) = state.requested(id, label)?;
             assert_eq!(way.from, state);
             Some((task, way.to.ended(how)?.to))

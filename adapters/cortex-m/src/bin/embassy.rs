@@ -21,9 +21,9 @@ use core::fmt::{self, Write};
 const CLOUD: Priority = Priority::new(1);
 
 /// A result's value: of which message it is, and from which source.
-type Value = (Timestamp, Priority);
+type HeldNumber = (Timestamp, Priority);
 
-static INBOX: Channel<CriticalSectionRawMutex, Arrival<Value>, 8> = Channel::new();
+static INBOX: Channel<CriticalSectionRawMutex, Arrival<HeldNumber>, 8> = Channel::new();
 
 #[entry]
 fn main() -> ! {
@@ -35,7 +35,7 @@ fn main() -> ! {
         r#"{"fuseline":1,"window":4,"commit":"eager","clouds":[{"p":1,"limit":31,"resume":30}]}"#;
     let mut written = writeln!(console, "{header}");
     let mut are_values_right = true;
-    let write_answer = |at: Instant, reported: Report<Value, 1>| {
+    let write_answer = |at: Instant, reported: Report<HeldNumber, 1>| {
         are_values_right &= has_its_value(&reported);
         written = written.and_then(|()| say(&mut console, at.as_nanos(), &reported));
     };
@@ -68,12 +68,12 @@ async fn messages() {
     }
 }
 
-fn result(t: Timestamp, source: Priority) -> Arrival<Value> {
+fn result(t: Timestamp, source: Priority) -> Arrival<HeldNumber> {
     Arrival::Result(t, source, (t, source))
 }
 
 /// Whether a forwarded result comes with its own value, and nothing else with any.
-fn has_its_value(reported: &Report<Value, 1>) -> bool {
+fn has_its_value(reported: &Report<HeldNumber, 1>) -> bool {
     let (t, outcome, value) = match reported {
         Report::Fired(firing, value) => (firing.timestamp, firing.outcome, value),
         Report::Concluded(t, _, outcome, value) => (*t, *outcome, value),
@@ -97,7 +97,7 @@ async fn pass(millis: u64) {
 }
 
 /// The lines of a trace that what is told makes.
-fn say(out: &mut Console, at: u64, reported: &Report<Value, 1>) -> fmt::Result {
+fn say(out: &mut Console, at: u64, reported: &Report<HeldNumber, 1>) -> fmt::Result {
     match *reported {
         Report::Took(None) => writeln!(out, r#"{{"ev":"tick","at":{at}}}"#),
         Report::Took(Some(Arrival::Message(t, limit))) => {

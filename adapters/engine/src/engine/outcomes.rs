@@ -15,7 +15,7 @@ use tracing::{debug, error, warn};
 use crate::arbiter::{Answer, drop_reason, offer_refusal, open_refusal};
 use crate::effect::{Effect, Hint};
 use crate::engine::{CLOUDS, Engine};
-use crate::event::Event;
+use crate::event::CountedEvent;
 use crate::item::{Ending, Failure, Forwarded, Item, Trigger};
 use crate::policies::PolicyPanic;
 use crate::queue::{AbandonedRequest, Waiting};
@@ -88,7 +88,7 @@ impl<V, R> Engine<V, R> {
             let Some(index) = self.sources.index(p.as_u16()) else { continue };
             let (operator, source) = (&*self.operator, self.sources.name(index));
             debug!(operator, timestamp = t, source, "timer fired");
-            self.counts.source(index, Event::Timer);
+            self.counts.source(index, CountedEvent::Timer);
             self.close(at, t, index);
         }
         self.settle(at, t, Trigger::Timer, &firing.outcome);
@@ -108,7 +108,7 @@ impl<V, R> Engine<V, R> {
         let source = index.map(|index| self.sources.name(index));
         debug!(operator = &*self.operator, timestamp = t, source, %why, "request refused");
         if let Some(index) = index {
-            self.counts.source(index, Event::Refused(why));
+            self.counts.source(index, CountedEvent::Refused(why));
         }
     }
 
@@ -126,16 +126,16 @@ impl<V, R> Engine<V, R> {
             Outcome::Dropped(why) => {
                 let why = drop_reason(*why);
                 debug!(operator, timestamp = t, source, %why, "result dropped");
-                self.counts.source(index, Event::Dropped(why));
+                self.counts.source(index, CountedEvent::Dropped(why));
                 self.hint(at, t, index, value, why);
             }
             Outcome::Held => {
                 debug!(operator, timestamp = t, source, "result held");
-                self.counts.source(index, Event::Held);
+                self.counts.source(index, CountedEvent::Held);
                 self.open_messages.hold(t, p, at, value);
             }
             Outcome::Forwarded { .. } => {
-                self.counts.source(index, Event::Forwarded);
+                self.counts.source(index, CountedEvent::Forwarded);
                 // It is the best available now, which is what is sent.
                 self.open_messages.hold(t, p, at, value);
                 self.settle(at, t, Trigger::Arrival, outcome);
@@ -157,10 +157,10 @@ impl<V, R> Engine<V, R> {
             let (operator, why) = (&*self.operator, drop_reason(*why));
             let source = self.sources.name(index);
             debug!(operator, timestamp = t, source, %why, "failure dropped");
-            self.counts.source(index, Event::FailureDropped(why));
+            self.counts.source(index, CountedEvent::FailureDropped(why));
             return;
         }
-        self.counts.source(index, Event::Failed);
+        self.counts.source(index, CountedEvent::Failed);
         let why = self.counts.reason(index, why);
         if let Some(open_message) = self.open_messages.find(t) {
             let source = self.sources[index].source.clone();
@@ -178,7 +178,7 @@ impl<V, R> Engine<V, R> {
                 self.retire(at, t, trigger);
                 for p in cancelled.iter() {
                     let Some(index) = self.sources.index(p.as_u16()) else { continue };
-                    self.counts.source(index, Event::Cancelled);
+                    self.counts.source(index, CountedEvent::Cancelled);
                     self.close(at, t, index);
                 }
             }
@@ -199,7 +199,7 @@ impl<V, R> Engine<V, R> {
             return;
         };
         let Some(index) = self.sources.index(held.p) else { return };
-        self.counts.source(index, Event::Output(trigger));
+        self.counts.source(index, CountedEvent::Output(trigger));
         if let Some(meter) = self.counts.meters.sources.get(index) {
             meter.output.record(since(message.opened, at));
         }
@@ -276,7 +276,7 @@ impl<V, R> Engine<V, R> {
         if self.local.lossy {
             while let Some(t) = self.sources[LOCAL].remove_lost(now) {
                 warn!(operator = %self.operator, timestamp = t, "local computation lost");
-                self.counts.source(LOCAL, Event::Lost);
+                self.counts.source(LOCAL, CountedEvent::Lost);
             }
         }
         for (index, queue) in self.sources.iter_mut().enumerate() {

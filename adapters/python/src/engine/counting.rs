@@ -9,9 +9,9 @@ use pyo3::prelude::*;
 use crate::engine::nanos;
 
 /// The counts of an engine, which can be read while it decides, and after its end.
-#[pyclass(module = "fuseline._fuseline", frozen)]
+#[pyclass(name = "Counting", module = "fuseline._fuseline", frozen)]
 #[derive(Clone)]
-pub(crate) struct Counting {
+pub(crate) struct PyCounting {
     operator: String,
     counting: engine::Counting,
 }
@@ -20,20 +20,20 @@ pub(crate) struct Counting {
 type CountKey = (String, &'static str, String);
 
 /// Counts about one.
-struct Counts<'a> {
+struct PyCounts<'a> {
     of: &'a str,
     counts: &'a mut Vec<(CountKey, u64)>,
 }
 
 #[pymethods]
-impl Counting {
+impl PyCounting {
     /// What was counted so far; what is 0 is left out.
     fn counts(&self) -> Vec<(CountKey, u64)> {
         let mut counts = Vec::new();
         let tally = self.counting.tally();
-        Counts { of: &self.operator, counts: &mut counts }.operator(&tally);
+        PyCounts { of: &self.operator, counts: &mut counts }.operator(&tally);
         for source in &tally.sources {
-            Counts { of: &source.source.name, counts: &mut counts }.source(source);
+            PyCounts { of: &source.source.name, counts: &mut counts }.source(source);
         }
         counts
     }
@@ -55,13 +55,13 @@ impl Counting {
     }
 }
 
-impl Counting {
+impl PyCounting {
     pub(crate) const fn new(operator: String, counting: engine::Counting) -> Self {
         Self { operator, counting }
     }
 }
 
-impl Counts<'_> {
+impl PyCounts<'_> {
     fn operator(&mut self, tally: &Tally) {
         self.count("message", "accepted", tally.messages);
         self.by_reason("message", "refused ", &tally.refused);

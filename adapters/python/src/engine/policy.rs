@@ -12,9 +12,9 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBool, PyFloat, PyInt, PyList, PyTuple};
 
-use crate::engine::{Interrupt, nanos};
+use crate::engine::{PendingException, nanos};
 use crate::logging;
-use crate::policy::{Expected, Guard, SharedExpected};
+use crate::policy::{PyExpected, PyGuard, SharedExpected};
 use crate::time::{Nanos, Number};
 use crate::words::AnswerClasses;
 
@@ -24,10 +24,10 @@ static CLASSES: PyOnceLock<PolicyClasses> = PyOnceLock::new();
 pub(crate) enum EnginePolicy {
     Constant(Constant),
     Guard(Box<deadline::Guard>),
-    Expected(SharedExpected, Interrupt),
+    Expected(SharedExpected, PendingException),
     /// The first is the cap of the second.
     Capped(Box<deadline::Capped<EnginePolicy, EnginePolicy>>),
-    Python(Arc<Py<PyAny>>, Interrupt),
+    Python(Arc<Py<PyAny>>, PendingException),
 }
 
 /// The package's classes that policies take and give (`deadline.py`).
@@ -40,15 +40,15 @@ struct PolicyClasses {
 
 impl EnginePolicy {
     /// A duration is a constant, a pair has the cap first, and what is none of the extension's is Python's.
-    pub(crate) fn new(policy: &Bound<'_, PyAny>, interrupt: &Interrupt) -> PyResult<Self> {
+    pub(crate) fn new(policy: &Bound<'_, PyAny>, interrupt: &PendingException) -> PyResult<Self> {
         if AnswerClasses::get(policy.py())?.is_ns(policy.as_borrowed()) {
             let Nanos(deadline) = policy.extract()?;
             return Ok(Self::Constant(Constant(Duration::from_nanos(deadline))));
         }
-        if let Ok(guard) = policy.cast::<Guard>() {
+        if let Ok(guard) = policy.cast::<PyGuard>() {
             return Ok(Self::Guard(Box::new(guard.get().0)));
         }
-        if let Ok(expected) = policy.cast::<Expected>() {
+        if let Ok(expected) = policy.cast::<PyExpected>() {
             return Ok(Self::Expected(expected.get().0.clone(), interrupt.clone()));
         }
         if let Ok(pair) = policy.cast_exact::<PyTuple>() {
@@ -123,12 +123,12 @@ impl PolicyClasses {
 }
 
 /// Calls Python.
-fn called<T>(interrupt: &Interrupt, call: impl FnOnce(Python<'_>) -> PyResult<T>) -> T {
+fn called<T>(interrupt: &PendingException, call: impl FnOnce(Python<'_>) -> PyResult<T>) -> T {
     Python::attach(call).unwrap_or_else(|error| failed(interrupt, error))
 }
 
 /// Reports an error and tells the engine, as a policy that panics does: it catches that, and requests nothing.
-fn failed(interrupt: &Interrupt, error: PyErr) -> ! {
+fn failed(interrupt: &PendingException, error: PyErr) -> ! {
     Python::attach(|py| {
         if error.is_instance_of::<PyException>(py) {
             logging::exception(py, "a policy failed", error);

@@ -76,8 +76,8 @@ impl Message for CurrentState {}
 impl Message for AvailableStates {}
 impl Message for AvailableTransitions {}
 
-impl From<super::State> for StateMessage {
-    fn from(state: super::State) -> Self {
+impl From<super::LifecycleState> for StateMessage {
+    fn from(state: super::LifecycleState) -> Self {
         Self { id: state as u8, label: state.label().to_owned() }
     }
 }

@@ -11,7 +11,8 @@ use super::messages::{
     EmptyRequest, TransitionEvent,
 };
 use super::{
-    LifecycleRequest, LifecycleRequests, STATES, State, TRANSITIONS, Transition, TransitionResult,
+    LifecycleRequest, LifecycleRequests, LifecycleState, STATES, TRANSITIONS, Transition,
+    TransitionResult,
 };
 use crate::backend::{MessagePublisher, NodeBackend, REPORTS, TypeName};
 use crate::error::NodeError;
@@ -63,7 +64,7 @@ struct PendingTransition {
 
 impl LifecycleServices {
     async fn run(mut self, message_publisher: mpsc::Sender<LifecycleRequest>) {
-        let mut state = State::Unconfigured;
+        let mut state = LifecycleState::Unconfigured;
         let mut under_way: Option<PendingTransition> = None;
         let described = |ways: Vec<Transition>| AvailableTransitions {
             available_transitions: ways.into_iter().map(Into::into).collect(),
@@ -96,7 +97,7 @@ impl LifecycleServices {
     /// Begins a change of state, unless there is no such way from here.
     fn begin(
         &self,
-        state: &mut State,
+        state: &mut LifecycleState,
         requested: PendingRequest<ChangeStateRequest, ChangeStateResponse>,
         message_publisher: &mpsc::Sender<LifecycleRequest>,
     ) -> Option<PendingTransition> {
@@ -117,7 +118,7 @@ impl LifecycleServices {
     }
 
     /// Where what is under way ends. After an error everything is closed, and the node begins anew.
-    fn end(&self, mut state: State, how: TransitionResult) -> State {
+    fn end(&self, mut state: LifecycleState, how: TransitionResult) -> LifecycleState {
         let mut next = how;
         while let Some(way) = state.ended(next) {
             self.goes(way);

@@ -16,7 +16,7 @@ use crate::error::NodeError;
 
 /// Creates what is to exist in each participant that the node has, one after the other.
 #[derive(Clone)]
-pub(crate) struct DomainHandle(Arc<Mutex<State>>);
+pub(crate) struct DomainHandle(Arc<Mutex<ParticipantState>>);
 
 /// A participant, and what runs in it.
 pub(crate) struct JoinedParticipant {
@@ -44,7 +44,7 @@ pub(super) type Drain = Pin<Box<dyn Future<Output = ()> + Send>>;
 
 type Factory = Box<dyn FnMut(&mut JoinedParticipant) -> Result<NewEntity, NodeError> + Send>;
 
-struct State {
+struct ParticipantState {
     domain: u16,
     localhost_only: bool,
     /// In the order of creation: later ones rely on earlier ones.
@@ -56,14 +56,14 @@ impl DomainHandle {
     /// Joins with a first participant.
     pub(super) fn join(domain: u16, localhost_only: bool) -> CreateResult<Self> {
         let current = JoinedParticipant::new(domain, localhost_only)?;
-        let state = State { domain, localhost_only, factories: Vec::new(), current };
+        let state = ParticipantState { domain, localhost_only, factories: Vec::new(), current };
         Ok(Self(Arc::new(Mutex::new(state))))
     }
 
     /// Ends what the current participant has, readers and writers first.
     pub(super) async fn leave(&self) {
         let (factories, mut tasks, mut readers) = {
-            let State { factories, current, .. } = &mut *self.locked();
+            let ParticipantState { factories, current, .. } = &mut *self.locked();
             let [tasks, readers] = [&mut current.tasks, &mut current.readers].map(std::mem::take);
             (std::mem::take(factories), tasks, readers)
         };
@@ -116,7 +116,7 @@ impl DomainHandle {
     }
 
     /// Changes are made whole, so even a poisoned lock holds a sound state.
-    fn locked(&self) -> MutexGuard<'_, State> {
+    fn locked(&self) -> MutexGuard<'_, ParticipantState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
