@@ -21,6 +21,7 @@ macro_rules! listed {
 #[cfg(not(target_arch = "wasm32"))]
 pub const ALL: &[NamedHarness] = listed! {
     fusion: f0_queries_return_the_state f1_a_new_machine_is_valid f1_open_by_the_rule f2_offer_and_its_due
+        f2_offer_refusal_is_that_of_the_offer
         p2_never_late_by_the_clock f4_fail_has_its_outcome f5_expire_by_the_rule f5_firing_is_settled;
     gate: f2g_gate p10_order_of_clouds;
     slot: every_valid_state_is_generated_and_accepted p1_once p2_never_late p3_best_available

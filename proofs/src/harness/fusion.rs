@@ -208,6 +208,45 @@ pub fn f2_offer_and_its_due() {
     kani::cover!(is_admitted && !entry.slot.cached().is_empty(), "it outranks what is held");
 }
 
+/// F2: what an offer would be refused for is what it is refused for at once, for any timestamp, cloud, deadline and backlog;
+/// to answer that changes nothing, also not a gate.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+#[kani::unwind(18)]
+pub fn f2_offer_refusal_is_that_of_the_offer() {
+    let mut fusion = with_nothing_due(any_machine::<CLOUDS>());
+    let timestamp = any_timestamp_or(fusion.open.own);
+    let cloud = any_priority_or_registered(&fusion.clouds);
+    let (deadline, backlog): (Deadline, u64) = (any_deadline(), kani::any());
+    let before = fusion.clone();
+    let foreseen = fusion.offer_refusal(timestamp, cloud, deadline, backlog);
+    let same = same_own(&before.open, &fusion.open) && fusion.len() == before.len();
+    kani::assert(same && fusion.next_due() == before.next_due(), "F2: no timestamp changes");
+    let clock = fusion.now == before.now && fusion.newest == before.newest;
+    kani::assert(clock, "F0: the clock stays");
+    for i in 0..CLOUDS {
+        let same = fusion.clouds.gates[i].is_shut() == before.clouds.gates[i].is_shut();
+        kani::assert(same, "F2g: no gate moves");
+    }
+    // Whether another timestamp is open may be answered anew at each look, where the window has that of own alone.
+    if timestamp != before.open.own {
+        return;
+    }
+    let refusal = match steps::offer(&mut fusion, timestamp, cloud, deadline, backlog) {
+        Admission::Refused(reason) => Some(reason),
+        Admission::Admitted { .. } => None,
+    };
+    kani::assert(
+        foreseen == refusal,
+        "F2: an offer made at once is refused for the same, or admitted",
+    );
+    kani::cover!(foreseen.is_none(), "it is admitted");
+    kani::cover!(foreseen == Some(OfferRefusal::Unknown), "the cloud or the timestamp is unknown");
+    kani::cover!(foreseen == Some(OfferRefusal::Closed), "it is not open");
+    kani::cover!(foreseen == Some(OfferRefusal::Queue), "its gate is shut");
+}
+
 /// What a result or a failure does: `Cause` as the step takes it. Whether it is own's, and the outcome.
 fn arrival<const CLOUDS: usize>(
     cause: fn(Source) -> Cause,
