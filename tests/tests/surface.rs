@@ -208,7 +208,7 @@ fn errors_say_what_is_wrong() {
         (InvalidSlot::NotRequested, "a pending or cached source is not requested"),
         (InvalidSlot::PendingAndCached, "a source is both pending and cached"),
         (InvalidSlot::NothingPending, "nothing is pending"),
-        (InvalidSlot::Overripe, "nothing pending outranks the best in hand"),
+        (InvalidSlot::Unforwarded, "nothing pending outranks the best available result"),
         (InvalidSlot::Timers, "the armed timers are not those that the commit rule keeps"),
     ];
     for (error, text) in texts {

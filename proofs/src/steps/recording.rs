@@ -18,35 +18,35 @@ use crate::time::{Deadline, Instant, Timestamp};
 use crate::{Admission, DropReason, OfferRefusal, OpenRefusal, Opening, Outcome};
 
 #[derive(Default)]
-struct Told {
+struct Recording {
     lines: Vec<String>,
-    /// The machine's clock, with which decisions are told.
+    /// The machine's clock, with which decisions are recorded.
     now: u64,
 }
 
 thread_local! {
-    static TOLD: RefCell<Told> = RefCell::default();
+    static RECORDING: RefCell<Recording> = RefCell::default();
 }
 
-/// What was told since the last call.
+/// What was recorded since the last call.
 #[must_use]
 pub fn take() -> Vec<String> {
-    TOLD.take().lines
+    RECORDING.take().lines
 }
 
-fn say(line: String) {
-    TOLD.with_borrow_mut(|told| told.lines.push(line));
+fn push(line: String) {
+    RECORDING.with_borrow_mut(|recording| recording.lines.push(line));
 }
 
 fn write(line: &trace::Line) {
     let mut out = Vec::new();
     line.write(&mut out);
-    say(String::from_utf8_lossy(&out).into_owned());
+    push(String::from_utf8_lossy(&out).into_owned());
 }
 
 /// Only before the first step: a harness has one machine, or several of one configuration.
 fn header(window: usize, commit: Commit, clouds: Vec<trace::Cloud>) {
-    if TOLD.with_borrow(|told| told.lines.is_empty()) {
+    if RECORDING.with_borrow(|recording| recording.lines.is_empty()) {
         let commit = match commit {
             Commit::Eager => trace::Commit::Eager,
             Commit::Patient => trace::Commit::Patient,
@@ -61,7 +61,7 @@ fn input(input: trace::Input) {
 }
 
 fn decision(decision: trace::Decision) {
-    let now = TOLD.with_borrow(|told| told.now);
+    let now = RECORDING.with_borrow(|recording| recording.now);
     write(&trace::Line::Event(trace::Event::Decision(decision.redated(now))));
 }
 
@@ -81,8 +81,8 @@ pub(crate) fn slot(slot: Slot, commit: Commit, (cause, meant): (trace::Input, So
     let cloud =
         |source: Source| trace::Cloud { p: source.index().into(), name: None, limit: 1, resume: 0 };
     header(1, commit, clouds.iter().map(cloud).collect());
-    say(format!("# t 1: {}", sets(slot)));
-    TOLD.with_borrow_mut(|told| told.now = 0);
+    push(format!("# t 1: {}", sets(slot)));
+    RECORDING.with_borrow_mut(|recording| recording.now = 0);
     input(cause);
 }
 
@@ -155,8 +155,8 @@ fn machine<const CLOUDS: usize, const WINDOW: usize>(fusion: &Fusion<CLOUDS, WIN
             .collect();
         let _ = write!(state, "; t {}: {} due {dues:?}", timestamp.as_u64(), sets(slot));
     }
-    say(state);
-    TOLD.with_borrow_mut(|told| told.now = fusion.now.as_nanos());
+    push(state);
+    RECORDING.with_borrow_mut(|recording| recording.now = fusion.now.as_nanos());
 }
 
 pub(crate) fn tick<const CLOUDS: usize, const WINDOW: usize>(
@@ -165,7 +165,7 @@ pub(crate) fn tick<const CLOUDS: usize, const WINDOW: usize>(
 ) {
     machine(fusion);
     input(trace::Input::Tick { at: now.as_nanos() });
-    TOLD.with_borrow_mut(|told| told.now = told.now.max(now.as_nanos()));
+    RECORDING.with_borrow_mut(|recording| recording.now = recording.now.max(now.as_nanos()));
 }
 
 pub(crate) fn came_to<const CLOUDS: usize, const WINDOW: usize>(at: &At<'_, CLOUDS, WINDOW>) {
@@ -200,11 +200,11 @@ pub(crate) fn opened(timestamp: Timestamp, opening: Opening) {
 }
 
 /// A timestamp and a source's priority.
-type Of = (Timestamp, Priority);
+type RequestId = (Timestamp, Priority);
 
 pub(crate) fn offer<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
-    (timestamp, cloud): Of,
+    (timestamp, cloud): RequestId,
     deadline: Deadline,
     backlog: u64,
 ) {
@@ -214,7 +214,7 @@ pub(crate) fn offer<const CLOUDS: usize, const WINDOW: usize>(
     input(trace::Input::Offer { at, t, p, deadline, backlog });
 }
 
-pub(crate) fn admitted((timestamp, cloud): Of, admission: Admission) {
+pub(crate) fn admitted((timestamp, cloud): RequestId, admission: Admission) {
     let (t, p) = (timestamp.as_u64(), cloud.as_u16().into());
     match admission {
         Admission::Admitted { due } => {
@@ -226,7 +226,7 @@ pub(crate) fn admitted((timestamp, cloud): Of, admission: Admission) {
 
 pub(crate) fn result<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
-    (timestamp, priority): Of,
+    (timestamp, priority): RequestId,
 ) {
     machine(fusion);
     let (at, t) = (fusion.now.as_nanos(), timestamp.as_u64());
@@ -235,14 +235,17 @@ pub(crate) fn result<const CLOUDS: usize, const WINDOW: usize>(
 
 pub(crate) fn fail<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
-    (timestamp, priority): Of,
+    (timestamp, priority): RequestId,
 ) {
     machine(fusion);
     let (at, t) = (fusion.now.as_nanos(), timestamp.as_u64());
     input(trace::Input::Fail { at, t, p: priority.as_u16().into() });
 }
 
-pub(crate) fn arrived<const CLOUDS: usize>((timestamp, priority): Of, outcome: Outcome<CLOUDS>) {
+pub(crate) fn arrived<const CLOUDS: usize>(
+    (timestamp, priority): RequestId,
+    outcome: Outcome<CLOUDS>,
+) {
     let (t, p) = (timestamp.as_u64(), priority.as_u16().into());
     match outcome {
         Outcome::Dropped(why) => drop(t, p, why),

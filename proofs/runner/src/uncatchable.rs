@@ -1,4 +1,4 @@
-//! The seeded faults that no harness can catch, each with the reason.
+//! The seeded faults that no harness can catch, each with its reason in `proofs/uncatchable.toml`.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,28 +12,30 @@ use crate::error::Error;
 /// What no harness can catch, each with the reason.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Beyond {
+pub(crate) struct UncatchableFaults {
     /// By the beginnings of their files' names.
     files: BTreeMap<String, String>,
     /// By their own names.
     faults: BTreeMap<String, String>,
 }
 
-impl Beyond {
+impl UncatchableFaults {
     /// Those among these faults.
     ///
     /// # Errors
     /// The file cannot be read, or names a fault or files that there are not.
     pub(crate) fn load(root: &Path, faults: &[SeededFault]) -> Result<Self, Error> {
-        let path = root.join("proofs/beyond.toml");
+        let path = root.join("proofs/uncatchable.toml");
         let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-        let beyond: Self = toml::from_str(&text).map_err(|error| Error::content(&path, &error))?;
+        let uncatchable: Self =
+            toml::from_str(&text).map_err(|error| Error::content(&path, &error))?;
         let lone = |name: &&String| !faults.iter().any(|fault| fault.name == **name);
         let empty = |start: &&String| !faults.iter().any(|fault| fault.file.starts_with(*start));
-        let stale = beyond.faults.keys().find(lone).or_else(|| beyond.files.keys().find(empty));
+        let stale =
+            uncatchable.faults.keys().find(lone).or_else(|| uncatchable.files.keys().find(empty));
         match stale {
             Some(name) => Err(Error::content(&path, &format!("there is no fault of {name}"))),
-            None => Ok(beyond),
+            None => Ok(uncatchable),
         }
     }
 

@@ -1,4 +1,4 @@
-"""What a run found, for people and for programs."""
+"""The results of a run, for people and for programs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .agree import Agreement
-from .question import Reckoned
+from .question import Answer
 from .solver import SOLVERS
 from .text import FAULTS, FOLDER, PROMISES, RULES, Fault, Obligation
 
@@ -16,20 +16,20 @@ RECORD = FOLDER / "record.json"
 
 
 @dataclass
-class Found:
-    """What one solver said about one obligation."""
+class SolverResult:
+    """What one solver answered about one obligation."""
 
     seconds: float = 0.0
     holds: bool = True
     # A word for each reply that is not the wanted one.
     wrong: list[str] = field(default_factory=list)
 
-    def add(self, reckoned: Reckoned) -> None:
+    def add(self, answer: Answer) -> None:
         """Takes one reply into account."""
-        self.seconds += reckoned.seconds
-        if reckoned.is_as_wanted:
+        self.seconds += answer.seconds
+        if answer.is_as_wanted:
             return
-        match reckoned.question.about, reckoned.reply:
+        match answer.question.about, answer.reply:
             case "holds", "sat":
                 self.wrong.append("REFUTED")
             case "holds", _:
@@ -43,32 +43,32 @@ class Found:
             case fault, _:
                 self.wrong.append(f"NO ANSWER with {fault}")
 
-    def told(self) -> str:
+    def text(self) -> str:
         """A few words."""
         return "holds" if not self.wrong else ", ".join(dict.fromkeys(self.wrong))
 
 
 @dataclass
 class Run:
-    """All that a run asked and found."""
+    """The questions and results of a run."""
 
     stated: list[Obligation]
     seeded: list[Fault]
     versions: dict[str, str]
     seed: int
-    found: dict[tuple[str, str], Found] = field(default_factory=dict)
+    results: dict[tuple[str, str], SolverResult] = field(default_factory=dict)
     agreements: list[Agreement] = field(default_factory=list)
 
-    def add(self, reckoned: Reckoned) -> None:
+    def add(self, answer: Answer) -> None:
         """Takes one reply into account."""
-        key = (reckoned.question.obligation, reckoned.question.solver)
-        self.found.setdefault(key, Found()).add(reckoned)
+        key = (answer.question.obligation, answer.question.solver)
+        self.results.setdefault(key, SolverResult()).add(answer)
 
     @property
     def holds(self) -> bool:
         """Whether everything is as it must be."""
         agree = all(agreement.difference is None for agreement in self.agreements)
-        return agree and not any(found.wrong for found in self.found.values())
+        return agree and not any(result.wrong for result in self.results.values())
 
     def broken_by(self, name: str) -> list[str]:
         """The faults that break this obligation."""
@@ -78,8 +78,8 @@ class Run:
         """For people."""
         rows: list[tuple[str, ...]] = [("obligation", *SOLVERS, "broken by")]
         for one in self.stated:
-            told = [self.found[one.name, solver].told() for solver in SOLVERS]
-            rows.append((one.name, *told, ", ".join(self.broken_by(one.name))))
+            results = [self.results[one.name, solver].text() for solver in SOLVERS]
+            rows.append((one.name, *results, ", ".join(self.broken_by(one.name))))
         widths = [max(map(len, column)) for column in zip(*rows)]
         padded = ([cell.ljust(width) for cell, width in zip(row, widths)] for row in rows)
         return "\n".join("  ".join(cells).rstrip() for cells in padded)
@@ -100,8 +100,8 @@ class Run:
             stating(one, self.broken_by(one.name))
             | {
                 solver: {
-                    "verdict": self.found[one.name, solver].told(),
-                    "seconds": round(self.found[one.name, solver].seconds, 2),
+                    "verdict": self.results[one.name, solver].text(),
+                    "seconds": round(self.results[one.name, solver].seconds, 2),
                 }
                 for solver in SOLVERS
             }
@@ -111,18 +111,18 @@ class Run:
             {"what": one.what, "compared": one.compared, "difference": one.difference}
             for one in self.agreements
         ]
-        told = {
+        report = {
             "holds": self.holds,
             "solvers": self.versions,
             "seed": self.seed,
             "obligations": obligations,
             "agreements": agreements,
         }
-        return json.dumps(told, indent=1)
+        return json.dumps(report, indent=1)
 
 
 def stating(one: Obligation, faults: list[str]) -> dict[str, Any]:
-    """What is stated, without what a run found."""
+    """What is stated, without the results of a run."""
     return {
         "name": one.name,
         "shows": list(one.identifiers),
@@ -142,7 +142,7 @@ def digest() -> str:
 
 def record(run: Run, disagreeing: list[str]) -> str:
     """What the matrix of evidence reads: what each obligation shows, and what breaks it."""
-    kept = {
+    recorded = {
         "sources": digest(),
         "solvers": run.versions,
         "obligations": [stating(one, run.broken_by(one.name)) for one in run.stated],
@@ -151,7 +151,7 @@ def record(run: Run, disagreeing: list[str]) -> str:
             for one in run.seeded
         ],
     }
-    return json.dumps(kept, indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(recorded, indent=1, ensure_ascii=False) + "\n"
 
 
 def is_recorded() -> bool:

@@ -1,4 +1,6 @@
-//! The steps that harnesses take. Where a counterexample is run again, each is told in the words of the trace.
+//! The steps of the machine that harnesses take.
+//!
+//! Where a counterexample is run again, each step is also recorded as lines of a trace.
 
 use crate::fusion::{At, Fusion, Ready};
 use crate::priority::Priority;
@@ -8,31 +10,31 @@ use crate::time::{Deadline, Instant, Timestamp};
 use crate::{Admission, OfferRefusal, Opening, Outcome};
 
 #[cfg(not(any(kani, target_arch = "wasm32")))]
-mod words;
+mod recording;
 #[cfg(not(any(kani, target_arch = "wasm32")))]
-pub use words::take;
+pub use recording::take;
 
-/// Only where someone reads it.
-macro_rules! tell {
-    ($telling:expr) => {
+/// Only in a replay.
+macro_rules! record {
+    ($recorded:expr) => {
         #[cfg(not(any(kani, target_arch = "wasm32")))]
         if kani::native::is_replay() {
-            $telling
+            $recorded
         }
     };
 }
 
 pub(crate) fn step(slot: Slot, commit: Commit, cause: Cause) -> (Slot, Decision) {
-    tell!(words::slot(slot, commit, words::of_cause(cause)));
+    record!(recording::slot(slot, commit, recording::of_cause(cause)));
     let (after, decision) = slot.step(commit, cause);
-    tell!(words::stepped(slot, cause, decision));
+    record!(recording::stepped(slot, cause, decision));
     (after, decision)
 }
 
 pub(crate) fn offer_to(slot: Slot, commit: Commit, source: Source) -> (Slot, Option<OfferRefusal>) {
-    tell!(words::slot(slot, commit, words::of_offer(source)));
+    record!(recording::slot(slot, commit, recording::of_offer(source)));
     let (after, refusal) = slot.offer(source);
-    tell!(words::offered(source, refusal));
+    record!(recording::offered(source, refusal));
     let _ = commit;
     (after, refusal)
 }
@@ -41,21 +43,21 @@ pub(crate) fn at<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
     now: Instant,
 ) -> At<'_, CLOUDS, WINDOW> {
-    tell!(words::tick(fusion, now));
+    record!(recording::tick(fusion, now));
     let at = fusion.at(now);
-    tell!(words::came_to(&at));
+    record!(recording::came_to(&at));
     at
 }
 
-/// The input is given where nothing is due, as [`at_rest`](crate::any::at_rest) is made.
+/// The input is given where nothing is due, as [`with_nothing_due`](crate::arbitrary::with_nothing_due) is made.
 pub(crate) fn open<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
     timestamp: Timestamp,
     deadline: Option<Deadline>,
 ) -> Opening {
-    tell!(words::open(fusion, timestamp, deadline));
+    record!(recording::open(fusion, timestamp, deadline));
     let opening = Ready { fusion }.open(timestamp, deadline);
-    tell!(words::opened(timestamp, opening));
+    record!(recording::opened(timestamp, opening));
     opening
 }
 
@@ -66,9 +68,9 @@ pub(crate) fn offer<const CLOUDS: usize, const WINDOW: usize>(
     deadline: Deadline,
     backlog: u64,
 ) -> Admission {
-    tell!(words::offer(fusion, (timestamp, cloud), deadline, backlog));
+    record!(recording::offer(fusion, (timestamp, cloud), deadline, backlog));
     let admission = Ready { fusion }.offer(timestamp, cloud, deadline, backlog);
-    tell!(words::admitted((timestamp, cloud), admission));
+    record!(recording::admitted((timestamp, cloud), admission));
     admission
 }
 
@@ -77,9 +79,9 @@ pub(crate) fn result<const CLOUDS: usize, const WINDOW: usize>(
     timestamp: Timestamp,
     priority: Priority,
 ) -> Outcome<CLOUDS> {
-    tell!(words::result(fusion, (timestamp, priority)));
+    record!(recording::result(fusion, (timestamp, priority)));
     let outcome = Ready { fusion }.result(timestamp, priority);
-    tell!(words::arrived((timestamp, priority), outcome));
+    record!(recording::arrived((timestamp, priority), outcome));
     outcome
 }
 
@@ -88,8 +90,8 @@ pub(crate) fn fail<const CLOUDS: usize, const WINDOW: usize>(
     timestamp: Timestamp,
     priority: Priority,
 ) -> Outcome<CLOUDS> {
-    tell!(words::fail(fusion, (timestamp, priority)));
+    record!(recording::fail(fusion, (timestamp, priority)));
     let outcome = Ready { fusion }.fail(timestamp, priority);
-    tell!(words::arrived((timestamp, priority), outcome));
+    record!(recording::arrived((timestamp, priority), outcome));
     outcome
 }

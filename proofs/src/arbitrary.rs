@@ -1,6 +1,9 @@
-//! Any value of the machine's types; any valid state, made so that nothing need be assumed.
+//! Any value of the machine's types, and any valid state.
+//!
+//! Harnesses start from these. States are made valid by construction, so that no harness has to assume it; `valid.rs` says what
+//! valid means. Each function draws from Kani's `any`, or where Kani is not, from its stand-in.
 
-use crate::any_size::{self, Turn};
+use crate::cell_window::{self, DueKey};
 use crate::cells::Cells;
 use crate::clouds::Clouds;
 use crate::entry::Entry;
@@ -10,13 +13,13 @@ use crate::priority::Priority;
 use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
-use crate::window::{Rest, Window};
+use crate::window::{Others, Window};
 
 /// The greatest window that there is.
 pub(crate) const WINDOW: usize = 1024;
 
-/// Any number below `cases`. A checker that is asked about one case at a time is told which when this is compiled, so that
-/// all that hangs on it is a constant; a line `Cases:` tells the runner how many there are.
+/// Any number below `cases`. The runner may check one case at a time: then `FUSELINE_CASE` names it at compile time, so that
+/// all that depends on it is a constant. A line `Cases:` of a harness says how many there are.
 pub(crate) fn any_case(cases: u8) -> u8 {
     let case = kani::any_where(|case| *case < cases);
     match option_env!("FUSELINE_CASE") {
@@ -43,13 +46,13 @@ pub(crate) const fn sources(clouds: u8) -> Sources {
     Sources::from_bits(u16::MAX >> (15 - clouds))
 }
 
-/// Any valid state of an open timestamp that was asked for nothing beyond the first `clouds` clouds.
+/// Any valid state of an open timestamp for which nothing beyond the first `clouds` clouds was requested.
 pub(crate) fn any_slot(commit: Commit, clouds: u8) -> Slot {
     let [requested, pending, cached] = kani::any();
     slot_of(commit, clouds, requested, pending, cached, kani::any())
 }
 
-/// Bends any bits to a valid state. Those of a valid state stay as they are, so that none is left out.
+/// A valid state made from any bits. Those of a valid state stay as they are, so that none is left out.
 pub(crate) fn slot_of(
     commit: Commit,
     clouds: u8,
@@ -66,12 +69,12 @@ pub(crate) fn slot_of(
     // P4: what is cached lies below the greatest pending.
     let below = u16::MAX >> pending.leading_zeros() >> 1;
     let cached = cached & requested & !pending & below;
-    let kept = match commit {
+    let with_timers = match commit {
         Commit::Eager => pending | cached,
         Commit::Patient => pending,
     };
     let deadline = if limited { pending & Sources::LOCAL.bits() } else { 0 };
-    let armed = kept & !Sources::LOCAL.bits() | deadline;
+    let armed = with_timers & !Sources::LOCAL.bits() | deadline;
     let [requested, pending, armed, cached] =
         [requested, pending, armed, cached].map(Sources::from_bits);
     // `every_valid_state_is_generated_and_accepted` shows that it is no error.
@@ -91,12 +94,12 @@ pub(crate) fn any_timestamp() -> Timestamp {
 }
 
 /// Any timestamp; where values are random, `own` half of the time.
-pub(crate) fn any_timestamp_beside(own: Timestamp) -> Timestamp {
+pub(crate) fn any_timestamp_or(own: Timestamp) -> Timestamp {
     if kani::any() { own } else { any_timestamp() }
 }
 
 /// Any priority; where values are random, mostly one that is known.
-pub(crate) fn any_priority_beside<const CLOUDS: usize>(clouds: &Clouds<CLOUDS>) -> Priority {
+pub(crate) fn any_priority_or_registered<const CLOUDS: usize>(clouds: &Clouds<CLOUDS>) -> Priority {
     let (known, mut priority) = (kani::any::<u8>(), Priority::new(kani::any()));
     for (i, registered) in clouds.priorities.iter().enumerate() {
         if usize::from(known) % 16 == i + 1 {
@@ -151,26 +154,27 @@ pub(crate) fn any_due(is_armed: bool) -> Instant {
     Instant::from_nanos(if is_armed && nanos == 0 { 1 } else { nanos })
 }
 
-/// The turn of a timestamp with this earliest due instant.
-pub(crate) fn turn_of(due: Option<Instant>, timestamp: Timestamp) -> Turn {
+/// The key of a timestamp with this earliest due instant.
+pub(crate) fn key_of(due: Option<Instant>, timestamp: Timestamp) -> DueKey {
     match due {
-        Some(due) => Turn { key: due.as_nanos() - 1, timestamp },
-        None => Turn::NEVER,
+        Some(due) => DueKey { due_minus_one: due.as_nanos() - 1, timestamp },
+        None => DueKey::NEVER,
     }
 }
 
-/// The earlier of two turns: by due instant, then by timestamp.
-pub(crate) fn earlier(a: Turn, b: Turn) -> Turn {
-    let is_first = a.key < b.key || a.key == b.key && a.timestamp <= b.timestamp;
+/// The earlier of two keys: by due instant, then by timestamp.
+pub(crate) fn earlier(a: DueKey, b: DueKey) -> DueKey {
+    let is_first = a.due_minus_one < b.due_minus_one
+        || a.due_minus_one == b.due_minus_one && a.timestamp <= b.timestamp;
     if is_first { a } else { b }
 }
 
-/// Any turn, or never.
-fn any_turn() -> Turn {
-    turn_of(if kani::any() { Some(any_due(true)) } else { None }, any_timestamp())
+/// Any key, or never.
+fn any_key() -> DueKey {
+    key_of(if kani::any() { Some(any_due(true)) } else { None }, any_timestamp())
 }
 
-/// How many seats a row has, and how many rows there are: as few of both as can be, for a power of two of seats in each row.
+/// How many keys a row has, and how many rows there are: as few of both as can be, for a power of two of keys in each row.
 pub(crate) const fn rows(capacity: usize) -> (usize, usize) {
     let mut row = 1;
     while row * row < capacity {
@@ -179,9 +183,9 @@ pub(crate) const fn rows(capacity: usize) -> (usize, usize) {
     (row, capacity.div_ceil(row))
 }
 
-/// Where own is among the open timestamps, and how many are open.
+/// The rank of own among the open timestamps, and how many are open.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Standing {
+pub(crate) struct OwnPosition {
     pub(crate) rank: usize,
     pub(crate) len: usize,
 }
@@ -193,97 +197,98 @@ pub(crate) fn any_below(end: usize) -> usize {
 }
 
 /// Own is open, anywhere among any number.
-pub(crate) fn any_standing<const CAPACITY: usize>() -> Standing {
+pub(crate) fn any_open_position<const CAPACITY: usize>() -> OwnPosition {
     let rank = any_below(CAPACITY);
     let len = rank + 1 + any_below(CAPACITY);
-    Standing { rank, len: if len < CAPACITY { len } else { CAPACITY } }
+    OwnPosition { rank, len: if len < CAPACITY { len } else { CAPACITY } }
 }
 
-/// Own comes next, behind any number: beyond the last place if all are taken.
-pub(crate) fn any_next<const CAPACITY: usize>() -> Standing {
+/// Own comes next, behind any number: beyond the last index if the window is full.
+pub(crate) fn any_next_position<const CAPACITY: usize>() -> OwnPosition {
     let len = any_below(CAPACITY + 1);
-    Standing { rank: len, len }
+    OwnPosition { rank: len, len }
 }
 
-/// Any place of an array but own's; its end, where there is none, as well.
-fn any_beside<const CAPACITY: usize>(own: usize) -> usize {
+/// Any index of an array but own's; also its end, where there is no element.
+fn any_other_index<const CAPACITY: usize>(own: usize) -> usize {
     let at = any_below(CAPACITY + 1);
     if at == own { CAPACITY } else { at }
 }
 
-/// Any window in which own stands there with this entry: in any seat, any other timestamp beside it, and any first turns of the others.
+/// Any window in which own has this rank and this entry: any index of the entry, any other timestamp, and any first keys of the
+/// others.
 pub(crate) fn any_window<const CLOUDS: usize, const CAPACITY: usize>(
-    Standing { rank, len }: Standing,
+    OwnPosition { rank, len }: OwnPosition,
     entry: Entry<CLOUDS>,
-) -> any_size::Window<CLOUDS, CAPACITY> {
-    let seat = any_below(CAPACITY);
-    let ranks = [rank, any_beside::<CAPACITY>(rank)];
-    let seats = [seat, any_beside::<CAPACITY>(seat)];
+) -> cell_window::Window<CLOUDS, CAPACITY> {
+    let entry_index = any_below(CAPACITY);
+    let ranks = [rank, any_other_index::<CAPACITY>(rank)];
+    let indices = [entry_index, any_other_index::<CAPACITY>(entry_index)];
     let [less, greater] = kani::any_where(|[less, greater]: &[u64; 2]| less < greater);
     let timestamps = if ranks[0] < ranks[1] { [less, greater] } else { [greater, less] };
     let timestamps = timestamps.map(Timestamp::new);
-    // What was kept in a seat stays there when it is empty.
-    let turn = if rank < len { turn_of(earliest(&entry), timestamps[0]) } else { Turn::NEVER };
-    let turns = [turn, any_turn()];
-    let firsts = [earlier(turns[0], turns[1]), any_turn()];
+    // A free entry keeps what was stored in it.
+    let key = if rank < len { key_of(earliest(&entry), timestamps[0]) } else { DueKey::NEVER };
+    let keys = [key, any_key()];
+    let row_firsts = [earlier(keys[0], keys[1]), any_key()];
     let (of_row, rows) = const { rows(CAPACITY) };
-    any_size::Window {
+    cell_window::Window {
         timestamps: Cells::new(ranks, timestamps),
-        seats: Cells::new(ranks, seats.map(|seat| seat as u16)),
+        entry_indices: Cells::new(ranks, indices.map(|entry_index| entry_index as u16)),
         len,
-        entries: Cells::new(seats, [entry, Entry::EMPTY]),
-        turns: Cells::new(seats, turns),
-        firsts: Cells { rows, ..Cells::new([seat / of_row, CAPACITY], firsts) },
-        first: earlier(firsts[0], firsts[1]),
+        entries: Cells::new(indices, [entry, Entry::EMPTY]),
+        keys: Cells::new(indices, keys),
+        row_firsts: Cells { rows, ..Cells::new([entry_index / of_row, CAPACITY], row_firsts) },
+        first: earlier(row_firsts[0], row_firsts[1]),
     }
 }
 
-/// Any open timestamps beside `own`, at most so many, none greater than `newest`.
-fn any_rest<const CLOUDS: usize>(
+/// Any open timestamps but `own`, at most so many, none greater than `newest`.
+fn any_others<const CLOUDS: usize>(
     commit: Commit,
     own: Timestamp,
     newest: Timestamp,
     most: usize,
-) -> Rest<CLOUDS> {
+) -> Others<CLOUDS> {
     let len = kani::any::<u16>() as usize % WINDOW;
     let len = if len < most { len } else { most };
-    let mut rest = Rest { len, greatest: newest, first: None, entry: any_entry(commit) };
-    rest.first = any_first(&rest, own);
-    if let Some((due, _)) = rest.first {
+    let mut others = Others { len, greatest: newest, first: None, entry: any_entry(commit) };
+    others.first = any_first(&others, own);
+    if let Some((due, _)) = others.first {
         // What fires has a timer that is due then, or several.
-        let timers = kani::any::<u16>() & rest.entry.slot.armed().bits();
+        let timers = kani::any::<u16>() & others.entry.slot.armed().bits();
         let timers = if timers == 0 { u16::MAX } else { timers };
         if timers & 1 != 0 {
-            rest.entry.local_due = due;
+            others.entry.local_due = due;
         }
         for i in 0..CLOUDS {
             if timers >> (i + 1) & 1 != 0 {
-                rest.entry.dues[i] = due;
+                others.entry.dues[i] = due;
             }
         }
     }
-    rest
+    others
 }
 
-/// Any turn of the rest, or none.
+/// Any key of the others, or none.
 fn any_first<const CLOUDS: usize>(
-    rest: &Rest<CLOUDS>,
+    others: &Others<CLOUDS>,
     own: Timestamp,
 ) -> Option<(Instant, Timestamp)> {
-    if rest.len == 0 || kani::any() {
+    if others.len == 0 || kani::any() {
         return None;
     }
-    let timestamp = kani::any_where(|t| *t <= rest.greatest.as_u64() && *t != own.as_u64());
+    let timestamp = kani::any_where(|t| *t <= others.greatest.as_u64() && *t != own.as_u64());
     Some((any_due(true), Timestamp::new(timestamp)))
 }
 
-/// Any turn of the rest that is no earlier than `first`, or none.
-pub(crate) fn any_rest_after<const CLOUDS: usize>(
-    rest: &Rest<CLOUDS>,
+/// Any key of the others that is no earlier than `first`, or none.
+pub(crate) fn any_others_after<const CLOUDS: usize>(
+    others: &Others<CLOUDS>,
     own: Timestamp,
     first: (Instant, Timestamp),
 ) -> Option<(Instant, Timestamp)> {
-    any_first(rest, own).filter(|later| *later >= first)
+    any_first(others, own).filter(|later| *later >= first)
 }
 
 /// A machine with the greatest window that there is, and any timestamps open in it; any clock, clouds and gates.
@@ -306,11 +311,11 @@ fn machine<const CLOUDS: usize>(is_open: bool) -> Fusion<CLOUDS, WINDOW> {
     if is_open && newest < Some(own) {
         newest = Some(own);
     }
-    let rest = match newest {
-        None => Rest::EMPTY,
-        Some(newest) => any_rest(commit, own, newest, window - usize::from(is_open)),
+    let others = match newest {
+        None => Others::EMPTY,
+        Some(newest) => any_others(commit, own, newest, window - usize::from(is_open)),
     };
-    let open = Window { own, is_open, entry, due, rest };
+    let open = Window { own, is_open, entry, due, others };
     Fusion { commit, window, clouds: any_clouds(), now: any_instant(), newest, open }
 }
 
@@ -333,8 +338,8 @@ pub(crate) fn any_gate() -> Gate {
     Gate { limit, resume, shut: kani::any() }
 }
 
-/// A machine in which nothing is due, as it takes an input: `f5_expire_by_the_rule` shows that `at` says so only then.
-pub(crate) fn at_rest<const CLOUDS: usize>(
+/// A machine in which nothing is due, as it is when it takes an input: `f5_expire_by_the_rule` shows that `at` is `Ready` only then.
+pub(crate) fn with_nothing_due<const CLOUDS: usize>(
     mut fusion: Fusion<CLOUDS, WINDOW>,
 ) -> Fusion<CLOUDS, WINDOW> {
     if let Some(due) = fusion.next_due().filter(|due| *due <= fusion.now) {
