@@ -54,11 +54,11 @@ pub(crate) fn take(
 /// What happened to the mutants.
 #[derive(Deserialize)]
 struct MutantOutcomes {
-    outcomes: Vec<MutantOutcome>,
+    outcomes: Vec<CargoMutantsOutcome>,
 }
 
 #[derive(Deserialize)]
-struct MutantOutcome {
+struct CargoMutantsOutcome {
     scenario: MutantScenario,
     summary: String,
 }

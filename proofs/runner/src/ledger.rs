@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::error::Error;
-use crate::line::Line;
+use crate::line::LedgerLine;
 use crate::record;
-use crate::source::Sources;
+use crate::source::HarnessSources;
 use crate::tools::Tools;
 use crate::translate;
 
@@ -26,7 +26,7 @@ const NOT_YET: &str = "not proved yet";
 /// By question (a harness, or a fault and a harness), the good verdict about it and what it cost.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Ledger {
+pub(crate) struct VerdictLedger {
     /// The machine in a few words.
     machine: String,
     proved: BTreeMap<String, Proof>,
@@ -70,7 +70,7 @@ impl Provenance {
     }
 }
 
-impl Ledger {
+impl VerdictLedger {
     fn path(root: &Path) -> PathBuf {
         root.join("proofs/results/ledger.json")
     }
@@ -87,7 +87,7 @@ impl Ledger {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub(crate) fn take(&mut self, root: &Path, sources: &Sources) -> Result<(), Error> {
+    pub(crate) fn take(&mut self, root: &Path, sources: &HarnessSources) -> Result<(), Error> {
         let harnesses = &sources.harnesses;
         self.proved
             .retain(|question, _| harnesses.iter().any(|of| of.name == harness_of(question)));
@@ -109,7 +109,7 @@ impl Ledger {
     pub(crate) fn add(
         &mut self,
         root: &Path,
-        line: &Line,
+        line: &LedgerLine,
         provenance: &Provenance,
     ) -> Result<(), Error> {
         if !line.good {
@@ -168,7 +168,7 @@ impl Ledger {
     }
 
     /// What is wrong with it: a harness that it lacks, or one that is gone.
-    pub(crate) fn differs(&self, sources: &Sources) -> Vec<String> {
+    pub(crate) fn differs(&self, sources: &HarnessSources) -> Vec<String> {
         let there: BTreeSet<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();
         let recorded: BTreeSet<&str> =
             self.proved.keys().map(|question| harness_of(question)).collect();

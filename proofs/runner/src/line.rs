@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// One harness, or one harness under a fault.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Line {
+pub(crate) struct LedgerLine {
     pub(crate) harness: String,
     /// The fault that was seeded, if one was.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -24,7 +24,7 @@ pub(crate) struct Line {
     pub(crate) values: Vec<u64>,
 }
 
-impl Line {
+impl LedgerLine {
     /// The harness, and the fault if there is one.
     pub(crate) fn name(&self) -> String {
         match &self.fault {
@@ -39,7 +39,7 @@ pub(crate) fn under(fault: &str, harness: &str) -> String {
     format!("{fault} / {harness}")
 }
 
-impl fmt::Display for Line {
+impl fmt::Display for LedgerLine {
     /// One row; a `!` stands before what is not as it must be.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mark = if self.good { ' ' } else { '!' };

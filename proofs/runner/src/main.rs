@@ -21,7 +21,7 @@ use std::time::Duration;
 use clap::Parser;
 
 use crate::error::Error;
-use crate::run::Run;
+use crate::run::ProofRun;
 use crate::tools::{Limits, STOP};
 
 /// Proves what is promised of the machine, and shows that a faulty machine would not pass.
@@ -119,11 +119,11 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     if cli.record {
         record.take(&sources);
         record.save(tree)?;
-        ledger::Ledger::load(tree)?.take(tree, &sources)?;
+        ledger::VerdictLedger::load(tree)?.take(tree, &sources)?;
         return Ok(true);
     }
     let limits = Limits { time: Duration::from_secs(cli.time), memory_mib: cli.memory };
-    let run = Run {
+    let run = ProofRun {
         tree,
         root: &cli.root,
         sources: &sources,
@@ -146,7 +146,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     let whole = cli.harness.is_empty();
     if whole {
         let mut wrong = record.shrunk(&sources);
-        let ledger = ledger::Ledger::load(tree)?;
+        let ledger = ledger::VerdictLedger::load(tree)?;
         wrong.extend(ledger.differs(&sources));
         let (of_mutants, summary) = mutants::checked(tree)?;
         wrong.extend(of_mutants);

@@ -25,19 +25,19 @@ pub(crate) struct Mutant {
     pub(crate) name: String,
     pub(crate) file: String,
     replacement: String,
-    span: Span,
+    span: MutantSpan,
     /// None if it is of no function.
-    function: Option<Function>,
+    function: Option<MutantFunction>,
 }
 
 #[derive(PartialEq, Eq, Deserialize)]
-struct Function {
+struct MutantFunction {
     #[serde(rename = "function_name")]
     name: String,
 }
 
 #[derive(Deserialize)]
-struct Span {
+struct MutantSpan {
     start: LineColumn,
     end: LineColumn,
 }
@@ -172,12 +172,12 @@ impl Mutants {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Exclusions {
-    excluded: Vec<Reason>,
+    excluded: Vec<ExclusionReason>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Reason {
+struct ExclusionReason {
     /// A part of their names: the change, or the function.
     what: String,
     #[expect(dead_code, reason = "it is for who reads the file")]
@@ -215,7 +215,7 @@ pub(crate) fn checked(root: &Path) -> Result<(Vec<String>, String), Error> {
             wrong.push(format!("no harness was checked for {name}: use --mutants"));
         }
     }
-    for Reason { what, .. } in &exclusions.excluded {
+    for ExclusionReason { what, .. } in &exclusions.excluded {
         if !recorded
             .of
             .iter()
@@ -237,7 +237,7 @@ mod tests {
 
     fn mutant(start: (usize, usize), end: (usize, usize)) -> Mutant {
         let position = |(line, column)| LineColumn { line, column };
-        let span = Span { start: position(start), end: position(end) };
+        let span = MutantSpan { start: position(start), end: position(end) };
         Mutant {
             name: String::new(),
             file: String::new(),

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
-use crate::source::Sources;
+use crate::source::HarnessSources;
 use crate::uncatchable::UncatchableFaults;
 
 /// The ratchet. Numbers may rise with `--record`; where they fall, the run fails.
@@ -54,7 +54,7 @@ impl Record {
     }
 
     /// Takes over what the sources show.
-    pub(crate) fn take(&mut self, sources: &Sources) {
+    pub(crate) fn take(&mut self, sources: &HarnessSources) {
         let harnesses = sources.harnesses.iter();
         self.harnesses = harnesses.map(|h| (h.name.clone(), h.covers.len())).collect();
         self.assertions.clone_from(&sources.assertions);
@@ -64,7 +64,7 @@ impl Record {
     }
 
     /// What the sources have less of than is recorded.
-    pub(crate) fn shrunk(&self, sources: &Sources) -> Vec<String> {
+    pub(crate) fn shrunk(&self, sources: &HarnessSources) -> Vec<String> {
         let mut wrong = Vec::new();
         for (name, covers) in &self.harnesses {
             match sources.harnesses.iter().find(|harness| harness.name == *name) {

@@ -12,11 +12,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::check::{self, CheckResult, Verdict};
 use crate::error::Error;
-use crate::ledger::{self, Ledger, Provenance};
-use crate::line::{Line, under};
+use crate::ledger::{self, Provenance, VerdictLedger};
+use crate::line::{LedgerLine, under};
 use crate::mutants::{self, Exclusions, Mutant, MutantOutcome, Mutants};
 use crate::record::{CatchRecord, Record};
-use crate::source::{Harness, Sources};
+use crate::source::{Harness, HarnessSources};
 use crate::tools::{Limits, Tools};
 use crate::translate::Copy;
 use crate::uncatchable::UncatchableFaults;
@@ -25,10 +25,10 @@ use crate::uncatchable::UncatchableFaults;
 const DEAR: [&str; 2] = ["fusion", "wait"];
 
 /// What to prove, and with what.
-pub(crate) struct Run<'a> {
+pub(crate) struct ProofRun<'a> {
     pub(crate) tree: &'a Path,
     pub(crate) root: &'a Path,
-    pub(crate) sources: &'a Sources,
+    pub(crate) sources: &'a HarnessSources,
     pub(crate) jobs: usize,
     pub(crate) limits: Limits,
     pub(crate) json: bool,
@@ -38,7 +38,7 @@ pub(crate) struct Run<'a> {
     pub(crate) sample: Option<Duration>,
 }
 
-impl Run<'_> {
+impl ProofRun<'_> {
     /// Proves harnesses: those named, or all.
     ///
     /// # Errors
@@ -51,7 +51,7 @@ impl Run<'_> {
         };
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let ledger = Mutex::new(Ledger::load(self.tree)?);
+        let ledger = Mutex::new(VerdictLedger::load(self.tree)?);
         let provenance = Provenance::now(self.tree, &tools)?;
         self.draw(&ledger, &mut harnesses, |harness| {
             Ok((harness.name.clone(), provenance.clone()))
@@ -99,7 +99,7 @@ impl Run<'_> {
         }
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let ledger = Mutex::new(Ledger::load(self.tree)?);
+        let ledger = Mutex::new(VerdictLedger::load(self.tree)?);
         let provenance = Provenance::now(self.tree, &tools)?;
         let known = |name: &String| {
             let fault = faults.iter().find(|known| known.name == *name);
@@ -226,7 +226,7 @@ impl Run<'_> {
         let open: Vec<(usize, &Mutant)> = open.collect();
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let ledger = Ledger::load(self.tree)?;
+        let ledger = VerdictLedger::load(self.tree)?;
         let (record, exclusions) = (Mutex::new(mutants), Exclusions::load(self.tree)?);
         let lock = || record.lock().unwrap_or_else(PoisonError::into_inner);
         let keep = |mutant: &Mutant, outcome: MutantOutcome| {
@@ -262,7 +262,7 @@ impl Run<'_> {
         &self,
         tools: &Tools,
         copy: &Copy,
-        ledger: &Ledger,
+        ledger: &VerdictLedger,
         (folder, first): (&str, &BTreeSet<String>),
         mutant: &Mutant,
     ) -> Result<MutantOutcome, Error> {
@@ -298,7 +298,7 @@ impl Run<'_> {
     /// Leaves of `tasks` those to ask, if a sample is enough, and says how many are left out.
     fn draw<T>(
         &self,
-        ledger: &Mutex<Ledger>,
+        ledger: &Mutex<VerdictLedger>,
         tasks: &mut Vec<T>,
         question: impl Fn(&T) -> Result<(String, Provenance), Error>,
     ) -> Result<(), Error> {
@@ -315,8 +315,8 @@ impl Run<'_> {
     /// Keeps a good line in the ledger, if that was asked for.
     fn keep(
         &self,
-        ledger: &Mutex<Ledger>,
-        line: &Line,
+        ledger: &Mutex<VerdictLedger>,
+        line: &LedgerLine,
         provenance: &Provenance,
     ) -> Result<(), Error> {
         if !self.keep {
@@ -354,7 +354,7 @@ impl Run<'_> {
     }
 
     /// Says how many lines are good, and how to see the others; whether all are.
-    fn sum_up(&self, lines: &BTreeMap<String, Line>, word: &str) -> bool {
+    fn sum_up(&self, lines: &BTreeMap<String, LedgerLine>, word: &str) -> bool {
         let good = lines.values().filter(|line| line.good).count();
         if !self.json {
             println!("{good} of {} {word}", lines.len());
@@ -367,7 +367,7 @@ impl Run<'_> {
     }
 
     /// Prints a line of the ledger.
-    fn tell(&self, line: &Line) {
+    fn tell(&self, line: &LedgerLine) {
         if self.json {
             println!("{}", serde_json::to_string(line).unwrap_or_default());
         } else {
@@ -423,7 +423,7 @@ impl Run<'_> {
 }
 
 /// What the ledger says of one question.
-fn line(harness: &Harness, fault: Option<&SeededFault>, checked: CheckResult) -> Line {
+fn line(harness: &Harness, fault: Option<&SeededFault>, checked: CheckResult) -> LedgerLine {
     let good = match (&checked.verdict, fault) {
         (Verdict::Proved, None) | (Verdict::Refuted(_), Some(_)) => true,
         (_, _) => false,
@@ -437,7 +437,7 @@ fn line(harness: &Harness, fault: Option<&SeededFault>, checked: CheckResult) ->
         Verdict::Refuted(found) => found.values,
         _ => Vec::new(),
     };
-    Line {
+    LedgerLine {
         harness: harness.name.clone(),
         fault: fault.map(|fault| fault.name.clone()),
         engine: "cbmc".to_owned(),

@@ -15,7 +15,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 use thiserror::Error;
 
-use crate::packed::messages::chunks::Chunks;
+use crate::packed::messages::chunks::ChunkScanner;
 use crate::{Line, ParseError, observed};
 
 /// The topic of a trace's lines, unless another is named.
@@ -63,7 +63,7 @@ pub enum MessageError {
 pub struct Messages<'a, R> {
     inner: R,
     reader: LinearReader,
-    chunks: Chunks,
+    chunks: ChunkScanner,
     topic: &'a str,
     channels: BTreeSet<u16>,
     number: u64,
@@ -76,7 +76,7 @@ impl<'a, R: Read> Messages<'a, R> {
             .with_record_length_limit(RECORD)
             .with_validate_chunk_crcs(true);
         let reader = LinearReader::new_with_options(options);
-        let chunks = Chunks::new();
+        let chunks = ChunkScanner::new();
         Self { inner, reader, chunks, topic, channels: BTreeSet::new(), number: 0 }
     }
 

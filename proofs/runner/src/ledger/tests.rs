@@ -5,9 +5,9 @@ use crate::source;
 fn the_committed_ledger_has_the_harnesses_that_there_are() {
     let tree = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
     let sources = source::read(tree).expect("the harnesses");
-    let ledger = Ledger::load(tree).expect("a ledger");
+    let ledger = VerdictLedger::load(tree).expect("a ledger");
     assert_eq!(ledger.differs(&sources), Vec::<String>::new());
-    assert_eq!(Ledger::default().differs(&sources).len(), sources.harnesses.len());
+    assert_eq!(VerdictLedger::default().differs(&sources).len(), sources.harnesses.len());
     let all = sources.harnesses.len();
     assert!(
         ledger.summary("").contains(&format!(" of {all} harnesses proved")),
@@ -20,12 +20,12 @@ fn provenance(sources: &str, change: &str) -> Provenance {
     Provenance { sources: sources.to_owned(), tools: "c 1".to_owned(), change: change.to_owned() }
 }
 
-fn ledger_of(lines: &[(&str, f64, Provenance)]) -> Ledger {
+fn ledger_of(lines: &[(&str, f64, Provenance)]) -> VerdictLedger {
     let proof = |(name, seconds, provenance): &(&str, f64, Provenance)| {
         let proof = Proof { seconds: *seconds, provenance: provenance.clone(), ..Proof::default() };
         ((*name).to_owned(), proof)
     };
-    Ledger { proved: lines.iter().map(proof).collect(), ..Ledger::default() }
+    VerdictLedger { proved: lines.iter().map(proof).collect(), ..VerdictLedger::default() }
 }
 
 #[test]
