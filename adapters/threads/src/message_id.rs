@@ -9,7 +9,7 @@ use fuseline_core::Timestamp;
 pub struct MessageId {
     pub(crate) timestamp: Timestamp,
     pub(crate) generation: u64,
-    pub(crate) place: usize,
+    pub(crate) index: usize,
 }
 
 impl MessageId {
@@ -22,6 +22,6 @@ impl MessageId {
     /// The message's place, less than the window; no other open message has it.
     #[must_use]
     pub const fn place(self) -> usize {
-        self.place
+        self.index
     }
 }
