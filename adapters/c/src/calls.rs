@@ -8,7 +8,7 @@
 
 use core::ffi::{c_char, c_void};
 
-use crate::header::place;
+use crate::header::answer_target;
 use crate::inputs::{AnswerPointer, Inputs, MessageInput, OfferArguments};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
@@ -253,7 +253,7 @@ unsafe fn with<T>(
     call: impl FnOnce(&dyn Inputs, AnswerPointer<T>) -> CStatus,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    match unsafe { storage::room(machine, &[place(answer)]) } {
+    match unsafe { storage::room(machine, &[answer_target(answer)]) } {
         // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
         Ok(room) => call(room, unsafe { &mut *answer.cast() }),
         Err(status) => status,

@@ -57,7 +57,7 @@ fn ask(machine: &mut LargestFusion, line: &Line<'_>, out: &mut AnswerText) -> Op
     // What does not fit 16 bits cannot be registered (A18).
     let p = u16::try_from(number).ok().map(Priority::new);
     let unknown = Outcome::Dropped(DropReason::Unknown);
-    let said = match line.ev? {
+    let written = match line.ev? {
         "tick" => Ok(()),
         "open" => {
             let opening = ready.open(t, line.deadline.map(Deadline::from_nanos));
@@ -79,12 +79,12 @@ fn ask(machine: &mut LargestFusion, line: &Line<'_>, out: &mut AnswerText) -> Op
         }
         _ => return None,
     };
-    said.ok()
+    written.ok()
 }
 
-fn end(how: cortex_m_semihosting::debug::ExitStatus) -> ! {
+fn end(status: cortex_m_semihosting::debug::ExitStatus) -> ! {
     loop {
-        exit(how);
+        exit(status);
     }
 }
 

@@ -130,9 +130,9 @@ fn say(out: &mut Console, at: u64, reported: &Report<HeldNumber, 1>) -> fmt::Res
     }
 }
 
-fn end(how: ExitStatus) -> ! {
+fn end(status: ExitStatus) -> ! {
     loop {
-        exit(how);
+        exit(status);
     }
 }
 
