@@ -17,7 +17,7 @@ pub(crate) struct NodeSource {
     /// 0 is local.
     pub(crate) priority: u16,
     pub(crate) name: String,
-    pub(crate) way: Route,
+    pub(crate) route: Route,
     /// Whether it gets requests at all; local always does.
     pub(crate) enabled: bool,
     /// How long it may take; none means the node's deadline.
@@ -56,7 +56,7 @@ struct NotCdr;
 impl NodeSource {
     /// Who should be there and is missing, in words.
     pub(crate) fn missing(&self) -> Option<String> {
-        match &self.way {
+        match &self.route {
             Route::Topics { requests, .. } if requests.matched() == 0 => {
                 Some(format!("nobody subscribes to {}", requests.end().topic))
             }
@@ -69,7 +69,7 @@ impl NodeSource {
 
     /// Whether a message can get there now.
     pub(crate) fn is_reached(&self) -> bool {
-        match &self.way {
+        match &self.route {
             Route::Topics { requests, .. } => requests.matched() > 0,
             Route::Grpc(_) => true,
         }
@@ -77,7 +77,7 @@ impl NodeSource {
 
     /// The topics' ends, to report peers that do not fit.
     pub(crate) fn ends(&self) -> impl Iterator<Item = &Endpoint> {
-        let ends = match &self.way {
+        let ends = match &self.route {
             Route::Topics { requests, results } => [Some(&**requests.end()), Some(&**results)],
             Route::Grpc(_) => [None, None],
         };

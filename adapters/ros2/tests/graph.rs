@@ -315,8 +315,8 @@ async fn stranger(domain: u16) -> Result<(Node, Publisher<CompressedImage>), Any
     loop {
         let mut stranger = node_in(domain, "stranger")?;
         let image = publisher(&mut stranger, "input", "sensor_msgs/Image")?;
-        let met = timeout(Duration::from_secs(4), image.wait_for_subscription(&stranger)).await;
-        if met.is_ok() {
+        let matched = timeout(Duration::from_secs(4), image.wait_for_subscription(&stranger)).await;
+        if matched.is_ok() {
             return Ok((stranger, image));
         }
     }

@@ -120,8 +120,8 @@ async fn on_streams(script: &Script) -> Vec<String> {
     lines
 }
 
-fn line(at: u128, t: u64, what: &str) -> String {
-    format!("{at} ms: {t} {what}")
+fn line(at: u128, t: u64, text: &str) -> String {
+    format!("{at} ms: {t} {text}")
 }
 
 async fn on_topics(script: &Script) -> Vec<String> {

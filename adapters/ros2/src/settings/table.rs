@@ -52,8 +52,12 @@ impl fmt::Display for Settings {
         if !self.ignored.is_empty() {
             writeln!(f)?;
         }
-        for given in &self.ignored {
-            writeln!(f, "{}: {} is for other nodes, not this one", given.origin, given.name)?;
+        for parameter in &self.ignored {
+            writeln!(
+                f,
+                "{}: {} is for other nodes, not this one",
+                parameter.origin, parameter.name
+            )?;
         }
         Ok(())
     }

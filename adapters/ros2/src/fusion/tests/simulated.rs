@@ -55,8 +55,8 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
     let mut sum = Sum::default();
     for seed in KEPT.into_iter().chain(0..SEEDS) {
         let (findings, kinds) = simulated(&Scenario::draw(seed));
-        for Finding { check, what } in findings {
-            sum.broken.entry(check).or_insert((seed, what));
+        for Finding { check, reason } in findings {
+            sum.broken.entry(check).or_insert((seed, reason));
         }
         for kind in kinds {
             *sum.kinds.entry(kind).or_default() += 1;
@@ -78,35 +78,39 @@ fn simulated(scenario: &Scenario) -> (Vec<Finding>, BTreeSet<&'static str>) {
         let played = play(&scenario);
         let reported = match Facts::new(&scenario, &played) {
             Ok(facts) => (facts.findings(), facts.kinds()),
-            Err(what) => (vec![Finding { check: "d10_whole_trace", what }], BTreeSet::new()),
+            Err(reason) => (vec![Finding { check: "d10_whole_trace", reason }], BTreeSet::new()),
         };
         // Nobody listens any more if it took too long.
         let _ = publish_report.send(reported);
     });
     ended.recv_timeout(HANGS).unwrap_or_else(|_| {
-        let what = format!("the node did not end well within {HANGS:?}");
-        (vec![Finding { check: ENDS, what }], BTreeSet::new())
+        let reason = format!("the node did not end well within {HANGS:?}");
+        (vec![Finding { check: ENDS, reason }], BTreeSet::new())
     })
 }
 
 fn holds(check: &str) {
     assert!(CHECKS.iter().any(|known| known.name == check), "there is no check {check}");
-    if let Some((seed, what)) = SUM.broken.get(check) {
-        panic!("seed {seed}: {what}");
+    if let Some((seed, reason)) = SUM.broken.get(check) {
+        panic!("seed {seed}: {reason}");
     }
 }
 
 /// The seed's run, a smallest one that breaks the same, and why.
 fn reported(seed: u64, finding: &Finding) -> String {
     if finding.check == ENDS {
-        return format!("seed {seed} breaks {ENDS}: {}\n\n{}", finding.what, Scenario::draw(seed));
+        return format!(
+            "seed {seed} breaks {ENDS}: {}\n\n{}",
+            finding.reason,
+            Scenario::draw(seed)
+        );
     }
     let breaks = |smaller: &Scenario| {
         simulated(smaller).0.into_iter().find(|again| again.check == finding.check)
     };
     let smallest = smaller::smallest(&Scenario::draw(seed), |it| breaks(it).is_some());
-    let what = breaks(&smallest).map_or_else(|| finding.what.clone(), |again| again.what);
-    let mut reported = format!("seed {seed} breaks {}: {what}\n\n{smallest}", finding.check);
+    let reason = breaks(&smallest).map_or_else(|| finding.reason.clone(), |again| again.reason);
+    let mut reported = format!("seed {seed} breaks {}: {reason}\n\n{smallest}", finding.check);
     let trace = play(&smallest).trace;
     let _ = write!(reported, "{}", String::from_utf8_lossy(&trace));
     reported
@@ -238,7 +242,7 @@ fn fresh_seeds() {
             assert!(
                 is_requested,
                 "SIMULATED_SEED={next} breaks {}: {}",
-                finding.check, finding.what
+                finding.check, finding.reason
             );
             panic!("{}", reported(next, finding));
         }

@@ -183,11 +183,11 @@ impl Scene {
             while self.statuses.is_ready() {
                 self.book.status(self.statuses.recv()?);
             }
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() {
+            let remaining = end.saturating_duration_since(Instant::now());
+            if remaining.is_zero() {
                 return Ok(());
             }
-            if let Ok(sample) = self.outputs.recv_serialized_timeout(left) {
+            if let Ok(sample) = self.outputs.recv_serialized_timeout(remaining) {
                 self.book.output(&sample);
             }
         }

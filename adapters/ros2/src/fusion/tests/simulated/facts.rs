@@ -60,7 +60,7 @@ pub(super) struct OpenedMessage {
     pub(super) deadline: Option<u64>,
     /// Each cloud that was asked, its deadline, and whether the offer was refused.
     pub(super) offers: BTreeMap<usize, (u64, bool)>,
-    pub(super) left: Option<(u64, MessageOutcome)>,
+    pub(super) ended: Option<(u64, MessageOutcome)>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -157,7 +157,7 @@ impl<'a> Facts<'a> {
                     at,
                     deadline,
                     offers: BTreeMap::new(),
-                    left: None,
+                    ended: None,
                 });
             }
             Input::Offer { t, p, deadline, .. } => {
@@ -179,12 +179,12 @@ impl<'a> Facts<'a> {
                     Some(Input::Fail { .. }) => "F4",
                     _ => "F5",
                 };
-                self.message(t).left =
+                self.message(t).ended =
                     Some((at, MessageOutcome::Forwarded { index: index(p), rule }));
             }
-            Decision::Miss { at, t } => self.message(t).left = Some((at, MessageOutcome::Missed)),
+            Decision::Miss { at, t } => self.message(t).ended = Some((at, MessageOutcome::Missed)),
             Decision::RefuseOpen { at, t, why } => {
-                self.message(t).left = Some((at, MessageOutcome::Refused(why)));
+                self.message(t).ended = Some((at, MessageOutcome::Refused(why)));
             }
             Decision::RefuseOffer { t, p, .. } => {
                 if let Some(offer) = self.message(t).offers.get_mut(&index(p)) {
@@ -205,7 +205,7 @@ impl<'a> Facts<'a> {
     fn assign(&mut self) {
         let mut statuses: Vec<&StatusReport> = self.played.log.statuses.iter().collect();
         statuses.sort_by_key(|reported| reported.timestamp());
-        for (serial, at) in self.played.log.came.iter().enumerate() {
+        for (serial, at) in self.played.log.arrived_at.iter().enumerate() {
             let input = &self.inputs[serial];
             let next = self.messages.len();
             let when = self.meanwhile(*at);
@@ -260,8 +260,8 @@ impl<'a> Facts<'a> {
                 kinds.insert(KINDS[kind]);
             }
         };
-        for OpenedMessage { left, offers, .. } in &self.opened {
-            match left {
+        for OpenedMessage { ended, offers, .. } in &self.opened {
+            match ended {
                 Some((_, MessageOutcome::Forwarded { index: 0, rule: "F5" })) => saw(true, 1),
                 Some((_, MessageOutcome::Forwarded { index: 0, .. })) | None => {}
                 Some((_, MessageOutcome::Forwarded { .. })) => saw(true, 0),
@@ -282,8 +282,8 @@ impl<'a> Facts<'a> {
         };
         saw(log.statuses.iter().any(unsent), 8);
         saw(sources.iter().any(|source| source.failed > 0), 10);
-        let mut came = log.came.iter();
-        saw(came.any(|at| self.states(*at).all(|state| !state.is_active)), 11);
+        let mut arrived_at = log.arrived_at.iter();
+        saw(arrived_at.any(|at| self.states(*at).all(|state| !state.is_active)), 11);
         kinds
     }
 }

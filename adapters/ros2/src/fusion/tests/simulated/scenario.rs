@@ -59,7 +59,7 @@ pub(super) enum Form {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Delivery {
     /// How long the request takes to its peer; it gets lost if not given.
-    pub(super) way: Option<Duration>,
+    pub(super) delay: Option<Duration>,
     /// How long the peer computes.
     pub(super) took: Duration,
     /// None is a result that gets lost; two are one that is doubled.
@@ -69,8 +69,8 @@ pub(super) struct Delivery {
 /// What comes back, and how long it takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Reply {
-    pub(super) way: Duration,
-    pub(super) what: DisturbanceKind,
+    pub(super) delay: Duration,
+    pub(super) kind: DisturbanceKind,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -185,11 +185,18 @@ impl fmt::Display for Scenario {
         for Input { at, key, form, is_unsent, fates } in &self.inputs {
             let unsent = if *is_unsent { ", its output is not sent" } else { "" };
             writeln!(f, "  at {at:?}: input {key}, {form:?}{unsent}")?;
-            for (index, Delivery { way, took, replies }) in fates.iter().enumerate() {
-                let way = way.map_or_else(|| "is lost".to_owned(), |way| format!("{way:?} away"));
-                let came: Vec<_> =
-                    replies.iter().map(|it| format!("{:?} after {:?}", it.what, it.way)).collect();
-                writeln!(f, "    {index}: {way}, takes {took:?}, sends [{}]", came.join(", "))?;
+            for (index, Delivery { delay, took, replies }) in fates.iter().enumerate() {
+                let delay =
+                    delay.map_or_else(|| "is lost".to_owned(), |delay| format!("{delay:?} away"));
+                let results: Vec<_> = replies
+                    .iter()
+                    .map(|it| format!("{:?} after {:?}", it.kind, it.delay))
+                    .collect();
+                writeln!(
+                    f,
+                    "    {index}: {delay}, takes {took:?}, sends [{}]",
+                    results.join(", ")
+                )?;
             }
         }
         Ok(())
@@ -200,7 +207,7 @@ impl Delivery {
     /// What is well: the greater the priority, the later the result.
     pub(super) fn fair(index: usize) -> Self {
         let took = Duration::from_millis(20 + index as u64);
-        let reply = Reply { way: Duration::from_millis(2), what: DisturbanceKind::Result };
-        Self { way: Some(Duration::from_millis(2)), took, replies: vec![reply] }
+        let reply = Reply { delay: Duration::from_millis(2), kind: DisturbanceKind::Result };
+        Self { delay: Some(Duration::from_millis(2)), took, replies: vec![reply] }
     }
 }
