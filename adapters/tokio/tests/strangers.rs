@@ -209,13 +209,13 @@ async fn a_client_is_refused_once_its_ca_is_taken_away() {
     let cloud = serve("127.0.0.1:0", [&old.certificate[..], &new.certificate[..]].concat());
     let was = Remote { identity: Some(old.sign("vehicle")), ..cloud.https(&new) };
     let is = Remote { identity: Some(new.sign("vehicle")), ..cloud.https(&new) };
-    let mut kept = InferClient::new(was.connect().unwrap());
-    assert_eq!((one(&mut kept).await.unwrap(), call(&is).await.unwrap()), (9, 9));
+    let mut known_client = InferClient::new(was.connect().unwrap());
+    assert_eq!((one(&mut known_client).await.unwrap(), call(&is).await.unwrap()), (9, 9));
     let address = cloud.address.to_string();
     cloud.kill();
 
     let cloud = serve(&address, new.certificate.clone());
-    one(&mut kept).await.expect_err("its CA is gone");
+    one(&mut known_client).await.expect_err("its CA is gone");
     call(&was).await.expect_err("its CA is gone");
     assert_eq!(call(&is).await.unwrap(), 9);
     cloud.kill();
