@@ -48,10 +48,10 @@ fn both_templates_judge_traces_and_leave_all_results() {
             let read =
                 |name| fs::read_to_string(dir.path().join("fuseline-check").join(name)).unwrap();
             let sarif: Value = serde_json::from_str(&read("fuseline.sarif")).unwrap();
-            let found = sarif["runs"][0]["results"].as_array().unwrap().len();
-            assert_eq!(found > 60, code == 1, "{found}");
-            assert_eq!(found > 0, read("fuseline.xml").contains("<failure"));
-            assert_eq!(found > 0, read("fuseline.xqar").contains("<Issue "));
+            let findings = sarif["runs"][0]["results"].as_array().unwrap().len();
+            assert_eq!(findings > 60, code == 1, "{findings}");
+            assert_eq!(findings > 0, read("fuseline.xml").contains("<failure"));
+            assert_eq!(findings > 0, read("fuseline.xqar").contains("<Issue "));
             assert!(read("fuseline.html").contains("<html"));
         }
     }

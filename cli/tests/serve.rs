@@ -283,7 +283,7 @@ fn a_token_of_the_environment_is_asked_for() {
 fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
     let dir = certificates();
     fs::write(dir.path().join("empty"), "\n").unwrap();
-    for (files, what) in [
+    for (files, expected) in [
         ("ca=empty", "error: empty: no certificate in it"),
         ("ca=client.key", "error: client.key: no certificate in it; give one as PEM (this is"),
         ("ca=ca.pem,cert=client.key,key=client.pem", "error: client.key: no certificate"),
@@ -292,7 +292,7 @@ fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
         let cloud = format!("name=a,priority=1,url=https://localhost:1,{files}");
         let refused = run_in(dir.path(), &["--cloud", &cloud]);
         assert_eq!(refused.status.code(), Some(2), "{files}");
-        assert!(err(&refused).starts_with(what), "{}", err(&refused));
+        assert!(err(&refused).starts_with(expected), "{}", err(&refused));
         assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""));
     }
 }
@@ -310,10 +310,10 @@ fn ctrl_c_ends_a_server() {
 fn bad_options_are_one_line_and_exit_2() {
     let dir = certificates();
     let server = Server::start(dir.path(), &[]);
-    let taken = format!("127.0.0.1:{}", server.port);
+    let address = format!("127.0.0.1:{}", server.port);
     fs::write(dir.path().join("empty"), "\n").unwrap();
-    for (args, what) in [
-        (&["--listen", &taken][..], "choose an address of this machine and a free port"),
+    for (args, expected) in [
+        (&["--listen", &address][..], "choose an address of this machine and a free port"),
         (&["--listen", "50051"], "invalid socket address"),
         (&["--model", "yolo"], "no model \"yolo\""),
         (&["--drive", "none.csv"], "no readable file"),
@@ -339,7 +339,7 @@ fn bad_options_are_one_line_and_exit_2() {
         let listen = if args[0] == "--listen" { &[][..] } else { &["--listen", "127.0.0.1:0"] };
         let refused = refused(dir.path(), &[listen, args].concat(), "".as_ref());
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", err(&refused));
-        assert!(err(&refused).contains(what), "{args:?}: {}", err(&refused));
+        assert!(err(&refused).contains(expected), "{args:?}: {}", err(&refused));
         assert_eq!(err(&refused).lines().count(), 1, "{args:?}: {}", err(&refused));
     }
 }
@@ -357,8 +357,9 @@ fn clouds_that_answer_nothing_fail_a_run_that_requires_them() {
     assert_eq!(report(&ran)["sources"][1]["forwarded"], 0);
     let required = run_in(dir.path(), &[&short[..], &["--require-clouds"]].concat());
     assert_eq!(required.status.code(), Some(1), "{}", err(&required));
-    let what = "error: cloud \"east\": it answered no request in time, as --require-clouds wants";
-    assert!(err(&required).contains(what), "{}", err(&required));
+    let expected =
+        "error: cloud \"east\": it answered no request in time, as --require-clouds wants";
+    assert!(err(&required).contains(expected), "{}", err(&required));
     let open = Server::start(dir.path(), &[]);
     let cloud = open.cloud("http", "");
     let args = ["--seconds", "1", "--require-clouds", "--json", "--cloud", &cloud];

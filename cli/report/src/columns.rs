@@ -406,10 +406,10 @@ fn more_of(event: &Event, x: &mut Vec<i128>) {
             x.push(i128::from(due) - i128::from(at));
         }
         Event::Decision(Decision::RefuseOpen { why, .. }) => {
-            x.push(place(reasons::place_of_open(why)));
+            x.push(place(reasons::index_of_open(why)));
         }
         Event::Decision(Decision::RefuseOffer { why, .. }) => {
-            x.push(place(reasons::place_of_offer(why)));
+            x.push(place(reasons::index_of_offer(why)));
         }
         Event::Decision(Decision::Drop { why, .. }) => x.push(place(why.index())),
         Event::Input(Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. })

@@ -127,7 +127,7 @@ fn greatest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Dur
         sure_below * 100 < percent * (sure.len() + possible.len() - possible_below)
     };
     let last = |times: &[Duration]| {
-        times.partition_point(is_reached).checked_sub(1).and_then(|place| times.get(place)).copied()
+        times.partition_point(is_reached).checked_sub(1).and_then(|index| times.get(index)).copied()
     };
     [last(sure), last(possible)].into_iter().flatten().max()
 }

@@ -25,11 +25,11 @@ pub(crate) fn drops() -> [ReasonColumn; DropReason::ALL.len()] {
 }
 
 /// The place of an open's refusal among [`refusals`].
-pub(crate) const fn place_of_open(why: OpenRefusal) -> usize {
+pub(crate) const fn index_of_open(why: OpenRefusal) -> usize {
     why.index()
 }
 
 /// The place of an offer's refusal among [`refusals`].
-pub(crate) const fn place_of_offer(why: OfferRefusal) -> usize {
+pub(crate) const fn index_of_offer(why: OfferRefusal) -> usize {
     OpenRefusal::ALL.len() + why.index()
 }

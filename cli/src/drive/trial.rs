@@ -68,9 +68,9 @@ impl Bench {
                 self.peer = None;
                 match peer_error {
                     PeerError::Interrupted => Err(DriveStop::Interrupted),
-                    PeerError::Misbehaved(how) => {
+                    PeerError::Misbehaved(misbehaviour) => {
                         self.misbehaved = true;
-                        Ok(Comparison::Misbehaves(reported, how))
+                        Ok(Comparison::Misbehaves(reported, misbehaviour))
                     }
                 }
             }
@@ -80,7 +80,7 @@ impl Bench {
     pub(super) fn end(&mut self) -> Result<Option<ProtocolViolation>, DriveStop> {
         match self.peer.take().map_or(Ok(()), Peer::end) {
             Ok(()) => Ok(None),
-            Err(PeerError::Misbehaved(how)) => Ok(Some(how)),
+            Err(PeerError::Misbehaved(misbehaviour)) => Ok(Some(misbehaviour)),
             Err(PeerError::Interrupted) => Err(DriveStop::Interrupted),
         }
     }

@@ -142,7 +142,7 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let look = (live.period(), |log: &ProbeLog<_>, now| live.show(log, now));
     let wrote = drive(&mut log, &schedule, ask, interrupt.wait(), look).await;
     live.end();
-    let mut summary = ProbeSummary::new((args, csv.path()), url, &log.figures, interrupt.came());
+    let mut summary = ProbeSummary::new((args, csv.path()), url, &log.figures, interrupt.is_set());
     // What was measured is printed whatever becomes of the files.
     let wrote = wrote.map_err(|source| unwritten(source).into()).and_then(|()| {
         if let Some((_, folder)) = &folder {

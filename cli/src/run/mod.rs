@@ -85,8 +85,8 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
         Some(why) => Err(RunError::Unrecorded { trace: name, why }.into()),
         None if args.require_clouds && report.silent_clouds().next().is_some() => {
             for cloud in report.silent_clouds() {
-                let what = "it answered no request in time, as --require-clouds wants";
-                complain(format_args!("error: cloud {cloud:?}: {what}"));
+                let problem = "it answered no request in time, as --require-clouds wants";
+                complain(format_args!("error: cloud {cloud:?}: {problem}"));
             }
             Ok(Exit::Differs)
         }

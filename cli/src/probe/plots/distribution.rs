@@ -51,11 +51,11 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
                 {
                     let dots = points.iter().map(|at| Circle::new(*at, 5, colour.filled()));
                     chart.draw_series(dots).expect(DRAWN);
-                    for (place, at) in points.iter().enumerate() {
-                        let is_left = others.get(place).is_none_or(|other| *at < *other);
+                    for (index, at) in points.iter().enumerate() {
+                        let is_left = others.get(index).is_none_or(|other| *at < *other);
                         let (x, y) = chart.backend_coord(at);
                         let x = if is_left { x - 10 } else { x + 10 };
-                        let name = ["p50", "p90", "p99"][place];
+                        let name = ["p50", "p90", "p99"][index];
                         write(theme, canvas, (name, at.0, is_left), (x, y));
                     }
                 }

@@ -31,22 +31,22 @@ impl Default for Extent {
 }
 
 impl Extent {
-    pub(crate) fn add(&mut self, seen: &PlotRow) {
+    pub(crate) fn add(&mut self, plot_row: &PlotRow) {
         self.rows += 1;
-        self.sent = Some((self.sent.map_or(seen.sent, |(first, _)| first), seen.sent));
-        match seen.round_trip {
+        self.sent = Some((self.sent.map_or(plot_row.sent, |(first, _)| first), plot_row.sent));
+        match plot_row.round_trip {
             Some(ms) => {
                 self.answered += 1;
                 self.round_trips.add(Duration::from_secs_f64(ms / 1000.0));
                 let (least, greatest) = self.ends.unwrap_or((ms, ms));
                 self.ends = Some((least.min(ms), greatest.max(ms)));
             }
-            None if seen.is_pause => self.pauses += 1,
+            None if plot_row.is_pause => self.pauses += 1,
             None => self.lost += 1,
         }
-        if let Some(place) = seen.place {
-            let bounds = self.bounds.get_or_insert_with(|| BoundingBox::new(place));
-            bounds.add(place);
+        if let Some(position) = plot_row.position {
+            let bounds = self.bounds.get_or_insert_with(|| BoundingBox::new(position));
+            bounds.add(position);
         }
     }
 

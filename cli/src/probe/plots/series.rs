@@ -42,25 +42,25 @@ impl Series {
         }
     }
 
-    pub(crate) fn add(&mut self, seen: &PlotRow) {
+    pub(crate) fn add(&mut self, plot_row: &PlotRow) {
         let unit = (self.seconds.end - self.seconds.start) / ACROSS;
         if self.is_paused
             && let Some(pause) = self.pauses.last_mut()
         {
-            pause.1 = seen.sent;
+            pause.1 = plot_row.sent;
         }
-        self.is_paused = seen.is_pause;
-        let x = cell((seen.sent - self.seconds.start) / unit);
-        match seen.round_trip {
+        self.is_paused = plot_row.is_pause;
+        let x = cell((plot_row.sent - self.seconds.start) / unit);
+        match plot_row.round_trip {
             Some(ms) => {
                 let up = (ms.max(self.milliseconds.start) / self.milliseconds.start).log10();
                 self.dots.insert((x, cell(up / self.decades() * UP)));
             }
-            None if !seen.is_pause => drop(self.lost.insert(x)),
+            None if !plot_row.is_pause => drop(self.lost.insert(x)),
             None => match self.pauses.last_mut() {
                 // As one, so that there are no more than the drawing shows.
-                Some(pause) if seen.sent - pause.1 < unit / 2.0 => pause.1 = seen.sent,
-                Some(_) | None => self.pauses.push((seen.sent, seen.sent)),
+                Some(pause) if plot_row.sent - pause.1 < unit / 2.0 => pause.1 = plot_row.sent,
+                Some(_) | None => self.pauses.push((plot_row.sent, plot_row.sent)),
             },
         }
     }
