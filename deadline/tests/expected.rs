@@ -62,9 +62,9 @@ fn the_estimate_of_a_small_sample() {
 #[test]
 fn a_call_that_was_given_up_is_not_fast() {
     assert_eq!(survival(&[observation(310, false, 20)], &[]).next(), None);
-    let mut gone = policy::<32>(None);
-    (0..32).for_each(|_| gone.ended(End::Censored(ms(310))));
-    assert_eq!(message(&mut gone, None).deadline, ms(LOCAL_MS));
+    let mut lost = policy::<32>(None);
+    (0..32).for_each(|_| lost.ended(End::Censored(ms(310))));
+    assert_eq!(message(&mut lost, None).deadline, ms(LOCAL_MS));
 }
 
 #[test]

@@ -20,7 +20,7 @@ pub struct Operator {
     config: &'static World,
     /// Which sightings were told of: the checker keeps the last sighting that it is told of, and the
     /// first one has the shortest way to it.
-    told: Vec<AtomicBool>,
+    reported: Vec<AtomicBool>,
     /// What is to be sighted.
     sightings: Vec<Sighting>,
 }
@@ -29,8 +29,8 @@ impl Operator {
     /// An operator so configured.
     #[must_use]
     pub fn new(config: &'static World) -> Self {
-        let told = Sighting::ALL.iter().map(|_| AtomicBool::new(false)).collect();
-        Self { config, told, sightings: config.sightings().collect() }
+        let reported = Sighting::ALL.iter().map(|_| AtomicBool::new(false)).collect();
+        Self { config, reported, sightings: config.sightings().collect() }
     }
 
     /// The same without sightings: its only properties are the claims.
@@ -105,12 +105,12 @@ impl Holds<Claim> for Operator {
 impl Holds<Sighting> for Operator {
     /// Whether a step from this state shows it, unless another state was told to have one.
     fn holds(&self, state: &State, sighting: Sighting) -> bool {
-        let Some(told) = self.told.get(sighting as usize) else { return false };
-        if told.load(Ordering::Relaxed) {
+        let Some(reported) = self.reported.get(sighting as usize) else { return false };
+        if reported.load(Ordering::Relaxed) {
             return false;
         }
         let shows = state.ahead(|| self.ahead(state)).contains(sighting);
-        shows && !told.swap(true, Ordering::Relaxed)
+        shows && !reported.swap(true, Ordering::Relaxed)
     }
 }
 
