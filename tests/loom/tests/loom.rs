@@ -29,9 +29,9 @@ impl Race {
     /// Explores it under a commit rule; answers how many different lists of answers there were.
     fn ends<const CLOUDS: usize, const WINDOW: usize>(&'static self, commit: Commit) -> usize {
         let ends: Arc<Mutex<HashSet<Vec<CallAnswer>>>> = Arc::default();
-        let seen = Arc::clone(&ends);
+        let results = Arc::clone(&ends);
         explore(move || {
-            seen.lock().unwrap().insert(self.run::<CLOUDS, WINDOW>(commit));
+            results.lock().unwrap().insert(self.run::<CLOUDS, WINDOW>(commit));
         });
         ends.lock().unwrap().len()
     }

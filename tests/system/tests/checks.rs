@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, Simulator, kept};
+use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, Simulator, saved_seeds};
 
 /// So many seeds from 0 on show everything that a seeded fault was ever caught by, in a few seconds.
 const SEEDS: u64 = 300;
@@ -12,11 +12,11 @@ const SEEDS: u64 = 300;
 static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|| {
     let simulator = Simulator::new().expect("a folder for traces");
     let mut broken = BTreeMap::new();
-    let seeds = kept().into_iter().map(|KeptSeed { seed, .. }| seed).chain(0..SEEDS);
+    let seeds = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| seed).chain(0..SEEDS);
     for seed in seeds {
         let run = simulator.simulate(&Scenario::draw(seed)).expect("a folder for traces");
         for finding in run.findings {
-            broken.entry(finding.check).or_insert((seed, finding.what));
+            broken.entry(finding.check).or_insert((seed, finding.reason));
         }
     }
     broken
@@ -24,9 +24,9 @@ static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|
 
 fn holds(check: &str) {
     assert!(CHECKS.iter().any(|known| known.name == check), "there is no check {check}");
-    if let Some((seed, what)) = BROKEN.get(check) {
-        let what: String = what.chars().take(2000).collect();
-        panic!("seed {seed}: {what}");
+    if let Some((seed, reason)) = BROKEN.get(check) {
+        let reason: String = reason.chars().take(2000).collect();
+        panic!("seed {seed}: {reason}");
     }
 }
 

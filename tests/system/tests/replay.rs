@@ -15,7 +15,10 @@ fn a_seed_played_twice_is_the_same_to_the_byte() {
         let first = simulator.simulate(&Scenario::draw(seed)).unwrap();
         let second = simulator.simulate(&Scenario::draw(seed)).unwrap();
         assert!(first.trace == second.trace, "the traces of seed {seed} differ");
-        assert!(first.seen() == second.seen(), "what is seen of seed {seed} differs");
+        assert!(
+            first.external_log() == second.external_log(),
+            "what is seen of seed {seed} differs"
+        );
         bytes += first.trace.len();
     }
     assert!(bytes > 1_000_000, "{bytes} bytes are nothing to compare");
@@ -33,7 +36,7 @@ fn every_kind_of_trouble_is_drawn() {
         })
     };
     let drawn = |what: &str, count: usize| assert!(count > 0, "no scenario has {what}");
-    for how in [
+    for result in [
         CallResult::Answers,
         CallResult::Fails,
         CallResult::Panics,
@@ -43,8 +46,14 @@ fn every_kind_of_trouble_is_drawn() {
         CallResult::Hangs,
         CallResult::HangsAndPanics,
     ] {
-        drawn(&format!("a call that {how:?}"), acts().filter(|act| act.how == how).count());
-        drawn(&format!("a local that {how:?}"), frames().filter(|it| it.local.how == how).count());
+        drawn(
+            &format!("a call that {result:?}"),
+            acts().filter(|act| act.result == result).count(),
+        );
+        drawn(
+            &format!("a local that {result:?}"),
+            frames().filter(|it| it.local.result == result).count(),
+        );
     }
     drawn("yields", acts().filter(|act| act.yields > 0).count());
     let handlers = frames().flat_map(|frame| &frame.asks);
@@ -93,10 +102,10 @@ fn what_never_ends_is_found_and_becomes_one_message() {
         frame.local = SourceAction::answers(Duration::from_millis(1));
     }
     scenario.frames[40].local =
-        SourceAction { after: Duration::ZERO, yields: 0, how: CallResult::Hangs };
+        SourceAction { after: Duration::ZERO, yields: 0, result: CallResult::Hangs };
     let findings = simulator.simulate(&scenario).unwrap().findings;
     assert!(findings.iter().any(|finding| finding.check == "d8_everything_ends"), "{findings:?}");
     let smallest = simulator.smallest(&scenario, "d8_everything_ends").unwrap();
     assert_eq!(smallest.frames.len(), 1, "{smallest}");
-    assert_eq!(smallest.frames[0].local.how, CallResult::Hangs, "{smallest}");
+    assert_eq!(smallest.frames[0].local.result, CallResult::Hangs, "{smallest}");
 }

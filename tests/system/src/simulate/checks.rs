@@ -112,7 +112,7 @@ pub struct Finding {
     /// The check's name.
     pub check: &'static str,
     /// What is wrong, in words.
-    pub what: String,
+    pub reason: String,
 }
 
 impl<'a> Facts<'a> {
@@ -131,8 +131,8 @@ impl<'a> Facts<'a> {
     /// Everything that does not hold.
     pub(crate) fn findings(&self) -> Vec<Finding> {
         let found = |check: &Check| {
-            let what = (check.holds)(self).err()?;
-            Some(Finding { check: check.name, what })
+            let reason = (check.holds)(self).err()?;
+            Some(Finding { check: check.name, reason })
         };
         CHECKS.iter().filter_map(found).collect()
     }
@@ -162,12 +162,12 @@ fn ends(facts: &Facts<'_>) -> Result<(), String> {
 }
 
 /// Says what is wrong unless it holds.
-pub(crate) fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(what()) }
+pub(crate) fn ensure(holds: bool, reason: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(reason()) }
 }
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.check, self.what)
+        write!(f, "{}: {}", self.check, self.reason)
     }
 }

@@ -126,7 +126,7 @@ pub struct SourceAction {
     /// How often others have their turn before it begins and before it ends.
     pub yields: u8,
     /// How it ends.
-    pub how: CallResult,
+    pub result: CallResult,
 }
 
 /// How a call or a computation ends.
@@ -170,8 +170,8 @@ impl Scenario {
         if p == 0 {
             return Some(frame.local);
         }
-        let place = self.clouds.iter().position(|cloud| cloud.p == p)?;
-        match frame.asks.get(place)? {
+        let index = self.clouds.iter().position(|cloud| cloud.p == p)?;
+        match frame.asks.get(index)? {
             OfferAction::Offers(_, act) => Some(*act),
             OfferAction::Nothing | OfferAction::Panics => None,
         }
@@ -182,7 +182,7 @@ impl SourceAction {
     /// Answers after this long.
     #[must_use]
     pub const fn answers(after: Duration) -> Self {
-        Self { after, yields: 0, how: CallResult::Answers }
+        Self { after, yields: 0, result: CallResult::Answers }
     }
 }
 
@@ -242,7 +242,7 @@ impl fmt::Display for OfferAction {
 
 impl fmt::Display for SourceAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:?} after {:?}", self.how, self.after)?;
+        write!(f, "{:?} after {:?}", self.result, self.after)?;
         if self.yields > 0 { write!(f, " and {} yields", self.yields) } else { Ok(()) }
     }
 }

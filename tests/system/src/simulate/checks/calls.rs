@@ -17,12 +17,12 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     if !is_whole {
         return Ok(());
     }
-    let taken = replay.opened.iter().filter(|message| {
-        !matches!(message.left.map(|left| left.how), Some(Departure::Refused(_)))
+    let accepted = replay.opened.iter().filter(|message| {
+        !matches!(message.end.map(|end| end.departure), Some(Departure::Refused(_)))
     });
     let mut handlers = Vec::new();
     let mut offers = Vec::new();
-    for message in taken {
+    for message in accepted {
         let serial = serial(facts, message.t);
         for (cloud, ask) in scenario.clouds.iter().zip(&scenario.frames[serial].asks) {
             handlers.push((cloud.p, message.t));
@@ -86,13 +86,14 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
             )
         })?;
         let cloud = facts.scenario.clouds.iter().find(|cloud| cloud.p == requested.p);
-        let (Some(left), Some(cloud), Some(due)) = (seen.left, cloud, requested.due) else {
+        let (Some(time_left), Some(cloud), Some(due)) = (seen.time_left, cloud, requested.due)
+        else {
             continue;
         };
         let until = due.saturating_add(crate::simulate::log::nanos(cloud.linger));
-        ensure(crate::simulate::log::nanos(left) == until - started, || {
+        ensure(crate::simulate::log::nanos(time_left) == until - started, || {
             format!(
-                "{} is told {left:?} for {}, due at {until} from {started}",
+                "{} is told {time_left:?} for {}, due at {until} from {started}",
                 requested.p, requested.t
             )
         })?;
@@ -104,7 +105,7 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
 pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
     let log = &facts.played.log;
     for (requested, seen) in pairs(facts)? {
-        let what = || {
+        let description = || {
             format!(
                 "{} begun at {} ended {:?}, due {:?}, fired {:?}, cancelled {:?}",
                 format_args!("{} of {}", requested.t, requested.p),
@@ -116,16 +117,16 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
             )
         };
         let Some((ended, stop)) = seen.end else {
-            return Err(format!("it was never dropped: {}", what()));
+            return Err(format!("it was never dropped: {}", description()));
         };
         let is_over = log.over.is_some_and(|over| over <= ended);
         if requested.p == 0 {
             ensure(stop != CallStop::DroppedResult || is_over, || {
-                format!("local was aborted: {}", what())
+                format!("local was aborted: {}", description())
             })?;
         } else {
             cloud_ends(facts, requested, (ended, stop))
-                .map_err(|why| format!("{why}: {}", what()))?;
+                .map_err(|why| format!("{why}: {}", description()))?;
         }
         // Its end is an input of the trace at the same instant, unless the operator has ended.
         if stop != CallStop::DroppedResult
@@ -136,7 +137,7 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
             let is_reported = reported == Some((ended, stop == CallStop::Answered));
             let is_done = requested.p == 0 && log.over.is_some();
             ensure(is_reported || is_done && reported.is_none(), || {
-                format!("its word came {reported:?}: {}", what())
+                format!("its word came {reported:?}: {}", description())
             })?;
         }
     }
@@ -194,15 +195,15 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     let frames = scenario.input_len + waiting + at_once + 3;
     let readers = scenario.readers.len();
     let values = 2 * window + readers * (scenario.output_len + 1) + 2;
-    for (what, most, bound) in
+    for (description, most, bound) in
         [("messages", played.most[0], frames), ("values", played.most[1], values)]
     {
-        ensure(most <= bound, || format!("{most} {what} were held, {bound} may be"))?;
+        ensure(most <= bound, || format!("{most} {description} were held, {bound} may be"))?;
     }
-    let [tasks, frames, values] = played.left;
+    let [tasks, frames, values] = played.remaining;
     ensure(frames == 0 && values == 0, || format!("{frames} messages, {values} values are left"))?;
     let hung = |seen: &&LoggedCall| {
-        let act = scenario.act(seen.serial, 0).map(|act| act.how);
+        let act = scenario.act(seen.serial, 0).map(|act| act.result);
         seen.p == 0 && matches!(act, Some(CallResult::Hangs | CallResult::HangsAndPanics))
     };
     let hung = log.calls.iter().filter(hung).count();
