@@ -98,7 +98,7 @@ pub unsafe extern "C" fn fuseline_open(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Open, answer)) }
+    unsafe { with(machine, answer, |room, answer| room.submit(now, t, MessageInput::Open, answer)) }
 }
 
 /// F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
@@ -114,7 +114,7 @@ pub unsafe extern "C" fn fuseline_open_within(
     // SAFETY: as the header requires.
     unsafe {
         with(machine, answer, |room, answer| {
-            room.ask(now, t, MessageInput::OpenWithin(deadline), answer)
+            room.submit(now, t, MessageInput::OpenWithin(deadline), answer)
         })
     }
 }
@@ -135,7 +135,12 @@ pub unsafe extern "C" fn fuseline_offer(
     // SAFETY: as the header requires.
     unsafe {
         with(machine, answer, |room, answer| {
-            room.ask(now, t, MessageInput::Offer(&OfferArguments { p, deadline, backlog }), answer)
+            room.submit(
+                now,
+                t,
+                MessageInput::Offer(&OfferArguments { p, deadline, backlog }),
+                answer,
+            )
         })
     }
 }
@@ -152,7 +157,7 @@ pub unsafe extern "C" fn fuseline_result(
 ) -> CStatus {
     // SAFETY: as the header requires.
     unsafe {
-        with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Result(p), answer))
+        with(machine, answer, |room, answer| room.submit(now, t, MessageInput::Result(p), answer))
     }
 }
 
@@ -167,7 +172,9 @@ pub unsafe extern "C" fn fuseline_fail(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Fail(p), answer)) }
+    unsafe {
+        with(machine, answer, |room, answer| room.submit(now, t, MessageInput::Fail(p), answer))
+    }
 }
 
 /// F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
@@ -179,7 +186,7 @@ pub unsafe extern "C" fn fuseline_tick(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, 0, MessageInput::Tick, answer)) }
+    unsafe { with(machine, answer, |room, answer| room.submit(now, 0, MessageInput::Tick, answer)) }
 }
 
 /// Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.

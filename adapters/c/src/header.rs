@@ -101,7 +101,7 @@ impl StorageHeader {
     }
 }
 
-/// The place of an answer.
+/// Where an answer is written.
 pub(crate) fn answer_target<T>(answer: *mut T) -> AnswerTarget {
     AnswerTarget { at: answer.addr(), len: size_of::<T>(), is: check(answer) }
 }
@@ -113,7 +113,7 @@ pub(crate) fn wrong(status: CStatus) -> CStatus {
     core::hint::black_box(status)
 }
 
-/// The configuration and the clouds that an init of either kind was given, if these, the storage and the place of the
+/// The configuration and the clouds that an init of either kind was given, if these, the storage and the address of the
 /// machine's pointer are all right. `needed` says how many bytes a capacity takes, 0 if there is none such.
 ///
 /// # Safety

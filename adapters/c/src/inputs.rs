@@ -42,8 +42,13 @@ pub(crate) struct OfferArguments {
 /// The inputs of SPEC.md and the questions, to a machine of whatever capacity.
 pub(crate) trait Inputs {
     /// One firing (F5), or the input's own answer.
-    fn ask(&self, now: u64, t: u64, input: MessageInput, answer: AnswerPointer<CAnswer>)
-    -> CStatus;
+    fn submit(
+        &self,
+        now: u64,
+        t: u64,
+        input: MessageInput,
+        answer: AnswerPointer<CAnswer>,
+    ) -> CStatus;
     /// Whether a call is under way.
     fn is_busy(&self) -> bool;
     /// The next due instant.
@@ -87,7 +92,7 @@ pub(crate) fn apply<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// What is asked for, or [`CStatus::None`], which writes nothing.
+/// What is requested, or [`CStatus::None`], which writes nothing.
 pub(crate) fn answer_list<T>(value: Option<T>, target: AnswerPointer<T>) -> CStatus {
     match value {
         Some(value) => {

@@ -253,14 +253,14 @@ pub(crate) unsafe fn owner<A>(
     answer_list
 }
 
-// A message id crosses the interface as three integers, the last of which is its place. It has no padding where addresses have
+// A message id crosses the interface as three integers, the last of which is its index. It has no padding where addresses have
 // 64 bits.
 const _: () = assert!(size_of::<usize>() == 8, "the machine for many threads is for 64 bits");
 
 /// What is written where no message was opened.
 pub(crate) const NO_TICKET: CMessageId = CMessageId { opaque: [0; 3] };
 
-/// A message id as the caller has it: its place stands beside the address of its machine, counted from 1.
+/// A message id as the caller has it: its index is joined with the address of its machine, counted from 1.
 pub(crate) fn plain(machine: *mut CShared, message_id: MessageId) -> CMessageId {
     // SAFETY: as for `named`; no byte of it is padding.
     let [timestamp, generation, index] = unsafe { transmute::<MessageId, [u64; 3]>(message_id) };
@@ -278,10 +278,10 @@ pub(crate) fn named(machine: *mut CShared, message_id: CMessageId) -> Result<Mes
     Ok(unsafe { transmute::<[u64; 3], MessageId>([timestamp, generation, index]) })
 }
 
-/// More than the places of any machine.
+/// More than the slots of any machine.
 const PLACES: u64 = 2048;
 
-/// What stands for a machine's first place: not 0, and far from another machine's, for each is aligned to 64 bytes and no
+/// What stands for a machine's first index: not 0, and far from another machine's, for each is aligned to 64 bytes and no
 /// address uses its upper 5 bits.
 fn first_index(machine: *mut CShared) -> u64 {
     (machine.addr() as u64 / 64).wrapping_mul(PLACES).wrapping_add(1)

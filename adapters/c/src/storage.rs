@@ -151,7 +151,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW> {
-    fn ask(
+    fn submit(
         &self,
         now: u64,
         t: u64,

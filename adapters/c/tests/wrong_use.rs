@@ -1,4 +1,4 @@
-//! Wrong use is told by a status and changes nothing.
+//! Wrong use is reported by a status and changes nothing.
 #![expect(unsafe_code, reason = "calls a C interface")]
 #![expect(clippy::multiple_unsafe_ops_per_block, reason = "a row of calls with one reason")]
 #![expect(clippy::cast_possible_truncation, reason = "sizes and counts of a few hundred")]

@@ -23,7 +23,7 @@ impl Console {
         let open = |mode: usize| -> usize {
             let name = b":tt\0";
             #[expect(unsafe_code, reason = "asks the host")]
-            // SAFETY: the name ends and is as long as told; the host only reads it.
+            // SAFETY: the name ends and has the given length; the host only reads it.
             unsafe {
                 syscall!(OPEN, name.as_ptr(), mode, name.len() - 1)
             }
@@ -61,7 +61,7 @@ impl Console {
 impl fmt::Write for Console {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         #[expect(unsafe_code, reason = "asks the host")]
-        // SAFETY: the host reads the text, which is as long as told.
+        // SAFETY: the host reads the text, which has the given length.
         let remaining = unsafe { syscall!(WRITE, self.output, text.as_ptr(), text.len()) };
         if remaining == 0 { Ok(()) } else { Err(fmt::Error) }
     }

@@ -218,7 +218,7 @@ fn meters_say_what_the_tally_says() {
     assert_eq!(metrics, BTreeMap::from(expected));
 }
 
-/// How many computations gave their places back without a word.
+/// How many computations freed their slots without a completion.
 fn lost(engine: &Tested) -> usize {
     usize::try_from(engine.counts().tally().sources[0].lost).unwrap()
 }
@@ -242,7 +242,7 @@ enum Step {
         nth: usize,
         well: bool,
     },
-    /// A word about anything at all.
+    /// A completion of any kind.
     Stray {
         back: u64,
         p: u16,

@@ -236,42 +236,42 @@ mod tests {
 
     #[test]
     fn a_task_leads_to_where_it_is_meant_to_lead() {
-        let goes = |state: LifecycleState, id, label, result| {
+        let run_transition = |state: LifecycleState, id, label, result| {
             let (transition, task) = state.requested(id, label)?;
             assert_eq!(transition.from, state);
             Some((task, transition.to.ended(result)?.to))
         };
         assert_eq!(
-            goes(Unconfigured, 1, "", TransitionResult::Success),
+            run_transition(Unconfigured, 1, "", TransitionResult::Success),
             Some((LifecycleTask::Configure, Inactive))
         );
         assert_eq!(
-            goes(Unconfigured, 1, "", TransitionResult::Failure),
+            run_transition(Unconfigured, 1, "", TransitionResult::Failure),
             Some((LifecycleTask::Configure, Unconfigured))
         );
         assert_eq!(
-            goes(Inactive, 3, "", TransitionResult::Success),
+            run_transition(Inactive, 3, "", TransitionResult::Success),
             Some((LifecycleTask::Activate, Active))
         );
         assert_eq!(
-            goes(Active, 4, "", TransitionResult::Success),
+            run_transition(Active, 4, "", TransitionResult::Success),
             Some((LifecycleTask::Deactivate, Inactive))
         );
         assert_eq!(
-            goes(Inactive, 2, "", TransitionResult::Success),
+            run_transition(Inactive, 2, "", TransitionResult::Success),
             Some((LifecycleTask::CleanUp, Unconfigured))
         );
         assert_eq!(
-            goes(Inactive, 2, "", TransitionResult::Error),
+            run_transition(Inactive, 2, "", TransitionResult::Error),
             Some((LifecycleTask::CleanUp, ErrorProcessing))
         );
         for (state, id) in [(Unconfigured, 5), (Inactive, 6), (Active, 7)] {
             assert_eq!(
-                goes(state, id, "", TransitionResult::Success),
+                run_transition(state, id, "", TransitionResult::Success),
                 Some((LifecycleTask::ShutDown, Finalized))
             );
             assert_eq!(
-                goes(state, 0, "shutdown", TransitionResult::Success),
+                run_transition(state, 0, "shutdown", TransitionResult::Success),
                 Some((LifecycleTask::ShutDown, Finalized))
             );
         }

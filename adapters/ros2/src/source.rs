@@ -130,7 +130,7 @@ mod tests {
 
     use super::*;
 
-    /// The credentials that a server asks for, and a client's files of them.
+    /// The credentials that a server requires, and a client's files of them.
     struct CredentialFiles {
         folder: tempfile::TempDir,
         server: Server,
@@ -171,7 +171,7 @@ mod tests {
     }
 
     /// One call's result.
-    async fn ask(grpc: &Grpc) -> Result<Payload, Error> {
+    async fn call_once(grpc: &Grpc) -> Result<Payload, Error> {
         let header =
             Header { operator: None, window: 1, commit: Commit::Eager, clouds: Vec::new() };
         let local = Local { at_once: 1, waiting: 0, skip_answered: false, lossy: true };
@@ -198,12 +198,15 @@ mod tests {
             token_file: Some(secrets.file("token")),
             server_name: None,
         };
-        let echoed = ask(&all).await.unwrap();
+        let echoed = call_once(&all).await.unwrap();
         assert_eq!((echoed.big_endian, &echoed.body[..]), (true, b"message".as_slice()));
         let without_token = Grpc { token_file: None, ..all.clone() };
         let without_certificate = Grpc { certificate: None, key: None, ..all };
-        assert!(ask(&without_token).await.is_err(), "the server asks for no token");
-        assert!(ask(&without_certificate).await.is_err(), "the server asks for no certificate");
+        assert!(call_once(&without_token).await.is_err(), "the server asks for no token");
+        assert!(
+            call_once(&without_certificate).await.is_err(),
+            "the server asks for no certificate"
+        );
         server.abort();
     }
 

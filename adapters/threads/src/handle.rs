@@ -33,7 +33,7 @@ pub struct SharedHandle<const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) slots: [WindowSlot<CLOUDS>; WINDOW],
 }
 
-/// One place of the window. Places share no cache lines: their messages have different callers.
+/// One slot of the window. Slots share no cache lines: their messages have different callers.
 #[repr(align(64))]
 pub(crate) struct WindowSlot<const CLOUDS: usize> {
     pub(crate) packed: AtomicU64,
@@ -167,7 +167,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
             }
             let (slot, answer) = decide(window_slot, window_slot.entry(packed.slot(self.commit)));
             let next = packed.stepped(slot);
-            // Even if nothing changes: the place may be in use again, with the due instants of another message.
+            // Even if nothing changes: the slot may be in use again, with the due instants of another message.
             // Release: what the caller did before, to whoever forwards or opens next. The word of a failed exchange is
             // not used, so its load may be relaxed; the next load sees no older one.
             let exchanged = window_slot.packed.compare_exchange(

@@ -19,7 +19,7 @@ impl MessageId {
         self.timestamp
     }
 
-    /// The message's place, less than the window; no other open message has it.
+    /// The message's index, less than the window; no other open message has it.
     #[must_use]
     pub const fn place(self) -> usize {
         self.index

@@ -26,7 +26,7 @@ pub(crate) struct OwnerState<const CLOUDS: usize> {
     /// For their gates; the gates of the handle's copy are not used.
     clouds: Clouds<CLOUDS>,
     newest: Option<Timestamp>,
-    /// The place that was opened last.
+    /// The slot that was opened last.
     last: usize,
 }
 
@@ -46,7 +46,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
 
     /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
     ///
-    /// Looks at each place at most once; at a single one where messages are retired in the order in which they came.
+    /// Looks at each slot at most once; at a single one where messages are retired in the order in which they came.
     ///
     /// # Errors
     /// The first [`OpenRefusal`] that holds. `Full` may no longer hold at the return.
@@ -67,7 +67,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
             window_slot.set_due(Source::LOCAL, entry.due(Source::LOCAL));
         }
         let packed = packed.opened(entry.slot());
-        // No exchange: nobody else writes a free place. Relaxed: others get the message id after this.
+        // No exchange: nobody else writes a free slot. Relaxed: others get the message id after this.
         window_slot.packed.store(packed.bits(), Ordering::Relaxed);
         self.state.newest = Some(timestamp);
         self.state.last = index;
@@ -109,7 +109,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         (fired, admission)
     }
 
-    /// The first free place after the one opened last, with its word.
+    /// The first free slot after the one opened last, with its word.
     fn free_slot(&self) -> Option<(usize, &'a WindowSlot<CLOUDS>, PackedSlot<CLOUDS>)> {
         let slots = self.handle.slots.iter().take(self.handle.window).enumerate();
         let from = self.state.last.wrapping_add(1);

@@ -1,4 +1,4 @@
-//! Which deadlines clouds get, and what their policies are told.
+//! Which deadlines clouds get, and what is reported to their policies.
 
 mod support;
 
@@ -16,7 +16,7 @@ use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What a policy was asked and told, in its order.
+/// The calls that a policy received, in their order.
 type Log = Arc<Mutex<Vec<String>>>;
 
 /// Answers with one deadline after the other, the last again and again, and notes everything.
@@ -42,7 +42,7 @@ impl Policy for RecordingPolicy {
     }
 }
 
-/// What a cloud does with the n-th message, in ms from when it is asked.
+/// What a cloud does with the n-th message, in ms from the request.
 #[derive(Clone, Copy)]
 enum ServiceAction {
     Answers(u32),
@@ -51,7 +51,7 @@ enum ServiceAction {
 }
 use ServiceAction::{Answers, Fails, Hangs};
 
-/// Its value says who answered which message, asked when.
+/// Its value says who answered which message, requested when.
 async fn does(who: &str, does: ServiceAction, t: u64, start: Instant) -> Result<String, Error> {
     let requested = start.elapsed().as_millis();
     let value = format!("{who}'s of {t}, asked at {requested} ms,");
@@ -66,7 +66,7 @@ async fn does(who: &str, does: ServiceAction, t: u64, start: Instant) -> Result<
     Ok(value)
 }
 
-/// Local answers after 20 ms, and cloud `p` as it is told for each message.
+/// Local answers after 20 ms, and cloud `p` as given for each message.
 fn cloud(
     setup: &mut Setup<u64, String>,
     p: u16,

@@ -15,7 +15,7 @@ use tokio::time::{Instant, sleep, sleep_until};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What a service does with the n-th message, in ms from when it is asked.
+/// What a service does with the n-th message, in ms from the request.
 #[derive(Clone, Copy)]
 enum ServiceAction {
     Answers(u32),
@@ -27,7 +27,7 @@ use ServiceAction::{Answers, Fails, Hangs, Panics};
 
 type Plan = SharedState<String>;
 
-/// A plan says for which message it was asked, and when.
+/// A plan says for which message it was requested, and when.
 async fn plan(does: ServiceAction, t: u64, start: Instant) -> Result<String, Error> {
     let requested = start.elapsed().as_millis();
     match does {

@@ -117,7 +117,7 @@ impl LifecycleServices {
             reply.send(ChangeStateResponse { success: false });
             return None;
         };
-        self.goes(transition);
+        self.announce(transition);
         *state = transition.to;
         Some(PendingTransition { reply, done })
     }
@@ -126,14 +126,14 @@ impl LifecycleServices {
     fn end(&self, mut state: LifecycleState, result: TransitionResult) -> LifecycleState {
         let mut next = result;
         while let Some(transition) = state.ended(next) {
-            self.goes(transition);
+            self.announce(transition);
             state = transition.to;
             next = TransitionResult::Success;
         }
         state
     }
 
-    fn goes(&self, transition: Transition) {
+    fn announce(&self, transition: Transition) {
         info!(from = transition.from.label(), to = transition.to.label(), "{}", transition.label);
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let timestamp = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);

@@ -230,7 +230,7 @@ impl ZenohSession {
         Ok(end)
     }
 
-    /// Serves requests, of which the last `kept` wait until they are taken. The service is there as long as the token.
+    /// Serves requests, of which the last `capacity` wait until they are taken. The service is there as long as the token.
     pub(crate) fn queryable(
         &mut self,
         name: &str,

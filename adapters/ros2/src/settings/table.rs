@@ -65,13 +65,13 @@ impl fmt::Display for Settings {
 
 impl Settings {
     fn cloud_row(&self, cloud: &Cloud) -> [String; 5] {
-        let way = match &cloud.way {
+        let connection = match &cloud.way {
             CloudConnection::Topics { input, output, .. } => format!("{input}, {output}"),
             CloudConnection::Grpc(grpc) => grpc.url.clone(),
         };
         let requested = if cloud.enabled { "yes" } else { "no" };
         let deadline = secs(cloud.deadline.unwrap_or(self.deadline));
-        [cloud.name.clone(), cloud.priority.to_string(), deadline, requested.to_owned(), way]
+        [cloud.name.clone(), cloud.priority.to_string(), deadline, requested.to_owned(), connection]
     }
 }
 

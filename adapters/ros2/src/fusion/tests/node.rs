@@ -135,7 +135,7 @@ impl Drop for Guard {
     }
 }
 
-/// What speaks to a node.
+/// What sends to a node.
 pub(super) struct Publications {
     pub(super) inputs: mpsc::Sender<ReceivedPayload>,
     pub(super) results: mpsc::Sender<(usize, ReceivedPayload)>,
@@ -145,7 +145,7 @@ pub(super) struct Publications {
     pub(super) orders: mpsc::Sender<LifecycleRequest>,
 }
 
-/// By what it hears them.
+/// By what it receives them.
 pub(super) struct Subscription {
     inputs: mpsc::Receiver<ReceivedPayload>,
     results: mpsc::Receiver<(usize, ReceivedPayload)>,
@@ -346,7 +346,7 @@ impl Node {
         }
     }
 
-    /// Tells a managed node what to do; how it goes is heard by the answer.
+    /// Orders a managed node to change its state; the answer has the result.
     pub(super) async fn publish_report(
         &self,
         task: LifecycleTask,

@@ -2,7 +2,7 @@
 //! come back and parameters that are set meanwhile.
 //!
 //! A seed makes a [`Scenario`]. It is played by the shipped loop, engine and recorder; instead of the middleware there
-//! are the channels by which the node hears it. Each check is a test, on the same seeds. Fresh ones, or one of them again:
+//! are the channels by which the node receives it. Each check is a test, on the same seeds. Fresh ones, or one of them again:
 //!
 //! ```sh
 //! SIMULATED_SECONDS=60 cargo test -p fuseline-ros2 --lib fresh_seeds -- --nocapture
@@ -73,7 +73,7 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
 fn simulated(scenario: &Scenario) -> (Vec<Finding>, BTreeSet<&'static str>) {
     let (publish_report, ended) = mpsc::channel();
     let scenario = scenario.clone();
-    // In a loop that never sleeps no virtual time passes, so real time tells.
+    // In a loop that never sleeps no virtual time passes, so real time decides.
     thread::spawn(move || {
         let played = play(&scenario);
         let reported = match Facts::new(&scenario, &played) {
@@ -134,7 +134,7 @@ fn d3_the_rules_decide_on_topics() {
     holds("d3_the_rules_decide");
 }
 
-/// D8: the node ends when it is told to, and answers what is open before.
+/// D8: the node ends when it is stopped, and answers what is open before.
 #[test]
 fn d8_a_node_that_is_told_to_end_ends() {
     holds("d8_everything_ends");
@@ -176,7 +176,7 @@ fn d15_levels_are_those_of_what_happened() {
     holds("d15_told");
 }
 
-/// D16: deadlines, clouds that are asked, and the state of a managed node are as they were set when a message came.
+/// D16: deadlines, clouds that are enabled, and the state of a managed node are as they were set when a message came.
 #[test]
 fn d16_what_is_set_holds_for_the_next_message() {
     holds("d16_as_set");
@@ -255,7 +255,7 @@ fn fresh_seeds() {
         return;
     }
     let took = start.elapsed().as_secs_f64();
-    // Not kept back from who runs all tests.
+    // Printed also when all tests run.
     let reported = format!("seeds {first} to {}: {inputs} inputs in {took:.1} s", next - 1);
     writeln!(io::stderr(), "{reported}").unwrap();
 }

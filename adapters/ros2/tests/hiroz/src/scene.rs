@@ -29,7 +29,7 @@ const PERIOD: Duration = Duration::from_millis(50);
 const IMAGES: usize = 100;
 /// How long anything may take.
 const LONG: Duration = Duration::from_secs(30);
-/// How much of what is wrong is told.
+/// How many errors are reported.
 const TOLD: usize = 10;
 
 const MEETING: &str = "all meet";

@@ -100,16 +100,16 @@ impl ConnectionWatch {
     pub(crate) async fn expired(&self) -> RejectReason {
         loop {
             let bounds = self.limits.bounds;
-            let (owes, calls) =
+            let (has_unread, calls) =
                 (self.owed.load(Ordering::Relaxed) > 0, self.under_way.load(Ordering::Relaxed) > 0);
-            let (patience, why) = match (self.has_called.load(Ordering::Relaxed), owes) {
+            let (patience, why) = match (self.has_called.load(Ordering::Relaxed), has_unread) {
                 (false, _) => (bounds.greeting, RejectReason::Mute),
                 (true, true) => (bounds.stall, RejectReason::Unread),
                 (true, false) => (bounds.idle, RejectReason::Idle),
             };
             let moved = self.activity.lock().unwrap_or_else(PoisonError::into_inner).moved;
             let remaining = patience.saturating_sub(moved.elapsed());
-            if remaining.is_zero() && (owes || !calls) {
+            if remaining.is_zero() && (has_unread || !calls) {
                 return why;
             }
             // What it waits for changes without a wake-up, so it looks again soon enough for each.

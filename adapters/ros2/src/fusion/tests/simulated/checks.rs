@@ -310,7 +310,7 @@ fn reported(facts: &Facts<'_>) -> Result<(), String> {
     ensure(is_well, || format!("at the end they are {words:?}"))
 }
 
-/// D16: the deadlines, and who is asked, are as they were set when the message came. What is set at that instant, on several
+/// D16: the deadlines, and who gets a request, are as they were set when the message came. What is set at that instant, on several
 /// topics perhaps, may hold or not.
 fn as_set(facts: &Facts<'_>) -> Result<(), String> {
     let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);

@@ -358,7 +358,7 @@ impl SimulationState {
         drop(self.mouths.results.send((value.index, self.sample(body))).await);
     }
 
-    /// Tells the node what to do, and hears how that went.
+    /// Sends the node an order, and receives its result.
     async fn publish_report(&self, task: LifecycleTask) {
         let (order, done) = LifecycleRequest::new(task);
         assert!(self.mouths.orders.send(order).await.is_ok(), "the node ended");

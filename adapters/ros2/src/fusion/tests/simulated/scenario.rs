@@ -14,7 +14,7 @@ pub(super) struct Scenario {
     pub(super) commit: Commit,
     /// How many more messages may wait for local.
     pub(super) waiting: u16,
-    /// Local, then the clouds, whose priorities are their places.
+    /// Local, then the clouds, whose priorities are their indices.
     pub(super) peers: Vec<Peer>,
     /// In the order of their instants.
     pub(super) inputs: Vec<Input>,
@@ -28,7 +28,7 @@ pub(super) struct Peer {
     pub(super) in_flight: u16,
     /// The gate's limit; local has none.
     pub(super) limit: u16,
-    /// Whether it is called, or hears by topics as local does.
+    /// Whether it is called, or receives by topics as local does.
     pub(super) is_called: bool,
     /// Whether its late results are published.
     pub(super) hints: bool,
@@ -42,7 +42,7 @@ pub(super) struct Input {
     pub(super) form: Form,
     /// Whether its output finds a subscriber that is too far behind.
     pub(super) is_unsent: bool,
-    /// What becomes of it at each peer, if it is asked.
+    /// What becomes of it at each peer that gets a request.
     pub(super) fates: Vec<Delivery>,
 }
 
@@ -166,7 +166,7 @@ impl Scenario {
         self.turns.iter().copied().chain(last.into_iter().map(|turn| (before, turn))).collect()
     }
 
-    /// When the node is told to end.
+    /// When the node is stopped.
     pub(super) fn end(&self) -> Duration {
         self.calm() + APART * u32::try_from(CALM).unwrap_or(0) + Duration::from_secs(2)
     }
