@@ -14,21 +14,21 @@ impl<W: Write> OutputSink<W> {
         Self { inner, is_closed: false }
     }
 
-    fn attempt<T>(&mut self, wrote: io::Result<T>, otherwise: T) -> io::Result<T> {
-        match wrote {
+    fn attempt<T>(&mut self, written: io::Result<T>, otherwise: T) -> io::Result<T> {
+        match written {
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
                 self.is_closed = true;
                 Ok(otherwise)
             }
-            wrote => wrote,
+            written => written,
         }
     }
 }
 
 impl<W: Write> Write for OutputSink<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let wrote = if self.is_closed { Ok(bytes.len()) } else { self.inner.write(bytes) };
-        self.attempt(wrote, bytes.len())
+        let written = if self.is_closed { Ok(bytes.len()) } else { self.inner.write(bytes) };
+        self.attempt(written, bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {

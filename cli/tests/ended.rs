@@ -34,7 +34,7 @@ fn a_hang_conforms_until_it_is_known_that_the_run_has_ended() {
         assert!(printed.contains(part), "{part} is not in\n{printed}");
     }
     assert!(!printed.contains("late by"), "{printed}");
-    // A last tick tells the same, and how late it is by then.
+    // A last tick says the same, and how late it is by then.
     let (code, printed) = observed(&[], &format!("{HANG}{{\"ev\":\"tick\",\"at\":200000000}}\n"));
     assert_eq!((code, printed.contains("breaks P5\n")), (Some(1), true), "{printed}");
 }

@@ -39,7 +39,7 @@ fn named(name: &str, x_m: f64) -> Location {
     Location { vehicle, time_s: 0.0, x_m, y_m: 0.0, vx_mps: 10.0, vy_mps: 0.0 }
 }
 
-/// D2: what a vehicle is told of another is what that one sent.
+/// D2: what a vehicle receives of another is what that one sent.
 #[tokio::test(flavor = "multi_thread")]
 async fn two_vehicles_know_each_other_and_their_traces_conform() {
     let dir = tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Where commands write: never onto what they read, whole or not at all, told by the user's names.
+//! Where commands write: never onto what they read, whole or not at all, reported by the user's names.
 #![cfg(unix)]
 
 mod common;

@@ -1,4 +1,4 @@
-//! No file that exists is replaced without a word.
+//! No file that exists is replaced without a message.
 #![cfg(unix)]
 
 mod common;

@@ -56,7 +56,7 @@ impl Drop for Server {
 /// What the relay saw of one request.
 #[derive(Clone, Copy, Debug)]
 struct RelayedRequest {
-    /// Its place among the probe's requests.
+    /// Its index among the probe's requests.
     slot: u64,
     /// Requests that it held already.
     queued: usize,

@@ -165,7 +165,7 @@ fn all_policies_have_the_same_limits() {
             let count =
                 |request_outcome: &str| cloud["requests"][request_outcome].as_u64().unwrap();
             let admitted = sum(cloud["requests"].as_object().unwrap().values()) - count("refused");
-            // No cloud answered what it was never asked.
+            // No cloud answered what was never requested of it.
             assert!(in_time(alone) <= admitted, "{report}");
             // What was answered was sent whole; what was aborted, in part.
             let sent = alone["sent_bytes"].as_u64().unwrap();

@@ -268,7 +268,7 @@ fn a_token_of_the_environment_is_asked_for() {
     let locked = Server::start_with(dir.path(), &[], "open-sesame".as_ref());
     assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["forwarded"], 5);
     assert_eq!(requests(dir.path(), &locked.cloud("http", ""))["failed"], 5);
-    // Nothing is asked for where nothing is set.
+    // Nothing is required where nothing is set.
     let open = Server::start_with(dir.path(), &[], "".as_ref());
     assert_eq!(requests(dir.path(), &open.cloud("http", ""))["forwarded"], 5);
     for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {

@@ -265,7 +265,7 @@ fn check_observed_judges_within_the_tolerance_and_tells_how_late_it_was() {
     assert_eq!(run(&["check"], OBSERVED).status.code(), Some(2));
 }
 
-/// D11: the exit code tells what the verdict does.
+/// D11: the exit code agrees with the verdict.
 #[test]
 fn check_observed_needs_its_tolerances_and_something_to_judge() {
     for args in [
@@ -353,7 +353,7 @@ fn the_exit_code_tells_the_verdict_that_nobody_reads() {
             drop(reader);
             let args = [command, &[text(path)]].concat();
             let ended = fuseline(&args).stdout(writer).stderr(Stdio::piped()).output().unwrap();
-            // Beside a page on standard output, that is where the verdict is told.
+            // Beside a page on standard output, that is where the verdict is printed.
             let has_failed = err(&ended).contains("error");
             let printed = (ended.status.code(), has_failed);
             assert_eq!(printed, (Some(code), false), "{args:?}: {}", err(&ended));

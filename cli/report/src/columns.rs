@@ -120,7 +120,7 @@ enum ResponseColumn {
 struct SourceColumn {
     p: ExactNumber,
     name: Option<String>,
-    /// Whether the header tells it; local is.
+    /// Whether the header names it; local is named.
     known: bool,
 }
 
@@ -136,7 +136,7 @@ struct ViolationRow {
     late: Option<u64>,
 }
 
-/// A number that is told as a text where a script could not hold it.
+/// A number that is written as a text where a script could not hold it.
 #[derive(Clone, Copy)]
 struct ExactNumber(u64);
 

@@ -13,7 +13,7 @@ pub enum ArrivalTime {
     /// Unknown, but later than this, if ever: the call was ended then, before its result was there.
     /// What the trace has at that instant came first.
     After(Duration),
-    /// No result will come, as was known then; at once if the source was not asked.
+    /// No result will come, as was known then; at once if nothing was requested of the source.
     Failed(Duration),
     /// Its network never came back.
     Never,
@@ -42,7 +42,7 @@ pub enum Quantile {
     Never,
 }
 
-/// The quantiles told, in percent.
+/// The quantiles shown, in percent.
 pub const PERCENT: [usize; 3] = [50, 90, 99];
 
 impl Serialize for Quantile {

@@ -322,7 +322,7 @@ impl<'a> CaseRunner<'a> {
         Ok(())
     }
 
-    /// The fixed cases; `first` becomes the difference that tells most.
+    /// The fixed cases; `first` becomes the difference that shows most.
     ///
     /// A command that does not answer at all is not waited for case after case.
     fn fixed(

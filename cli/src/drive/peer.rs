@@ -127,7 +127,7 @@ impl Peer {
     }
 
     /// Sends a line and takes the decisions up to `done`, at most this many.
-    pub(super) fn ask(
+    pub(super) fn exchange(
         &mut self,
         line: &[u8],
         most: usize,

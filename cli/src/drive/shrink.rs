@@ -229,7 +229,7 @@ const fn priority(input: &mut Input) -> Option<&mut u64> {
     }
 }
 
-/// The place of a name among all, from 1.
+/// The index of a name among all, from 1.
 fn rank(names: &BTreeSet<u64>, name: u64) -> u64 {
     names.range(..=name).count() as u64
 }

@@ -100,7 +100,7 @@ impl Bench {
         let mut reference = Reference::new(&run.header);
         run.header.write(&mut line);
         line.push(b'\n');
-        peer.ask(&line, MORE, &mut answer)?;
+        peer.exchange(&line, MORE, &mut answer)?;
         reported.events.extend(answer.iter().copied().map(Event::Decision));
         let mut same = answer.is_empty();
         for input in &run.inputs {
@@ -114,7 +114,7 @@ impl Bench {
             line.push(b'\n');
             reference.apply(input, &mut demands);
             reported.events.push(Event::Input(*input));
-            let requested = peer.ask(&line, demands.len() + MORE, &mut answer);
+            let requested = peer.exchange(&line, demands.len() + MORE, &mut answer);
             reported.events.extend(answer.iter().copied().map(Event::Decision));
             requested?;
             self.inputs += 1;

@@ -45,7 +45,7 @@ pub(crate) struct Fix {
 pub(crate) struct Fixes(Arc<Mutex<VecDeque<Fix>>>);
 
 impl Fixes {
-    /// Adds one; what no place is, is none.
+    /// Adds one; what is no position is ignored.
     pub(crate) fn add(&self, fix: Fix) {
         let is_place = (-90.0..=90.0).contains(&fix.lat) && (-180.0..=180.0).contains(&fix.lon);
         if !is_place {

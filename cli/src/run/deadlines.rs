@@ -86,7 +86,7 @@ impl RunDeadlines {
         situation
     }
 
-    /// The policy of the cloud in this place: gives what was chosen for the latest message.
+    /// The policy of the cloud with this index: gives what was chosen for the latest message.
     pub(crate) fn of(&self, index: usize) -> Box<dyn Policy + Send> {
         Box::new(CloudDeadline { deadlines: self.clone(), index })
     }

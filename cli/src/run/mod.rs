@@ -43,7 +43,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let mut out = OutputSink::new(anstream::stdout());
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
     let network = runtime.block_on(Network::connect(&plan))?;
-    runtime.block_on(network.ask(&mut plan));
+    runtime.block_on(network.describe(&mut plan));
     // From here on no other run writes to this trace.
     let own = Growing::open(args.trace.as_deref(), TRACE, args.overwrite)?;
     own.path().clone_into(&mut plan.trace);

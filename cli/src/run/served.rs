@@ -43,7 +43,7 @@ impl Served {
     }
 
     /// Queries the server; returns a warning where the user said otherwise.
-    pub(crate) async fn ask(&mut self, connection: Connection) -> Option<String> {
+    pub(crate) async fn describe(&mut self, connection: Connection) -> Option<String> {
         let mut client = InferClient::new(connection);
         let description = match timeout(PATIENCE, client.describe(Request::new(()))).await {
             Ok(Ok(printed)) => printed.into_inner(),

@@ -1,6 +1,6 @@
 //! Shapes on the road, seen from above, and whether moving ones touch. Metres.
 
-/// A place or a way: x, y.
+/// A position or a displacement: x, y.
 pub(crate) type Point = [f64; 2];
 
 /// Shapes nearer than this touch.

@@ -8,7 +8,7 @@ use crate::probe::plots::extent::Extent;
 use crate::probe::summary::PAPER;
 use fuseline_report::Quantile;
 
-/// What is told apart, in parts of all answers.
+/// What is distinguished, in parts of all answers.
 const STEPS: u64 = 500;
 
 pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
@@ -75,7 +75,7 @@ fn write(
     label.put(canvas, &format!("{name} {}", short(ms)), at);
 }
 
-/// In whole milliseconds where that tells enough.
+/// In whole milliseconds where that is exact enough.
 fn short(ms: f64) -> String {
     if ms < 9.95 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }
 }

@@ -53,7 +53,7 @@ impl Extent {
     /// Powers of ten around all round trips and the paper's, in milliseconds, with room for words.
     pub(crate) fn milliseconds(&self) -> Range<f64> {
         let (least, greatest) = self.ends.unwrap_or((PAPER.p50, PAPER.p99));
-        // Nothing is told apart below 0.01 ms.
+        // Nothing is distinguished below 0.01 ms.
         let least = (least.min(PAPER.p50) / 3.0).max(0.01);
         let greatest = greatest.max(PAPER.p99) * 3.0;
         10_f64.powf(least.log10().floor())..10_f64.powf(greatest.log10().ceil())

@@ -11,11 +11,11 @@ use crate::probe::plots::extent::Extent;
 use crate::probe::recording::PlotRow;
 
 const SIZE: (u32, u32) = (860, 500);
-/// No more is told apart: about a unit of the drawing, in parts of the chart.
+/// No more is distinguished: about a unit of the drawing, in parts of the chart.
 const ACROSS: f64 = 760.0;
 const UP: f64 = 350.0;
 
-/// What is seen of a recording, told apart as finely as the drawing does.
+/// What is seen of a recording, distinguished as finely as the drawing does.
 #[derive(Clone)]
 pub(crate) struct Series {
     seconds: Range<f64>,

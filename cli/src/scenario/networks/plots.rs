@@ -86,7 +86,7 @@ fn top(curves: &[(ResponsePolicy, Vec<(f64, f64)>)]) -> f64 {
         let greatest = at(index).fold(0.0, f64::max);
         let least = at(index).fold(f64::INFINITY, f64::min);
         highest = highest.max(greatest);
-        // A twentieth is told apart.
+        // A twentieth is distinguished.
         if least < greatest * 0.95 {
             differ = differ.max(greatest);
         }
