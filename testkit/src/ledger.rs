@@ -40,7 +40,7 @@ pub enum Promise {
     P12,
 }
 
-/// A promise that was not kept.
+/// A violated promise.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Violation {
     /// Which one.

@@ -60,7 +60,7 @@ fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
     seeds
 }
 
-/// Each op at each of the first places, changing one word by one.
+/// Each op at each of the first indices, changing one word by one.
 fn edits() -> impl Iterator<Item = Edit> {
     let words = (0..6).map(|word| std::array::from_fn(|other| i8::from(other == word)));
     let words: Vec<[i8; 6]> = words.collect();

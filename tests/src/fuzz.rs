@@ -132,7 +132,7 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> FuzzResult {
     Ok(())
 }
 
-/// An error where line number `line` was to be read: it tells that line, fit for a terminal.
+/// An error where line number `line` was to be read: it names that line, fit for a terminal.
 fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> FuzzResult {
     reach.defect(error);
     let message = error.to_string();

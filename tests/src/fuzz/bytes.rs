@@ -57,7 +57,7 @@ impl<'a> Bytes<'a> {
         Header { operator: None, window, commit, clouds }
     }
 
-    /// An input, told from the one before and the timestamp of the last open.
+    /// An input, encoded against the one before and the timestamp of the last open.
     fn input(&mut self, at: u64, newest: u64, clouds: &[Cloud]) -> Input {
         let kind = self.byte() % 6;
         let at = self.near(at);

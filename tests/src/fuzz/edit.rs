@@ -4,7 +4,7 @@ use fuseline_traces::{Decision, DropReason, Event, OfferRefusal, OpenRefusal};
 
 use super::bytes::Bytes;
 
-/// A change at one place of a trace.
+/// A change of one line of a trace.
 ///
 /// Where it cannot be made, for instance in a trace without a decision, nothing is changed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

@@ -30,7 +30,7 @@ fn every_kind_of_trouble_is_drawn() {
     let all: Vec<Scenario> = (0..400).map(Scenario::draw).collect();
     let frames = || all.iter().flat_map(|it| &it.frames);
     let acts = || {
-        frames().flat_map(|frame| &frame.asks).filter_map(|ask| match ask {
+        frames().flat_map(|frame| &frame.offers).filter_map(|offer| match offer {
             OfferAction::Offers(_, act) => Some(act),
             OfferAction::Nothing | OfferAction::Panics => None,
         })
@@ -56,8 +56,8 @@ fn every_kind_of_trouble_is_drawn() {
         );
     }
     drawn("yields", acts().filter(|act| act.yields > 0).count());
-    let handlers = frames().flat_map(|frame| &frame.asks);
-    drawn("a handler that panics", handlers.filter(|ask| **ask == OfferAction::Panics).count());
+    let handlers = frames().flat_map(|frame| &frame.offers);
+    drawn("a handler that panics", handlers.filter(|offer| **offer == OfferAction::Panics).count());
     drawn("a stall", all.iter().filter(|it| !it.stalls.is_empty()).count());
     drawn(
         "a policy",
@@ -98,7 +98,7 @@ fn what_never_ends_is_found_and_becomes_one_message() {
     (scenario.window, scenario.input_len, scenario.local.at_once) = (1024, 1024, 64);
     scenario.local.deadline = None;
     for frame in &mut scenario.frames {
-        frame.asks.clear();
+        frame.offers.clear();
         frame.local = SourceAction::answers(Duration::from_millis(1));
     }
     scenario.frames[40].local =

@@ -140,7 +140,7 @@ fn replay(cli: &Cli, seed: u64) -> io::Result<Sum> {
     Ok(sum)
 }
 
-/// Plays the kept seeds, then fresh ones, until the time is up or one fails.
+/// Plays the saved seeds, then fresh ones, until the time is up or one fails.
 fn search(cli: &Cli) -> io::Result<Sum> {
     let simulator = Simulator::new()?;
     let from = cli.from.unwrap_or_else(by_chance);

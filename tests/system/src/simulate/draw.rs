@@ -121,9 +121,9 @@ fn frames(
         if local.deadline.is_none() && of_local.result.hangs() && !matches!(end, Finish::Stop(_)) {
             of_local.result = CallResult::Fails;
         }
-        let asks = clouds.iter().zip(&skies[2..]).map(|(_, sky)| ask(rng, sky.1));
-        let asks = asks.collect();
-        let side = if side { ask(rng, skies[1].1) } else { OfferAction::Nothing };
+        let offers = clouds.iter().zip(&skies[2..]).map(|(_, sky)| offer_action(rng, sky.1));
+        let offers = offers.collect();
+        let side = if side { offer_action(rng, skies[1].1) } else { OfferAction::Nothing };
         let gap = match rng.u8(0..16) {
             0 => gap * rng.u32(2..20),
             1..4 => Duration::ZERO,
@@ -131,7 +131,7 @@ fn frames(
             _ => gap,
         };
         let yields = if rng.u8(0..8) == 0 { rng.u8(1..6) } else { 0 };
-        frames.push(MessageScript { gap, yields, local: of_local, asks, side });
+        frames.push(MessageScript { gap, yields, local: of_local, offers, side });
     }
     frames
 }
@@ -146,7 +146,7 @@ fn sky(rng: &mut Rng) -> SourcePhase {
     }
 }
 
-fn ask(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
+fn offer_action(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
     match rng.u8(0..40) {
         0..3 => OfferAction::Nothing,
         3 => OfferAction::Panics,

@@ -42,7 +42,7 @@ pub(crate) struct Log {
     pub(crate) stalls: Vec<(u64, u64)>,
     /// When the operator was stopped, or the runtime was dropped.
     pub(crate) stopped: Option<u64>,
-    /// How many items each reader had read then; none of those that were gone.
+    /// How many items each reader had read then; none of those that had left.
     pub(crate) read: Vec<Option<usize>>,
     /// From when on the simulation is over and drops what is left.
     pub(crate) over: Option<u64>,
@@ -155,7 +155,7 @@ impl SimulationState {
         self.log().items[reader].push(read);
     }
 
-    pub(crate) fn hear(&self, hint: &Hint<ResultValue>) {
+    pub(crate) fn record_hint(&self, hint: &Hint<ResultValue>) {
         let received = LoggedHint {
             at: self.now(),
             t: hint.timestamp,

@@ -26,7 +26,7 @@ type BoxFuture = Pin<Box<dyn Future<Output = ()> + Send>>;
 /// A call on its way, from its begin to the response handler.
 struct CallInProgress {
     simulation: Arc<SimulationState>,
-    /// Its place in the log.
+    /// Its index in the log.
     index: usize,
     reported: ValueLabel,
     result: CallResult,
@@ -64,7 +64,7 @@ impl Operator for Script {
             };
             let message_handler = move |frame: &Frame, t: u64| {
                 asking.log().requested.push((remote.p, t));
-                ask(frame.serial, asking.scenario.frames[frame.serial].asks[index])
+                requested_action(frame.serial, asking.scenario.frames[frame.serial].offers[index])
             };
             let cloud = setup.use_cloud(handle, message_handler, CallInProgress::respond, remote.p);
             cloud.name = name(remote.p);
@@ -82,7 +82,7 @@ impl Operator for Script {
         if let Some(panics) = simulation.scenario.hints {
             let simulation = Arc::clone(&simulation);
             setup.use_hints(move |hint| {
-                simulation.hear(&hint);
+                simulation.record_hint(&hint);
                 if panics {
                     panic("the handler of hints panics");
                 }
@@ -135,8 +135,9 @@ fn beside(
             done
         }
     };
-    let message_handler =
-        move |frame: &Frame, _| ask(frame.serial, asking.scenario.frames[frame.serial].side);
+    let message_handler = move |frame: &Frame, _| {
+        requested_action(frame.serial, asking.scenario.frames[frame.serial].side)
+    };
     let response_handler = move |result| {
         answered.log().sides[3] += 1;
         match result {
@@ -149,8 +150,11 @@ fn beside(
     (side.limit, side.resume, side.calls) = (limit, limit - 1, calls);
 }
 
-fn ask(serial: usize, ask: OfferAction) -> Option<((usize, SourceAction), Duration)> {
-    match ask {
+fn requested_action(
+    serial: usize,
+    offer: OfferAction,
+) -> Option<((usize, SourceAction), Duration)> {
+    match offer {
         OfferAction::Nothing => None,
         OfferAction::Panics => panic("the message handler panics"),
         OfferAction::Offers(deadline, act) => Some(((serial, act), deadline)),

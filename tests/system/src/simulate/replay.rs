@@ -24,7 +24,7 @@ pub(crate) struct Replay {
     by_t: BTreeMap<u64, usize>,
     /// What was requested of local and the clouds, in the order in which it was admitted.
     pub(crate) requested: Vec<AdmittedRequest>,
-    /// The messages in the order in which they ended: places in `opened`.
+    /// The messages in the order in which they ended: indices in `opened`.
     pub(crate) ended: Vec<usize>,
     /// Offers: timestamp, cloud, and how they were answered.
     pub(crate) offers: Vec<(u64, u16, Option<fuseline_traces::OfferRefusal>)>,
@@ -208,7 +208,7 @@ impl ReplayReader<'_> {
         replay.opened.push(OpenedMessage { t, at, end: None, failures: Vec::new() });
         if own.is_empty() {
             let due = deadline.map(|deadline| self.now.saturating_add(deadline));
-            self.ask(0, 0, t, due);
+            self.admit(0, 0, t, due);
             self.crowded = Some(t);
         }
     }
@@ -229,7 +229,7 @@ impl ReplayReader<'_> {
         }
     }
 
-    fn ask(&mut self, queue: usize, p: u16, t: u64, due: Option<u64>) {
+    fn admit(&mut self, queue: usize, p: u16, t: u64, due: Option<u64>) {
         self.queues[queue].waiting.push_back(self.replay.requested.len());
         self.replay.requested.push(AdmittedRequest {
             p,
@@ -281,7 +281,7 @@ impl ReplayReader<'_> {
             Decision::Request { t, p, due, .. } => {
                 self.replay.offers.push((t, short(p), None));
                 if let Some(queue) = self.queue(p) {
-                    self.ask(queue, short(p), t, Some(due));
+                    self.admit(queue, short(p), t, Some(due));
                 }
             }
             Decision::RefuseOffer { t, p, why, .. } => {

@@ -102,7 +102,7 @@ pub struct MessageScript {
     /// What local does.
     pub local: SourceAction,
     /// What is offered to each cloud, and what it does.
-    pub asks: Vec<OfferAction>,
+    pub offers: Vec<OfferAction>,
     /// The side request.
     pub side: OfferAction,
 }
@@ -171,7 +171,7 @@ impl Scenario {
             return Some(frame.local);
         }
         let index = self.clouds.iter().position(|cloud| cloud.p == p)?;
-        match frame.asks.get(index)? {
+        match frame.offers.get(index)? {
             OfferAction::Offers(_, act) => Some(*act),
             OfferAction::Nothing | OfferAction::Panics => None,
         }
@@ -218,8 +218,8 @@ impl fmt::Display for Scenario {
                 write!(f, ", {} yields", frame.yields)?;
             }
             write!(f, ", local {}", frame.local)?;
-            for (cloud, ask) in self.clouds.iter().zip(&frame.asks) {
-                write!(f, ", cloud {} {ask}", cloud.p)?;
+            for (cloud, offer) in self.clouds.iter().zip(&frame.offers) {
+                write!(f, ", cloud {} {offer}", cloud.p)?;
             }
             if self.side.is_some() {
                 write!(f, ", side {}", frame.side)?;

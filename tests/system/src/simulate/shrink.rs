@@ -50,7 +50,7 @@ fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
         all.push(Box::new(move |it| {
             it.clouds.remove(index);
             it.frames.iter_mut().for_each(|frame| {
-                frame.asks.remove(index);
+                frame.offers.remove(index);
             });
         }));
     }
@@ -95,12 +95,12 @@ fn simplify_frame(index: usize, scenario: &Scenario, all: &mut Vec<Simplificatio
     all.push(Box::new(move |it| it.frames[index].local.yields = 0));
     for cloud in 0..scenario.clouds.len() {
         all.push(Box::new(move |it| {
-            if let Some(ask) = it.frames[index].asks.get_mut(cloud) {
-                *ask = OfferAction::Nothing;
+            if let Some(offer) = it.frames[index].offers.get_mut(cloud) {
+                *offer = OfferAction::Nothing;
             }
         }));
         all.push(Box::new(move |it| {
-            if let Some(OfferAction::Offers(_, act)) = it.frames[index].asks.get_mut(cloud) {
+            if let Some(OfferAction::Offers(_, act)) = it.frames[index].offers.get_mut(cloud) {
                 *act = SourceAction { result: CallResult::Answers, yields: 0, ..*act };
             }
         }));

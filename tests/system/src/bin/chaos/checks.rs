@@ -24,11 +24,11 @@ pub(crate) struct ObservedRun {
     pub(crate) strikes: BTreeMap<&'static str, TimeSpan>,
     /// All calms together.
     pub(crate) calm: TimeSpan,
-    /// Clouds that an operator had no output of during a calm.
+    /// Clouds that an operator got no output of during a calm.
     pub(crate) unanswered: Vec<String>,
-    /// What the process took in each calm.
+    /// What the process used in each calm.
     pub(crate) usage: Vec<ResourceUsage>,
-    /// What it took before there were operators, and after.
+    /// What it used before there were operators, and after.
     pub(crate) before_and_after: (ResourceUsage, ResourceUsage),
 }
 
@@ -156,7 +156,7 @@ impl ObservedRun {
         problems
     }
 
-    /// What is there still after the operators have gone.
+    /// What is still in use after the operators have ended.
     fn leftovers(&self) -> Vec<String> {
         let (before, after) = self.before_and_after;
         let more = after.files > before.files || after.tasks > before.tasks;
@@ -177,8 +177,8 @@ impl ObservedRun {
             "timed out",
         ]);
         let harms = Disruption::ALL.map(Disruption::as_str).into_iter();
-        let struck = harms.filter_map(|name| Some((name, self.strikes.get(name)?)));
-        for (name, span) in struck.chain([("calm", &self.calm)]) {
+        let spans = harms.filter_map(|name| Some((name, self.strikes.get(name)?)));
+        for (name, span) in spans.chain([("calm", &self.calm)]) {
             let share = |of: u64| format!("{} %", of * 100 / span.outputs.max(1));
             table.add_row([
                 name.to_owned(),

@@ -107,7 +107,7 @@ async fn run(
             calm(fleet, &mut observed).await?;
         }
         println!("{:6.1} s: {disruption}", start.elapsed().as_secs_f64());
-        struck(field, fleet, disruption, &mut observed.strikes).await?;
+        observe_disruption(field, fleet, disruption, &mut observed.strikes).await?;
         sleep(disruption.calm).await;
     }
     calm(fleet, &mut observed).await?;
@@ -115,7 +115,7 @@ async fn run(
 }
 
 /// Breaks something, looks and mends it.
-async fn struck(
+async fn observe_disruption(
     field: &mut Testbed,
     fleet: &Fleet,
     disruption: ScheduledDisruption,

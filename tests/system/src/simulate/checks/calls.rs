@@ -24,11 +24,11 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     let mut offers = Vec::new();
     for message in accepted {
         let serial = serial(facts, message.t);
-        for (cloud, ask) in scenario.clouds.iter().zip(&scenario.frames[serial].asks) {
+        for (cloud, offer) in scenario.clouds.iter().zip(&scenario.frames[serial].offers) {
             handlers.push((cloud.p, message.t));
             // One that panics now and then makes no request then.
             let panics = cloud.policy.is_some_and(|deadline| deadline.is_zero());
-            if matches!(ask, OfferAction::Offers(..)) && !panics {
+            if matches!(offer, OfferAction::Offers(..)) && !panics {
                 offers.push((message.t, cloud.p));
             }
         }

@@ -17,7 +17,7 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let log = &played.log;
     for (reader, items) in log.items.iter().enumerate() {
         let stays = scenario.readers[reader].leaves_after.is_none();
-        // The place where it joined.
+        // The index where it joined.
         let Some(first) = joined(facts, items) else {
             // What it read came after the end of the trace, or it read nothing.
             let is_empty_right = items.is_empty() && (reader > 0 || replay.ended.is_empty());
@@ -65,7 +65,7 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     ensure(all, || format!("{} messages of {}", replay.opened.len(), log.written.len()))
 }
 
-/// The place in the output from which on a reader read.
+/// The index in the output from which on a reader read.
 fn joined(facts: &Facts<'_>, items: &[Read]) -> Option<usize> {
     let Replay { ended, opened, .. } = &facts.replay;
     let first = items.first()?;
