@@ -219,7 +219,7 @@ fn a_policy_that_could_not_work_is_refused() {
     assert!(Expected::<_, 8>::new(share, ms(300), None).is_err());
 }
 
-/// Counted, not timed: the loss is asked at most twice for each call that is remembered, and twice more.
+/// Counted, not timed: the loss is computed at most twice for each call that is remembered, and twice more.
 #[test]
 fn a_decision_costs_no_more_after_a_million_calls() {
     let requested = Cell::new(0_u64);

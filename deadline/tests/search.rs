@@ -15,7 +15,7 @@ use vehicle::{Drive, Frame};
 /// Drives per search.
 const DRIVES: u64 = 240_000;
 
-/// A drive, and what a guard is told about it: spans in which the truth lies.
+/// A drive, and what a guard knows about it: spans in which the truth lies.
 struct Setting {
     drive: Drive,
     parameters: Parameters,

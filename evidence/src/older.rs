@@ -27,7 +27,7 @@ pub(crate) fn declared(tree: &Tree) -> Result<BTreeMap<String, String>, Evidence
     }
 }
 
-/// Parts the results that are older than their sources, name and title, into the declared ones, told with their
+/// Parts the results that are older than their sources, name and title, into the declared ones, given with their
 /// reasons, and what is wrong: one that is not declared, and one that is declared and current or unknown.
 pub(crate) fn sort(
     outdated: &[(&'static str, &'static str)],

@@ -1,4 +1,4 @@
-//! What can go wrong, told in one line: what and where, and a remedy.
+//! What can go wrong, reported in one line: what and where, and a remedy.
 
 use std::io;
 use std::net::SocketAddr;

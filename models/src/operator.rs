@@ -18,7 +18,7 @@ const STRANGERS: [u64; 2] = [3, 65_536 + 2];
 /// One operator in the environment of a configuration.
 pub struct Operator {
     config: &'static World,
-    /// Which sightings were told of: the checker keeps the last sighting that it is told of, and the
+    /// Which sightings were reported: the checker keeps the last sighting reported to it, and the
     /// first one has the shortest way to it.
     reported: Vec<AtomicBool>,
     /// What is to be sighted.
@@ -103,7 +103,7 @@ impl Holds<Claim> for Operator {
 }
 
 impl Holds<Sighting> for Operator {
-    /// Whether a step from this state shows it, unless another state was told to have one.
+    /// Whether a step from this state shows it, unless another state was reported to have one.
     fn holds(&self, state: &State, sighting: Sighting) -> bool {
         let Some(reported) = self.reported.get(sighting as usize) else { return false };
         if reported.load(Ordering::Relaxed) {

@@ -27,7 +27,7 @@ pub struct State {
     reference: Option<Reference>,
     pub(crate) ledger: Ledger,
     violated: Claims,
-    /// What the steps from here show, once asked for.
+    /// What the steps from here show, once computed.
     ahead: OnceLock<Sightings>,
 }
 
