@@ -19,10 +19,10 @@ fn host_runs(folder: &Path, line: &str, variables: &[(&str, &str)]) -> Output {
     command.output().unwrap()
 }
 
-/// The line of a template that runs the script for `what`.
-fn line(template: &str, what: &str) -> String {
+/// The line of a template that runs the script for `kind`.
+fn line(template: &str, kind: &str) -> String {
     let text = fs::read_to_string(Path::new(CLI).join("ci").join(template)).unwrap();
-    let mut lines = text.lines().filter(|line| line.contains(&format!(" fuseline-{what} {what} ")));
+    let mut lines = text.lines().filter(|line| line.contains(&format!(" fuseline-{kind} {kind} ")));
     let line = lines.next().unwrap().trim().trim_start_matches("run: ").trim_start_matches("- ");
     assert_eq!(lines.next(), None);
     line.to_owned()

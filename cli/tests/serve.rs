@@ -166,7 +166,7 @@ fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
 fn no_more_calls_to_a_cloud_are_under_way_at_once_than_was_said() {
     let dir = tempdir().unwrap();
     let (now, most) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
-    let seen = Arc::clone(&most);
+    let greatest = Arc::clone(&most);
     let slow = move |request: grpc::Request| {
         let now = Arc::clone(&now);
         most.fetch_max(now.fetch_add(1, Ordering::Relaxed) + 1, Ordering::Relaxed);
@@ -184,7 +184,7 @@ fn no_more_calls_to_a_cloud_are_under_way_at_once_than_was_said() {
     let many = ["--rate", "40", "--calls", "2", "--seconds", "0.5", "--json", "--policy"];
     let patient = ["constant", "--deadline", "20000", "--cloud", &cloud];
     adds_up(&report(&run_in(dir.path(), &[&many[..], &patient].concat())));
-    assert_eq!(seen.load(Ordering::Relaxed), 2);
+    assert_eq!(greatest.load(Ordering::Relaxed), 2);
 }
 
 /// D11, D15.

@@ -267,12 +267,12 @@ proptest! {
             for millis in (10..400).step_by(10).take_while(|millis| ms(*millis) <= step.response) {
                 let at = |call: &&Observation| call.response == ms(millis) && call.is_answered;
                 let answered: u64 = calls.iter().filter(at).map(|call| call.count).sum();
-                let seen = calls.iter().filter(|call| call.response >= ms(millis));
-                let seen: u64 = seen.map(|call| call.count).sum();
+                let at_risk = calls.iter().filter(|call| call.response >= ms(millis));
+                let at_risk: u64 = at_risk.map(|call| call.count).sum();
                 let young = under_way.iter().filter(|age| **age >= ms(millis)).count() as u64;
                 if answered > 0 {
                     let number = |calls| f64::from(u32::try_from(calls).unwrap());
-                    product *= 1.0 - number(answered) / number(seen + young);
+                    product *= 1.0 - number(answered) / number(at_risk + young);
                 }
             }
             prop_assert!((step.survival - product).abs() < 1e-12, "{step:?}, not {product}");

@@ -86,8 +86,8 @@ fn read(
             }
             ("BRDA", [line, condition, branch, count]) => {
                 let is_first = branch.parse::<u32>().is_ok_and(|branch| branch.is_multiple_of(2));
-                let what = if is_first { NEVER_TRUE } else { NEVER_FALSE };
-                note(&mut line_counts, file.as_deref(), [line, condition, what], count);
+                let gap_kind = if is_first { NEVER_TRUE } else { NEVER_FALSE };
+                note(&mut line_counts, file.as_deref(), [line, condition, gap_kind], count);
             }
             _ => {}
         }
@@ -97,8 +97,8 @@ fn read(
             .map(|kind| (kind.into(), 0))
             .into();
     let mut gaps = BTreeSet::new();
-    for ((file, line, _, what), count) in line_counts {
-        let (all, open) = if what == NEVER {
+    for ((file, line, _, gap_kind), count) in line_counts {
+        let (all, open) = if gap_kind == NEVER {
             ("lines", "lines never run")
         } else {
             ("branches", "branches never taken")
@@ -106,7 +106,7 @@ fn read(
         *counts.entry(all.to_owned()).or_default() += 1;
         if count == 0 {
             *counts.entry(open.to_owned()).or_default() += 1;
-            gaps.insert(CoverageGap::at(&file, &tree.text(&file)?, line, what));
+            gaps.insert(CoverageGap::at(&file, &tree.text(&file)?, line, gap_kind));
         }
     }
     Ok((counts, gaps))
@@ -123,12 +123,12 @@ type LineCounts<'a> = BTreeMap<(String, usize, &'a str, &'a str), u64>;
 fn note<'a>(
     line_counts: &mut LineCounts<'a>,
     file: Option<&str>,
-    [line, condition, what]: [&'a str; 3],
+    [line, condition, gap_kind]: [&'a str; 3],
     count: &str,
 ) {
     let (Some(file), Ok(line)) = (file, line.parse()) else { return };
     let count: u64 = count.parse().unwrap_or(0);
-    let sum = line_counts.entry((file.to_owned(), line, condition, what)).or_default();
+    let sum = line_counts.entry((file.to_owned(), line, condition, gap_kind)).or_default();
     *sum = sum.saturating_add(count);
 }
 

@@ -1,4 +1,4 @@
-//! What the node reports: `/diagnostics` once a period, and a status for each message (D15 reported).
+//! What the node reports: `/diagnostics` once a period, and a status for each message (D15 told).
 
 use std::time::Duration;
 

@@ -131,7 +131,7 @@ async fn what_fails_panics_or_comes_when_it_is_due_changes_nothing() {
             [usize::try_from(t).unwrap()]
     };
     let last_plan = Plan::new("none".into());
-    let seen = last_plan.clone();
+    let shared = last_plan.clone();
     let setup = move |setup: &mut Setup<u64, String>| {
         planner(setup, &last_plan, action);
         local(&last_plan)
@@ -146,7 +146,7 @@ async fn what_fails_panics_or_comes_when_it_is_due_changes_nothing() {
     let [SideTally { requested: 6, answered: 1, failed: 2, expired: 3, .. }] = sides[..] else {
         panic!("{sides:?}")
     };
-    assert_eq!(seen.with(|plan| plan.clone()), "plan of 4 from 800 ms");
+    assert_eq!(shared.with(|plan| plan.clone()), "plan of 4 from 800 ms");
 }
 
 #[tokio::test(start_paused = true)]
@@ -164,7 +164,7 @@ async fn a_plan_asked_as_of_a_cloud_would_hold_locals_output_back() {
 #[tokio::test(start_paused = true)]
 async fn asides_wait_for_a_place_and_beyond_the_gates_limit_they_are_refused_until_it_opens() {
     let reported = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&reported);
+    let shared = Arc::clone(&reported);
     let setup = move |setup: &mut Setup<u64, String>| {
         let handle = move |t: u64, call: Call| {
             reported.lock().unwrap().push((t, call.deadline));
@@ -183,7 +183,7 @@ async fn asides_wait_for_a_place_and_beyond_the_gates_limit_they_are_refused_unt
     assert_eq!(items.len(), 6);
     let SideTally { requested, refused, answered, expired, .. } = sides[0];
     assert_eq!((requested, refused, answered, expired), (4, 2, 2, 2));
-    assert_eq!(*seen.lock().unwrap(), [(0, 100 * MS), (1, 50 * MS), (2, 10 * MS), (5, 95 * MS)]);
+    assert_eq!(*shared.lock().unwrap(), [(0, 100 * MS), (1, 50 * MS), (2, 10 * MS), (5, 95 * MS)]);
 }
 
 #[tokio::test(start_paused = true)]
@@ -231,7 +231,7 @@ async fn asides_are_dropped_when_the_operator_ends() {
         }
     }
     let dropped = Arc::new(Mutex::new(false));
-    let seen = Arc::clone(&dropped);
+    let shared = Arc::clone(&dropped);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let handle = move |(), _| {
             let noting = RecordingPolicy(Arc::clone(&dropped));
@@ -245,7 +245,7 @@ async fn asides_are_dropped_when_the_operator_ends() {
     });
     play(operator, Config::default(), &[0]).await;
     tokio::task::yield_now().await;
-    assert!(*seen.lock().unwrap());
+    assert!(*shared.lock().unwrap());
 }
 
 #[tokio::test]
@@ -298,7 +298,7 @@ async fn a_result_that_comes_too_late_is_a_hint_for_the_next_messages_and_no_out
 #[tokio::test(start_paused = true)]
 async fn hints_are_late_and_superseded_results_of_any_source_with_their_age() {
     let hints = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&hints);
+    let shared = Arc::clone(&hints);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         setup.use_hints(move |hint| {
             let source = hint.source.to_string();
@@ -330,7 +330,7 @@ async fn hints_are_late_and_superseded_results_of_any_source_with_their_age() {
         (1, "cloud-1", "cloud's of 1, asked at 200 ms", 50, late),
     ]
     .map(words);
-    assert_eq!(*seen.lock().unwrap(), expected);
+    assert_eq!(*shared.lock().unwrap(), expected);
 }
 
 #[test]

@@ -316,7 +316,7 @@ mod tests {
 
     #[test]
     fn a_mistaken_cloud_is_refused_with_the_key() {
-        for (text, what) in [
+        for (text, expected) in [
             ("name", "\"name\" is not KEY=VALUE"),
             ("nome=a", "no key \"nome\""),
             ("name=a,name=b", "\"name\" twice"),
@@ -332,7 +332,7 @@ mod tests {
             ("name=a,priority=1,model=DETR-ResNet-50,drive=x,ca=y", "ca needs url"),
             ("name=a,priority=1,url=http://h,drive=x", "drive cannot be given with url"),
         ] {
-            assert!(fault(text).contains(what), "{text}: {}", fault(text));
+            assert!(fault(text).contains(expected), "{text}: {}", fault(text));
         }
     }
 

@@ -154,10 +154,10 @@ mod tests {
             let situation = self.deadlines.next();
             let due = [0, 1].map(|i| self.policies[i].decide(&situation, CAP).deadline);
             for ((policy, reply), due) in self.policies.iter_mut().zip(replies).zip(due) {
-                let seen = due + self.deadlines.linger();
+                let until = due + self.deadlines.linger();
                 policy.ended(match reply.map(ms) {
-                    Some(reply) if reply < seen => End::Answered(reply),
-                    Some(_) | None => End::Censored(seen),
+                    Some(reply) if reply < until => End::Answered(reply),
+                    Some(_) | None => End::Censored(until),
                 });
             }
             due

@@ -35,7 +35,7 @@ fn every_kind_of_trouble_is_drawn() {
             OfferAction::Nothing | OfferAction::Panics => None,
         })
     };
-    let drawn = |what: &str, count: usize| assert!(count > 0, "no scenario has {what}");
+    let drawn = |feature: &str, count: usize| assert!(count > 0, "no scenario has {feature}");
     for result in [
         CallResult::Answers,
         CallResult::Fails,
@@ -74,13 +74,13 @@ fn every_kind_of_trouble_is_drawn() {
     let readers = || all.iter().flat_map(|it| &it.readers);
     drawn("a reader that lags", readers().filter(|it| it.lag.is_some()).count());
     drawn("a reader that leaves", readers().filter(|it| it.leaves_after.is_some()).count());
-    for (what, is) in [
+    for (feature, is) in [
         ("a stop", (|end| matches!(end, Finish::Stop(_))) as fn(Finish) -> bool),
         ("a crash", |end| matches!(end, Finish::Crash(_))),
         ("nobody who holds it", |end| end == Finish::Alone),
         ("an end of its input", |end| end == Finish::Input),
     ] {
-        drawn(what, all.iter().filter(|it| is(it.end)).count());
+        drawn(feature, all.iter().filter(|it| is(it.end)).count());
     }
 }
 

@@ -94,12 +94,12 @@ async fn calls_overlap_and_quantiles_are_those_of_the_delays() {
 #[tokio::test(start_paused = true)]
 async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered() {
     let under_way = Arc::new(AtomicUsize::new(0));
-    let seen = Arc::new(Mutex::new(Vec::new()));
+    let requests = Arc::new(Mutex::new(Vec::new()));
     let start = Instant::now();
     let send_request = |slot| {
-        let (under_way, seen) = (Arc::clone(&under_way), Arc::clone(&seen));
+        let (under_way, requests) = (Arc::clone(&under_way), Arc::clone(&requests));
         async move {
-            seen.lock().unwrap().push((slot, under_way.fetch_add(1, Ordering::Relaxed)));
+            requests.lock().unwrap().push((slot, under_way.fetch_add(1, Ordering::Relaxed)));
             sleep(ms(20)).await;
             let stalled = start.elapsed();
             // From 1 s until 4 s nothing comes.
@@ -111,14 +111,14 @@ async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered
         }
     };
     let ProbeRun { log, rows } = probe(Some(180), send_request, future::pending()).await;
-    let seen = seen.lock().unwrap();
-    assert_eq!(seen.iter().map(|(_, queued)| queued + 1).max(), Some(31));
+    let requests = requests.lock().unwrap();
+    assert_eq!(requests.iter().map(|(_, queued)| queued + 1).max(), Some(31));
     // The last of the 31, then the first after the pause: with nothing under way.
-    let last = seen.iter().position(|(_, queued)| *queued == 30).unwrap();
-    let (slot, queued) = seen[last + 1];
+    let last = requests.iter().position(|(_, queued)| *queued == 30).unwrap();
+    let (slot, queued) = requests[last + 1];
     assert_eq!(queued, 0);
     assert!(slot >= 120, "{slot}");
-    let skipped = slot - seen[last].0 - 1;
+    let skipped = slot - requests[last].0 - 1;
     let counts = log.figures.counts;
     assert_eq!((counts.pauses, counts.skipped, counts.missed), (1, skipped, 0));
     assert_eq!((counts.slots, counts.sent + counts.skipped), (180, 180));

@@ -33,10 +33,10 @@ const VEHICLES: usize = 3;
 
 /// A byte for the call, one for where the bytes are cut in two, and those bytes.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
-    let [what, cut, rest @ ..] = bytes else { return Ok(()) };
+    let [selector, cut, rest @ ..] = bytes else { return Ok(()) };
     unchanged::<Reply>(rest)?;
     unchanged::<Description>(rest)?;
-    match what % 3 {
+    match selector % 3 {
         0 => infer(rest, *cut, ends),
         1 => describe(rest, *cut, ends),
         _ => locations(rest, ends),

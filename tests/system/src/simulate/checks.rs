@@ -124,7 +124,7 @@ impl<'a> Facts<'a> {
             OperatorEnd::Crashed | OperatorEnd::Panicked | OperatorEnd::Never => !is_cut,
         };
         let replay = Replay::of(scenario, &played.trace);
-        let calls = played.log.calls.iter().map(|seen| ((seen.p, seen.t), seen)).collect();
+        let calls = played.log.calls.iter().map(|call| ((call.p, call.t), call)).collect();
         Self { scenario, played, replay, calls, is_whole }
     }
 

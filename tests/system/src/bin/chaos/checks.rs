@@ -145,8 +145,8 @@ impl ObservedRun {
             return vec!["nothing was measured".to_owned()];
         };
         let mut problems = Vec::new();
-        let mut grew = |what: &str, first: u64, last: u64, by: u64| {
-            problems.extend((last > first + by).then(|| format!("{what}: {first}, then {last}")));
+        let mut grew = |name: &str, first: u64, last: u64, by: u64| {
+            problems.extend((last > first + by).then(|| format!("{name}: {first}, then {last}")));
         };
         grew("KiB", first.resident_kib, last.resident_kib, first.resident_kib / 4 + 8192);
         // A tenth of a second is noted in 100 bytes.

@@ -92,7 +92,7 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
         failures_dropped: BTreeMap::new(),
         timers: count(|requested| requested.fired.is_some()),
         cancelled: count(|requested| requested.cancelled.is_some()),
-        sent_bytes: facts.played.log.calls.iter().filter(|seen| seen.p == p && p > 0).count()
+        sent_bytes: facts.played.log.calls.iter().filter(|call| call.p == p && p > 0).count()
             as u64,
         lost: 0,
         ..tally.clone()

@@ -52,8 +52,8 @@ pub(crate) fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, replay, .. } = facts;
     let wrong = replay.wrong_backlogs.first().or(replay.wrong_room.first());
     ensure(wrong.is_none(), || wrong.cloned().unwrap_or_default())?;
-    let locals = played.log.calls.iter().filter(|seen| seen.p == 0);
-    let in_order = locals.map(|seen| seen.t).is_sorted_by(|one, next| one < next);
+    let locals = played.log.calls.iter().filter(|call| call.p == 0);
+    let in_order = locals.map(|call| call.t).is_sorted_by(|one, next| one < next);
     ensure(in_order, || "local computes messages out of their order".to_owned())?;
     for requested in &replay.requested {
         let Some(started) = requested.started else { continue };
@@ -71,22 +71,22 @@ pub(crate) fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
 
 /// D5.
 pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
-    for (requested, seen) in pairs(facts)? {
-        if facts.is_after(seen.begun) {
+    for (requested, call) in pairs(facts)? {
+        if facts.is_after(call.begun) {
             continue;
         }
         let Some(started) = requested.started else {
             return Err(format!("{} was asked about {} without room", requested.p, requested.t));
         };
-        let stalled = facts.played.log.stalled(started, seen.begun);
-        ensure(seen.begun == started + stalled, || {
+        let stalled = facts.played.log.stalled(started, call.begun);
+        ensure(call.begun == started + stalled, || {
             format!(
                 "{} has room for {} at {started} and begins at {}",
-                requested.p, requested.t, seen.begun
+                requested.p, requested.t, call.begun
             )
         })?;
         let cloud = facts.scenario.clouds.iter().find(|cloud| cloud.p == requested.p);
-        let (Some(time_left), Some(cloud), Some(due)) = (seen.time_left, cloud, requested.due)
+        let (Some(time_left), Some(cloud), Some(due)) = (call.time_left, cloud, requested.due)
         else {
             continue;
         };
@@ -104,19 +104,19 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
 /// D6, F7.
 pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
     let log = &facts.played.log;
-    for (requested, seen) in pairs(facts)? {
+    for (requested, call) in pairs(facts)? {
         let description = || {
             format!(
                 "{} begun at {} ended {:?}, due {:?}, fired {:?}, cancelled {:?}",
                 format_args!("{} of {}", requested.t, requested.p),
-                seen.begun,
-                seen.end,
+                call.begun,
+                call.end,
                 requested.due,
                 requested.fired,
                 requested.cancelled
             )
         };
-        let Some((ended, stop)) = seen.end else {
+        let Some((ended, stop)) = call.end else {
             return Err(format!("it was never dropped: {}", description()));
         };
         let is_over = log.over.is_some_and(|over| over <= ended);
@@ -131,7 +131,7 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
         // Its end is an input of the trace at the same instant, unless the operator has ended.
         if stop != CallStop::DroppedResult
             && !facts.is_after(ended)
-            && (requested.p == 0 || seen.begun < ended)
+            && (requested.p == 0 || call.begun < ended)
         {
             let reported = requested.ended;
             let is_reported = reported == Some((ended, stop == CallStop::Answered));
@@ -183,7 +183,7 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
         (cloud.p, cloud.calls.max(1) * lingers)
     });
     for (p, bound) in [(0, at_once)].into_iter().chain(clouds) {
-        let most = most_at_once(log.calls.iter().filter(|seen| seen.p == p));
+        let most = most_at_once(log.calls.iter().filter(|call| call.p == p));
         ensure(most <= bound, || format!("{most} calls of {p} were under way, {bound} may be"))?;
     }
     if let Some((_, calls)) = scenario.side {
@@ -202,9 +202,9 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     }
     let [tasks, frames, values] = played.remaining;
     ensure(frames == 0 && values == 0, || format!("{frames} messages, {values} values are left"))?;
-    let hung = |seen: &&LoggedCall| {
-        let act = scenario.act(seen.serial, 0).map(|act| act.result);
-        seen.p == 0 && matches!(act, Some(CallResult::Hangs | CallResult::HangsAndPanics))
+    let hung = |call: &&LoggedCall| {
+        let act = scenario.act(call.serial, 0).map(|act| act.result);
+        call.p == 0 && matches!(act, Some(CallResult::Hangs | CallResult::HangsAndPanics))
     };
     let hung = log.calls.iter().filter(hung).count();
     let is_over = !matches!(scenario.end, Finish::Crash(_));
@@ -248,11 +248,11 @@ pub(crate) fn served_in_time(facts: &Facts<'_>) -> Result<(), String> {
 /// How many of them were under way at once.
 fn most_at_once<'a>(calls: impl Iterator<Item = &'a LoggedCall>) -> usize {
     let mut steps = Vec::new();
-    for seen in calls {
-        let ended = seen.end.map(|(ended, _)| ended);
+    for call in calls {
+        let ended = call.end.map(|(ended, _)| ended);
         // One that begins and ends at one instant does not count.
-        if ended != Some(seen.begun) {
-            steps.push((seen.begun, 1));
+        if ended != Some(call.begun) {
+            steps.push((call.begun, 1));
             steps.extend(ended.map(|ended| (ended, 0)));
         }
     }
@@ -271,15 +271,15 @@ fn pairs<'a>(facts: &'a Facts<'_>) -> Result<Vec<(&'a AdmittedRequest, &'a Logge
     ensure(calls.len() == facts.played.log.calls.len(), || "a source was asked twice".into())?;
     let mut pairs = Vec::new();
     for requested in &facts.replay.requested {
-        pairs.extend(calls.get(&(requested.p, requested.t)).map(|seen| (requested, *seen)));
+        pairs.extend(calls.get(&(requested.p, requested.t)).map(|call| (requested, *call)));
     }
     ensure(!facts.is_whole || pairs.len() == calls.len(), || {
-        let unknown = facts.played.log.calls.iter().find(|seen| {
+        let unknown = facts.played.log.calls.iter().find(|call| {
             !facts
                 .replay
                 .requested
                 .iter()
-                .any(|requested| (requested.p, requested.t) == (seen.p, seen.t))
+                .any(|requested| (requested.p, requested.t) == (call.p, call.t))
         });
         format!("it was asked without a decision: {unknown:?}")
     })?;

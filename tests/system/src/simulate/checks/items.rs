@@ -154,14 +154,14 @@ pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
             )
         })?;
         for (p, why) in &read.failures {
-            let Some(seen) = facts.calls.get(&(*p, read.t)) else {
+            let Some(call) = facts.calls.get(&(*p, read.t)) else {
                 ensure(*p == 0 && **why == *"too many computations wait", || {
                     format!("{p} fails {} though it was never asked: {why}", read.t)
                 })?;
                 continue;
             };
-            let reported = words(ValueLabel { p: *p, t: read.t, serial: seen.serial, at: 0 });
-            let act = scenario.act(seen.serial, *p);
+            let reported = words(ValueLabel { p: *p, t: read.t, serial: call.serial, at: 0 });
+            let act = scenario.act(call.serial, *p);
             let panics = matches!(
                 act.map(|act| act.result),
                 Some(CallResult::Panics | CallResult::PanicsAtOnce | CallResult::PanickingResponse)
