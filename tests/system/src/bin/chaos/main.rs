@@ -30,7 +30,7 @@ enum Args {
     /// One cloud, for the soak; it ends with its standard input.
     #[command(hide = true)]
     Cloud(cloud::Args),
-    /// Fails unless the recorded soak is of these sources, or `older.toml` says why not.
+    /// Fails unless the kept record of a soak is of these sources, or `older.toml` says why not.
     Record {
         /// The project.
         #[arg(long, default_value = ".")]
