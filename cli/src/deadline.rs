@@ -293,7 +293,7 @@ pub(crate) fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fau
     };
     let mut observed = Vec::new();
     while let Some((line, row)) = rows.next_row().map_err(broken)? {
-        let cell = |place: usize| row.get(place).unwrap_or_default();
+        let cell = |index: usize| row.get(index).unwrap_or_default();
         let wrong = |column, text: &str, wanted| {
             fault(line, format!("column {column:?}: {text:?} is {wanted}"))
         };

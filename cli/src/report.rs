@@ -43,7 +43,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     overwrite: Overwrite,
     #[command(flatten)]
-    how: JudgeOptions,
+    options: JudgeOptions,
 }
 
 impl From<PageError> for Fault {
@@ -63,9 +63,9 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
         Box::new(OutputSink::new(anstream::stdout()))
     };
     for path in &args.traces {
-        let found = read_file(&mut page, &args.how, path)?;
-        verdict::print_summary(&found.summary(), &mut out).map_err(Fault::Output)?;
-        exit = exit.max(args.how.exit(&found));
+        let findings = read_file(&mut page, &args.options, path)?;
+        verdict::print_summary(&findings.summary(), &mut out).map_err(Fault::Output)?;
+        exit = exit.max(args.options.exit(&findings));
     }
     write(&output, &page)?;
     if !output.is_stdout() {
@@ -86,14 +86,18 @@ fn write(output: &Output, page: &PageWriter) -> Result<(), Fault> {
 }
 
 /// Reads and judges one trace, and puts it on the page.
-fn read_file(page: &mut PageWriter, how: &JudgeOptions, path: &Path) -> Result<Findings, Fault> {
-    let (mode, end) = (how.mode(), how.end());
+fn read_file(
+    page: &mut PageWriter,
+    options: &JudgeOptions,
+    path: &Path,
+) -> Result<Findings, Fault> {
+    let (mode, end) = (options.mode(), options.end());
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
     let mut reader = reader(mode, &name, trace)?;
     let mut canvas = page.begin(mode, &name, reader.header());
-    if let Some(period) = how.period() {
+    if let Some(period) = options.period() {
         canvas = canvas.with_period(period);
     }
     while let Some(event) = next_event(&mut reader, end)? {

@@ -15,7 +15,7 @@ use vehicle::{Drive, Frame};
 /// Drives per search.
 const DRIVES: u64 = 240_000;
 
-/// A drive, and what a guard is told about it: spans in which the truth lies.
+/// A drive, and what a guard knows about it: spans in which the truth lies.
 struct Setting {
     drive: Drive,
     parameters: Parameters,
@@ -170,7 +170,7 @@ struct SearchResult {
 #[derive(Default, Debug)]
 struct Search {
     /// By [`DEADLINES`].
-    found: [SearchResult; 4],
+    results: [SearchResult; 4],
     /// Drives in which local alone stops.
     local_stops: u64,
     /// By case of the guard for an obstacle in sight.
@@ -216,12 +216,12 @@ fn search(view: View) -> Search {
             let is_worse = drive.collides_where_any_output_counts(&outputs);
             search.worse_where_any_output_counts += u64::from(is_worse);
         }
-        for (found, deadline) in search.found.iter_mut().zip(DEADLINES) {
+        for (results, deadline) in search.results.iter_mut().zip(DEADLINES) {
             let stops = !drive.collides(&drive.fused(|frame| deadline(&setting, &guard, frame)));
-            found.better += u64::from(stops && !local_stops);
+            results.better += u64::from(stops && !local_stops);
             if local_stops && !stops {
-                found.worse += 1;
-                found.seed.get_or_insert(seed);
+                results.worse += 1;
+                results.seed.get_or_insert(seed);
             }
         }
     }
@@ -232,7 +232,7 @@ fn search(view: View) -> Search {
 fn the_search_sees_every_case_and_every_outcome() {
     for search in [&IN_SIGHT, &HIDDEN, &COVERED] {
         assert!(search.cases.iter().all(|seen| *seen > 10_000), "{search:?}");
-        assert!(search.found.iter().all(|found| found.better > 1000), "{search:?}");
+        assert!(search.results.iter().all(|results| results.better > 1000), "{search:?}");
         assert!(search.local_stops > 10_000 && search.local_stops < DRIVES - 10_000, "{search:?}");
     }
 }
@@ -240,7 +240,7 @@ fn the_search_sees_every_case_and_every_outcome() {
 #[test]
 fn t1_no_deadline_up_to_locals_least_response_is_ever_worse() {
     for search in [&IN_SIGHT, &HIDDEN, &COVERED] {
-        assert_eq!(search.found[T1].worse, 0, "{search:?}");
+        assert_eq!(search.results[T1].worse, 0, "{search:?}");
     }
 }
 
@@ -253,24 +253,24 @@ fn t4_a_planner_for_which_any_output_breaks_a_row_is_worse_in_dozens_of_drives()
 
 #[test]
 fn t2_the_guard_is_never_worse_for_what_is_in_sight_from_locals_range_on() {
-    assert_eq!(IN_SIGHT.found[GUARD].worse, 0, "{IN_SIGHT:?}");
+    assert_eq!(IN_SIGHT.results[GUARD].worse, 0, "{IN_SIGHT:?}");
 }
 
 #[test]
 fn t2_the_guard_is_never_worse_for_what_comes_into_sight_where_it_was_told() {
-    assert_eq!(HIDDEN.found[GUARD_THAT_IS_TOLD].worse, 0, "{HIDDEN:?}");
-    assert_eq!(IN_SIGHT.found[GUARD_THAT_IS_TOLD].worse, 0, "{IN_SIGHT:?}");
+    assert_eq!(HIDDEN.results[GUARD_THAT_IS_TOLD].worse, 0, "{HIDDEN:?}");
+    assert_eq!(IN_SIGHT.results[GUARD_THAT_IS_TOLD].worse, 0, "{IN_SIGHT:?}");
 }
 
 #[test]
 fn t4_what_comes_into_sight_nearer_without_a_word_may_be_hit() {
-    assert!(HIDDEN.found[GUARD].worse > 2000, "{HIDDEN:?}");
+    assert!(HIDDEN.results[GUARD].worse > 2000, "{HIDDEN:?}");
 }
 
 #[test]
 fn half_a_second_for_every_message_is_worse_in_thousands_of_drives() {
-    assert!(IN_SIGHT.found[HALF_A_SECOND].worse > 2000, "{IN_SIGHT:?}");
-    assert!(HIDDEN.found[HALF_A_SECOND].worse > 2000, "{HIDDEN:?}");
+    assert!(IN_SIGHT.results[HALF_A_SECOND].worse > 2000, "{IN_SIGHT:?}");
+    assert!(HIDDEN.results[HALF_A_SECOND].worse > 2000, "{HIDDEN:?}");
 }
 
 /// T4: the guarantee rests on a cloud that reports whatever local would.

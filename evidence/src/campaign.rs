@@ -42,7 +42,7 @@ type CampaignTask<'a> = (&'static EvidenceKind, &'a SeededFault);
 impl Campaign<'_> {
     /// Runs what the records lack, and keeps each result as it comes.
     ///
-    /// `tell` hears of each run as it ends, with how many ended and how many there are.
+    /// `tell` is called for each run as it ends, with how many ended and how many there are.
     ///
     /// # Errors
     /// A witness is red without a fault, a run says nothing, or `stop` was set.

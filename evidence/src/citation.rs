@@ -90,7 +90,7 @@ pub(crate) fn named(name: &str) -> BTreeSet<String> {
     ids
 }
 
-/// The places of the code that cite each identifier, `file:line`.
+/// The lines of the code that cite each identifier, `file:line`.
 pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, EvidenceError> {
     let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for file in tree.files(&CODE)? {
@@ -125,7 +125,7 @@ pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<Strin
     Ok(cited)
 }
 
-/// The file of a test, told by its target and modules: a library's own test, or one in a folder of tests.
+/// The file of a test, known from its target and modules: a library's own test, or one in a folder of tests.
 fn file_of_test(tree: &Tree, path: &[&str]) -> Option<String> {
     let (target, modules) = path.split_first()?;
     let whole = modules.join("/");

@@ -74,7 +74,7 @@ fn read(
     files: &[&str],
     report: &str,
 ) -> Result<(BTreeMap<String, u64>, BTreeSet<CoverageGap>), EvidenceError> {
-    let mut taken = BTreeMap::new();
+    let mut line_counts = BTreeMap::new();
     let mut file = None;
     for line in report.lines() {
         let (kind, rest) = line.split_once(':').unwrap_or((line, ""));
@@ -82,12 +82,12 @@ fn read(
         match (kind, &*cells) {
             ("SF", _) => file = name(tree, files, rest),
             ("DA", [line, count, ..]) => {
-                note(&mut taken, file.as_deref(), [line, "", NEVER], count);
+                note(&mut line_counts, file.as_deref(), [line, "", NEVER], count);
             }
-            ("BRDA", [line, condition, way, count]) => {
-                let is_first = way.parse::<u32>().is_ok_and(|way| way.is_multiple_of(2));
-                let what = if is_first { NEVER_TRUE } else { NEVER_FALSE };
-                note(&mut taken, file.as_deref(), [line, condition, what], count);
+            ("BRDA", [line, condition, branch, count]) => {
+                let is_first = branch.parse::<u32>().is_ok_and(|branch| branch.is_multiple_of(2));
+                let gap_kind = if is_first { NEVER_TRUE } else { NEVER_FALSE };
+                note(&mut line_counts, file.as_deref(), [line, condition, gap_kind], count);
             }
             _ => {}
         }
@@ -97,8 +97,8 @@ fn read(
             .map(|kind| (kind.into(), 0))
             .into();
     let mut gaps = BTreeSet::new();
-    for ((file, line, _, what), count) in taken {
-        let (all, open) = if what == NEVER {
+    for ((file, line, _, gap_kind), count) in line_counts {
+        let (all, open) = if gap_kind == NEVER {
             ("lines", "lines never run")
         } else {
             ("branches", "branches never taken")
@@ -106,7 +106,7 @@ fn read(
         *counts.entry(all.to_owned()).or_default() += 1;
         if count == 0 {
             *counts.entry(open.to_owned()).or_default() += 1;
-            gaps.insert(CoverageGap::at(&file, &tree.text(&file)?, line, what));
+            gaps.insert(CoverageGap::at(&file, &tree.text(&file)?, line, gap_kind));
         }
     }
     Ok((counts, gaps))
@@ -121,14 +121,14 @@ type LineCounts<'a> = BTreeMap<(String, usize, &'a str, &'a str), u64>;
 
 /// A way counts as taken if any copy of the code takes it.
 fn note<'a>(
-    taken: &mut LineCounts<'a>,
+    line_counts: &mut LineCounts<'a>,
     file: Option<&str>,
-    [line, condition, what]: [&'a str; 3],
+    [line, condition, gap_kind]: [&'a str; 3],
     count: &str,
 ) {
     let (Some(file), Ok(line)) = (file, line.parse()) else { return };
     let count: u64 = count.parse().unwrap_or(0);
-    let sum = taken.entry((file.to_owned(), line, condition, what)).or_default();
+    let sum = line_counts.entry((file.to_owned(), line, condition, gap_kind)).or_default();
     *sum = sum.saturating_add(count);
 }
 

@@ -12,7 +12,7 @@ use crate::tree::{Tree, hex};
 /// Where they are kept: those of the machine, and those of what is around it.
 pub(crate) const FILES: [&str; 2] = ["tests/faults.toml", "tests/faults-around.toml"];
 
-/// One place of the source with what a fault would make of it.
+/// One passage of the source with what a fault would make of it.
 #[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SeededFault {
@@ -63,7 +63,7 @@ impl SeededFault {
     /// The source with this fault.
     ///
     /// # Errors
-    /// The place does not occur exactly once.
+    /// The passage does not occur exactly once.
     pub fn seed(&self, source: &str) -> Result<String, EvidenceError> {
         match source.matches(&self.find).count() {
             1 => Ok(source.replacen(&self.find, &self.replace, 1)),

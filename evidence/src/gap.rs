@@ -57,7 +57,7 @@ pub(crate) fn explanations(tree: &Tree) -> Result<Vec<ExplainedGap>, EvidenceErr
 }
 
 impl CoverageGap {
-    /// The gap at a line, counted from 1, of a text. One of brackets alone is told with what stands before it.
+    /// The gap at a line, counted from 1, of a text. One of brackets alone is shown with what stands before it.
     pub(crate) fn at(file: &str, text: &str, line: usize, what: impl Into<String>) -> Self {
         let lines: Vec<&str> = text.lines().take(line).map(str::trim).collect();
         let is_reported = |line: &&&str| line.contains(char::is_alphanumeric);

@@ -116,10 +116,10 @@ fn faults(tree: &Tree, args: &Faults) -> Result<bool, EvidenceError> {
         again: args.again,
         stop: &STOP,
     };
-    let summary = campaign.run(|what, done, all| {
+    let summary = campaign.run(|name, done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
-        bar.set_message(what.to_owned());
+        bar.set_message(name.to_owned());
     });
     bar.finish_and_clear();
     Ok(report(&summary?))

@@ -308,12 +308,12 @@ fn lacks(
 }
 
 fn unknown<'a>(
-    place: &str,
+    location: &str,
     cited: impl Iterator<Item = &'a String>,
     known: &BTreeSet<&str>,
 ) -> Vec<String> {
     cited
         .filter(|id| !known.contains(id.as_str()))
-        .map(|id| format!("{place} cites {id}, which SPEC.md does not define"))
+        .map(|id| format!("{location} cites {id}, which SPEC.md does not define"))
         .collect()
 }

@@ -27,14 +27,14 @@ pub(crate) fn declared(tree: &Tree) -> Result<BTreeMap<String, String>, Evidence
     }
 }
 
-/// Parts the results that are older than their sources, name and title, into the declared ones, told with their
+/// Parts the results that are older than their sources, name and title, into the declared ones, given with their
 /// reasons, and what is wrong: one that is not declared, and one that is declared and current or unknown.
 pub(crate) fn sort(
-    found: &[(&'static str, &'static str)],
+    outdated: &[(&'static str, &'static str)],
     mut declared: BTreeMap<String, String>,
 ) -> (Vec<(&'static str, String)>, Vec<String>) {
     let (mut older, mut wrong) = (Vec::new(), Vec::new());
-    for (name, title) in found {
+    for (name, title) in outdated {
         match declared.remove(*name) {
             Some(because) => older.push((*title, because)),
             None => wrong.push(format!("{title}: the sources changed since the results")),

@@ -138,7 +138,7 @@ fn section(matrix: &Matrix, row: &MatrixRow, text: &mut String) {
             let _ = writeln!(text, "- {title}: {}", items.join(", "));
         }
     };
-    line("code", places(&row.code));
+    line("code", locations(&row.code));
     for kind in ran(matrix) {
         let witnesses = row.witnesses.get(kind.name).into_iter().flatten();
         line(kind.title, witnesses.map(|name| format!("`{name}`")).collect());
@@ -147,10 +147,10 @@ fn section(matrix: &Matrix, row: &MatrixRow, text: &mut String) {
 }
 
 /// `file:1, 2` for `file:1` and `file:2`.
-fn places(code: &[String]) -> Vec<String> {
+fn locations(code: &[String]) -> Vec<String> {
     let mut files: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-    for place in code {
-        let (file, line) = place.rsplit_once(':').unwrap_or((place, ""));
+    for location in code {
+        let (file, line) = location.rsplit_once(':').unwrap_or((location, ""));
         files.entry(file).or_default().push(line);
     }
     files.into_iter().map(|(file, lines)| format!("`{file}:{}`", lines.join(","))).collect()
@@ -206,8 +206,8 @@ fn csv(matrix: &Matrix) -> Result<String, EvidenceError> {
     };
     write(["id", "kind", "witness"])?;
     for row in &matrix.rows {
-        for place in &row.code {
-            write([&row.id, "code", place])?;
+        for location in &row.code {
+            write([&row.id, "code", location])?;
         }
         for (kind, witnesses) in &row.witnesses {
             for witness in witnesses {

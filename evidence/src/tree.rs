@@ -88,7 +88,7 @@ impl Tree {
     /// # Errors
     /// git cannot list the files, or one cannot be copied.
     pub fn copy_to(&self, copy: &Self) -> Result<(), EvidenceError> {
-        let wanted = self.kept()?;
+        let wanted = self.listed_files()?;
         fs::create_dir_all(&copy.root).map_err(EvidenceError::file(&copy.root))?;
         for name in copy.files(&["."])? {
             if !wanted.contains_key(&name) {
@@ -110,7 +110,7 @@ impl Tree {
     }
 
     /// What git keeps, new files included.
-    fn kept(&self) -> Result<BTreeMap<String, Vec<u8>>, EvidenceError> {
+    fn listed_files(&self) -> Result<BTreeMap<String, Vec<u8>>, EvidenceError> {
         let listed = Command::new("git")
             .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
             .current_dir(&self.root)
@@ -122,14 +122,14 @@ impl Tree {
                 String::from_utf8_lossy(&listed.stderr).trim(),
             ));
         }
-        let mut kept = BTreeMap::new();
+        let mut files = BTreeMap::new();
         for name in String::from_utf8_lossy(&listed.stdout).split_terminator('\0') {
             // A file that was removed and not yet committed is listed all the same.
             if let Ok(content) = fs::read(self.path(name)) {
-                kept.insert(name.to_owned(), content);
+                files.insert(name.to_owned(), content);
             }
         }
-        Ok(kept)
+        Ok(files)
     }
 
     fn walk(&self, path: &Path, files: &mut Vec<String>) -> Result<(), EvidenceError> {

@@ -31,8 +31,8 @@ impl Counterexample {
 
 /// The inputs without any that can be left out, a tick for each that only moves the clock.
 fn shrink(inputs: Vec<Input>, breaks: impl Fn(&[Input]) -> bool) -> Vec<Input> {
-    let tick = |place: usize| -> Simplification<Vec<Input>> {
-        Box::new(move |inputs| inputs[place] = Input::Tick { at: inputs[place].at() })
+    let tick = |index: usize| -> Simplification<Vec<Input>> {
+        Box::new(move |inputs| inputs[index] = Input::Tick { at: inputs[index].at() })
     };
     let ticks = |inputs: &Vec<Input>| (0..inputs.len()).map(tick).collect();
     let breaks = |inputs: &Vec<Input>| Ok::<_, Infallible>(breaks(inputs));

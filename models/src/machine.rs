@@ -71,7 +71,7 @@ pub(crate) fn answer(machine: &mut ModelMachine, input: &Input, most: usize) -> 
     answer
 }
 
-/// Lets no panic of the machine be told; it is in the answer.
+/// Prints no panic of the machine; it is in the answer.
 pub fn hush() {
     let tell = panic::take_hook();
     panic::set_hook(Box::new(move |info| {

@@ -113,7 +113,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Checks what is asked for; whether all of it holds.
+/// Checks what is requested; whether all of it holds.
 fn check_all(args: &CheckArguments) -> Result<bool, ModelsError> {
     hush();
     let configs = chosen(args)?;
@@ -143,7 +143,7 @@ fn check_all(args: &CheckArguments) -> Result<bool, ModelsError> {
     Ok(verdicts.iter().all(Exploration::holds))
 }
 
-/// The configurations asked for, in the order of the table.
+/// The configurations requested, in the order of the table.
 fn chosen(args: &CheckArguments) -> Result<Vec<&'static World>, ModelsError> {
     let is_named = |config: &World, name: &str| {
         let rest = config.name.strip_prefix(name);

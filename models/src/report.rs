@@ -142,10 +142,10 @@ fn print_faults(out: &mut impl Write, verdict: &Exploration) -> io::Result<()> {
         writeln!(out, "{name}: {BAD}not met: {}{BAD:#}", sighting.name())?;
     }
     if verdict.violations.is_empty() && verdict.states != verdict.config.states {
-        let (found, expected) = (verdict.states, verdict.config.states);
+        let (states, expected) = (verdict.states, verdict.config.states);
         writeln!(
             out,
-            "\n{name}: {BAD}{found} states instead of {expected}{BAD:#}: the machine or its \
+            "\n{name}: {BAD}{states} states instead of {expected}{BAD:#}: the machine or its \
              environment changed"
         )?;
     }

@@ -28,7 +28,7 @@ impl Draw {
     }
 
     /// An index into something of this length; 0 if it is empty.
-    pub(crate) fn place(&mut self, len: usize) -> usize {
+    pub(crate) fn index(&mut self, len: usize) -> usize {
         let len = u64::try_from(len).unwrap_or(u64::MAX).max(1);
         usize::try_from(self.next() % len).unwrap_or(0)
     }
@@ -41,17 +41,17 @@ impl Draw {
     /// These in another order, any as likely.
     pub(crate) fn shuffle<T>(&mut self, items: &mut [T]) {
         for last in (1..items.len()).rev() {
-            items.swap(last, self.place(last + 1));
+            items.swap(last, self.index(last + 1));
         }
     }
 
     /// One of these, each as often as its weight says. At least one weight must not be 0.
     pub(crate) fn weighed<T: Copy>(&mut self, choices: &[(u64, T)]) -> T {
         let whole: u64 = choices.iter().map(|(weight, _)| weight).sum();
-        let mut left = self.next() % whole;
+        let mut remaining = self.next() % whole;
         for (weight, choice) in choices {
-            match left.checked_sub(*weight) {
-                Some(rest) => left = rest,
+            match remaining.checked_sub(*weight) {
+                Some(rest) => remaining = rest,
                 None => return *choice,
             }
         }

@@ -191,12 +191,12 @@ impl History {
 
     /// The source of this priority, noted now if it was not before.
     fn entry(&mut self, p: u64) -> &mut RequestedSource {
-        let place = self.sources.partition_point(|source| source.p < p);
-        if self.sources.get(place).is_none_or(|source| source.p != p) {
+        let index = self.sources.partition_point(|source| source.p < p);
+        if self.sources.get(index).is_none_or(|source| source.p != p) {
             let new = RequestedSource { p, stage: Stage::Closed, due: None, is_armed: false };
-            self.sources.insert(place, new);
+            self.sources.insert(index, new);
         }
-        &mut self.sources[place]
+        &mut self.sources[index]
     }
 }
 

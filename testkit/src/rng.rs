@@ -100,8 +100,8 @@ impl Rng {
     pub fn sample<T>(&mut self, items: impl IntoIterator<Item = T>, count: usize) -> Vec<T> {
         let mut items = items.into_iter();
         let mut sample: Vec<T> = items.by_ref().take(count).collect();
-        for (item, seen) in items.zip(count + 1..) {
-            if let Some(replaced) = sample.get_mut(self.index(seen)) {
+        for (item, number) in items.zip(count + 1..) {
+            if let Some(replaced) = sample.get_mut(self.index(number)) {
                 *replaced = item;
             }
         }

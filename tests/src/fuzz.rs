@@ -132,7 +132,7 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> FuzzResult {
     Ok(())
 }
 
-/// An error where line number `line` was to be read: it tells that line, fit for a terminal.
+/// An error where line number `line` was to be read: it names that line, fit for a terminal.
 fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> FuzzResult {
     reach.defect(error);
     let message = error.to_string();
@@ -184,10 +184,10 @@ fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> F
 /// before what stands in its place.
 fn broken_line(whole: &[Event], edited: &[Event]) -> Option<u64> {
     let both = whole.len().max(edited.len());
-    let place = (0..both).find(|place| whole.get(*place) != edited.get(*place))?;
+    let index = (0..both).find(|index| whole.get(*index) != edited.get(*index))?;
     // The header is line 1, the first event line 2.
-    let line = place as u64 + 2;
-    match edited.get(place) {
+    let line = index as u64 + 2;
+    match edited.get(index) {
         Some(Event::Decision(_)) => Some(line),
         Some(Event::Input(_)) | None => Some(line - 1),
     }

@@ -84,9 +84,9 @@ fn names() -> Names {
     let mut names = Names::new();
     for path in sources() {
         let text = fs::read_to_string(&path).expect("UTF-8");
-        let place = path.strip_prefix(ROOT).expect("below the root").display().to_string();
+        let path_name = path.strip_prefix(ROOT).expect("below the root").display().to_string();
         for name in defined(&text) {
-            names.entry(name.to_owned()).or_default().push(place.clone());
+            names.entry(name.to_owned()).or_default().push(path_name.clone());
         }
     }
     names
@@ -148,12 +148,12 @@ fn no_type_has_a_name_that_only_its_authors_could_guess() {
     let mut riddles_found = Vec::new();
     for entry in WalkBuilder::new(ROOT).require_git(false).build() {
         let path = entry.expect("a readable folder").into_path();
-        let place = path.strip_prefix(ROOT).expect("below the root").display().to_string();
+        let path_name = path.strip_prefix(ROOT).expect("below the root").display().to_string();
         if path.extension().is_none_or(|extension| extension != "rs") {
             continue;
         }
         let text = fs::read_to_string(&path).expect("UTF-8");
-        riddles_found.extend(riddles(&text).iter().map(|name| format!("{place}: {name}")));
+        riddles_found.extend(riddles(&text).iter().map(|name| format!("{path_name}: {name}")));
         read += 1;
     }
     assert!(read > 400, "only {read} files were read");
@@ -169,10 +169,11 @@ fn a_riddle_is_seen_whether_or_not_it_is_public() {
 #[test]
 fn a_name_in_two_places_and_a_stale_entry_are_found() {
     let names = |places: &[&str]| -> Names {
-        [("Slot".to_owned(), places.iter().map(|place| (*place).to_owned()).collect())].into()
+        [("Slot".to_owned(), places.iter().map(|path_name| (*path_name).to_owned()).collect())]
+            .into()
     };
     let entry = |places: &[&str]| -> BTreeMap<String, Shared> {
-        let places = places.iter().map(|place| (*place).to_owned()).collect();
+        let places = places.iter().map(|path_name| (*path_name).to_owned()).collect();
         [("Slot".to_owned(), Shared { concept: "a slot".into(), places })].into()
     };
     assert!(wrong(&names(&["a.rs"]), &BTreeMap::new()).is_empty());

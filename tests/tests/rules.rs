@@ -36,7 +36,7 @@ fn reported_firings(firings: &[Fired]) -> Vec<String> {
 }
 
 /// Timestamp 0 open at 0 and offered, in order, with these deadlines.
-fn asked(commit: Commit, clouds: &[(u16, u64)]) -> CoreDriver {
+fn driver_with(commit: Commit, clouds: &[(u16, u64)]) -> CoreDriver {
     let priorities: Vec<u16> = clouds.iter().map(|(p, _)| *p).collect();
     let mut driver = CoreDriver::new(4, commit, &priorities);
     driver.opened(0, None);
@@ -58,7 +58,7 @@ fn refused(admission: Admission) -> Option<OfferRefusal> {
 #[test]
 fn f0_result_at_the_last_instant_before_due_is_in_time() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(9)), [""; 0]);
         assert_eq!(reported(driver.result(0, 1)), "1 goes, cancels []");
     }
@@ -67,7 +67,7 @@ fn f0_result_at_the_last_instant_before_due_is_in_time() {
 #[test]
 fn f0_result_at_and_after_the_due_instant_is_late() {
     for (commit, now) in BOTH.into_iter().flat_map(|commit| [(commit, 10), (commit, 11)]) {
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(now)), ["0: [1], waits"]);
         assert_eq!(reported(driver.result(0, 1)), "late");
     }
@@ -75,7 +75,7 @@ fn f0_result_at_and_after_the_due_instant_is_late() {
 
 #[test]
 fn f0_a_clock_that_goes_back_stands_still() {
-    let mut driver = asked(Commit::Eager, &[(1, 10), (2, 30)]);
+    let mut driver = driver_with(Commit::Eager, &[(1, 10), (2, 30)]);
     driver.tick(20);
     driver.tick(5);
     assert_eq!(driver.fusion().now(), Instant::from_nanos(20));
@@ -87,7 +87,7 @@ fn f0_a_clock_that_goes_back_stands_still() {
 
 #[test]
 fn f0_refused_and_dropped_inputs_move_the_clock() {
-    let mut driver = asked(Commit::Eager, &[(1, 10)]);
+    let mut driver = driver_with(Commit::Eager, &[(1, 10)]);
     driver.tick(9);
     assert_eq!(driver.open(0, None), Opening::Refused(OpenRefusal::Order));
     assert_eq!(reported(driver.result(9, 1)), "unknown");
@@ -234,7 +234,7 @@ fn f2g_an_offer_refused_for_an_earlier_reason_does_not_ask_the_gate() {
 #[test]
 fn f3_reasons_to_drop_a_result_come_in_order() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10), (2, 50), (3, 50)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 50), (3, 50)]);
         assert_eq!(reported(driver.result(0, 9)), "unknown");
         assert_eq!(reported(driver.result(1, 1)), "unknown");
         driver.opened(1, None);
@@ -252,7 +252,7 @@ fn f3_reasons_to_drop_a_result_come_in_order() {
 #[test]
 fn f3_the_highest_goes_at_once_and_what_is_beneath_is_cancelled() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10), (7, 10), (65_535, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10), (7, 10), (65_535, 10)]);
         assert_eq!(reported(driver.result(0, 7)), "held");
         assert_eq!(reported(driver.result(0, 65_535)), "65535 goes, cancels [1]");
     }
@@ -275,7 +275,7 @@ fn a3_a_held_cloud_keeps_its_timer_under_eager_alone() {
     for (commit, next_due, at_10) in
         [(Commit::Eager, 10, vec!["0: [1], 1 goes, cancels [2]"]), (Commit::Patient, 50, vec![])]
     {
-        let mut driver = asked(commit, &[(1, 10), (2, 50)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 50)]);
         assert_eq!(reported(driver.result(0, 1)), "held");
         assert_eq!(driver.next_due(), Some(next_due));
         assert_eq!(reported_firings(&driver.tick(10)), at_10);
@@ -287,7 +287,7 @@ fn a3_a_held_cloud_keeps_its_timer_under_eager_alone() {
 #[test]
 fn f4_a_failure_frees_what_it_outranked() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 1)), "held");
         // A36: a failure alone does not commit.
         assert_eq!(reported(driver.fail(0, 3)), "waits");
@@ -301,10 +301,10 @@ fn f4_a_failure_frees_what_it_outranked() {
 #[test]
 fn f4_local_failing_last_misses_and_failing_first_waits() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported(driver.fail(0, 0)), "waits");
         assert_eq!(reported(driver.fail(0, 1)), "missed");
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported(driver.fail(0, 1)), "waits");
         assert_eq!(reported(driver.fail(0, 0)), "missed");
         assert!(driver.fusion().is_empty());
@@ -331,7 +331,7 @@ fn f5_fires_by_due_instant_then_timestamp_and_ties_of_one_timestamp_together() {
 
 #[test]
 fn a22_ties_close_together_so_that_none_is_cancelled() {
-    let mut driver = asked(Commit::Eager, &[(1, 10), (2, 10), (3, 11)]);
+    let mut driver = driver_with(Commit::Eager, &[(1, 10), (2, 10), (3, 11)]);
     assert_eq!(reported(driver.result(0, 0)), "held");
     assert_eq!(reported_firings(&driver.tick(10)), ["0: [1, 2], 0 goes, cancels [3]"]);
 }
@@ -361,7 +361,7 @@ fn a4_a_lesser_timer_commits_under_eager_and_closes_its_own_under_patient() {
     for (commit, at_10) in
         [(Commit::Eager, "0: [1], 0 goes, cancels [2]"), (Commit::Patient, "0: [1], waits")]
     {
-        let mut driver = asked(commit, &[(1, 10), (2, 20)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(reported_firings(&driver.tick(9)), [""; 0]);
         assert_eq!(reported_firings(&driver.tick(10)), [at_10]);
@@ -374,7 +374,7 @@ fn p3_of_several_available_the_best_goes() {
         (Commit::Eager, "0: [1], 2 goes, cancels [3]", None),
         (Commit::Patient, "0: [1], waits", Some("0: [3], 2 goes, cancels []")),
     ] {
-        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(reported(driver.result(0, 2)), "held");
         assert_eq!(reported_firings(&driver.tick(10)), [at_10]);
@@ -384,7 +384,7 @@ fn p3_of_several_available_the_best_goes() {
 
 #[test]
 fn a28_a_firing_that_found_nothing_does_not_hurry_what_comes_later() {
-    let mut driver = asked(Commit::Eager, &[(1, 10), (2, 20)]);
+    let mut driver = driver_with(Commit::Eager, &[(1, 10), (2, 20)]);
     assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
     assert_eq!(reported(driver.result(0, 0)), "held");
     assert_eq!(reported_firings(&driver.tick(20)), ["0: [2], 0 goes, cancels []"]);
@@ -392,7 +392,7 @@ fn a28_a_firing_that_found_nothing_does_not_hurry_what_comes_later() {
 
 #[test]
 fn f6_patient_commits_once_nothing_outranks_though_a_lesser_is_pending() {
-    let mut driver = asked(Commit::Patient, &[(1, 30), (2, 30), (3, 20)]);
+    let mut driver = driver_with(Commit::Patient, &[(1, 30), (2, 30), (3, 20)]);
     assert_eq!(reported(driver.result(0, 2)), "held");
     assert_eq!(reported_firings(&driver.tick(20)), ["0: [3], 2 goes, cancels [1]"]);
 }
@@ -436,7 +436,7 @@ fn p6_with_no_request_local_goes_the_moment_it_arrives() {
 #[test]
 fn p5_local_goes_by_the_latest_due_instant_with_every_cloud_lost() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         let last = driver.tick(30).last().map(reported_firing);
         assert!(last.is_some_and(|last| last.contains("0 goes")), "{commit:?}");
@@ -448,7 +448,7 @@ fn p5_local_goes_by_the_latest_due_instant_with_every_cloud_lost() {
 fn p12_the_wait_ends_with_local_and_the_last_request() {
     for commit in BOTH {
         // Local first: its result waits for the last due instant, a failed request's no longer.
-        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(reported(driver.fail(0, 3)), "waits");
         driver.tick(9);
@@ -456,10 +456,10 @@ fn p12_the_wait_ends_with_local_and_the_last_request() {
         driver.tick(20);
         assert!(driver.fusion().is_empty(), "{commit:?}");
         // Local last: its result, its failure or its timer ends the wait.
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
         assert_eq!(reported(driver.result(0, 0)), "0 goes, cancels []");
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
         assert_eq!(reported(driver.fail(0, 0)), "missed");
         let mut driver = CoreDriver::new(4, commit, &[1]);

@@ -85,8 +85,8 @@ impl Pair {
     }
 
     fn retire(&mut self, t: u64) {
-        let asked = self.naive.remove(&t).is_some_and(|dues| dues.contains_key(&1));
-        let outcome = self.driver.result(t, u16::from(asked));
+        let is_requested = self.naive.remove(&t).is_some_and(|dues| dues.contains_key(&1));
+        let outcome = self.driver.result(t, u16::from(is_requested));
         assert!(matches!(outcome, Outcome::Forwarded { .. }), "{t}: {outcome:?}");
     }
 

@@ -101,8 +101,8 @@ impl StorageHeader {
     }
 }
 
-/// The place of an answer.
-pub(crate) fn place<T>(answer: *mut T) -> AnswerTarget {
+/// Where an answer is written.
+pub(crate) fn answer_target<T>(answer: *mut T) -> AnswerTarget {
     AnswerTarget { at: answer.addr(), len: size_of::<T>(), is: check(answer) }
 }
 
@@ -113,13 +113,13 @@ pub(crate) fn wrong(status: CStatus) -> CStatus {
     core::hint::black_box(status)
 }
 
-/// The configuration and the clouds that an init of either kind was given, if these, the storage and the place of the
+/// The configuration and the clouds that an init of either kind was given, if these, the storage and the address of the
 /// machine's pointer are all right. `needed` says how many bytes a capacity takes, 0 if there is none such.
 ///
 /// # Safety
 /// `config` may be read, with the clouds that it names.
 #[expect(unsafe_code, reason = "reads the caller's configuration")]
-pub(crate) unsafe fn asked<K>(
+pub(crate) unsafe fn validated_config<K>(
     (storage, bytes): (*mut c_void, usize),
     config: *const CConfig,
     machine: *mut *mut K,
@@ -183,7 +183,7 @@ unsafe fn registered<'a>(
     if !places.is_empty() {
         check(config.clouds.cast_mut())?;
     }
-    for (i, place) in places.iter_mut().enumerate() {
+    for (i, target) in places.iter_mut().enumerate() {
         // SAFETY: within the clouds, by the caller's promise.
         let cloud = unsafe { config.clouds.add(i) };
         // SAFETY: not null, aligned, and may be read by the caller's promise.
@@ -194,7 +194,7 @@ unsafe fn registered<'a>(
             return Err(CStatus::Gate);
         }
         let priority = Priority::new(priority);
-        *place = Cloud { priority, limit: cloud.limit, resume: cloud.resume };
+        *target = Cloud { priority, limit: cloud.limit, resume: cloud.resume };
     }
     Ok(places)
 }

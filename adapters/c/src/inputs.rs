@@ -42,8 +42,13 @@ pub(crate) struct OfferArguments {
 /// The inputs of SPEC.md and the questions, to a machine of whatever capacity.
 pub(crate) trait Inputs {
     /// One firing (F5), or the input's own answer.
-    fn ask(&self, now: u64, t: u64, asked: MessageInput, answer: AnswerPointer<CAnswer>)
-    -> CStatus;
+    fn submit(
+        &self,
+        now: u64,
+        t: u64,
+        input: MessageInput,
+        answer: AnswerPointer<CAnswer>,
+    ) -> CStatus;
     /// Whether a call is under way.
     fn is_busy(&self) -> bool;
     /// The next due instant.
@@ -59,13 +64,13 @@ pub(crate) trait Inputs {
 pub(crate) fn apply<const CLOUDS: usize, const WINDOW: usize>(
     mut ready: Ready<'_, CLOUDS, WINDOW>,
     t: Timestamp,
-    asked: MessageInput,
+    input: MessageInput,
     header: &StorageHeader,
     answer: &mut CAnswer,
 ) {
     // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
     let unknown = Outcome::Dropped(DropReason::Unknown);
-    match asked {
+    match input {
         MessageInput::Open => write_opening(answer, ready.open(t, None)),
         MessageInput::OpenWithin(deadline) => {
             write_opening(answer, ready.open(t, Some(header.deadline(deadline))));
@@ -87,11 +92,11 @@ pub(crate) fn apply<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// What is asked for, or [`CStatus::None`], which writes nothing.
-pub(crate) fn answer_list<T>(found: Option<T>, place: AnswerPointer<T>) -> CStatus {
-    match found {
-        Some(found) => {
-            place.write(found);
+/// What is requested, or [`CStatus::None`], which writes nothing.
+pub(crate) fn answer_list<T>(value: Option<T>, target: AnswerPointer<T>) -> CStatus {
+    match value {
+        Some(value) => {
+            target.write(value);
             CStatus::Done
         }
         None => CStatus::None,
@@ -190,8 +195,8 @@ fn list<const CLOUDS: usize>(
     members: &Priorities<CLOUDS>,
 ) -> u32 {
     let mut len = 0;
-    for ((place, member), counted) in places.iter_mut().zip(members.iter()).zip(1..) {
-        *place = member.as_u16();
+    for ((target, member), counted) in places.iter_mut().zip(members.iter()).zip(1..) {
+        *target = member.as_u16();
         len = counted;
     }
     len

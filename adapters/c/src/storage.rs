@@ -9,7 +9,7 @@ use core::sync::atomic::{Ordering, compiler_fence};
 use fuseline_core::{At, Cloud, Fusion, Instant, Timestamp};
 
 use crate::header::{
-    AnswerTarget, NO_CLOUDS, StorageHeader, StorageKind, asked, rule, status_of, wrong,
+    AnswerTarget, NO_CLOUDS, StorageHeader, StorageKind, rule, status_of, validated_config, wrong,
 };
 use crate::inputs::{
     AnswerPointer, Inputs, MessageInput, answer_list, apply, looked, looked_at, priority,
@@ -151,11 +151,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW> {
-    fn ask(
+    fn submit(
         &self,
         now: u64,
         t: u64,
-        asked: MessageInput,
+        input: MessageInput,
         answer: AnswerPointer<CAnswer>,
     ) -> CStatus {
         self.enter(|fusion| {
@@ -167,7 +167,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW
                     CStatus::Again
                 }
                 At::Ready(ready) => {
-                    apply(ready, Timestamp::new(t), asked, self.header(), answer);
+                    apply(ready, Timestamp::new(t), input, self.header(), answer);
                     CStatus::Done
                 }
             }
@@ -218,7 +218,7 @@ pub(crate) unsafe fn make(
     let mut clouds = NO_CLOUDS;
     // SAFETY: by the caller's promise.
     let (config, clouds) =
-        unsafe { asked((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
+        unsafe { validated_config((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
     with_room!(config.capacity, R = Storage => {
         // SAFETY: aligned and large enough, as was checked, and the caller's to give.
         unsafe { R::fill(storage.cast(), &config, clouds) }?;

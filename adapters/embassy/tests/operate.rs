@@ -1,4 +1,4 @@
-//! The operator on the host, by a clock that the test moves: what it tells makes a trace, and the strict judge finds
+//! The operator on the host, by a clock that the test moves: its reports make a trace, and the strict judge finds
 //! nothing in it.
 
 use embassy_futures::block_on;
@@ -23,7 +23,7 @@ fn result(t: Timestamp, source: Priority) -> Arrival<Value> {
     Arrival::Result(t, source, Value(t.as_u64(), source))
 }
 
-/// What the operator was told to have come, as the trace has it.
+/// What was reported to the operator as received, as the trace has it.
 fn input(at: u64, arrival: Option<Arrival>) -> Input {
     let number = |p: Priority| u64::from(p.as_u16());
     match arrival {
@@ -40,7 +40,7 @@ fn input(at: u64, arrival: Option<Arrival>) -> Input {
     }
 }
 
-/// The lines that what is told makes, at its end.
+/// The lines that the reports make, at the end.
 fn record(trace: &mut Vec<u8>, at: u64, reported: &Report<Value, 1>) {
     let mut lines = Vec::new();
     let mut decide = |decision: Decision| lines.push(decision);

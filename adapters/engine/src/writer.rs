@@ -58,10 +58,10 @@ impl TraceWriter {
     pub(crate) fn new(sink: Sink, counts: Arc<Counts>) -> io::Result<Self> {
         let waiting = Arc::<Mutex<PendingInputs>>::default();
         let every_input = sink.every_input();
-        let (taken, reported) = (Arc::clone(&waiting), Arc::clone(&counts));
+        let (queue, reported) = (Arc::clone(&waiting), Arc::clone(&counts));
         let writer = thread::Builder::new()
             .name("fuseline-trace".into())
-            .spawn(move || write(sink, &taken, &reported))?;
+            .spawn(move || write(sink, &queue, &reported))?;
         Ok(Self { waiting, writer: Some(writer), counts, every_input, is_over: false })
     }
 

@@ -1,4 +1,4 @@
-//! A policy is asked about what is sent alone, and its cap holds.
+//! A policy decides about what is sent alone, and its cap holds.
 
 use std::fs;
 use std::sync::{Arc, Mutex};
@@ -219,7 +219,7 @@ fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() 
     assert_eq!(probes, (0..reasons.len()).step_by(4).collect::<Vec<_>>());
 }
 
-/// T6, F0: what is due comes before the offer, so that its message is closed when the policy would be asked.
+/// T6, F0: what is due comes before the offer, so that its message is closed when the policy would be consulted.
 #[test]
 fn a_policy_is_not_asked_about_a_message_that_a_timer_due_then_closes() {
     for late_by in [0, 1] {

@@ -135,7 +135,7 @@ async fn echo(name: &str) -> Result<(), Any> {
     }
 }
 
-/// The subscriber: when its input ends, it writes what it heard.
+/// The subscriber: when its input ends, it writes what it received.
 async fn listen() -> Result<(), Any> {
     let mut node = node_in(DOMAIN, "subscriber")?;
     let topics: Vec<Subscription<PointStamped>> = HEARD
@@ -217,7 +217,7 @@ impl ChildProcess {
         Ok(Self(command.spawn()?))
     }
 
-    /// What the subscriber heard, in the order of [`HEARD`].
+    /// What the subscriber received, in the order of [`HEARD`].
     fn received_by_stamp(mut self) -> Result<[ReceivedAt; 3], Any> {
         drop(self.0.stdin.take());
         let mut lines = String::new();

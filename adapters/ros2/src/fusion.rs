@@ -91,7 +91,7 @@ impl Transport for NodeFusion<'_> {
             self.memory.turn = (turn + 1) % TURNS;
             let received = &mut self.received;
             let event = match turn {
-                0 if self.stop.came()
+                0 if self.stop.is_requested()
                     || self.orders.as_ref().is_some_and(|it| it.last.is_some()) =>
                 {
                     Poll::Pending
@@ -145,7 +145,7 @@ impl Transport for NodeFusion<'_> {
         let Some(source) = self.sources.iter().find(|source| source.priority == priority) else {
             return Sent::Failed("there is no such source".into());
         };
-        match &source.way {
+        match &source.route {
             Route::Topics { requests, .. } if requests.matched() == 0 => {
                 Sent::Failed("nobody subscribes to its topic".into())
             }

@@ -129,9 +129,9 @@ impl LifecycleRequest {
         (Self { task, done }, received)
     }
 
-    pub(crate) fn done(self, how: TransitionResult) {
+    pub(crate) fn done(self, result: TransitionResult) {
         // Nobody waits for it if the node ends.
-        let _ = self.done.send(how);
+        let _ = self.done.send(result);
     }
 }
 
@@ -176,17 +176,17 @@ impl LifecycleState {
     }
 
     /// The transitions from here.
-    pub(crate) fn ways(self) -> impl Iterator<Item = Transition> {
-        TRANSITIONS.into_iter().filter(move |way| way.from == self)
+    pub(crate) fn transitions(self) -> impl Iterator<Item = Transition> {
+        TRANSITIONS.into_iter().filter(move |transition| transition.from == self)
     }
 
     /// The transition that is requested, by its label if there is one, else by its number; none if it does not begin
     /// here.
     pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, LifecycleTask)> {
-        let way = self
-            .ways()
-            .find(|way| if label.is_empty() { way.id == id } else { way.label == label })?;
-        let task = match way.to {
+        let transition = self.transitions().find(|transition| {
+            if label.is_empty() { transition.id == id } else { transition.label == label }
+        })?;
+        let task = match transition.to {
             Configuring => LifecycleTask::Configure,
             CleaningUp => LifecycleTask::CleanUp,
             Activating => LifecycleTask::Activate,
@@ -196,17 +196,17 @@ impl LifecycleState {
                 return None;
             }
         };
-        Some((way, task))
+        Some((transition, task))
     }
 
     /// The transition by which what is under way ends, if anything is.
-    pub(crate) fn ended(self, how: TransitionResult) -> Option<Transition> {
-        let label = match how {
+    pub(crate) fn ended(self, result: TransitionResult) -> Option<Transition> {
+        let label = match result {
             TransitionResult::Success => SUCCESS,
             TransitionResult::Failure => FAILURE,
             TransitionResult::Error => ERROR,
         };
-        self.ways().find(|way| way.label == label)
+        self.transitions().find(|transition| transition.label == label)
     }
 }
 
@@ -225,56 +225,58 @@ mod tests {
 
     #[test]
     fn each_state_that_rests_has_the_transitions_of_ros() {
-        let ways = |state: LifecycleState| state.ways().map(|way| way.label).collect::<Vec<_>>();
-        assert_eq!(ways(Unconfigured), ["configure", "shutdown"]);
-        assert_eq!(ways(Inactive), ["cleanup", "activate", "shutdown"]);
-        assert_eq!(ways(Active), ["deactivate", "shutdown"]);
-        assert_eq!(ways(Finalized), [""; 0]);
+        let transitions = |state: LifecycleState| {
+            state.transitions().map(|transition| transition.label).collect::<Vec<_>>()
+        };
+        assert_eq!(transitions(Unconfigured), ["configure", "shutdown"]);
+        assert_eq!(transitions(Inactive), ["cleanup", "activate", "shutdown"]);
+        assert_eq!(transitions(Active), ["deactivate", "shutdown"]);
+        assert_eq!(transitions(Finalized), [""; 0]);
     }
 
     #[test]
     fn a_task_leads_to_where_it_is_meant_to_lead() {
-        let goes = |state: LifecycleState, id, label, how| {
-            let (way, task) = state.requested(id, label)?;
-            assert_eq!(way.from, state);
-            Some((task, way.to.ended(how)?.to))
+        let run_transition = |state: LifecycleState, id, label, result| {
+            let (transition, task) = state.requested(id, label)?;
+            assert_eq!(transition.from, state);
+            Some((task, transition.to.ended(result)?.to))
         };
         assert_eq!(
-            goes(Unconfigured, 1, "", TransitionResult::Success),
+            run_transition(Unconfigured, 1, "", TransitionResult::Success),
             Some((LifecycleTask::Configure, Inactive))
         );
         assert_eq!(
-            goes(Unconfigured, 1, "", TransitionResult::Failure),
+            run_transition(Unconfigured, 1, "", TransitionResult::Failure),
             Some((LifecycleTask::Configure, Unconfigured))
         );
         assert_eq!(
-            goes(Inactive, 3, "", TransitionResult::Success),
+            run_transition(Inactive, 3, "", TransitionResult::Success),
             Some((LifecycleTask::Activate, Active))
         );
         assert_eq!(
-            goes(Active, 4, "", TransitionResult::Success),
+            run_transition(Active, 4, "", TransitionResult::Success),
             Some((LifecycleTask::Deactivate, Inactive))
         );
         assert_eq!(
-            goes(Inactive, 2, "", TransitionResult::Success),
+            run_transition(Inactive, 2, "", TransitionResult::Success),
             Some((LifecycleTask::CleanUp, Unconfigured))
         );
         assert_eq!(
-            goes(Inactive, 2, "", TransitionResult::Error),
+            run_transition(Inactive, 2, "", TransitionResult::Error),
             Some((LifecycleTask::CleanUp, ErrorProcessing))
         );
         for (state, id) in [(Unconfigured, 5), (Inactive, 6), (Active, 7)] {
             assert_eq!(
-                goes(state, id, "", TransitionResult::Success),
+                run_transition(state, id, "", TransitionResult::Success),
                 Some((LifecycleTask::ShutDown, Finalized))
             );
             assert_eq!(
-                goes(state, 0, "shutdown", TransitionResult::Success),
+                run_transition(state, 0, "shutdown", TransitionResult::Success),
                 Some((LifecycleTask::ShutDown, Finalized))
             );
         }
         assert_eq!(
-            ErrorProcessing.ended(TransitionResult::Success).map(|way| way.to),
+            ErrorProcessing.ended(TransitionResult::Success).map(|transition| transition.to),
             Some(Unconfigured)
         );
     }

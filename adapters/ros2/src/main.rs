@@ -42,8 +42,8 @@ fn main() -> ExitCode {
         };
     }
     let lines = log(settings.log_level);
-    for given in &settings.ignored {
-        warn!("{}: {} is of no effect here", given.origin, given.name);
+    for parameter in &settings.ignored {
+        warn!("{}: {} is of no effect here", parameter.origin, parameter.name);
     }
     if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
         warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");

@@ -59,7 +59,7 @@ pub(crate) async fn run(
                         TransitionResult::Error
                     });
                 }
-                None if stop.came() => break,
+                None if stop.is_requested() => break,
                 // It could not be configured, and said why.
                 None => ended = Ok(Tally::default()),
             }
@@ -78,7 +78,7 @@ async fn unconfigured(
     stop: &mut Stop,
 ) -> Option<LifecycleRequest> {
     // It may have been requested while the last order was carried out.
-    while !stop.came() {
+    while !stop.is_requested() {
         tokio::select! {
             () = stop.requested() => return None,
             order = orders.reported.recv() => return order,
@@ -125,7 +125,7 @@ async fn configured(
 /// It answers its services until it is to end.
 async fn finalized(order: LifecycleRequest, stop: &mut Stop) {
     order.done(TransitionResult::Success);
-    if !stop.came() {
+    if !stop.is_requested() {
         stop.requested().await;
     }
 }

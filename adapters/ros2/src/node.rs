@@ -82,12 +82,12 @@ pub(crate) fn open<'a>(
     let qos = settings.qos(&stream.topic, Role::Publisher);
     let own = settings.middleware;
     let output = graph.outlet(own, &stream.topic, &stream.type_name, qos)?;
-    let (taken, inputs) = mpsc::channel(1);
+    let (sender, inputs) = mpsc::channel(1);
     let input = &settings.input;
     let qos = settings.qos(&input.topic, Role::Subscription);
     let input_end = graph.inlet(own, &input.topic, &input.type_name, qos, move |sample| {
-        let taken = taken.clone();
-        async move { drop(taken.send(sample).await) }
+        let sender = sender.clone();
+        async move { drop(sender.send(sample).await) }
     })?;
     input_end.patience(settings.silence);
     let mut ends = vec![input_end, Arc::clone(output.end())];
@@ -285,14 +285,21 @@ fn sources(
     let mut sources = vec![NodeSource {
         priority: 0,
         name: "local".into(),
-        way: topics(graph, settings, local.middleware, [&local.input, &local.output], arrived, 0)?,
+        route: topics(
+            graph,
+            settings,
+            local.middleware,
+            [&local.input, &local.output],
+            arrived,
+            0,
+        )?,
         enabled: true,
         deadline: Some(local.deadline),
         hints: None,
         unmatched: UnmatchedResults::default(),
     }];
     for (index, cloud) in (1..).zip(&settings.clouds) {
-        let way = match &cloud.way {
+        let route = match &cloud.way {
             settings::CloudConnection::Topics { middleware, input, output } => {
                 topics(graph, settings, *middleware, [input, output], arrived, index)?
             }
@@ -308,7 +315,7 @@ fn sources(
         sources.push(NodeSource {
             priority: cloud.priority,
             name: cloud.name.clone(),
-            way,
+            route,
             enabled: cloud.enabled,
             deadline: cloud.deadline,
             hints,

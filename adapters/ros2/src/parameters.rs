@@ -133,8 +133,8 @@ pub fn given(
 ) -> Result<BTreeMap<String, ParameterOverride>, ParameterError> {
     let mut all = BTreeMap::new();
     for path in files {
-        for given in sections::given(path, &read(path)?, node)? {
-            all.insert(given.name.clone(), given);
+        for parameter in sections::overrides(path, &read(path)?, node)? {
+            all.insert(parameter.name.clone(), parameter);
         }
     }
     for Assignment { node: whose, given } in assignments {

@@ -30,8 +30,8 @@ impl Rosout {
     /// The layer, and what [`run`](crate::run) publishes.
     #[must_use]
     pub fn new() -> (Self, PendingLogs) {
-        let (kept, lines) = mpsc::channel(LINES);
-        (Self(kept), PendingLogs(lines))
+        let (sender, lines) = mpsc::channel(LINES);
+        (Self(sender), PendingLogs(lines))
     }
 }
 

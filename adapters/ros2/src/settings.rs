@@ -201,17 +201,17 @@ impl Settings {
     ) -> Result<Self, SettingsError> {
         let node = NodeName { namespace: "/".to_owned(), name: "fuseline".to_owned() };
         let node = node.remapped(&arguments.remaps);
-        let mut given = given(&arguments.files, &arguments.assignments, &node)?;
+        let mut overrides = given(&arguments.files, &arguments.assignments, &node)?;
         let from_environment = [
             domain(&environment),
             localhost_only(&environment),
             middleware::from_rmw(&environment),
         ];
         for from in from_environment.into_iter().flatten() {
-            given.entry(from.name.clone()).or_insert(from);
+            overrides.entry(from.name.clone()).or_insert(from);
         }
         let log_level = log_level(arguments, &node);
-        let mut reader = ParameterReader::new(given, node.clone(), &arguments.remaps);
+        let mut reader = ParameterReader::new(overrides, node.clone(), &arguments.remaps);
         let mut settings = read(&mut reader, node)?;
         settings.ignored = reader.apply_rest()?;
         settings.topics = reader.topics;

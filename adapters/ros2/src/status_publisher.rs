@@ -65,8 +65,8 @@ impl StatusPublisher {
         if let Some(lines) = lines.filter(|_| settings.rosout) {
             let log = TypeName { package: "rcl_interfaces", name: "Log" };
             // As rcl publishes it: who comes later gets the last lines.
-            let kept = Qos { reliable: true, transient_local: true, depth: 1000 };
-            let log = backend.message_publisher("/rosout", log, kept)?;
+            let qos = Qos { reliable: true, transient_local: true, depth: 1000 };
+            let log = backend.message_publisher("/rosout", log, qos)?;
             tasks.spawn(publish(lines, log, settings.node.name.clone()));
         }
         let DiscoveredNode { clock, set } = backend.settle(settings)?;

@@ -29,7 +29,7 @@ impl Stop {
     }
 
     /// Whether it was requested at least once.
-    pub(crate) const fn came(&self) -> bool {
+    pub(crate) const fn is_requested(&self) -> bool {
         self.times > 0
     }
 

@@ -20,7 +20,7 @@ use crate::shared::Shared;
 pub struct ValueOwner<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     owner: Owner<'a, CLOUDS, WINDOW>,
     handle: &'a SharedHandle<CLOUDS, WINDOW>,
-    /// The cells of the last message of each place.
+    /// The cells of the last message of each slot.
     cells: Vec<Arc<SourceCells<T, CLOUDS>>>,
 }
 
@@ -48,7 +48,7 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
         let cells = &mut self.cells[message_id.place()];
         match Arc::get_mut(cells) {
             Some(cells) => cells.clear(),
-            // A call of the place's last message is still under way and may still fill its cell.
+            // A call of the slot's last message is still under way and may still fill its cell.
             None => *cells = Arc::new(SourceCells::new()),
         }
         let message = Message { handle: self.handle, id: message_id, cells: Arc::clone(cells) };

@@ -113,14 +113,14 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
             LocalKind::Future(spawn) => return Ok(Self::Future(spawn)),
             LocalKind::Threads(computes) => computes,
         };
-        let (jobs, taken) = mpsc::channel::<(Arc<I>, u64)>();
+        let (jobs, receiver) = mpsc::channel::<(Arc<I>, u64)>();
         let (sender, completions) = unbounded_channel();
-        let taken = Arc::new(Mutex::new(taken));
+        let receiver = Arc::new(Mutex::new(receiver));
         for mut compute in computes {
-            let (taken, completions) = (Arc::clone(&taken), sender.clone());
+            let (receiver, completions) = (Arc::clone(&receiver), sender.clone());
             thread::Builder::new().name("fuseline-local".into()).spawn(move || {
                 loop {
-                    let job = taken.lock().unwrap_or_else(PoisonError::into_inner).recv();
+                    let job = receiver.lock().unwrap_or_else(PoisonError::into_inner).recv();
                     let Ok((message, timestamp)) = job else { return };
                     let result = guard(|| compute(&message, timestamp));
                     // Nobody waits for it once the operator has ended.

@@ -108,9 +108,10 @@ impl<I> SideRunner<I> {
                 None => permits.acquire_owned().await,
             };
             drop(waits);
-            let left = deadline.saturating_sub(requested.elapsed());
+            let remaining = deadline.saturating_sub(requested.elapsed());
             let byte_counter = ByteCounter::SideRequest(Arc::clone(&counts));
-            let answer = guarded(request(Call { timestamp, deadline: left, byte_counter })).await;
+            let answer =
+                guarded(request(Call { timestamp, deadline: remaining, byte_counter })).await;
             drop(permit);
             // As everywhere, an answer at the due instant is late.
             if requested.elapsed() < deadline {
@@ -131,11 +132,11 @@ impl<I> SideRunner<I> {
 
 /// Gives an answer that came in time to the response handler.
 fn settle(counts: &SideCounts, timestamp: u64, answer: Result<SideResponse, Error>) {
-    let taken = answer.and_then(|handle_response| {
+    let handled = answer.and_then(|handle_response| {
         catch_unwind(AssertUnwindSafe(handle_response))
             .unwrap_or_else(|panic| Err(panicked(&*panic)))
     });
-    match taken {
+    match handled {
         Ok(()) => counts.answered.add(1),
         Err(error) => {
             let why = ErrorChain(&*error);

@@ -120,7 +120,7 @@ enum ResponseColumn {
 struct SourceColumn {
     p: ExactNumber,
     name: Option<String>,
-    /// Whether the header tells it; local is.
+    /// Whether the header names it; local is named.
     known: bool,
 }
 
@@ -136,7 +136,7 @@ struct ViolationRow {
     late: Option<u64>,
 }
 
-/// A number that is told as a text where a script could not hold it.
+/// A number that is written as a text where a script could not hold it.
 #[derive(Clone, Copy)]
 struct ExactNumber(u64);
 
@@ -406,10 +406,10 @@ fn more_of(event: &Event, x: &mut Vec<i128>) {
             x.push(i128::from(due) - i128::from(at));
         }
         Event::Decision(Decision::RefuseOpen { why, .. }) => {
-            x.push(place(reasons::place_of_open(why)));
+            x.push(place(reasons::index_of_open(why)));
         }
         Event::Decision(Decision::RefuseOffer { why, .. }) => {
-            x.push(place(reasons::place_of_offer(why)));
+            x.push(place(reasons::index_of_offer(why)));
         }
         Event::Decision(Decision::Drop { why, .. }) => x.push(place(why.index())),
         Event::Input(Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. })

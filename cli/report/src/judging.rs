@@ -39,7 +39,7 @@ pub struct VerdictSummary<'a> {
     pub unfinished: Option<u64>,
     /// Lines, the header's too.
     pub lines: u64,
-    /// All violations, those that are not told too.
+    /// All violations, those that are not listed too.
     pub violations: u64,
 }
 
@@ -211,7 +211,7 @@ impl Findings {
         }
     }
 
-    /// The violations that are told.
+    /// The violations that are listed.
     #[must_use]
     pub fn violations(&self) -> Vec<AnyViolation<'_>> {
         match self {

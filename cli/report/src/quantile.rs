@@ -13,7 +13,7 @@ pub enum ArrivalTime {
     /// Unknown, but later than this, if ever: the call was ended then, before its result was there.
     /// What the trace has at that instant came first.
     After(Duration),
-    /// No result will come, as was known then; at once if the source was not asked.
+    /// No result will come, as was known then; at once if nothing was requested of the source.
     Failed(Duration),
     /// Its network never came back.
     Never,
@@ -42,7 +42,7 @@ pub enum Quantile {
     Never,
 }
 
-/// The quantiles told, in percent.
+/// The quantiles shown, in percent.
 pub const PERCENT: [usize; 3] = [50, 90, 99];
 
 impl Serialize for Quantile {
@@ -127,7 +127,7 @@ fn greatest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Dur
         sure_below * 100 < percent * (sure.len() + possible.len() - possible_below)
     };
     let last = |times: &[Duration]| {
-        times.partition_point(is_reached).checked_sub(1).and_then(|place| times.get(place)).copied()
+        times.partition_point(is_reached).checked_sub(1).and_then(|index| times.get(index)).copied()
     };
     [last(sure), last(possible)].into_iter().flatten().max()
 }

@@ -1,4 +1,4 @@
-//! The reasons of refusals and drops, each with its word and its sentence, as the page tells them.
+//! The reasons of refusals and drops, each with its word and its sentence, as the page shows them.
 
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use serde::Serialize;
@@ -24,12 +24,12 @@ pub(crate) fn drops() -> [ReasonColumn; DropReason::ALL.len()] {
     DropReason::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() })
 }
 
-/// The place of an open's refusal among [`refusals`].
-pub(crate) const fn place_of_open(why: OpenRefusal) -> usize {
+/// The index of an open's refusal among [`refusals`].
+pub(crate) const fn index_of_open(why: OpenRefusal) -> usize {
     why.index()
 }
 
-/// The place of an offer's refusal among [`refusals`].
-pub(crate) const fn place_of_offer(why: OfferRefusal) -> usize {
+/// The index of an offer's refusal among [`refusals`].
+pub(crate) const fn index_of_offer(why: OfferRefusal) -> usize {
     OpenRefusal::ALL.len() + why.index()
 }

@@ -34,13 +34,13 @@ pub const COLUMNS: [(&str, &str); 8] = [
     ("refused", "offers refused; they are no requests (F2)"),
 ];
 
-/// What a trace tells, taken line by line.
+/// What a trace shows, taken line by line.
 ///
 /// Each request has one fate, so that a row adds up whatever the trace holds. Where an observed
 /// trace lacks a decision's line, the request's own lines tell its fate: a result before its due
 /// instant and its message's end was in time.
 pub struct TraceStatistics {
-    /// Local's priority, the clouds', then those of strangers that a trace asks or forwards against
+    /// Local's priority, the clouds', then those of strangers that a trace requests or forwards against
     /// the rules.
     priorities: Vec<u64>,
     /// How many of them are local and the clouds.
@@ -97,7 +97,7 @@ pub struct MessageRecord {
 /// What was put out for a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ForwardedOutput {
-    /// Whose result, by its place in [`MessageRecord::arrivals`].
+    /// Whose result, by its index in [`MessageRecord::arrivals`].
     pub source: usize,
     /// When it left, since the message came.
     pub response: Duration,
@@ -121,7 +121,7 @@ pub enum TimestampOutcome {
 
 impl MessageRecord {
     /// Whether some cloud had neither a result for it nor a failure before the deadline, though it
-    /// was asked; none if that is not known.
+    /// got a request; none if that is not known.
     #[must_use]
     pub fn is_in_outage(&self, deadline: Duration) -> Option<bool> {
         let clouds = || self.arrivals.iter().skip(1);
@@ -284,7 +284,7 @@ impl TraceStatistics {
         }
     }
 
-    /// What became of the request for a timestamp, as its place in [`COLUMNS`]; none if there is
+    /// What became of the request for a timestamp, as its index in [`COLUMNS`]; none if there is
     /// none.
     #[must_use]
     pub fn request_outcome(&self, t: u64, p: u64) -> Option<usize> {
@@ -347,7 +347,7 @@ impl TraceStatistics {
     /// The messages that ended, for the policies: each with what each known source gave.
     ///
     /// What was refused nobody got. Where a call was ended before its result, `planned(source,
-    /// opened, t)` tells when that would have come since the message's instant, if it can.
+    /// opened, t)` returns when that would have come since the message's instant, if it can.
     pub fn messages(
         &self,
         planned: impl Fn(usize, u64, u64) -> Option<ArrivalTime>,

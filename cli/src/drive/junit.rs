@@ -25,9 +25,9 @@ pub(super) fn xml(report: &DriveReport) -> Result<String, SerializeError> {
         }
         None => {}
     }
-    if let Some(how) = &report.at_end {
+    if let Some(misbehaviour) = &report.at_end {
         let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
-        status.set_message(how.to_string());
+        status.set_message(misbehaviour.to_string());
         suite.add_test_case(TestCase::new("end of input", status));
     }
     let mut xml = Xml::new("fuseline drive");
@@ -42,8 +42,8 @@ fn case(report: &DriveReport, id: &str, mark: CaseOutcome) -> TestCase {
         CaseOutcome::Breaks(_) | CaseOutcome::Misbehaves => {
             let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
             status.set_message(mark.word());
-            if let Some(found) = report.found.iter().find(|found| found.case == id) {
-                status.set_description(found.text());
+            if let Some(entry) = report.findings.iter().find(|entry| entry.case == id) {
+                status.set_description(entry.text());
             }
             status
         }

@@ -127,11 +127,11 @@ fn verdict(report: &DriveReport) -> &'static str {
 fn markdown(report: &DriveReport) -> String {
     let name = &report.name;
     let mut text = format!("# `{name}` {}\n\n{}.\n", verdict(report), suite(report));
-    for found in report.reported() {
-        let _ = write!(text, "\n```text\n{}\n```\n", found.text());
+    for entry in report.reported() {
+        let _ = write!(text, "\n```text\n{}\n```\n", entry.text());
     }
-    if let Some(how) = &report.at_end {
-        let _ = write!(text, "\nAfter the last case {how}.\n");
+    if let Some(misbehaviour) = &report.at_end {
+        let _ = write!(text, "\nAfter the last case {misbehaviour}.\n");
     }
     text.push_str("\n| case | result |\n|---|---|\n");
     for CaseRow { case, word, .. } in rows(report) {
@@ -172,14 +172,14 @@ fn html(report: &DriveReport) -> String {
          <p class=\"dim\">{}.</p>\n",
         escaped(&suite(report))
     );
-    for found in report.reported() {
-        let _ = writeln!(text, "<pre>{}</pre>", escaped(&found.text()));
+    for entry in report.reported() {
+        let _ = writeln!(text, "<pre>{}</pre>", escaped(&entry.text()));
     }
-    if let Some(how) = &report.at_end {
+    if let Some(misbehaviour) = &report.at_end {
         let _ = writeln!(
             text,
             "<p class=\"bad\">After the last case {}.</p>",
-            escaped(&how.to_string())
+            escaped(&misbehaviour.to_string())
         );
     }
     text.push_str("<table>\n<tr><th>case<th>result\n");

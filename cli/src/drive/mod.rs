@@ -167,10 +167,10 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
         }
     }
     let report = driver.finish();
-    for found in &report.found {
-        if let Some(path) = &found.saved {
+    for entry in &report.findings {
+        if let Some(path) = &entry.saved {
             output::file(path, &[], args.results.overwrite)?;
-            fs::write(path, found.finding.reported.trace())
+            fs::write(path, entry.finding.reported.trace())
                 .map_err(|source| create(path, source))?;
         }
     }
@@ -277,7 +277,7 @@ impl<'a> CaseRunner<'a> {
             suite,
             passed: 0,
             failed: None,
-            found: Vec::new(),
+            findings: Vec::new(),
             at_end: None,
             was_interrupted: false,
             inputs: 0,
@@ -322,20 +322,20 @@ impl<'a> CaseRunner<'a> {
         Ok(())
     }
 
-    /// The fixed cases; `first` becomes the difference that tells most.
+    /// The fixed cases; `first` becomes the difference that shows most.
     ///
     /// A command that does not answer at all is not waited for case after case.
     fn fixed(
         &mut self,
         first: &mut Option<(DifferenceRank, DriveCase, DriveFinding)>,
     ) -> Result<DriveProgress, DriveStop> {
-        for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
+        for (index, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
             let Some(finding) = self.run(&case)? else {
-                self.report.fixed[place].1 = CaseOutcome::Passes;
+                self.report.fixed[index].1 = CaseOutcome::Passes;
                 continue;
             };
-            self.report.fixed[place].1 = CaseOutcome::of(&finding);
-            let is_slow = matches!(&finding.what, FindingKind::Misbehaves(how) if how.is_slow());
+            self.report.fixed[index].1 = CaseOutcome::of(&finding);
+            let is_slow = matches!(&finding.kind, FindingKind::Misbehaves(misbehaviour) if misbehaviour.is_slow());
             let key = (!is_telling(&case, &finding), finding.reported.events.len());
             if first.as_ref().is_none_or(|(least, _, _)| key < *least) {
                 *first = Some((key, case, finding));
@@ -373,7 +373,7 @@ impl<'a> CaseRunner<'a> {
         let saved = self.args.save.as_ref().map(|dir| smallest(dir, &case.id));
         let replay = self.replay(&case.name, saved.as_deref());
         let of = case.run.inputs.len();
-        self.report.found.push(ReportedFinding { case: case.id, of, finding, saved, replay });
+        self.report.findings.push(ReportedFinding { case: case.id, of, finding, saved, replay });
     }
 
     /// The command line that shows it again.
@@ -406,7 +406,7 @@ impl<'a> CaseRunner<'a> {
 
 /// Whether a case is one of the rule that it shows broken.
 fn is_telling(case: &DriveCase, finding: &DriveFinding) -> bool {
-    match finding.what {
+    match finding.kind {
         FindingKind::Breaks(rule) => {
             case.id.split('-').next().is_some_and(|id| id.eq_ignore_ascii_case(rule.id()))
         }

@@ -43,7 +43,7 @@ pub(super) struct DriveReport {
     /// The generated run that did not pass.
     pub(super) failed: Option<(String, CaseOutcome)>,
     /// The first thing wrong in the fixed cases and in the generated ones.
-    pub(super) found: Vec<ReportedFinding>,
+    pub(super) findings: Vec<ReportedFinding>,
     /// What the command did when its input ended.
     pub(super) at_end: Option<ProtocolViolation>,
     pub(super) was_interrupted: bool,
@@ -77,7 +77,7 @@ pub(super) struct ReportedFinding {
 
 impl CaseOutcome {
     pub(super) fn of(finding: &DriveFinding) -> Self {
-        match &finding.what {
+        match &finding.kind {
             FindingKind::Breaks(rule) => Self::Breaks(*rule),
             FindingKind::Misbehaves(_) => Self::Misbehaves,
         }
@@ -96,13 +96,13 @@ impl CaseOutcome {
 
 impl ReportedFinding {
     /// The file or the case that shows it.
-    pub(super) fn place(&self) -> String {
+    pub(super) fn location(&self) -> String {
         self.saved.as_ref().map_or_else(|| self.case.clone(), |saved| saved.display().to_string())
     }
 
     pub(super) fn verdict(&self) -> Option<Verdict> {
-        match self.finding.what {
-            FindingKind::Breaks(_) => self.finding.reported.verdict(&self.place()),
+        match self.finding.kind {
+            FindingKind::Breaks(_) => self.finding.reported.verdict(&self.location()),
             FindingKind::Misbehaves(_) => None,
         }
     }
@@ -117,7 +117,7 @@ impl ReportedFinding {
         let small = reported.inputs().count();
         let of = if small < self.of { format!(" of {}", self.of) } else { String::new() };
         writeln!(out, "\nThe smallest run found, {}{of}, from {}:", inputs(small), self.case)?;
-        match &self.finding.what {
+        match &self.finding.kind {
             FindingKind::Breaks(_) => {
                 if let Some(verdict) = self.verdict()
                     && let Some(violation) = verdict.violations.first()
@@ -128,8 +128,8 @@ impl ReportedFinding {
                     writeln!(out, "{INDENT}  expected: {}", words::reported(&violation.expected))?;
                 }
             }
-            FindingKind::Misbehaves(how) => {
-                writeln!(out, "\n{}: {BAD}{how}{BAD:#}", self.place())?;
+            FindingKind::Misbehaves(misbehaviour) => {
+                writeln!(out, "\n{}: {BAD}{misbehaviour}{BAD:#}", self.location())?;
                 writeln!(out, "  sent last {}", reported.last())?;
                 self.print_story(out, "in words")?;
             }
@@ -159,7 +159,7 @@ impl ReportedFinding {
 
 impl DriveReport {
     pub(super) fn exit(&self) -> Exit {
-        if !self.found.is_empty() || self.at_end.is_some() {
+        if !self.findings.is_empty() || self.at_end.is_some() {
             Exit::Differs
         } else if self.was_interrupted {
             // What was not driven was not judged.
@@ -181,14 +181,14 @@ impl DriveReport {
 
     /// The findings, one of each kind.
     pub(super) fn reported(&self) -> impl Iterator<Item = &ReportedFinding> {
-        let first = self.found.first();
-        self.found
+        let first = self.findings.first();
+        self.findings
             .iter()
             .enumerate()
-            .filter(move |(i, found)| {
-                *i == 0 || first.is_none_or(|first| !first.finding.is_as(&found.finding))
+            .filter(move |(i, entry)| {
+                *i == 0 || first.is_none_or(|first| !first.finding.is_as(&entry.finding))
             })
-            .map(|(_, found)| found)
+            .map(|(_, entry)| entry)
     }
 
     pub(super) fn print_report(&self, out: &mut impl Write) -> io::Result<()> {
@@ -212,11 +212,11 @@ impl DriveReport {
             print_fact(out, "  up to     ", &self.extent.to_string())?;
         }
         print_fact(out, "  driven    ", &self.pace())?;
-        for found in self.reported() {
-            found.print_report(out)?;
+        for entry in self.reported() {
+            entry.print_report(out)?;
         }
-        if let Some(how) = &self.at_end {
-            writeln!(out, "\nAfter the last case: {BAD}{how}{BAD:#}")?;
+        if let Some(misbehaviour) = &self.at_end {
+            writeln!(out, "\nAfter the last case: {BAD}{misbehaviour}{BAD:#}")?;
         }
         Ok(())
     }
@@ -245,9 +245,9 @@ impl DriveReport {
         if names.len() > NAMED {
             let _ = write!(line, " and {} more", names.len() - NAMED);
         }
-        let left = self.fixed_count(|mark| mark == CaseOutcome::NotRun);
-        if left > 0 {
-            let _ = write!(line, "; {left} not run");
+        let remaining = self.fixed_count(|mark| mark == CaseOutcome::NotRun);
+        if remaining > 0 {
+            let _ = write!(line, "; {remaining} not run");
         }
         line
     }
@@ -292,22 +292,22 @@ impl DriveReport {
     /// The report as one JSON object.
     pub(super) fn json(&self) -> Value {
         let Suite { generator, generated, .. } = &self.suite;
-        let found = self.found.iter().map(|found| {
-            let verdict = found.verdict();
+        let entries = self.findings.iter().map(|entry| {
+            let verdict = entry.verdict();
             let violation = verdict.as_ref().and_then(|verdict| verdict.violations.first());
-            let how = match &found.finding.what {
-                FindingKind::Misbehaves(how) => Some(how.to_string()),
+            let misbehaviour = match &entry.finding.kind {
+                FindingKind::Misbehaves(misbehaviour) => Some(misbehaviour.to_string()),
                 FindingKind::Breaks(_) => None,
             };
             json!({
-                "case": found.case,
-                "inputs": found.finding.reported.inputs().count(),
-                "of": found.of,
+                "case": entry.case,
+                "inputs": entry.finding.reported.inputs().count(),
+                "of": entry.of,
                 "violation": violation,
-                "misbehaviour": how,
-                "trace": String::from_utf8_lossy(&found.finding.reported.trace()),
-                "saved": found.saved,
-                "replay": found.replay,
+                "misbehaviour": misbehaviour,
+                "trace": String::from_utf8_lossy(&entry.finding.reported.trace()),
+                "saved": entry.saved,
+                "replay": entry.replay,
             })
         });
         json!({
@@ -329,7 +329,7 @@ impl DriveReport {
                 "passed": self.passed,
                 "failed": self.failed.as_ref().map(|(id, _)| id),
             },
-            "found": found.collect::<Vec<_>>(),
+            "found": entries.collect::<Vec<_>>(),
             "at_end": self.at_end.as_ref().map(ToString::to_string),
             "extent": self.extent,
             "inputs": self.inputs,

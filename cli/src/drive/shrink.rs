@@ -20,7 +20,7 @@ const LONGEST: Duration = Duration::from_secs(20);
 /// What a run shows, with what was sent and answered.
 pub(super) struct DriveFinding {
     pub(super) reported: Transcript,
-    pub(super) what: FindingKind,
+    pub(super) kind: FindingKind,
 }
 
 /// What is wrong with a command.
@@ -38,17 +38,17 @@ impl DriveFinding {
             Comparison::Differs(reported) => {
                 let verdict = reported.verdict("")?;
                 let rule = verdict.violations.first()?.rule;
-                Some(Self { reported, what: FindingKind::Breaks(rule) })
+                Some(Self { reported, kind: FindingKind::Breaks(rule) })
             }
-            Comparison::Misbehaves(reported, how) => {
-                Some(Self { reported, what: FindingKind::Misbehaves(how) })
+            Comparison::Misbehaves(reported, misbehaviour) => {
+                Some(Self { reported, kind: FindingKind::Misbehaves(misbehaviour) })
             }
         }
     }
 
     /// Whether another run shows the same.
     pub(super) fn is_as(&self, other: &Self) -> bool {
-        match (&self.what, &other.what) {
+        match (&self.kind, &other.kind) {
             (FindingKind::Breaks(one), FindingKind::Breaks(two)) => one == two,
             (FindingKind::Misbehaves(one), FindingKind::Misbehaves(two)) => {
                 discriminant(one) == discriminant(two)
@@ -61,7 +61,7 @@ impl DriveFinding {
 
 /// The smallest run found that shows what `first` shows; what stops the command ends the search.
 pub(super) fn shrink(bench: &mut Bench, first: DriveFinding) -> DriveFinding {
-    if matches!(&first.what, FindingKind::Misbehaves(how) if how.is_slow()) {
+    if matches!(&first.kind, FindingKind::Misbehaves(misbehaviour) if misbehaviour.is_slow()) {
         return first;
     }
     let run = first.reported.run();
@@ -69,8 +69,8 @@ pub(super) fn shrink(bench: &mut Bench, first: DriveFinding) -> DriveFinding {
     let (mut tries, start) = (0, Instant::now());
     // The best so far stands whatever stopped the search.
     let _ = fuseline_testkit::shrink(run, simplifications, |run| {
-        let mut taken = BTreeSet::new();
-        let is_header = run.header.clouds.iter().all(|cloud| taken.insert(cloud.p));
+        let mut priorities = BTreeSet::new();
+        let is_header = run.header.clouds.iter().all(|cloud| priorities.insert(cloud.p));
         let is_over = tries >= TRIES || start.elapsed() >= LONGEST;
         if is_over || !is_header || cost(run) >= least {
             return Ok(false);
@@ -189,7 +189,7 @@ const fn source(input: &Input) -> Option<u64> {
 
 /// Puts a small number in a field, or none where it may be left out.
 fn replace(input: &mut Input, field: usize, small: Option<u64>) {
-    let place = match (input, field) {
+    let target = match (input, field) {
         (Input::Open { deadline, .. }, 1) if deadline.is_some() => {
             *deadline = small;
             return;
@@ -208,7 +208,7 @@ fn replace(input: &mut Input, field: usize, small: Option<u64>) {
         _ => return,
     };
     if let Some(small) = small {
-        *place = small;
+        *target = small;
     }
 }
 
@@ -229,7 +229,7 @@ const fn priority(input: &mut Input) -> Option<&mut u64> {
     }
 }
 
-/// The place of a name among all, from 1.
+/// The index of a name among all, from 1.
 fn rank(names: &BTreeSet<u64>, name: u64) -> u64 {
     names.range(..=name).count() as u64
 }

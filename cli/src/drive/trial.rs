@@ -68,9 +68,9 @@ impl Bench {
                 self.peer = None;
                 match peer_error {
                     PeerError::Interrupted => Err(DriveStop::Interrupted),
-                    PeerError::Misbehaved(how) => {
+                    PeerError::Misbehaved(misbehaviour) => {
                         self.misbehaved = true;
-                        Ok(Comparison::Misbehaves(reported, how))
+                        Ok(Comparison::Misbehaves(reported, misbehaviour))
                     }
                 }
             }
@@ -80,7 +80,7 @@ impl Bench {
     pub(super) fn end(&mut self) -> Result<Option<ProtocolViolation>, DriveStop> {
         match self.peer.take().map_or(Ok(()), Peer::end) {
             Ok(()) => Ok(None),
-            Err(PeerError::Misbehaved(how)) => Ok(Some(how)),
+            Err(PeerError::Misbehaved(misbehaviour)) => Ok(Some(misbehaviour)),
             Err(PeerError::Interrupted) => Err(DriveStop::Interrupted),
         }
     }
@@ -100,7 +100,7 @@ impl Bench {
         let mut reference = Reference::new(&run.header);
         run.header.write(&mut line);
         line.push(b'\n');
-        peer.ask(&line, MORE, &mut answer)?;
+        peer.exchange(&line, MORE, &mut answer)?;
         reported.events.extend(answer.iter().copied().map(Event::Decision));
         let mut same = answer.is_empty();
         for input in &run.inputs {
@@ -114,7 +114,7 @@ impl Bench {
             line.push(b'\n');
             reference.apply(input, &mut demands);
             reported.events.push(Event::Input(*input));
-            let requested = peer.ask(&line, demands.len() + MORE, &mut answer);
+            let requested = peer.exchange(&line, demands.len() + MORE, &mut answer);
             reported.events.extend(answer.iter().copied().map(Event::Decision));
             requested?;
             self.inputs += 1;

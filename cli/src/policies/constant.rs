@@ -39,7 +39,7 @@ impl ConstantPolicy {
         }
         machine.until(u64::MAX);
         let (p, at) = machine.emitted?;
-        let source = places().position(|place| place == p)?;
+        let source = places().position(|priority| priority == p)?;
         Some(ForwardedOutput { source, response: Duration::from_nanos(at) })
     }
 }
@@ -63,7 +63,7 @@ impl ConstantPolicy {
         // When all better ones have ended, at the least and at the most.
         let (mut least, mut most) = (Duration::ZERO, Duration::ZERO);
         while let Some(source) = by_rank.pop() {
-            let (came, ended) = match arrivals[source] {
+            let (response, ended) = match arrivals[source] {
                 ArrivalTime::At(at) if at < self.deadline => {
                     outcomes.add(source, Response::exactly(Some(at)), least, most);
                     return outcomes.all();
@@ -90,8 +90,8 @@ impl ConstantPolicy {
                 }
                 return outcomes.all();
             }
-            if let Some(came) = came {
-                outcomes.add(source, came, least, most);
+            if let Some(response) = response {
+                outcomes.add(source, response, least, most);
             }
             (least, most) = (least.max(ended.0), most.max(ended.1));
         }
@@ -109,12 +109,12 @@ struct MessageOutcomes {
 
 impl MessageOutcomes {
     /// The result of `source` may go, once it is there and the better ones have ended.
-    fn add(&mut self, source: usize, came: Response, least: Duration, most: Duration) {
-        self.widen(Response { least: came.least.max(least), most: came.most.max(most) });
-        if came.least < self.in_time {
+    fn add(&mut self, source: usize, response: Response, least: Duration, most: Duration) {
+        self.widen(Response { least: response.least.max(least), most: response.most.max(most) });
+        if response.least < self.in_time {
             self.sources.push(Some(source));
         }
-        if came.most > self.in_time || came.least >= self.in_time {
+        if response.most > self.in_time || response.least >= self.in_time {
             self.sources.push(None);
         }
     }

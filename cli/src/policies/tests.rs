@@ -199,7 +199,7 @@ fn arrivals() -> impl Strategy<Value = [(ArrivalTime, Option<u64>); 3]> {
 }
 
 /// What a trace shows of it: nothing after the instant when the call was ended.
-fn seen((arrival, ended): (ArrivalTime, Option<u64>)) -> ArrivalTime {
+fn censored_arrival((arrival, ended): (ArrivalTime, Option<u64>)) -> ArrivalTime {
     let bound = ended.map_or(Duration::MAX, ms);
     match arrival {
         ArrivalTime::At(at) | ArrivalTime::Failed(at) if at <= bound => arrival,
@@ -236,7 +236,7 @@ proptest! {
         let with = |arrival: fn((ArrivalTime, Option<u64>)) -> ArrivalTime| -> Vec<MessageRecord> {
             messages.iter().map(|sources| message(sources.map(arrival), None)).collect()
         };
-        let (censored, known) = (with(seen), with(|(arrival, _)| arrival));
+        let (censored, known) = (with(censored_arrival), with(|(arrival, _)| arrival));
         let priorities = if order { vec![1, 2] } else { vec![2, 1] };
         let constant = ComparedPolicy::Constant(ConstantPolicy { deadline: DEADLINE, priorities });
         let others = [ComparedPolicy::LocalOnly, ComparedPolicy::CloudOnly(1), ComparedPolicy::CloudOnly(2)];

@@ -25,14 +25,14 @@ pub(crate) struct Schedule {
 /// Sends by the schedule until it is done, or until `end` and a second more for what is under way.
 /// Every `look` the log is written and shown.
 ///
-/// `ask` makes the call of a slot; false is a failure.
+/// `send_request` makes the call of a slot; false is a failure.
 ///
 /// # Errors
 /// If the recording cannot be written; the probe ends then.
 pub(crate) async fn drive<W: Write, Fut>(
     log: &mut ProbeLog<W>,
     schedule: &Schedule,
-    ask: impl Fn(u64) -> Fut,
+    send_request: impl Fn(u64) -> Fut,
     end: impl Future<Output = ()>,
     (look, mut show): (Duration, impl FnMut(&ProbeLog<W>, Duration)),
 ) -> Result<(), csv::Error>
@@ -67,7 +67,7 @@ where
                 slot += overslept(log, schedule, slot, start.elapsed());
                 let (due, now) = (schedule.due(slot), Instant::now());
                 if let Some(number) = log.slot(due, now - start, utc_ms()) {
-                    let call = timeout(schedule.give_up, ask(slot));
+                    let call = timeout(schedule.give_up, send_request(slot));
                     calls.spawn(async move {
                         let is_answered = call.await.is_ok_and(|is_answered| is_answered);
                         (number, is_answered.then(|| now.elapsed()))

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use fuseline_report::Quantile;
 
-/// The longest time that is told apart, in microseconds: an hour.
+/// The longest time that is distinguished, in microseconds: an hour.
 const LONGEST_US: u64 = 3_600_000_000;
 /// Times are kept to so many digits.
 const DIGITS: u8 = 4;

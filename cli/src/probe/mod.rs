@@ -135,16 +135,16 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let schedule = Schedule { rate: args.rate, slots: args.slots(), give_up: args.give_up };
     let mut log = ProbeLog::new(rows, args.period(), (args.runtime(), args.deadline()));
     let live = ProbeProgress::new(args);
-    let ask = |slot| {
+    let send_request = |slot| {
         let (client, payload) = (client.clone(), payload.clone());
         async move { call(client, slot, payload).await.is_ok() }
     };
     let look = (live.period(), |log: &ProbeLog<_>, now| live.show(log, now));
-    let wrote = drive(&mut log, &schedule, ask, interrupt.wait(), look).await;
+    let written = drive(&mut log, &schedule, send_request, interrupt.wait(), look).await;
     live.end();
-    let mut summary = ProbeSummary::new((args, csv.path()), url, &log.figures, interrupt.came());
+    let mut summary = ProbeSummary::new((args, csv.path()), url, &log.figures, interrupt.is_set());
     // What was measured is printed whatever becomes of the files.
-    let wrote = wrote.map_err(|source| unwritten(source).into()).and_then(|()| {
+    let written = written.map_err(|source| unwritten(source).into()).and_then(|()| {
         if let Some((_, folder)) = &folder {
             summary.plots = plots::plot(csv.path(), folder, Some(&summary.to_string()))?;
         }
@@ -157,7 +157,7 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
             .write_all(reported.as_bytes())
             .map_err(Fault::Output)?;
     }
-    wrote
+    written
 }
 
 fn print_report(summary: &ProbeSummary, is_json: bool) -> io::Result<()> {
@@ -174,7 +174,7 @@ fn print_report(summary: &ProbeSummary, is_json: bool) -> io::Result<()> {
 async fn warn_of_model(url: &str, connection: Connection) {
     let mut served = Served::default();
     // No difference: nothing was said of it before.
-    let _ = served.ask(connection).await;
+    let _ = served.describe(connection).await;
     let Served { model, runtime, drive, .. } = served;
     if model.is_none() && runtime.is_none() && drive.is_none() {
         return;

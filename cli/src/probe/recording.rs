@@ -32,7 +32,7 @@ pub(crate) struct PlotRow {
     /// In milliseconds; none if there was no answer.
     pub(crate) round_trip: Option<f64>,
     /// Latitude and longitude, in degrees.
-    pub(crate) place: Option<(f64, f64)>,
+    pub(crate) position: Option<(f64, f64)>,
     /// Whether a pause began and nothing was sent.
     pub(crate) is_pause: bool,
 }
@@ -101,7 +101,7 @@ impl ProbeRecording {
             })?;
             before = cells.sent_ms;
             count += 1;
-            look(cells.seen());
+            look(cells.plot_row());
         }
         Ok(())
     }
@@ -134,11 +134,16 @@ impl RowCells {
         Ok(())
     }
 
-    fn seen(&self) -> PlotRow {
+    fn plot_row(&self) -> PlotRow {
         let round_trip = Some(self.rtt_ms).filter(|ms| *ms >= 0.0);
         // What is sent has fewer unanswered before it.
         let is_pause = round_trip.is_none() && self.queued.is_some_and(|it| it > QUEUED as u64);
-        PlotRow { sent: self.sent_ms / 1000.0, round_trip, place: self.lat.zip(self.lon), is_pause }
+        PlotRow {
+            sent: self.sent_ms / 1000.0,
+            round_trip,
+            position: self.lat.zip(self.lon),
+            is_pause,
+        }
     }
 }
 

@@ -66,8 +66,8 @@ impl<W: Write> SlotRows<W> {
 
     /// Says what became of the request in that row.
     pub(crate) fn settle(&mut self, number: u64, request_outcome: RequestOutcome) {
-        let place = number.checked_sub(self.first).and_then(|place| usize::try_from(place).ok());
-        if let Some(row) = place.and_then(|place| self.waiting.get_mut(place)) {
+        let index = number.checked_sub(self.first).and_then(|index| usize::try_from(index).ok());
+        if let Some(row) = index.and_then(|index| self.waiting.get_mut(index)) {
             row.request_outcome = request_outcome;
         }
     }

@@ -166,8 +166,8 @@ pub(crate) fn quantile(quantile: Option<Quantile>) -> String {
     }
 }
 
-pub(crate) fn counted(count: u64, what: &str) -> String {
-    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
+pub(crate) fn counted(count: u64, noun: &str) -> String {
+    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
 }
 
 #[expect(clippy::cast_precision_loss, reason = "told to a tenth of a percent")]

@@ -113,10 +113,10 @@ fn run_and_page_tell_what_the_operator_counted() {
                 assert_eq!(counts.remove(6), 0);
             }
             assert_eq!(&numbers(line)[..], &counts[..]);
-            let place = page["traces"][0]["sources"].as_array().unwrap();
-            let place = place.iter().position(|source| source["p"] == row.p).unwrap();
+            let index = page["traces"][0]["sources"].as_array().unwrap();
+            let index = index.iter().position(|source| source["p"] == row.p).unwrap();
             let reported = reported["rows"].as_array().unwrap();
-            let reported = reported.iter().find(|row| row["place"] == place).unwrap();
+            let reported = reported.iter().find(|row| row["place"] == index).unwrap();
             assert_eq!(&reported["counts"], &serde_json::json!(row.counts));
         }
         for (word, count) in [

@@ -104,8 +104,8 @@ impl Outputs {
 
 impl Subject {
     /// A trace that was judged.
-    pub(crate) fn found(found: &Findings) -> Self {
-        let summary = found.summary();
+    pub(crate) fn found(findings: &Findings) -> Self {
+        let summary = findings.summary();
         let problem = |violation: &AnyViolation<'_>| Problem {
             rule: violation.rule,
             file: summary.file.to_owned(),
@@ -114,13 +114,13 @@ impl Subject {
         };
         Self {
             name: summary.file.to_owned(),
-            judge: match found {
+            judge: match findings {
                 Findings::Strict(_) => "strict",
                 Findings::Observed(_) => "observed",
             },
             conforms: summary.conforms,
             verdict: Ok(plain(|out| print_summary(&summary, out))),
-            problems: found.violations().iter().map(problem).collect(),
+            problems: findings.violations().iter().map(problem).collect(),
         }
     }
 

@@ -61,7 +61,7 @@ impl Operator for Detector<'_> {
         let policy = self.plan.policy == DeadlinePolicy::Expected;
         let deadlines = policy.then(|| RunDeadlines::new(self.plan));
         let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.begun);
-        for (place, ((cloud, connection), begun)) in clouds.enumerate() {
+        for (index, ((cloud, connection), begun)) in clouds.enumerate() {
             let infer = grpc::infer(connection);
             let handle = move |request, call| {
                 begun.fetch_add(1, Ordering::Relaxed);
@@ -76,7 +76,7 @@ impl Operator for Detector<'_> {
             registered.name.clone_from(&cloud.name);
             registered.calls = self.plan.calls;
             if let Some(deadlines) = &deadlines {
-                registered.policy = Some(deadlines.of(place));
+                registered.policy = Some(deadlines.of(index));
                 registered.linger = deadlines.linger();
             }
         }

@@ -34,7 +34,7 @@ struct DeadlineState {
 /// One cloud's part.
 struct CloudDeadline {
     deadlines: RunDeadlines,
-    place: usize,
+    index: usize,
 }
 
 impl RunDeadlines {
@@ -86,9 +86,9 @@ impl RunDeadlines {
         situation
     }
 
-    /// The policy of the cloud in this place: gives what was chosen for the latest message.
-    pub(crate) fn of(&self, place: usize) -> Box<dyn Policy + Send> {
-        Box::new(CloudDeadline { deadlines: self.clone(), place })
+    /// The policy of the cloud with this index: gives what was chosen for the latest message.
+    pub(crate) fn of(&self, index: usize) -> Box<dyn Policy + Send> {
+        Box::new(CloudDeadline { deadlines: self.clone(), index })
     }
 
     /// How long calls must linger to be seen until the longest deadline.
@@ -105,14 +105,14 @@ impl RunDeadlines {
 impl Policy for CloudDeadline {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         let state = &mut *self.deadlines.state();
-        match state.chosen.get(self.place) {
+        match state.chosen.get(self.index) {
             Some(chosen) => Chosen { deadline: chosen.deadline.min(cap), ..*chosen },
-            None => state.policies[self.place].decide(situation, cap),
+            None => state.policies[self.index].decide(situation, cap),
         }
     }
 
     fn ended(&mut self, end: End) {
-        self.deadlines.state().policies[self.place].ended(end);
+        self.deadlines.state().policies[self.index].ended(end);
     }
 }
 
@@ -145,7 +145,7 @@ mod tests {
         fn new(commit: Commit) -> Self {
             let aps = [Some(43.5), Some(51.3)];
             let deadlines = RunDeadlines::expected(CAP, commit, &local(), aps, 10.0);
-            let policies = [0, 1].map(|place| deadlines.of(place));
+            let policies = [0, 1].map(|index| deadlines.of(index));
             Self { deadlines, policies }
         }
 
@@ -154,10 +154,10 @@ mod tests {
             let situation = self.deadlines.next();
             let due = [0, 1].map(|i| self.policies[i].decide(&situation, CAP).deadline);
             for ((policy, reply), due) in self.policies.iter_mut().zip(replies).zip(due) {
-                let seen = due + self.deadlines.linger();
+                let until = due + self.deadlines.linger();
                 policy.ended(match reply.map(ms) {
-                    Some(reply) if reply < seen => End::Answered(reply),
-                    Some(_) | None => End::Censored(seen),
+                    Some(reply) if reply < until => End::Answered(reply),
+                    Some(_) | None => End::Censored(until),
                 });
             }
             due

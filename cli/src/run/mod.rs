@@ -43,7 +43,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let mut out = OutputSink::new(anstream::stdout());
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
     let network = runtime.block_on(Network::connect(&plan))?;
-    runtime.block_on(network.ask(&mut plan));
+    runtime.block_on(network.describe(&mut plan));
     // From here on no other run writes to this trace.
     let own = Growing::open(args.trace.as_deref(), TRACE, args.overwrite)?;
     own.path().clone_into(&mut plan.trace);
@@ -85,8 +85,8 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
         Some(why) => Err(RunError::Unrecorded { trace: name, why }.into()),
         None if args.require_clouds && report.silent_clouds().next().is_some() => {
             for cloud in report.silent_clouds() {
-                let what = "it answered no request in time, as --require-clouds wants";
-                complain(format_args!("error: cloud {cloud:?}: {what}"));
+                let problem = "it answered no request in time, as --require-clouds wants";
+                complain(format_args!("error: cloud {cloud:?}: {problem}"));
             }
             Ok(Exit::Differs)
         }

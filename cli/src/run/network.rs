@@ -60,10 +60,10 @@ impl Network {
     }
 
     /// Queries the servers elsewhere for what they serve, and warns where the user said otherwise.
-    pub(crate) async fn ask(&self, plan: &mut RunPlan) {
+    pub(crate) async fn describe(&self, plan: &mut RunPlan) {
         for (cloud, connection) in plan.clouds.iter_mut().zip(&self.connections) {
             if matches!(cloud.server, CloudServer::Remote(_))
-                && let Some(difference) = cloud.served.ask(connection.clone()).await
+                && let Some(difference) = cloud.served.describe(connection.clone()).await
             {
                 complain(format_args!("warning: {}: {difference}", cloud.name));
             }

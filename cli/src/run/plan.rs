@@ -265,8 +265,8 @@ impl DeadlinePolicy {
 
 impl CloudPlan {
     fn new(wanted: CloudOptions, seed: u64) -> Result<Self, CloudsError> {
-        let CloudOptions { name, priority, place } = wanted;
-        let (known, server) = match place {
+        let CloudOptions { name, priority, address } = wanted;
+        let (known, server) = match address {
             CloudAddress::Remote { model, remote } => {
                 (Served::reported(model.as_ref()), CloudServer::Remote(remote))
             }

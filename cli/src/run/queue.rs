@@ -62,9 +62,9 @@ impl Queues {
 impl OutgoingQueue {
     fn end(&mut self, at: u64, t: u64) {
         if !self.under_way.remove(&t)
-            && let Some(place) = self.waiting.iter().position(|waiting| *waiting == t)
+            && let Some(index) = self.waiting.iter().position(|waiting| *waiting == t)
         {
-            self.waiting.remove(place);
+            self.waiting.remove(index);
             self.sent.insert(t, at);
         }
     }

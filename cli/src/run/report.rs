@@ -159,7 +159,7 @@ impl Reading {
                 name: cloud.map_or_else(|| "local".to_owned(), |cloud| cloud.name.clone()),
                 priority: cloud.map_or(0, |cloud| cloud.priority),
                 model: served.model,
-                unsaid: served.unsaid,
+                unsaid: served.describe_error,
                 emulated: served.emulated,
                 drive: served.drive,
                 forwarded: row.forwarded(),
@@ -199,9 +199,9 @@ impl Reading {
     fn messages(&self, plan: &RunPlan) -> Vec<MessageRecord> {
         // Local's result either came or is not known; a cloud's call may have been ended.
         let planned = |source: usize, opened: u64, t: u64| {
-            let place = source.checked_sub(1)?;
-            let emulation = plan.clouds.get(place)?.emulation()?;
-            let sent = self.queues.sent(place, t)?;
+            let index = source.checked_sub(1)?;
+            let emulation = plan.clouds.get(index)?.emulation()?;
+            let sent = self.queues.sent(index, t)?;
             let waited = Duration::from_nanos(sent.saturating_sub(opened));
             let reply = emulation.reply_after(Duration::from_nanos(sent), t);
             Some(reply.map_or(ArrivalTime::Never, |reply| ArrivalTime::At(waited + reply)))
@@ -296,7 +296,7 @@ fn failures(tally: &SourceTally) -> BTreeMap<String, u64> {
 /// What may help where each call broke a connection without TLS.
 fn hint(cloud: &CloudPlan, failures: &BTreeMap<String, u64>) -> Option<&'static str> {
     let CloudServer::Remote(remote) = &cloud.server else { return None };
-    let has_broken = cloud.served.unsaid.as_deref() == Some(grpc::CallError::BROKE);
+    let has_broken = cloud.served.describe_error.as_deref() == Some(grpc::CallError::BROKE);
     (has_broken && failures.contains_key(grpc::CallError::BROKE) && remote.url.starts_with("http:"))
         .then_some("if it speaks TLS, give an https URL and a ca")
 }

@@ -60,7 +60,7 @@ impl fmt::Display for PlanSummary<'_> {
             kilobytes(REQUEST_BYTES),
             kilobytes(REPLY_BYTES),
         )?;
-        f.write_str(&unsaid(plan))?;
+        f.write_str(&undescribed(plan))?;
         f.write_str(&outages(plan))
     }
 }
@@ -82,10 +82,10 @@ impl fmt::Display for CloudPlan {
 }
 
 /// The clouds whose models only the user named, a line each.
-fn unsaid(plan: &RunPlan) -> String {
+fn undescribed(plan: &RunPlan) -> String {
     let mut lines = String::new();
     for CloudPlan { name, served, .. } in &plan.clouds {
-        let Some(why) = &served.unsaid else { continue };
+        let Some(why) = &served.describe_error else { continue };
         let known = match served.model {
             Some(_) => "its model is as --cloud says",
             None => "nothing is known of its model",
@@ -339,8 +339,8 @@ fn align(table: &mut Table) {
     }
 }
 
-pub(crate) fn counted(count: u64, what: &str) -> String {
-    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
+pub(crate) fn counted(count: u64, noun: &str) -> String {
+    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
 }
 
 /// Whole milliseconds.

@@ -39,7 +39,7 @@ fn a_step_that_is_not_needed_once_another_is_gone_is_left_out_too() {
 fn each_step_is_as_simple_as_it_can_be() {
     let halved = |steps: &Vec<u32>| {
         let halve =
-            |place: usize| -> Simplification<Vec<u32>> { Box::new(move |steps| steps[place] /= 2) };
+            |index: usize| -> Simplification<Vec<u32>> { Box::new(move |steps| steps[index] /= 2) };
         (0..steps.len()).map(halve).collect()
     };
     let fails = |steps: &Vec<u32>| steps.iter().any(|step| *step > 10);

@@ -70,9 +70,9 @@ impl CallHistory {
             if done == all {
                 return true;
             }
-            let left = || calls.iter().enumerate().filter(|(i, _)| done & 1 << i == 0);
-            let first_end = left().map(|(_, call)| call.ended).min().unwrap_or(u64::MAX);
-            for (i, call) in left().filter(|(_, call)| call.began <= first_end) {
+            let remaining = || calls.iter().enumerate().filter(|(i, _)| done & 1 << i == 0);
+            let first_end = remaining().map(|(_, call)| call.ended).min().unwrap_or(u64::MAX);
+            for (i, call) in remaining().filter(|(_, call)| call.began <= first_end) {
                 let mut machine = machine.clone();
                 if machine.apply(call.input.0, call.input.1) == call.answer {
                     let state = (done | 1 << i, machine);

@@ -96,7 +96,7 @@ async fn pass(millis: u64) {
     }
 }
 
-/// The lines of a trace that what is told makes.
+/// The lines of the trace that the reports make.
 fn say(out: &mut Console, at: u64, reported: &Report<HeldNumber, 1>) -> fmt::Result {
     match *reported {
         Report::Took(None) => writeln!(out, r#"{{"ev":"tick","at":{at}}}"#),
@@ -130,9 +130,9 @@ fn say(out: &mut Console, at: u64, reported: &Report<HeldNumber, 1>) -> fmt::Res
     }
 }
 
-fn end(how: ExitStatus) -> ! {
+fn end(status: ExitStatus) -> ! {
     loop {
-        exit(how);
+        exit(status);
     }
 }
 

@@ -126,7 +126,7 @@ impl Participant {
         let service = Arc::new(Service {
             name: service.to_owned(),
             requested,
-            taken: Mutex::new(RecentIds::new(REMEMBERED)),
+            recent: Mutex::new(RecentIds::new(REMEMBERED)),
             server: InUse::default(),
         });
         let pending = Arc::clone(&self.pending);
@@ -193,7 +193,7 @@ impl Participant {
 struct Service<Q: Message, R: Message> {
     name: String,
     requested: mpsc::Sender<PendingRequest<Q, R>>,
-    taken: Mutex<RecentIds<RmwRequestId>>,
+    recent: Mutex<RecentIds<RmwRequestId>>,
     server: InUse<Arc<Server<Q, R>>>,
 }
 
@@ -229,7 +229,7 @@ where
                 }
                 None => return,
             };
-            if !locked(&self.taken).insert(id) {
+            if !locked(&self.recent).insert(id) {
                 continue;
             }
             let service = Arc::clone(&self);

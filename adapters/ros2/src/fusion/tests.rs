@@ -19,7 +19,7 @@ use crate::settings::Change;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What a source does with a message, in milliseconds from when it is asked.
+/// What a source does with a message, in milliseconds from the request.
 #[derive(Clone, Copy)]
 enum SourceAction {
     Answers(u64),
@@ -43,7 +43,7 @@ struct Script {
     messages: Vec<u64>,
 }
 
-/// The value names who computed it, for which message, and when it was asked.
+/// The value names who computed it, for which message, and when it was requested.
 fn value(source: &str, t: u64, requested: Duration) -> String {
     format!("{source}'s of {t}, asked at {} ms", requested.as_millis())
 }
@@ -120,8 +120,8 @@ async fn on_streams(script: &Script) -> Vec<String> {
     lines
 }
 
-fn line(at: u128, t: u64, what: &str) -> String {
-    format!("{at} ms: {t} {what}")
+fn line(at: u128, t: u64, text: &str) -> String {
+    format!("{at} ms: {t} {text}")
 }
 
 async fn on_topics(script: &Script) -> Vec<String> {
@@ -185,7 +185,7 @@ async fn local_that_says_nothing_is_missed_at_its_limit() {
 #[tokio::test(start_paused = true)]
 async fn local_is_asked_again_after_all_that_it_was_asked_got_lost() {
     // Local is killed at 1 s and back at 2 s; what it was sent meanwhile is gone. Four are at once,
-    // as by default. The cloud answers all the same, so that no timer of the rules tells of it.
+    // as by default. The cloud answers all the same, so that no timer of the rules shows it.
     let node = Node::start(|_| Answers(10), &[(500, |_| Answers(15))]);
     node.feed(0, (0..30).map(|t| t * 1000 / 30)).await;
     node.until(999).await;

@@ -83,11 +83,11 @@ impl From<super::LifecycleState> for StateMessage {
 }
 
 impl From<super::Transition> for TransitionDescription {
-    fn from(way: super::Transition) -> Self {
+    fn from(transition: super::Transition) -> Self {
         Self {
-            transition: TransitionMessage { id: way.id, label: way.label.to_owned() },
-            start_state: way.from.into(),
-            goal_state: way.to.into(),
+            transition: TransitionMessage { id: transition.id, label: transition.label.to_owned() },
+            start_state: transition.from.into(),
+            goal_state: transition.to.into(),
         }
     }
 }

@@ -60,7 +60,7 @@ type SharedWriter = Arc<DataWriter<Payload, Cdr>>;
 /// A subscription, whichever participant its samples come to.
 struct Inlet<T> {
     take: T,
-    taken: Mutex<RecentIds<(GUID, i64)>>,
+    recent: Mutex<RecentIds<(GUID, i64)>>,
 }
 
 /// One writer's source timestamps: the time of day, but never going back.
@@ -128,9 +128,9 @@ impl Domain {
     where
         F: Future<Output = ()> + Send + 'static,
     {
-        let taken = Mutex::new(RecentIds::new(REMEMBERED.max(qos.depth.into())));
+        let recent = Mutex::new(RecentIds::new(REMEMBERED.max(qos.depth.into())));
         let qos = policies(qos).build();
-        let (end, inlet) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(Inlet { take, taken }));
+        let (end, inlet) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(Inlet { take, recent }));
         let (current_end, topic, ty) = (Arc::clone(&end), topic.to_owned(), ty.to_owned());
         self.handle().create(move |joined| {
             let dds = joined.topic(&topic, &ty, &qos)?;
@@ -192,7 +192,7 @@ where
 
     fn is_new(&self, sample: &DeserializedCacheChange<Payload>) -> bool {
         let id = (sample.writer_guid(), i64::from(sample.sequence_number));
-        self.taken.lock().unwrap_or_else(PoisonError::into_inner).insert(id)
+        self.recent.lock().unwrap_or_else(PoisonError::into_inner).insert(id)
     }
 }
 

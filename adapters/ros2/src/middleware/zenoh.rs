@@ -230,19 +230,20 @@ impl ZenohSession {
         Ok(end)
     }
 
-    /// Serves requests, of which the last `kept` wait until they are taken. The service is there as long as the token.
+    /// Serves requests, of which the last `capacity` wait until they are taken. The service is there as long as the token.
     pub(crate) fn queryable(
         &mut self,
         name: &str,
         ty: &str,
-        kept: usize,
+        capacity: usize,
     ) -> Result<(Queryable<RingChannelHandler<Query>>, LivelinessToken), NodeError> {
         let type_name = dds_type(ty);
         let hash = self.shared.types.known(&type_name);
         let hash = hash.ok_or_else(|| NodeError::Zenoh(format!("{ty} has no known hash")))?;
         let SharedSession { session, owner, .. } = &*self.shared;
         let key = owner.key(name, &type_name, &hash);
-        let queryable = session.declare_queryable(key).complete(true).with(RingChannel::new(kept));
+        let queryable =
+            session.declare_queryable(key).complete(true).with(RingChannel::new(capacity));
         let queryable = queryable.wait()?;
         let entity = Entity { kind: TokenKind::Service, name, type_name: &type_name, hash: &hash };
         let (token, _) = self.shared.token(&entity, Qos::of(Role::Publisher))?;
@@ -253,7 +254,7 @@ impl ZenohSession {
     fn end(&mut self, topic: &str, ty: &str, peers: TokenKind) -> Result<Arc<Endpoint>, NodeError> {
         let SharedSession { session, owner, types, .. } = &*self.shared;
         let (end, type_name) = (Arc::new(Endpoint::new(topic, ty)), dds_type(ty));
-        let (seen, ours, types) = (Arc::clone(&end), owner.clone(), types.clone());
+        let (endpoint, ours, types) = (Arc::clone(&end), owner.clone(), types.clone());
         let tokens = session
             .liveliness()
             .declare_subscriber(owner.tokens_of_topic(peers, topic))
@@ -264,7 +265,7 @@ impl ZenohSession {
                     return;
                 };
                 if token.kind() == SampleKind::Delete {
-                    return seen.change(gid(key), -1, None);
+                    return endpoint.change(gid(key), -1, None);
                 }
                 if its_type == type_name {
                     types.learn(its_type, hash);
@@ -272,7 +273,7 @@ impl ZenohSession {
                 let is_ours = types.known(its_type).is_none_or(|known| known == hash);
                 let its_type =
                     if is_ours { its_type.to_owned() } else { format!("{its_type}, {hash}") };
-                seen.change(gid(key), 1, Some(&its_type));
+                endpoint.change(gid(key), 1, Some(&its_type));
             })
             .wait()?;
         self.held.push(Box::new(tokens));
@@ -358,7 +359,7 @@ impl SharedSession {
                 .reliability(reliability)
         };
         let cache = CacheConfig::default().max_samples(qos.depth.into());
-        let kept = qos
+        let transient_local = qos
             .transient_local
             .then(|| publisher().advanced().cache(cache).publisher_detection().wait())
             .transpose()
@@ -366,8 +367,8 @@ impl SharedSession {
             .inspect_err(|error| {
                 warn!(topic = entity.name, %error, "nothing is kept for who comes later");
             });
-        let writer = match kept {
-            Ok(Some(kept)) => PublisherLink::TransientLocal(kept),
+        let writer = match transient_local {
+            Ok(Some(transient_local)) => PublisherLink::TransientLocal(transient_local),
             Ok(None) | Err(_) => PublisherLink::Volatile(publisher().wait()?),
         };
         let (token, source) = self.token(entity, qos)?;
@@ -384,8 +385,8 @@ impl TypedPublisher {
             PublisherLink::Volatile(publisher) => {
                 publisher.put(&bytes[..]).attachment(attachment).wait()
             }
-            PublisherLink::TransientLocal(kept) => {
-                kept.put(&bytes[..]).attachment(attachment).wait()
+            PublisherLink::TransientLocal(transient_local) => {
+                transient_local.put(&bytes[..]).attachment(attachment).wait()
             }
         }
     }

@@ -12,7 +12,7 @@ use crate::parameters::{ParameterError, ParameterFlaw, ParameterOverride, ValueO
 const PARAMETERS: &str = "ros__parameters";
 
 /// What a file gives to a node, in order.
-pub(super) fn given(
+pub(super) fn overrides(
     path: &Path,
     text: &str,
     node: &NodeName,
@@ -161,7 +161,7 @@ mod tests {
         let node = NodeName::new("/car", "front").unwrap();
         let shared = |name: &str| {
             let text = format!("{name}: {{ros__parameters: {{a: 1}}}}");
-            given(Path::new("a"), &text, &node).unwrap()[0].is_shared
+            overrides(Path::new("a"), &text, &node).unwrap()[0].is_shared
         };
         assert!(shared("/**") && shared("/car/*"));
         assert!(!shared("/**/front") && !shared("/car/front"));
@@ -175,7 +175,7 @@ mod tests {
         ) {
             let node = NodeName::new("/", "n").unwrap();
             let text = format!("{above}: {{ros__parameters: {{{parameters}}}}}");
-            drop(given(Path::new("a"), &text, &node));
+            drop(overrides(Path::new("a"), &text, &node));
         }
     }
 }

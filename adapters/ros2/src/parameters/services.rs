@@ -115,11 +115,11 @@ impl NodeParameters {
     }
 
     /// Sets all of them or none.
-    fn set(&self, given: Vec<Raw>) -> SetParametersResult {
+    fn set(&self, requested: Vec<Raw>) -> SetParametersResult {
         let mut settings = self.settings.locked();
         let mut next = settings.clone();
-        let mut changes = Vec::with_capacity(given.len());
-        for Raw { name, value } in given {
+        let mut changes = Vec::with_capacity(requested.len());
+        for Raw { name, value } in requested {
             let checked = match ros::read(value) {
                 Some(value) => next.change(&name, value).map_err(|error| error.to_string()),
                 None => Err(format!("{name}: no parameter of this node has this type")),

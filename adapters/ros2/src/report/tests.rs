@@ -27,9 +27,17 @@ fn none() -> Tally {
 
 /// A source that needs no topics.
 fn source(priority: u16, name: &str) -> NodeSource {
-    let way = Route::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
+    let route = Route::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
     let (deadline, unmatched) = (None, UnmatchedResults::default());
-    NodeSource { priority, name: name.into(), way, enabled: true, deadline, hints: None, unmatched }
+    NodeSource {
+        priority,
+        name: name.into(),
+        route,
+        enabled: true,
+        deadline,
+        hints: None,
+        unmatched,
+    }
 }
 
 fn sources() -> [NodeSource; 2] {
@@ -56,7 +64,7 @@ fn reported_lines(
     happened(&mut tally, &mut intake, &mut sources, &ends);
     let ends = ends.each_ref();
     let mut first = reporter.period(tally.clone(), intake, &sources, &ends, None);
-    // What happened once is told once.
+    // What happened once is reported once.
     let mut next = reporter.period(tally, intake, &sources, &ends, None);
     let (status, next) = (first.swap_remove(part), next.swap_remove(part));
     assert_eq!(status.name, format!("/fuseline: {}", ["fusion", "local", "west"][part]));
@@ -113,8 +121,8 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
 #[test]
 fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
     let ends = |happened: fn(&[Endpoint; 2])| reported_lines(0, |_, _, _, ends| happened(ends));
-    let gone = ends(|ends| ends[1].change([7; 16], -1, None));
-    assert_eq!(gone, (OK, "nobody on /output".to_owned()));
+    let unsubscribed = ends(|ends| ends[1].change([7; 16], -1, None));
+    assert_eq!(unsubscribed, (OK, "nobody on /output".to_owned()));
     let other = ends(|ends| {
         ends[0].change([7; 16], -1, None);
         ends[0].change([7; 16], 1, Some(&"other".to_owned()));

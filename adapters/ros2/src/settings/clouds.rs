@@ -91,7 +91,7 @@ fn cloud(
         "How long a request may run on after it was due, in seconds, so that its policy learns how long it takes",
         "seconds, at most 1e9, or 0",
     )?;
-    let way = if let Some(grpc) = grpc(r, &name)? {
+    let connection = if let Some(grpc) = grpc(r, &name)? {
         CloudConnection::Grpc(grpc)
     } else {
         let about = "What carries the cloud's topics";
@@ -99,10 +99,21 @@ fn cloud(
         let [input, output] = topics(r, &name, types)?;
         CloudConnection::Topics { middleware, input, output }
     };
-    let hints = hints(r, &name, types[1], &way, linger)?;
+    let hints = hints(r, &name, types[1], &connection, linger)?;
     let limit = limit.unsigned_abs();
     let deadline = seconds::none_if_zero(deadline);
-    Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, linger, hints, way })
+    Ok(Cloud {
+        name,
+        priority,
+        deadline,
+        enabled,
+        limit,
+        resume,
+        in_flight,
+        linger,
+        hints,
+        way: connection,
+    })
 }
 
 /// The topic of its late results, if there is to be one.
@@ -110,14 +121,14 @@ fn hints(
     r: &mut ParameterReader,
     cloud: &str,
     type_name: &str,
-    way: &CloudConnection,
+    connection: &CloudConnection,
     linger: Duration,
 ) -> Result<Option<String>, SettingsError> {
     let name = format!("{cloud}.hints");
     let origin = r.origin(&name);
     let about = "The topic on which its late results are published; empty for none";
     let topic = r.topic(&name, "", about, type_name, Role::Publisher)?;
-    match (way, origin) {
+    match (connection, origin) {
         _ if topic.is_empty() => Ok(None),
         (CloudConnection::Grpc(_), Some(origin)) if linger.is_zero() => {
             Err(SettingsError::Hints { origin, name, linger: format!("{cloud}.linger") })

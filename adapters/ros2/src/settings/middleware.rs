@@ -11,7 +11,7 @@ use crate::settings::{CloudConnection, SettingsError, from_environment};
 pub enum Middleware {
     /// DDS, as `rmw_fastrtps` and `rmw_cyclonedds` speak it.
     Dds,
-    /// Zenoh, as `rmw_zenoh` speaks it.
+    /// Zenoh, as `rmw_zenoh` uses it.
     Zenoh,
 }
 

@@ -83,18 +83,18 @@ impl fmt::Display for Qos {
 pub(super) fn apply(
     topics: &mut [Topic],
     name: &str,
-    given: &ParameterOverride,
+    parameter: &ParameterOverride,
 ) -> Result<(&'static str, &'static str), SettingsError> {
     let of = |topic: &Topic, policy| format!("{}.{}.{policy}", topic.name, topic.role);
     for topic in topics.iter_mut() {
         for (policy, about, expected) in POLICIES {
             if of(topic, policy) == name {
-                return match set(&mut topic.qos, policy, &given.value) {
+                return match set(&mut topic.qos, policy, &parameter.value) {
                     Some(()) => Ok((about, expected)),
                     None => Err(SettingsError::Value {
-                        origin: given.origin.clone(),
-                        name: given.name.clone(),
-                        value: given.value.clone(),
+                        origin: parameter.origin.clone(),
+                        name: parameter.name.clone(),
+                        value: parameter.value.clone(),
                         expected: expected.to_owned(),
                     }),
                 };
@@ -105,8 +105,12 @@ pub(super) fn apply(
         POLICIES.iter().map(move |(policy, ..)| format!("{PREFIX}{}", of(topic, policy)))
     });
     let names: Vec<String> = names.collect();
-    let nearest = nearest(&given.name, names.iter().map(String::as_str));
-    Err(SettingsError::Unknown { origin: given.origin.clone(), name: given.name.clone(), nearest })
+    let nearest = nearest(&parameter.name, names.iter().map(String::as_str));
+    Err(SettingsError::Unknown {
+        origin: parameter.origin.clone(),
+        name: parameter.name.clone(),
+        nearest,
+    })
 }
 
 fn set(qos: &mut Qos, policy: &str, value: &Value) -> Option<()> {

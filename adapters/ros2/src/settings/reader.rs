@@ -15,7 +15,7 @@ use crate::settings::{SettingsError, qos};
 
 /// The parameters given and not read yet, and those read.
 pub(super) struct ParameterReader<'a> {
-    given: BTreeMap<String, ParameterOverride>,
+    overrides: BTreeMap<String, ParameterOverride>,
     node: NodeName,
     remaps: &'a [Remap],
     /// What was read.
@@ -32,11 +32,11 @@ pub(super) struct LocatedValue<T> {
 
 impl<'a> ParameterReader<'a> {
     pub(super) fn new(
-        given: BTreeMap<String, ParameterOverride>,
+        overrides: BTreeMap<String, ParameterOverride>,
         node: NodeName,
         remaps: &'a [Remap],
     ) -> Self {
-        Self { given, node, remaps, declared: Vec::new(), topics: Vec::new() }
+        Self { overrides, node, remaps, declared: Vec::new(), topics: Vec::new() }
     }
 
     /// Reads a parameter with `convert`; the error says what is `expected`.
@@ -49,8 +49,8 @@ impl<'a> ParameterReader<'a> {
         convert: impl FnOnce(&Value) -> Option<T>,
     ) -> Result<LocatedValue<T>, SettingsError> {
         let is_double = matches!(default, Value::Double(_));
-        let (value, origin) = match self.given.remove(name) {
-            Some(given) => (given.value, given.origin),
+        let (value, origin) = match self.overrides.remove(name) {
+            Some(parameter) => (parameter.value, parameter.origin),
             None => (default, ValueOrigin::Default),
         };
         let value = match value.number() {
@@ -259,28 +259,28 @@ impl<'a> ParameterReader<'a> {
     /// Returns parameters that are for other nodes and not for this one.
     pub(super) fn apply_rest(&mut self) -> Result<Vec<ParameterOverride>, SettingsError> {
         let mut ignored = Vec::new();
-        for given in std::mem::take(&mut self.given).into_values() {
-            let applied = match given.name.strip_prefix(qos::PREFIX) {
-                Some(rest) => qos::apply(&mut self.topics, rest, &given),
-                None if given.is_shared => {
-                    ignored.push(given);
+        for parameter in std::mem::take(&mut self.overrides).into_values() {
+            let applied = match parameter.name.strip_prefix(qos::PREFIX) {
+                Some(rest) => qos::apply(&mut self.topics, rest, &parameter),
+                None if parameter.is_shared => {
+                    ignored.push(parameter);
                     continue;
                 }
-                None => Err(self.unknown(&given)),
+                None => Err(self.unknown(&parameter)),
             };
             match applied {
                 Ok((about, expected)) => self.declared.push(Parameter {
-                    name: given.name,
-                    value: given.value,
+                    name: parameter.name,
+                    value: parameter.value,
                     about,
                     expected: expected.to_owned(),
                     range: None,
                     at_run_time: false,
-                    origin: given.origin,
+                    origin: parameter.origin,
                 }),
                 // A bad value is bad for every node.
                 Err(error @ SettingsError::Value { .. }) => return Err(error),
-                Err(_) if given.is_shared => ignored.push(given),
+                Err(_) if parameter.is_shared => ignored.push(parameter),
                 Err(error) => return Err(error),
             }
         }
@@ -288,16 +288,16 @@ impl<'a> ParameterReader<'a> {
     }
 
     pub(super) fn is_given(&self, name: &str) -> bool {
-        self.given.contains_key(name)
+        self.overrides.contains_key(name)
     }
 
     /// Where a parameter is given, if it is.
     pub(super) fn origin(&self, name: &str) -> Option<ValueOrigin> {
-        self.given.get(name).map(|given| given.origin.clone())
+        self.overrides.get(name).map(|parameter| parameter.origin.clone())
     }
 
-    fn unknown(&self, given: &ParameterOverride) -> SettingsError {
-        let (origin, name) = (given.origin.clone(), given.name.clone());
+    fn unknown(&self, parameter: &ParameterOverride) -> SettingsError {
+        let (origin, name) = (parameter.origin.clone(), parameter.name.clone());
         if let Some((cloud, part)) = name.split_once('.')
             && is_of_a_cloud(part)
             && check_token(cloud).is_ok()

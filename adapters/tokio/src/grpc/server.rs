@@ -30,7 +30,7 @@ const BREATH: Duration = Duration::from_millis(100);
 /// Whom a server accepts, and what they may take; by default everybody, without TLS.
 #[derive(Clone, Debug, Default)]
 pub struct Server {
-    /// The server's certificate; with it, the server speaks TLS.
+    /// The server's certificate; with it, the server uses TLS.
     pub identity: Option<Identity>,
     /// The CA certificates, PEM, one of which must have signed the client's (mutual TLS); needs an identity.
     pub client_ca: Option<Vec<u8>>,

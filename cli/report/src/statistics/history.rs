@@ -19,7 +19,7 @@ pub(super) struct CallEnd {
     pub(super) source: Option<usize>,
 }
 
-/// One request, or a source that was not asked.
+/// One request, or a source that got none.
 #[derive(Clone, Copy, Default)]
 pub(super) struct RequestHistory {
     pub(super) is_requested: bool,
@@ -42,7 +42,7 @@ pub(super) enum RequestEnd {
     Superseded,
 }
 
-/// The place in [`COLUMNS`](super::COLUMNS).
+/// The index in [`COLUMNS`](super::COLUMNS).
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum OutcomeColumn {
     Forwarded = 1,
@@ -84,7 +84,7 @@ impl TimestampHistory {
         source == 0 || self.calls.get(source).is_some_and(|call| call.is_requested)
     }
 
-    /// What became of the source's request, if it was asked.
+    /// What became of the source's request, if it got one.
     pub(super) fn request_outcome(
         &self,
         source: usize,
@@ -121,7 +121,7 @@ impl RequestHistory {
     }
 
     /// How it ceased to be pending, if it did; by its own lines alone if `end`, its message's, is
-    /// given and no decision tells.
+    /// given and no decision shows it.
     pub(super) fn outcome(mut self, end: Option<CallEnd>) -> Option<RequestEnd> {
         self.settle();
         let is_late = |at: u64| self.due.is_some_and(|due| due <= at);

@@ -50,7 +50,7 @@ const fn at(ms: u64) -> ArrivalTime {
     ArrivalTime::At(Duration::from_millis(ms))
 }
 
-/// Of a source that was not asked.
+/// Of a source that got no request.
 const UNASKED: ArrivalTime = ArrivalTime::Failed(Duration::ZERO);
 
 const fn after(ms: u64) -> ArrivalTime {

@@ -8,7 +8,7 @@ use crate::probe::plots::extent::Extent;
 use crate::probe::summary::PAPER;
 use fuseline_report::Quantile;
 
-/// What is told apart, in parts of all answers.
+/// What is distinguished, in parts of all answers.
 const STEPS: u64 = 500;
 
 pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
@@ -51,11 +51,11 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
                 {
                     let dots = points.iter().map(|at| Circle::new(*at, 5, colour.filled()));
                     chart.draw_series(dots).expect(DRAWN);
-                    for (place, at) in points.iter().enumerate() {
-                        let is_left = others.get(place).is_none_or(|other| *at < *other);
+                    for (index, at) in points.iter().enumerate() {
+                        let is_left = others.get(index).is_none_or(|other| *at < *other);
                         let (x, y) = chart.backend_coord(at);
                         let x = if is_left { x - 10 } else { x + 10 };
-                        let name = ["p50", "p90", "p99"][place];
+                        let name = ["p50", "p90", "p99"][index];
                         write(theme, canvas, (name, at.0, is_left), (x, y));
                     }
                 }
@@ -75,7 +75,7 @@ fn write(
     label.put(canvas, &format!("{name} {}", short(ms)), at);
 }
 
-/// In whole milliseconds where that tells enough.
+/// In whole milliseconds where that is exact enough.
 fn short(ms: f64) -> String {
     if ms < 9.95 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }
 }

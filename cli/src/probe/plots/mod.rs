@@ -33,14 +33,14 @@ pub(crate) fn plot(
 ) -> Result<Vec<String>, Fault> {
     let mut recording = ProbeRecording::open(path)?;
     let mut extent = Extent::default();
-    recording.each(u64::MAX, |seen| extent.add(&seen))?;
+    recording.each(u64::MAX, |plot_row| extent.add(&plot_row))?;
     let mut series = Series::new(&extent);
     let mut places = extent.bounds.map(SlowestPlaces::new);
     // It may have grown since.
-    recording.each(extent.rows, |seen| {
-        series.add(&seen);
+    recording.each(extent.rows, |plot_row| {
+        series.add(&plot_row);
         if let Some(places) = &mut places {
-            places.add(&seen);
+            places.add(&plot_row);
         }
     })?;
     let about = extent.reported();

@@ -57,11 +57,11 @@ impl SlowestPlaces {
         places
     }
 
-    pub(crate) fn add(&mut self, seen: &PlotRow) {
-        let Some((lat, lon)) = seen.place else { return };
+    pub(crate) fn add(&mut self, plot_row: &PlotRow) {
+        let Some((lat, lon)) = plot_row.position else { return };
         let (east, north) = self.metres(self.bounds.east(lon), lat);
         let unit = self.unit();
-        let took = seen.round_trip.map_or(NO_ANSWER, micros);
+        let took = plot_row.round_trip.map_or(NO_ANSWER, micros);
         let slowest = self.slowest.entry((cell(east / unit), cell(north / unit))).or_insert(0);
         *slowest = took.max(*slowest);
     }

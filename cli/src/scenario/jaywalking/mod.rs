@@ -120,17 +120,17 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let greatest = args.response.iter().map(|at| greatest(&geometry, *at)).collect();
     let runs = runs(args, &geometry, traces.as_ref())?;
     let parameters = json!({"speed": args.speed, "response": args.response, "scene": geometry});
-    let found = JaywalkingResult { scenario: "jaywalking", parameters, greatest, runs };
-    let text = text::text(&found);
+    let result = JaywalkingResult { scenario: "jaywalking", parameters, greatest, runs };
+    let text = text::text(&result);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
-        let plots = plots::plots(&found, geometry);
+        let plots = plots::plots(&result, geometry);
         show(
             &folder,
             &PageContent { title: "Person jaywalking", words: &words, plots, reported: &text },
         )?;
     }
-    args.leave.print_report(&found, &text)
+    args.leave.print_report(&result, &text)
 }
 
 fn greatest(geometry: &SwerveGeometry, response: f64) -> Greatest {
@@ -153,15 +153,15 @@ fn runs(
     let mut runs = Vec::new();
     for cloud in PlanCallOutcome::ALL {
         let planning = Planning { cloud, planner: *planner, cached: *cached };
-        let came = planning.run(traces.is_some());
-        if let (Some(folder), Some(trace)) = (traces, &came.trace) {
+        let outcome = planning.run(traces.is_some());
+        if let (Some(folder), Some(trace)) = (traces, &outcome.trace) {
             folder.put(&format!("{}.jsonl", cloud.word()), trace)?;
         }
         for speed in &args.speed {
             for manoeuvre in [Manoeuvre::Swerve, Manoeuvre::Brake] {
-                let response = came.response;
+                let response = outcome.response;
                 let collides = geometry.contact(*speed, manoeuvre, response).is_some();
-                let cached = came.is_cached;
+                let cached = outcome.is_cached;
                 runs.push(JaywalkingRun {
                     speed: *speed,
                     cloud,

@@ -94,7 +94,7 @@ pub(crate) struct DriveRow {
 /// A vehicle on its way, before it is known how fast.
 struct DriveStart<'a> {
     drive: &'a Drive,
-    place: u32,
+    start_index: u32,
     at: Duration,
     phase: f64,
     observed: Vec<Observation>,
@@ -139,7 +139,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let [traces, plots] = args.leave.folders()?;
     let runtime = Duration::from_secs_f64(args.cloud_runtime);
     let setting = Setting { args, vehicle, guard, runtime, traces };
-    let found = NetworksResult {
+    let result = NetworksResult {
         scenario: "networks",
         parameters: args.parameters(),
         drives: drives.iter().map(|drive| drive.name().to_owned()).collect(),
@@ -148,16 +148,16 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         starts: args.starts,
         rows: setting.rows(&drives)?,
     };
-    let text = text::text(&found);
+    let text = text::text(&result);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
-        let plots = plots::plots(&found);
+        let plots = plots::plots(&result);
         show(
             &folder,
             &PageContent { title: "Recorded networks", words: &words, plots, reported: &text },
         )?;
     }
-    args.leave.print_report(&found, &text)
+    args.leave.print_report(&result, &text)
 }
 
 impl Args {
@@ -176,8 +176,10 @@ impl Setting<'_> {
         let mut rows = Vec::new();
         for drive in drives {
             let starts = 0..self.args.starts;
-            let ends: Result<Vec<Vec<DriveOutcome>>, Fault> =
-                starts.into_par_iter().map(|place| self.start(drive, place).ends(self)).collect();
+            let ends: Result<Vec<Vec<DriveOutcome>>, Fault> = starts
+                .into_par_iter()
+                .map(|start_index| self.start(drive, start_index).ends(self))
+                .collect();
             let ends = ends?;
             for (column, (speed, policy)) in self.pairs().enumerate() {
                 let ends = ends.iter().map(|ends| ends[column]);
@@ -197,13 +199,13 @@ impl Setting<'_> {
         self.args.speed.iter().copied().flat_map(policies)
     }
 
-    fn start<'a>(&self, drive: &'a Drive, place: u32) -> DriveStart<'a> {
-        let at = drive.length() * place / self.args.starts;
-        let phase = (GOLDEN * f64::from(place)).fract();
+    fn start<'a>(&self, drive: &'a Drive, start_index: u32) -> DriveStart<'a> {
+        let at = drive.length() * start_index / self.args.starts;
+        let phase = (GOLDEN * f64::from(start_index)).fract();
         let needs = self.args.policy.contains(&ResponsePolicy::Expected);
         let observed =
             if needs { observe(drive, &self.vehicle, self.runtime, at) } else { Vec::new() };
-        DriveStart { drive, place, at, phase, observed }
+        DriveStart { drive, start_index, at, phase, observed }
     }
 }
 
@@ -231,7 +233,11 @@ impl DriveStart<'_> {
         let traced = setting.traces.as_ref();
         let name = match traced {
             Some(_) => {
-                format!("{mode}, {speed} m/s, {} from start {}", self.drive.name(), self.place)
+                format!(
+                    "{mode}, {speed} m/s, {} from start {}",
+                    self.drive.name(),
+                    self.start_index
+                )
             }
             None => String::new(),
         };
@@ -245,7 +251,8 @@ impl DriveStart<'_> {
         }
         if let (Some(folder), Some(trace)) = (traced, operator.into_trace()) {
             let drive: String = self.drive.name().replace(['/', '\\', ':'], "-");
-            folder.put(&format!("{drive}-v{speed}-{mode}-{:05}.jsonl", self.place), &trace)?;
+            folder
+                .put(&format!("{drive}-v{speed}-{mode}-{:05}.jsonl", self.start_index), &trace)?;
         }
         Ok(end)
     }

@@ -144,10 +144,10 @@ impl Crossing<'_> {
                 detections.operator.pass(now);
                 neighbours.operator.pass(now);
             }
-            let seen = detections.operator.take_outputs();
+            let outputs = detections.operator.take_outputs();
             let reported = neighbours.operator.take_outputs();
-            let by_sight = seen.iter().any(|output| self.sees(&mut planner, output));
-            let by_word = reported.iter().any(|output| self.is_told(&answers, output));
+            let by_sight = outputs.iter().any(|output| self.sees(&mut planner, output));
+            let by_word = reported.iter().any(|output| self.is_reported(&answers, output));
             if by_sight || by_word {
                 return Some(now);
             }
@@ -213,9 +213,9 @@ impl Crossing<'_> {
     }
 
     /// Whether what the cloud answered makes the planner brake.
-    fn is_told(&self, answers: &[Vec<VehicleState>], output: &ScenarioOutput) -> bool {
-        let place = usize::try_from(output.t).unwrap_or(usize::MAX);
-        let reported = answers.get(place).filter(|_| output.source == Some(CLOUD));
+    fn is_reported(&self, answers: &[Vec<VehicleState>], output: &ScenarioOutput) -> bool {
+        let index = usize::try_from(output.t).unwrap_or(usize::MAX);
+        let reported = answers.get(index).filter(|_| output.source == Some(CLOUD));
         reported.into_iter().flatten().any(|other| must_brake(&self.geometry, other, output.at))
     }
 }

@@ -116,11 +116,11 @@ impl Args {
     }
 
     fn geometry(&self, variant: Variant, delta: f64, has_occluder: bool) -> CrossingGeometry {
-        let place = variant.place();
+        let intersection = variant.intersection();
         CrossingGeometry {
-            place,
-            ego_speed: self.ego_speed.unwrap_or(place.ego_speed),
-            runner_speed: self.runner_speed.unwrap_or(place.runner_speed),
+            intersection,
+            ego_speed: self.ego_speed.unwrap_or(intersection.ego_speed),
+            runner_speed: self.runner_speed.unwrap_or(intersection.runner_speed),
             delta,
             has_occluder,
         }
@@ -147,23 +147,23 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let all = [WarningSource::Local, WarningSource::Cloud, WarningSource::Sharing];
     let trips = &args.round_trip[..];
     let shortest: Vec<f64> = trips.iter().copied().min_by(f64::total_cmp).into_iter().collect();
-    let found = RedLightResult {
+    let result = RedLightResult {
         scenario: "red-light",
         parameters: args.parameters(),
         runs: args.runs(&ego, &all, trips, has_occluder, traces.as_ref())?,
         at_once: args.runs(&at_once, &[WarningSource::Cloud], &[0.0], has_occluder, None)?,
         without_occluder: args.runs(&ego, &detectors, &shortest, false, None)?,
     };
-    let text = text::text(&found);
+    let text = text::text(&result);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
-        let plots = plots::plots(args, &found);
+        let plots = plots::plots(args, &result);
         show(
             &folder,
             &PageContent { title: "Running a red light", words: &words, plots, reported: &text },
         )?;
     }
-    args.leave.print_report(&found, &text)
+    args.leave.print_report(&result, &text)
 }
 
 impl Args {
@@ -224,7 +224,7 @@ impl Args {
 
 /// The name of a run's files.
 fn name(crossing: &Crossing<'_>, round_trip: Option<f64>) -> String {
-    let place = crossing.geometry.place.name.replace(' ', "-");
+    let intersection = crossing.geometry.intersection.name.replace(' ', "-");
     let trip = round_trip.map(|trip| format!("-r{trip}")).unwrap_or_default();
-    format!("{place}-d{}-{}{trip}", crossing.geometry.delta, crossing.approach.word())
+    format!("{intersection}-d{}-{}{trip}", crossing.geometry.delta, crossing.approach.word())
 }

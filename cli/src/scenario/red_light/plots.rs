@@ -16,7 +16,7 @@ const SHOWN: [[f64; 2]; 2] = [[-34.0, 22.0], [-24.0, 20.0]];
 const TOP: f64 = 104.0;
 
 /// A picture of each variant, at the delta nearest to 0.
-pub(crate) fn plots(args: &Args, found: &RedLightResult) -> Vec<Plot> {
+pub(crate) fn plots(args: &Args, result: &RedLightResult) -> Vec<Plot> {
     let nearest = args.delta.iter().copied().min_by(|one, other| one.abs().total_cmp(&other.abs()));
     let delta = nearest.unwrap_or_default();
     let names = ["corner-building", "queue-in-turning-lane", "skewed"];
@@ -27,7 +27,7 @@ pub(crate) fn plots(args: &Args, found: &RedLightResult) -> Vec<Plot> {
             let is = |run: &&RedLightRun| {
                 (run.variant, run.delta, run.approach) == (*variant, delta, approach)
             };
-            found.runs.iter().find(is).cloned()
+            result.runs.iter().find(is).cloned()
         };
         let (local, sharing) = (of(WarningSource::Local), of(WarningSource::Sharing));
         let deceleration = args.deceleration;
@@ -35,11 +35,11 @@ pub(crate) fn plots(args: &Args, found: &RedLightResult) -> Vec<Plot> {
             "{} from above, at δ = {delta} s. Ego comes from the left. Filled: where the cars are at 6 s if ego brakes by \
              shared locations. Red outline: where ego is then with the detector on board. Thin outlines: each half second \
              before.",
-            capital(geometry.place.name)
+            capital(geometry.intersection.name)
         );
         let name = names[*variant as usize];
         plots.push(Plot::new(name, caption, move |theme| {
-            let title = format!("Running a red light: {}", geometry.place.name);
+            let title = format!("Running a red light: {}", geometry.intersection.name);
             let below = below(local.as_ref(), sharing.as_ref());
             let [[left, right], [low, high]] = SHOWN;
             let size = (unit((right - left) * METRE), unit((high - low) * METRE + TOP));
@@ -53,7 +53,7 @@ pub(crate) fn plots(args: &Args, found: &RedLightResult) -> Vec<Plot> {
                 roads(theme, &area, &geometry);
                 ruler(theme, &area);
                 let reported = |now: f64| sharing.as_ref().map(|run| ego(run, now));
-                ways(theme, &area, &geometry, reported);
+                paths(theme, &area, &geometry, reported);
                 let car =
                     |car: &Car, colour: RGBColor| shape(&area, &car.corners(), colour.filled());
                 car(&geometry.runner(MEETING), theme.series[2]);
@@ -98,13 +98,13 @@ fn unit(length: f64) -> u32 {
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "some hundreds")]
-fn place([x, y]: Point) -> (i32, i32) {
+fn pixel([x, y]: Point) -> (i32, i32) {
     let [[left, _], [_, high]] = SHOWN;
     (((x - left) * METRE).round() as i32, ((high - y) * METRE).round() as i32)
 }
 
 fn shape(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
-    let corners: Vec<(i32, i32)> = inside(corners, SHOWN).into_iter().map(place).collect();
+    let corners: Vec<(i32, i32)> = inside(corners, SHOWN).into_iter().map(pixel).collect();
     if !corners.is_empty() {
         canvas.draw(&Polygon::new(corners, style)).expect(DRAWN);
     }
@@ -115,7 +115,7 @@ fn outline(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>)
     if inside(corners, SHOWN) != corners {
         return;
     }
-    let closed = corners.iter().chain(corners.first()).map(|corner| place(*corner));
+    let closed = corners.iter().chain(corners.first()).map(|corner| pixel(*corner));
     canvas.draw(&PathElement::new(closed.collect::<Vec<_>>(), style)).expect(DRAWN);
 }
 
@@ -123,7 +123,7 @@ fn outline(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>)
 fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &CrossingGeometry) {
     let road = theme.line.filled();
     shape(canvas, &[[-80.0, -3.5], [80.0, -3.5], [80.0, 3.5], [-80.0, 3.5]], road);
-    let [along, across] = geometry.place.heading();
+    let [along, across] = geometry.intersection.heading();
     let left = [-across, along];
     let corner = |ahead: f64, contingency: f64| {
         [ahead * along + contingency * left[0], ahead * across + contingency * left[1]]
@@ -138,17 +138,17 @@ fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &CrossingGeometry) {
         {
             let is_apart = |point: Point| point[0].hypot(point[1]) > 8.0;
             if is_apart(one) && is_apart(other) {
-                canvas.draw(&PathElement::new(vec![place(one), place(other)], dash)).expect(DRAWN);
+                canvas.draw(&PathElement::new(vec![pixel(one), pixel(other)], dash)).expect(DRAWN);
             }
         }
     }
     if geometry.has_occluder {
-        shape(canvas, geometry.place.occluder, theme.wall.filled());
+        shape(canvas, geometry.intersection.occluder, theme.wall.filled());
     }
 }
 
 /// Where both cars are, half second by half second; ego by shared locations.
-fn ways(
+fn paths(
     theme: &Theme,
     canvas: &Canvas<'_>,
     geometry: &CrossingGeometry,
@@ -181,7 +181,7 @@ fn keys(theme: &Theme, canvas: &Canvas<'_>) {
 
 /// How long ten metres are.
 fn ruler(theme: &Theme, canvas: &Canvas<'_>) {
-    let [from, to] = [place([10.0, 17.5]), place([20.0, 17.5])];
+    let [from, to] = [pixel([10.0, 17.5]), pixel([20.0, 17.5])];
     canvas.draw(&PathElement::new(vec![from, to], theme.soft.stroke_width(2))).expect(DRAWN);
     for (x, y) in [from, to] {
         let end = PathElement::new(vec![(x, y - 4), (x, y + 4)], theme.soft.stroke_width(2));

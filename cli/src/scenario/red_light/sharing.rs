@@ -89,13 +89,13 @@ impl<'a> Exchange<'a> {
 
 /// Whether ego brakes for a neighbour at this instant, by where the neighbour is if it went on as it reported.
 pub(crate) fn must_brake(geometry: &CrossingGeometry, neighbour: &VehicleState, now: u64) -> bool {
-    let heading = geometry.place.heading();
+    let heading = geometry.intersection.heading();
     let along = |point: Point| point[0] * heading[0] + point[1] * heading[1];
     let speed = along(neighbour.velocity);
     let age = seconds(now.saturating_sub(neighbour.at));
-    let way = along(geometry.place.runner_at) - along(neighbour.front) - speed * age;
-    let to_line = way - geometry.place.line;
+    let distance = along(geometry.intersection.runner_at) - along(neighbour.front) - speed * age;
+    let to_line = distance - geometry.intersection.line;
     let will_not_stop = to_line <= 0.0 || speed * speed / (2.0 * to_line) > HARD;
     let ego = MEETING - seconds(now);
-    will_not_stop && (way / speed - ego).abs() < TOGETHER && ego < AHEAD
+    will_not_stop && (distance / speed - ego).abs() < TOGETHER && ego < AHEAD
 }

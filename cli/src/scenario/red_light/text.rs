@@ -10,16 +10,16 @@ use crate::scenario::red_light::{RedLightResult, RedLightRun};
 /// How wide a cell is.
 const CELL: usize = 8;
 
-pub(crate) fn text(found: &RedLightResult) -> String {
+pub(crate) fn text(result: &RedLightResult) -> String {
     written(|text| {
-        table(text, found)?;
-        beside(text, found)
+        table(text, result)?;
+        beside(text, result)
     })
 }
 
-fn table(text: &mut String, found: &RedLightResult) -> std::fmt::Result {
+fn table(text: &mut String, result: &RedLightResult) -> std::fmt::Result {
     let mut deltas: Vec<f64> = Vec::new();
-    for run in &found.runs {
+    for run in &result.runs {
         if !deltas.contains(&run.delta) {
             deltas.push(run.delta);
         }
@@ -31,7 +31,7 @@ fn table(text: &mut String, found: &RedLightResult) -> std::fmt::Result {
     writeln!(text, "  the paper")?;
     writeln!(text, "{}", "─".repeat(24 + CELL * deltas.len() + 12))?;
     let mut rows: Vec<Vec<&RedLightRun>> = Vec::new();
-    for run in &found.runs {
+    for run in &result.runs {
         let is_row = |row: &&mut Vec<&RedLightRun>| {
             (row[0].variant, row[0].approach, row[0].round_trip)
                 == (run.variant, run.approach, run.round_trip)
@@ -45,7 +45,7 @@ fn table(text: &mut String, found: &RedLightResult) -> std::fmt::Result {
     for row in rows {
         let first = row[0];
         if before.replace(first.variant) != Some(first.variant) {
-            writeln!(text, "{}", first.variant.place().name)?;
+            writeln!(text, "{}", first.variant.intersection().name)?;
         }
         let trip = first.round_trip.map_or("–".to_owned(), |trip| format!("{trip} s"));
         write!(text, "  {:<12}{trip:>10}", first.approach.word())?;
@@ -90,7 +90,7 @@ fn paper(run: &RedLightRun) -> String {
     if collides { paint(BAD, "x collides") } else { paint(GOOD, "avoids") }
 }
 
-fn beside(text: &mut String, found: &RedLightResult) -> std::fmt::Result {
+fn beside(text: &mut String, result: &RedLightResult) -> std::fmt::Result {
     let sum = |runs: &[RedLightRun]| {
         let collide = runs.iter().filter(|run| run.collides).count();
         format!("{collide} of {}", runs.len())
@@ -100,7 +100,7 @@ fn beside(text: &mut String, found: &RedLightResult) -> std::fmt::Result {
         "\nIf the detector in the cloud answered at once, {} runs would collide.\n\
          If nothing hid the other car, {} runs with a detector would collide\n\
          (with the cloud's at the shortest round trip).",
-        sum(&found.at_once),
-        sum(&found.without_occluder)
+        sum(&result.at_once),
+        sum(&result.without_occluder)
     )
 }

@@ -35,9 +35,9 @@ fn cars_touch_where_points_of_one_come_into_the_other() {
         let random = &mut Rng::with_seed(seed);
         let variants = [Variant::CornerBuilding, Variant::QueueInTurningLane, Variant::Skewed];
         let which = random.one_of(&[0, 1, 2_usize]);
-        let place = variants[which].place();
+        let intersection = variants[which].intersection();
         let geometry = CrossingGeometry {
-            place,
+            intersection,
             ego_speed: random.f64_between(9.0, 16.0),
             runner_speed: random.f64_between(9.0, 16.0),
             delta: random.f64_between(-0.6, 0.6),
@@ -46,13 +46,15 @@ fn cars_touch_where_points_of_one_come_into_the_other() {
         let decided = random.f64_between(4.0, 6.5);
         let brakes = Brakes { deceleration: 7.5, delay: 0.1 };
         let first = geometry.contact(Some(decided), &brakes).is_some();
-        let (mut front, mut speed) = (place.ego_at - 6.0 * geometry.ego_speed, geometry.ego_speed);
+        let (mut front, mut speed) =
+            (intersection.ego_at - 6.0 * geometry.ego_speed, geometry.ego_speed);
         let (sin, cos) = headings[which].to_radians().sin_cos();
         let (mut surely, mut nearly) = (false, false);
         for step in 0..9000 {
             let now = f64::from(step) * STEP;
             let ahead = geometry.runner_speed * (now - 6.0 - geometry.delta);
-            let runner = [place.runner_at[0] + ahead * cos, place.runner_at[1] + ahead * sin];
+            let runner =
+                [intersection.runner_at[0] + ahead * cos, intersection.runner_at[1] + ahead * sin];
             if now > 4.0 {
                 for point in outline(runner, headings[which]) {
                     surely |= is_in([front, -1.75], point, -0.02);

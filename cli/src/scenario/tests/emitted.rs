@@ -70,12 +70,13 @@ fn the_outcome_follows_from_what_was_emitted_and_the_strict_judge_accepts_it() {
                 // By hand: 0.1 s until the brakes bite, then 7.5 m/s².
                 let braked = decided(&drive, &outputs(&trace))
                     .map_or(f64::NEG_INFINITY, |at| drive.start() - speed * (at + 0.1));
-                let left = braked - speed * speed / 15.0;
+                let remaining = braked - speed * speed / 15.0;
                 match end {
-                    DriveOutcome::Stops { gap } => assert!((gap - left).abs() < 1e-6),
+                    DriveOutcome::Stops { gap } => assert!((gap - remaining).abs() < 1e-6),
                     DriveOutcome::Hits { impact } => {
                         hits += 1;
-                        let by_hand = if braked <= 0.0 { speed } else { (-15.0 * left).sqrt() };
+                        let by_hand =
+                            if braked <= 0.0 { speed } else { (-15.0 * remaining).sqrt() };
                         assert!((impact - by_hand).abs() < 1e-6, "{impact}, not {by_hand}");
                     }
                 }

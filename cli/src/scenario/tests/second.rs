@@ -17,7 +17,7 @@ struct Frame {
     local: Option<f64>,
     cloud: Option<f64>,
     deadline: f64,
-    left: FrameOutput,
+    output: FrameOutput,
 }
 
 /// The output for a frame.
@@ -60,11 +60,11 @@ fn stepped(drive: &ApproachRun<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
                 local,
                 cloud,
                 deadline,
-                left: FrameOutput::Waits,
+                output: FrameOutput::Waits,
             });
         }
-        for frame in frames.iter_mut().filter(|frame| frame.left == FrameOutput::Waits) {
-            frame.left = left(vehicle, frame, now - frame.captured);
+        for frame in frames.iter_mut().filter(|frame| frame.output == FrameOutput::Waits) {
+            frame.output = output(vehicle, frame, now - frame.captured);
         }
         if bite.is_infinite() && decides(&frames, vehicle.frames) {
             bite = now + vehicle.brake_delay;
@@ -83,7 +83,7 @@ fn stepped(drive: &ApproachRun<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
 }
 
 /// The output for a frame that is so old.
-fn left(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
+fn output(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
     let sees = |range: f64| FrameOutput::Tells(frame.gap > 0.0 && frame.gap <= range);
     let by = |response: Option<f64>| response.is_some_and(|response| response <= age);
     let in_time = frame.cloud.filter(|cloud| *cloud < frame.deadline);
@@ -104,7 +104,7 @@ fn left(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
 fn decides(frames: &[Frame], wanted: u32) -> bool {
     let mut row = 0;
     frames.iter().any(|frame| {
-        row = match frame.left {
+        row = match frame.output {
             FrameOutput::Tells(true) => row + 1,
             FrameOutput::Nothing => row,
             FrameOutput::Tells(false) | FrameOutput::Waits => 0,

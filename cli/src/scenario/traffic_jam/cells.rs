@@ -104,8 +104,8 @@ impl Jam {
         let busy = self.vehicle.frames_of_local();
         let (width, count) =
             if self.vehicle.local_serial { (8.0, busy * 4.0) } else { (16.0, 8.0) };
-        let places = (0_u32..).map(f64::from).take_while(|place| *place < count);
-        places.map(|place| (2.0 * place + 1.0) / width).collect()
+        let places = (0_u32..).map(f64::from).take_while(|index| *index < count);
+        places.map(|index| (2.0 * index + 1.0) / width).collect()
     }
 
     /// The deadline of each request of *ours*.
@@ -140,7 +140,7 @@ impl Jam {
     fn run(
         &self,
         question: &CellParameters,
-        (place, phase): (usize, f64),
+        (index, phase): (usize, f64),
         traces: Option<&Folder>,
     ) -> Result<DriveOutcome, Fault> {
         let CellParameters { speed, approach, response } = *question;
@@ -154,7 +154,7 @@ impl Jam {
             return Err(ScenarioError::Full { speed }.into());
         }
         if let (Some(folder), Some(trace)) = (traces, operator.into_trace()) {
-            folder.put(&format!("{word}-v{speed}-r{response}-{place:02}.jsonl"), &trace)?;
+            folder.put(&format!("{word}-v{speed}-r{response}-{index:02}.jsonl"), &trace)?;
         }
         Ok(end)
     }

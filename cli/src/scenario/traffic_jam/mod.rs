@@ -152,7 +152,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let vehicle = args.vehicle.vehicle();
     let jam = Jam::new(vehicle, args.deadline)?;
     let [traces, plots] = args.leave.folders()?;
-    let found = TrafficJamResult {
+    let result = TrafficJamResult {
         scenario: "traffic-jam",
         parameters: args.parameters(),
         responses: args.response.clone(),
@@ -161,7 +161,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         cells: jam.cells(&args.questions(), traces.as_ref())?,
         beside: (!args.cells_only).then(|| beside(&jam)).transpose()?,
     };
-    let text = text::text(&found);
+    let text = text::text(&result);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         show(
@@ -169,12 +169,12 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             &PageContent {
                 title: "Traffic jam",
                 words: &words,
-                plots: plots::plots(&found, &jam),
+                plots: plots::plots(&result, &jam),
                 reported: &text,
             },
         )?;
     }
-    args.leave.print_report(&found, &text)
+    args.leave.print_report(&result, &text)
 }
 
 fn beside(jam: &Jam) -> Result<ExtraResults, Fault> {

@@ -143,7 +143,7 @@ pub(crate) fn constants(vehicle: Vehicle) -> Constants {
     let constant = |deadline| ConstantMisses { deadline, misses: misses(vehicle, deadline) };
     let some = CONSTANTS.map(constant).to_vec();
     let all: Vec<ConstantMisses> =
-        SWEEP.into_par_iter().map(|place| constant(f64::from(place) / 100.0)).collect();
+        SWEEP.into_par_iter().map(|index| constant(f64::from(index) / 100.0)).collect();
     let best = all.into_iter().min_by_key(|constant| constant.misses);
     Constants { some, best: best.expect("some were looked through") }
 }

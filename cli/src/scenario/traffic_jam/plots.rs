@@ -19,14 +19,14 @@ const STEP: f64 = 0.02;
 /// So many of them lead to the longest.
 const STEPS: u32 = 175;
 
-pub(crate) fn plots(found: &TrafficJamResult, jam: &Jam) -> Vec<Plot> {
-    let mut plots = vec![table(found)];
+pub(crate) fn plots(result: &TrafficJamResult, jam: &Jam) -> Vec<Plot> {
+    let mut plots = vec![table(result)];
     plots.extend(deadlines(jam));
     plots
 }
 
-fn table(found: &TrafficJamResult) -> Plot {
-    let TrafficJamResult { responses, cells, .. } = found.clone();
+fn table(result: &TrafficJamResult) -> Plot {
+    let TrafficJamResult { responses, cells, .. } = result.clone();
     let caption = "Where the vehicle stops, a cell has the least gap that is left, in metres; where it does not, the \
                    greatest speed at impact. A cross in a corner marks a cell that differs from the paper's.";
     Plot::new("table", caption, move |theme| {

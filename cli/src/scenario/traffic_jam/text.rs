@@ -13,15 +13,15 @@ use crate::scenario::traffic_jam::{ExtraResults, TrafficJamResult};
 /// How wide a cell is.
 const CELL: usize = 7;
 
-pub(crate) fn text(found: &TrafficJamResult) -> String {
+pub(crate) fn text(result: &TrafficJamResult) -> String {
     written(|text| {
-        table(text, found)?;
-        beside(text, found)
+        table(text, result)?;
+        beside(text, result)
     })
 }
 
-fn table(text: &mut String, found: &TrafficJamResult) -> std::fmt::Result {
-    let TrafficJamResult { responses, cells, phases, .. } = found;
+fn table(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
+    let TrafficJamResult { responses, cells, phases, .. } = result;
     write!(text, "{:>4}  {:<8} {:>8} ", "m/s", "approach", "deadline")?;
     for response in responses {
         write!(text, "{:>CELL$}", format!("{response} s"))?;
@@ -31,13 +31,13 @@ fn table(text: &mut String, found: &TrafficJamResult) -> std::fmt::Result {
     for row in cells.chunk_by(|one, next| (one.speed, one.approach) == (next.speed, next.approach))
     {
         let [first, ..] = row else { continue };
-        let is_new = first.approach == found.approaches[0];
+        let is_new = first.approach == result.approaches[0];
         let speed = if is_new { format!("{}", first.speed) } else { String::new() };
         let (word, deadline) = (word(first.approach), deadline(row));
         write!(text, "{speed:>4}  {word:<8} {deadline:>8} ")?;
         for cell in row {
-            let (what, colour) = shown(cell);
-            text.push_str(&paint(colour, &format!("{what:>CELL$}")));
+            let (label, colour) = shown(cell);
+            text.push_str(&paint(colour, &format!("{label:>CELL$}")));
         }
         text.push_str("  ");
         for cell in row {
@@ -83,8 +83,8 @@ fn deadline(row: &[Cell]) -> String {
     }
 }
 
-fn beside(text: &mut String, found: &TrafficJamResult) -> std::fmt::Result {
-    let (same, known) = found.agreement();
+fn beside(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
+    let (same, known) = result.agreement();
     let colour = if same == known { GOOD } else { BAD };
     let sum = paint(colour, &format!("{same} of the {known} cells"));
     writeln!(text, "\n{sum} that are in the paper's table are as there.")?;
@@ -95,7 +95,7 @@ fn beside(text: &mut String, found: &TrafficJamResult) -> std::fmt::Result {
             so. What remains is that one choice of them serves all of these cells."
         )?;
     }
-    let Some(beside) = &found.beside else { return Ok(()) };
+    let Some(beside) = &result.beside else { return Ok(()) };
     match &beside.narrow {
         Some(intervals) => {
             writeln!(

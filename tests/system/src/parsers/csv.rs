@@ -67,8 +67,8 @@ fn events(bytes: &[u8], ends: &mut Ends) -> ParserResult {
             serde_json::from_slice(&line).map_err(|error| error.to_string())?;
         let record = records.next().and_then(Result::ok).ok_or("an event without a row")?;
         for (key, value) in &line {
-            let place = columns.iter().position(|column| column == key);
-            let cell = place.and_then(|place| record.get(place)).unwrap_or_default();
+            let position = columns.iter().position(|column| column == key);
+            let cell = position.and_then(|position| record.get(position)).unwrap_or_default();
             let is_printed = match (&**key, value) {
                 // A request without one is due when its deadline ends.
                 ("due", value) if cell.is_empty() => {
@@ -156,14 +156,14 @@ fn drive(path: &Path, ends: &mut Ends) -> ParserResult {
 fn recording(path: &Path, ends: &mut Ends) -> ParserResult {
     let (mut before, mut wrong) = (f64::NEG_INFINITY, None);
     let read = ProbeRecording::open(path).and_then(|mut recording| {
-        recording.each(u64::MAX, |seen| {
-            let is_right = seen.sent >= before
-                && seen.round_trip.is_none_or(|ms| (0.0..=86_400_000.0).contains(&ms))
-                && seen.place.is_none_or(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 180.0)
-                && !(seen.is_pause && seen.round_trip.is_some());
-            before = seen.sent;
+        recording.each(u64::MAX, |row| {
+            let is_right = row.sent >= before
+                && row.round_trip.is_none_or(|ms| (0.0..=86_400_000.0).contains(&ms))
+                && row.position.is_none_or(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 180.0)
+                && !(row.is_pause && row.round_trip.is_some());
+            before = row.sent;
             if !is_right {
-                wrong = Some(seen);
+                wrong = Some(row);
             }
         })
     });

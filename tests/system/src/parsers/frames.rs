@@ -33,10 +33,10 @@ const VEHICLES: usize = 3;
 
 /// A byte for the call, one for where the bytes are cut in two, and those bytes.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
-    let [what, cut, rest @ ..] = bytes else { return Ok(()) };
+    let [selector, cut, rest @ ..] = bytes else { return Ok(()) };
     unchanged::<Reply>(rest)?;
     unchanged::<Description>(rest)?;
-    match what % 3 {
+    match selector % 3 {
         0 => infer(rest, *cut, ends),
         1 => describe(rest, *cut, ends),
         _ => locations(rest, ends),
@@ -56,7 +56,7 @@ fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> ParserResult {
 
 /// A server that gives back what it gets: it answers one whole frame, and no half.
 fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
-    let (code, replied) = ask(INFER, body, cut)?;
+    let (code, replied) = call_server(INFER, body, cut)?;
     let whole = split(body).map(|(message, rest)| (Request::decode(message).ok(), rest));
     match whole {
         Some((Some(request), [])) => {
@@ -81,7 +81,7 @@ fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
 
 /// The description of what is served is sent for one whole message.
 fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
-    let (code, replied) = ask(DESCRIBE, body, cut)?;
+    let (code, replied) = call_server(DESCRIBE, body, cut)?;
     if code == Code::Ok {
         ends.insert("described");
         let reported = split(&replied).map(|(message, _)| Description::decode(message));
@@ -110,7 +110,7 @@ impl Infer for Echo {
 }
 
 /// What the server says to a body that comes in two pieces, and with which code.
-fn ask(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String> {
+fn call_server(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String> {
     let (first, second) = body.split_at(usize::from(cut).min(body.len()));
     let piece = |bytes| Ok::<_, Infallible>(Frame::data(Bytes::copy_from_slice(bytes)));
     let pieces = StreamBody::new(stream::iter([piece(first), piece(second)]));

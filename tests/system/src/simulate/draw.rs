@@ -109,21 +109,21 @@ fn frames(
     let mut skies = vec![(0, SourcePhase::Wild); clouds.len() + 2];
     let mut frames = Vec::with_capacity(count);
     for _ in 0..count {
-        for (left, phase) in &mut skies {
-            if *left == 0 {
-                (*left, *phase) = (rng.usize(4..80), sky(rng));
+        for (remaining, phase) in &mut skies {
+            if *remaining == 0 {
+                (*remaining, *phase) = (rng.usize(4..80), sky(rng));
             }
-            *left -= 1;
+            *remaining -= 1;
         }
         let due = local.deadline.unwrap_or(Duration::from_millis(30));
         let mut of_local = act(rng, skies[0].1, due);
         // Nobody ever ends what has no deadline and does not end by itself (A9).
-        if local.deadline.is_none() && of_local.how.hangs() && !matches!(end, Finish::Stop(_)) {
-            of_local.how = CallResult::Fails;
+        if local.deadline.is_none() && of_local.result.hangs() && !matches!(end, Finish::Stop(_)) {
+            of_local.result = CallResult::Fails;
         }
-        let asks = clouds.iter().zip(&skies[2..]).map(|(_, sky)| ask(rng, sky.1));
-        let asks = asks.collect();
-        let side = if side { ask(rng, skies[1].1) } else { OfferAction::Nothing };
+        let offers = clouds.iter().zip(&skies[2..]).map(|(_, sky)| offer_action(rng, sky.1));
+        let offers = offers.collect();
+        let side = if side { offer_action(rng, skies[1].1) } else { OfferAction::Nothing };
         let gap = match rng.u8(0..16) {
             0 => gap * rng.u32(2..20),
             1..4 => Duration::ZERO,
@@ -131,7 +131,7 @@ fn frames(
             _ => gap,
         };
         let yields = if rng.u8(0..8) == 0 { rng.u8(1..6) } else { 0 };
-        frames.push(MessageScript { gap, yields, local: of_local, asks, side });
+        frames.push(MessageScript { gap, yields, local: of_local, offers, side });
     }
     frames
 }
@@ -146,7 +146,7 @@ fn sky(rng: &mut Rng) -> SourcePhase {
     }
 }
 
-fn ask(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
+fn offer_action(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
     match rng.u8(0..40) {
         0..3 => OfferAction::Nothing,
         3 => OfferAction::Panics,
@@ -166,7 +166,7 @@ fn ask(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
 /// What a source with a deadline does.
 fn act(rng: &mut Rng, phase: SourcePhase, deadline: Duration) -> SourceAction {
     let yields = if rng.u8(0..8) == 0 { rng.u8(1..4) } else { 0 };
-    let (after, how) = match phase {
+    let (after, result) = match phase {
         SourcePhase::Fair(most) => (most.mul_f64(rng.f64()), CallResult::Answers),
         SourcePhase::Edge => (edge(rng, deadline), CallResult::Answers),
         SourcePhase::Dead => (Duration::ZERO, CallResult::Hangs),
@@ -176,7 +176,7 @@ fn act(rng: &mut Rng, phase: SourcePhase, deadline: Duration) -> SourceAction {
             (after.min(Duration::from_secs(5)), rng.one_of(&CallResult::ALL))
         }
     };
-    SourceAction { after, yields, how }
+    SourceAction { after, yields, result }
 }
 
 fn finish(rng: &mut Rng, span: Duration) -> Finish {

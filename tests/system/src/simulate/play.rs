@@ -34,7 +34,7 @@ pub(crate) struct RunResult {
     /// How many messages and values there were at most.
     pub(crate) most: [usize; 2],
     /// Tasks, messages and values that are left when all is over.
-    pub(crate) left: [usize; 3],
+    pub(crate) remaining: [usize; 3],
 }
 
 /// How the operator ended.
@@ -92,7 +92,7 @@ pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<RunResult> 
         tally,
         metrics: metered.map(|(key, _, _, value)| (key, value)).collect(),
         most: [simulation.frames.most(), simulation.values.most()],
-        left: [tasks, simulation.frames.now(), simulation.values.now()],
+        remaining: [tasks, simulation.frames.now(), simulation.values.now()],
     })
 }
 

@@ -102,7 +102,7 @@ pub struct MessageScript {
     /// What local does.
     pub local: SourceAction,
     /// What is offered to each cloud, and what it does.
-    pub asks: Vec<OfferAction>,
+    pub offers: Vec<OfferAction>,
     /// The side request.
     pub side: OfferAction,
 }
@@ -126,7 +126,7 @@ pub struct SourceAction {
     /// How often others have their turn before it begins and before it ends.
     pub yields: u8,
     /// How it ends.
-    pub how: CallResult,
+    pub result: CallResult,
 }
 
 /// How a call or a computation ends.
@@ -170,8 +170,8 @@ impl Scenario {
         if p == 0 {
             return Some(frame.local);
         }
-        let place = self.clouds.iter().position(|cloud| cloud.p == p)?;
-        match frame.asks.get(place)? {
+        let index = self.clouds.iter().position(|cloud| cloud.p == p)?;
+        match frame.offers.get(index)? {
             OfferAction::Offers(_, act) => Some(*act),
             OfferAction::Nothing | OfferAction::Panics => None,
         }
@@ -182,7 +182,7 @@ impl SourceAction {
     /// Answers after this long.
     #[must_use]
     pub const fn answers(after: Duration) -> Self {
-        Self { after, yields: 0, how: CallResult::Answers }
+        Self { after, yields: 0, result: CallResult::Answers }
     }
 }
 
@@ -218,8 +218,8 @@ impl fmt::Display for Scenario {
                 write!(f, ", {} yields", frame.yields)?;
             }
             write!(f, ", local {}", frame.local)?;
-            for (cloud, ask) in self.clouds.iter().zip(&frame.asks) {
-                write!(f, ", cloud {} {ask}", cloud.p)?;
+            for (cloud, offer) in self.clouds.iter().zip(&frame.offers) {
+                write!(f, ", cloud {} {offer}", cloud.p)?;
             }
             if self.side.is_some() {
                 write!(f, ", side {}", frame.side)?;
@@ -242,7 +242,7 @@ impl fmt::Display for OfferAction {
 
 impl fmt::Display for SourceAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:?} after {:?}", self.how, self.after)?;
+        write!(f, "{:?} after {:?}", self.result, self.after)?;
         if self.yields > 0 { write!(f, " and {} yields", self.yields) } else { Ok(()) }
     }
 }

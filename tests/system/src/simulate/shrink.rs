@@ -46,19 +46,19 @@ impl Steps for Scenario {
 /// One thing less each.
 fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     let mut all: Vec<Simplification<Scenario>> = Vec::new();
-    for place in (0..scenario.clouds.len()).rev() {
+    for index in (0..scenario.clouds.len()).rev() {
         all.push(Box::new(move |it| {
-            it.clouds.remove(place);
+            it.clouds.remove(index);
             it.frames.iter_mut().for_each(|frame| {
-                frame.asks.remove(place);
+                frame.offers.remove(index);
             });
         }));
     }
     all.push(Box::new(|it| it.clouds.iter_mut().for_each(|cloud| cloud.policy = None)));
     all.push(Box::new(|it| it.clouds.iter_mut().for_each(|cloud| cloud.linger = Duration::ZERO)));
-    for place in (0..scenario.stalls.len()).rev() {
+    for index in (0..scenario.stalls.len()).rev() {
         all.push(Box::new(move |it| {
-            it.stalls.remove(place);
+            it.stalls.remove(index);
         }));
     }
     let plain = ReaderPlan { joins_after: 0, pace: Duration::ZERO, lag: None, leaves_after: None };
@@ -74,12 +74,13 @@ fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     all.push(Box::new(|it| (it.local.waiting, it.local.skip_answered) = (None, false)));
     all.push(Box::new(|it| it.local.at_once = 64));
     if scenario.frames.len() <= 40 {
-        (0..scenario.frames.len()).for_each(|place| simplify_frame(place, scenario, &mut all));
+        (0..scenario.frames.len()).for_each(|index| simplify_frame(index, scenario, &mut all));
     }
     // Without it a message of which local hangs is open for ever, which shows nothing but that.
     all.push(Box::new(|it| {
-        let hangs =
-            |act: SourceAction| matches!(act.how, CallResult::Hangs | CallResult::HangsAndPanics);
+        let hangs = |act: SourceAction| {
+            matches!(act.result, CallResult::Hangs | CallResult::HangsAndPanics)
+        };
         if !it.frames.iter().any(|frame| hangs(frame.local)) {
             it.local.deadline = None;
         }
@@ -87,20 +88,20 @@ fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     all
 }
 
-fn simplify_frame(place: usize, scenario: &Scenario, all: &mut Vec<Simplification<Scenario>>) {
-    all.push(Box::new(move |it| it.frames[place].yields = 0));
-    all.push(Box::new(move |it| it.frames[place].side = OfferAction::Nothing));
-    all.push(Box::new(move |it| it.frames[place].local = SourceAction::answers(Duration::ZERO)));
-    all.push(Box::new(move |it| it.frames[place].local.yields = 0));
+fn simplify_frame(index: usize, scenario: &Scenario, all: &mut Vec<Simplification<Scenario>>) {
+    all.push(Box::new(move |it| it.frames[index].yields = 0));
+    all.push(Box::new(move |it| it.frames[index].side = OfferAction::Nothing));
+    all.push(Box::new(move |it| it.frames[index].local = SourceAction::answers(Duration::ZERO)));
+    all.push(Box::new(move |it| it.frames[index].local.yields = 0));
     for cloud in 0..scenario.clouds.len() {
         all.push(Box::new(move |it| {
-            if let Some(ask) = it.frames[place].asks.get_mut(cloud) {
-                *ask = OfferAction::Nothing;
+            if let Some(offer) = it.frames[index].offers.get_mut(cloud) {
+                *offer = OfferAction::Nothing;
             }
         }));
         all.push(Box::new(move |it| {
-            if let Some(OfferAction::Offers(_, act)) = it.frames[place].asks.get_mut(cloud) {
-                *act = SourceAction { how: CallResult::Answers, yields: 0, ..*act };
+            if let Some(OfferAction::Offers(_, act)) = it.frames[index].offers.get_mut(cloud) {
+                *act = SourceAction { result: CallResult::Answers, yields: 0, ..*act };
             }
         }));
     }

@@ -80,7 +80,7 @@ impl PublishStatus for Publication {
             let found = status.values.iter().find(|value| value.key == key);
             found.map(|value| value.value.clone()).unwrap_or_default()
         };
-        let what = match self.output.lock().unwrap().try_recv() {
+        let text = match self.output.lock().unwrap().try_recv() {
             Ok(output) => {
                 assert_eq!(key(&output).to_string(), of("key"), "another message's output");
                 let text = text(&output.body);
@@ -90,7 +90,7 @@ impl PublishStatus for Publication {
             Err(_) => status.message.clone(),
         };
         let t = of("timestamp").parse().unwrap();
-        let line = line(self.start.elapsed().as_millis(), t, &what);
+        let line = line(self.start.elapsed().as_millis(), t, &text);
         self.reported_lines.lock().unwrap().lines.push(line);
     }
 
@@ -135,7 +135,7 @@ impl Drop for Guard {
     }
 }
 
-/// What speaks to a node.
+/// What sends to a node.
 pub(super) struct Publications {
     pub(super) inputs: mpsc::Sender<ReceivedPayload>,
     pub(super) results: mpsc::Sender<(usize, ReceivedPayload)>,
@@ -145,7 +145,7 @@ pub(super) struct Publications {
     pub(super) orders: mpsc::Sender<LifecycleRequest>,
 }
 
-/// By what it hears them.
+/// By what it receives them.
 pub(super) struct Subscription {
     inputs: mpsc::Receiver<ReceivedPayload>,
     results: mpsc::Receiver<(usize, ReceivedPayload)>,
@@ -269,7 +269,7 @@ fn called(
         sources.push(NodeSource {
             priority,
             name: name(priority),
-            way: Route::Grpc(handle),
+            route: Route::Grpc(handle),
             enabled: true,
             deadline: Some(Duration::from_millis(deadline)).filter(|it| !it.is_zero()),
             hints: late,
@@ -302,7 +302,7 @@ impl Node {
         let mut sources = vec![NodeSource {
             priority: 0,
             name: "local".into(),
-            way: Route::Topics { requests: Box::new(requests), results: Arc::new(answers) },
+            route: Route::Topics { requests: Box::new(requests), results: Arc::new(answers) },
             enabled: true,
             deadline: Some(settings.local.deadline),
             hints: None,
@@ -346,7 +346,7 @@ impl Node {
         }
     }
 
-    /// Tells a managed node what to do; how it goes is heard by the answer.
+    /// Orders a managed node to change its state; the answer has the result.
     pub(super) async fn publish_report(
         &self,
         task: LifecycleTask,

@@ -84,9 +84,10 @@ impl Types {
                     }
                 })
                 .wait()?;
-            if let Some(TypeState::Awaited { tokens: kept, .. }) = self.locked().get_mut(type_name)
+            if let Some(TypeState::Awaited { tokens: stored, .. }) =
+                self.locked().get_mut(type_name)
             {
-                *kept = Some(tokens);
+                *stored = Some(tokens);
             }
         }
         Ok(())

@@ -33,12 +33,12 @@ impl KernelTimer {
     }
 
     pub(super) fn set(&self, at: Instant) -> io::Result<()> {
-        let left = at.saturating_duration_since(Instant::now()).max(SHORTEST);
-        let left = Timespec {
-            tv_sec: left.as_secs().try_into().unwrap_or(i64::MAX),
-            tv_nsec: left.subsec_nanos().into(),
+        let remaining = at.saturating_duration_since(Instant::now()).max(SHORTEST);
+        let remaining = Timespec {
+            tv_sec: remaining.as_secs().try_into().unwrap_or(i64::MAX),
+            tv_nsec: remaining.subsec_nanos().into(),
         };
-        let once = Itimerspec { it_interval: NEVER, it_value: left };
+        let once = Itimerspec { it_interval: NEVER, it_value: remaining };
         timerfd_settime(self.0.get_ref(), TimerfdTimerFlags::empty(), &once)?;
         Ok(())
     }

@@ -20,7 +20,7 @@ pub(crate) struct ConnectionWatch {
     has_called: AtomicBool,
     under_way: AtomicUsize,
     owed: AtomicUsize,
-    seen: Mutex<Activity>,
+    activity: Mutex<Activity>,
     too_many: Notify,
 }
 
@@ -39,7 +39,7 @@ impl ConnectionWatch {
             has_called: AtomicBool::new(false),
             under_way: AtomicUsize::new(0),
             owed: AtomicUsize::new(0),
-            seen: Mutex::new(Activity { moved: now, second: now, resets: 0 }),
+            activity: Mutex::new(Activity { moved: now, second: now, resets: 0 }),
             too_many: Notify::new(),
         }
     }
@@ -80,18 +80,18 @@ impl ConnectionWatch {
     }
 
     fn moved(&self) {
-        self.seen.lock().unwrap_or_else(PoisonError::into_inner).moved = Instant::now();
+        self.activity.lock().unwrap_or_else(PoisonError::into_inner).moved = Instant::now();
     }
 
     /// The client no longer wants a call that is not answered.
     pub(crate) fn taken_back(&self) {
-        let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut activity = self.activity.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
-        if now.duration_since(seen.second) >= Duration::from_secs(1) {
-            (seen.second, seen.resets) = (now, 0);
+        if now.duration_since(activity.second) >= Duration::from_secs(1) {
+            (activity.second, activity.resets) = (now, 0);
         }
-        seen.resets += 1;
-        if seen.resets > self.limits.bounds.resets {
+        activity.resets += 1;
+        if activity.resets > self.limits.bounds.resets {
             self.too_many.notify_one();
         }
     }
@@ -100,22 +100,22 @@ impl ConnectionWatch {
     pub(crate) async fn expired(&self) -> RejectReason {
         loop {
             let bounds = self.limits.bounds;
-            let (owes, calls) =
+            let (has_unread, calls) =
                 (self.owed.load(Ordering::Relaxed) > 0, self.under_way.load(Ordering::Relaxed) > 0);
-            let (patience, why) = match (self.has_called.load(Ordering::Relaxed), owes) {
+            let (patience, why) = match (self.has_called.load(Ordering::Relaxed), has_unread) {
                 (false, _) => (bounds.greeting, RejectReason::Mute),
                 (true, true) => (bounds.stall, RejectReason::Unread),
                 (true, false) => (bounds.idle, RejectReason::Idle),
             };
-            let moved = self.seen.lock().unwrap_or_else(PoisonError::into_inner).moved;
-            let left = patience.saturating_sub(moved.elapsed());
-            if left.is_zero() && (owes || !calls) {
+            let moved = self.activity.lock().unwrap_or_else(PoisonError::into_inner).moved;
+            let remaining = patience.saturating_sub(moved.elapsed());
+            if remaining.is_zero() && (has_unread || !calls) {
                 return why;
             }
             // What it waits for changes without a wake-up, so it looks again soon enough for each.
             let soon = bounds.greeting.min(bounds.stall).min(bounds.idle);
             tokio::select! {
-                () = sleep(if left.is_zero() { soon } else { left.min(soon) }) => {}
+                () = sleep(if remaining.is_zero() { soon } else { remaining.min(soon) }) => {}
                 () = self.too_many.notified() => return RejectReason::Resets,
             }
         }

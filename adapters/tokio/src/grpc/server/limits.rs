@@ -21,7 +21,7 @@ const EVERY: Duration = Duration::from_secs(1);
 pub(crate) struct ServerLimits {
     pub(crate) bounds: Bounds,
     seats: Mutex<HashMap<IpAddr, usize>>,
-    taken: AtomicUsize,
+    connections_open: AtomicUsize,
     held: AtomicUsize,
     reported: Mutex<HashMap<Discriminant<RejectReason>, SuppressedLog>>,
 }
@@ -60,7 +60,7 @@ impl ServerLimits {
         Self {
             bounds,
             seats: Mutex::default(),
-            taken: AtomicUsize::new(0),
+            connections_open: AtomicUsize::new(0),
             held: AtomicUsize::new(0),
             reported: Mutex::default(),
         }
@@ -73,7 +73,7 @@ impl ServerLimits {
     ) -> Result<ConnectionPermit, RejectReason> {
         let from = network(address);
         let mut seats = lock(&self.seats);
-        if self.taken.load(Ordering::Relaxed) >= self.bounds.connections {
+        if self.connections_open.load(Ordering::Relaxed) >= self.bounds.connections {
             return Err(RejectReason::Full);
         }
         let count = seats.entry(from).or_default();
@@ -81,14 +81,14 @@ impl ServerLimits {
             return Err(RejectReason::Crowd);
         }
         *count += 1;
-        self.taken.fetch_add(1, Ordering::Relaxed);
+        self.connections_open.fetch_add(1, Ordering::Relaxed);
         Ok(ConnectionPermit { limits: Arc::clone(self), from })
     }
 
     /// Room for so many more bytes, if there is; whoever took them gives them back.
     pub(crate) fn take(&self, bytes: usize) -> bool {
-        let taken = self.held.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
-        let has_room = taken <= self.bounds.held_bytes;
+        let total = self.held.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
+        let has_room = total <= self.bounds.held_bytes;
         if !has_room {
             self.give_back(bytes);
         }
@@ -129,7 +129,7 @@ pub(crate) struct ConnectionPermit {
 impl Drop for ConnectionPermit {
     fn drop(&mut self) {
         let mut seats = lock(&self.limits.seats);
-        self.limits.taken.fetch_sub(1, Ordering::Relaxed);
+        self.limits.connections_open.fetch_sub(1, Ordering::Relaxed);
         if let Some(count) = seats.get_mut(&self.from) {
             *count -= 1;
             if *count == 0 {

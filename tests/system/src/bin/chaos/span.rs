@@ -40,8 +40,8 @@ impl ChaosTotals {
         done
     }
 
-    /// What was done since then; `struck` is one cloud, or none for all.
-    pub(crate) fn since(&self, before: &Self, struck: Option<usize>, took: Duration) -> TimeSpan {
+    /// What was done since then; `cloud` is the one disrupted, or none for all.
+    pub(crate) fn since(&self, before: &Self, cloud: Option<usize>, took: Duration) -> TimeSpan {
         let by = |name: &str| {
             let of = |done: &Self| done.outputs.get(name).copied().unwrap_or(0);
             of(self) - of(before)
@@ -52,7 +52,7 @@ impl ChaosTotals {
             times: 1,
             ms: u64::try_from(took.as_millis()).unwrap_or(u64::MAX),
             outputs,
-            of_struck: struck.map_or(outputs - of_local, |cloud| by(&name(Some(cloud)))),
+            of_struck: cloud.map_or(outputs - of_local, |cloud| by(&name(Some(cloud)))),
             of_local,
             failed: self.failed - before.failed,
             timed_out: self.timed_out - before.timed_out,

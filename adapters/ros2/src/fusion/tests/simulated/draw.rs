@@ -17,7 +17,7 @@ impl Scenario {
         let mut rng = Rng::with_seed(seed);
         let rng = &mut rng;
         let clouds = rng.one_of(&[0, 1, 1, 2, 2, 3]);
-        let peers: Vec<_> = (0..=clouds).map(|place| peer(rng, place)).collect();
+        let peers: Vec<_> = (0..=clouds).map(|index| peer(rng, index)).collect();
         let count = rng.one_of(&[3, 10, 30, 60, 120]);
         let gap = rng.one_of(&[1, 5, 10, 33, 100]);
         let inputs = inputs(rng, count, gap, peers.len());
@@ -79,7 +79,7 @@ fn inputs(rng: &mut Rng, count: u64, gap: u64, peers: usize) -> Vec<Input> {
 
 fn delivery(rng: &mut Rng, loss: u8) -> Delivery {
     let is_lost = |rng: &mut Rng| rng.u8(0..100) < loss;
-    let way = (!is_lost(rng)).then(|| delay(rng));
+    let transit = (!is_lost(rng)).then(|| delay(rng));
     let took = Duration::from_micros(match rng.u8(0..8) {
         0 => 0,
         1 => 1000 * rng.one_of(&DEADLINES),
@@ -87,15 +87,15 @@ fn delivery(rng: &mut Rng, loss: u8) -> Delivery {
     });
     let replies = if is_lost(rng) { 0 } else { rng.one_of(&[1, 1, 1, 1, 1, 1, 1, 2, 3]) };
     let reply = |rng: &mut Rng| {
-        let what = match rng.u8(0..40) {
+        let kind = match rng.u8(0..40) {
             0 => DisturbanceKind::Stray,
             1 => DisturbanceKind::Short,
             2 => DisturbanceKind::NotCdr,
             _ => DisturbanceKind::Result,
         };
-        Reply { way: delay(rng), what }
+        Reply { delay: delay(rng), kind }
     };
-    Delivery { way, took, replies: (0..replies).map(|_| reply(rng)).collect() }
+    Delivery { delay: transit, took, replies: (0..replies).map(|_| reply(rng)).collect() }
 }
 
 /// On the way: short mostly, long now and then, so that what is sent later may come first.

@@ -46,7 +46,7 @@ pub(super) struct Facts<'a> {
     pub(super) late: Vec<(usize, u64)>,
 }
 
-/// A message that was taken in, and what was told of it.
+/// A message that was accepted, and what was reported of it.
 pub(super) struct Message<'a> {
     /// The input's index.
     pub(super) serial: usize,
@@ -58,9 +58,9 @@ pub(super) struct Message<'a> {
 pub(super) struct OpenedMessage {
     pub(super) at: u64,
     pub(super) deadline: Option<u64>,
-    /// Each cloud that was asked, its deadline, and whether the offer was refused.
+    /// Each cloud that got an offer, its deadline, and whether the offer was refused.
     pub(super) offers: BTreeMap<usize, (u64, bool)>,
-    pub(super) left: Option<(u64, MessageOutcome)>,
+    pub(super) ended: Option<(u64, MessageOutcome)>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -116,7 +116,7 @@ impl<'a> Facts<'a> {
         Ok(facts)
     }
 
-    /// Reads what the trace tells.
+    /// Reads what the trace records.
     fn read(&mut self) -> Result<(), String> {
         let mut events = Events::new("trace", &*self.played.trace).map_err(|it| it.to_string())?;
         let mut step: Option<(Input, Vec<Decision>)> = None;
@@ -157,7 +157,7 @@ impl<'a> Facts<'a> {
                     at,
                     deadline,
                     offers: BTreeMap::new(),
-                    left: None,
+                    ended: None,
                 });
             }
             Input::Offer { t, p, deadline, .. } => {
@@ -179,12 +179,12 @@ impl<'a> Facts<'a> {
                     Some(Input::Fail { .. }) => "F4",
                     _ => "F5",
                 };
-                self.message(t).left =
+                self.message(t).ended =
                     Some((at, MessageOutcome::Forwarded { index: index(p), rule }));
             }
-            Decision::Miss { at, t } => self.message(t).left = Some((at, MessageOutcome::Missed)),
+            Decision::Miss { at, t } => self.message(t).ended = Some((at, MessageOutcome::Missed)),
             Decision::RefuseOpen { at, t, why } => {
-                self.message(t).left = Some((at, MessageOutcome::Refused(why)));
+                self.message(t).ended = Some((at, MessageOutcome::Refused(why)));
             }
             Decision::RefuseOffer { t, p, .. } => {
                 if let Some(offer) = self.message(t).offers.get_mut(&index(p)) {
@@ -205,7 +205,7 @@ impl<'a> Facts<'a> {
     fn assign(&mut self) {
         let mut statuses: Vec<&StatusReport> = self.played.log.statuses.iter().collect();
         statuses.sort_by_key(|reported| reported.timestamp());
-        for (serial, at) in self.played.log.came.iter().enumerate() {
+        for (serial, at) in self.played.log.arrived_at.iter().enumerate() {
             let input = &self.inputs[serial];
             let next = self.messages.len();
             let when = self.meanwhile(*at);
@@ -255,35 +255,35 @@ impl<'a> Facts<'a> {
     /// What it came to.
     pub(super) fn kinds(&self) -> BTreeSet<&'static str> {
         let mut kinds = BTreeSet::new();
-        let mut saw = |is: bool, kind: usize| {
+        let mut mark = |is: bool, kind: usize| {
             if is {
                 kinds.insert(KINDS[kind]);
             }
         };
-        for OpenedMessage { left, offers, .. } in &self.opened {
-            match left {
-                Some((_, MessageOutcome::Forwarded { index: 0, rule: "F5" })) => saw(true, 1),
+        for OpenedMessage { ended, offers, .. } in &self.opened {
+            match ended {
+                Some((_, MessageOutcome::Forwarded { index: 0, rule: "F5" })) => mark(true, 1),
                 Some((_, MessageOutcome::Forwarded { index: 0, .. })) | None => {}
-                Some((_, MessageOutcome::Forwarded { .. })) => saw(true, 0),
-                Some((_, MessageOutcome::Missed)) => saw(true, 2),
-                Some((_, MessageOutcome::Refused(_))) => saw(true, 3),
+                Some((_, MessageOutcome::Forwarded { .. })) => mark(true, 0),
+                Some((_, MessageOutcome::Missed)) => mark(true, 2),
+                Some((_, MessageOutcome::Refused(_))) => mark(true, 3),
             }
-            saw(offers.values().any(|(_, is_refused)| *is_refused), 9);
+            mark(offers.values().any(|(_, is_refused)| *is_refused), 9);
         }
         let is_doubled = |serial: &usize| self.inputs[*serial].form == Form::Whole;
-        saw(self.rejected.iter().any(is_doubled), 4);
+        mark(self.rejected.iter().any(is_doubled), 4);
         let sources = &self.played.tally.sources;
-        saw(sources[0].lost > 0, 5);
+        mark(sources[0].lost > 0, 5);
         let log = &self.played.log;
-        saw(log.unmatched.iter().any(|unmatched| unmatched.unknown_stamp > 0), 6);
-        saw(!log.hints.is_empty(), 7);
+        mark(log.unmatched.iter().any(|unmatched| unmatched.unknown_stamp > 0), 6);
+        mark(!log.hints.is_empty(), 7);
         let unsent = |reported: &StatusReport| {
             reported.output.as_ref().is_some_and(|output| !output.is_sent)
         };
-        saw(log.statuses.iter().any(unsent), 8);
-        saw(sources.iter().any(|source| source.failed > 0), 10);
-        let mut came = log.came.iter();
-        saw(came.any(|at| self.states(*at).all(|state| !state.is_active)), 11);
+        mark(log.statuses.iter().any(unsent), 8);
+        mark(sources.iter().any(|source| source.failed > 0), 10);
+        let mut arrived_at = log.arrived_at.iter();
+        mark(arrived_at.any(|at| self.states(*at).all(|state| !state.is_active)), 11);
         kinds
     }
 }
@@ -321,7 +321,7 @@ fn states(
             }
             Disturbance::Activate(is_active) => state.is_active = is_active,
             Disturbance::Dies { peer, is_seen } => {
-                // Who is called is asked all the same.
+                // A request is made to a called cloud all the same.
                 state.peers[peer].is_there = !is_seen || scenario.peers[peer].is_called;
             }
             Disturbance::Lives(peer) => state.peers[peer].is_there = true,

@@ -32,14 +32,14 @@ pub(super) struct RunResult {
     pub(super) trace: Vec<u8>,
     pub(super) tally: Tally,
     /// Messages and results that are still held.
-    pub(super) left: usize,
+    pub(super) held: usize,
 }
 
 /// What was seen of the node. Instants are nanoseconds of its clock.
 #[derive(Default, Debug)]
 pub(super) struct Log {
     /// When each input came.
-    pub(super) came: Vec<u64>,
+    pub(super) arrived_at: Vec<u64>,
     pub(super) requested: Vec<SentRequest>,
     pub(super) statuses: Vec<StatusReport>,
     /// By index: hints as they were published.
@@ -111,7 +111,7 @@ struct CountedBytes(Vec<u8>, Arc<AtomicUsize>);
 /// A topic's publisher: a peer's requests or hints, or the node's output.
 struct SimulatedPublisher {
     simulation: Arc<SimulationState>,
-    what: Kind,
+    kind: Kind,
     end: Arc<Endpoint>,
 }
 
@@ -174,15 +174,15 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
     drop(runtime);
     let log = std::mem::take(&mut *simulation.log());
     drop(simulation);
-    let left = payloads.load(Ordering::Relaxed);
-    RunResult { log, trace: fs::read(path).unwrap(), tally, left }
+    let held = payloads.load(Ordering::Relaxed);
+    RunResult { log, trace: fs::read(path).unwrap(), tally, held }
 }
 
 /// A peer as the node has it.
 fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) -> NodeSource {
     let peer = scenario.peers[index];
     let name = if index == LOCAL { "local".to_owned() } else { format!("cloud{index}") };
-    let way = if peer.is_called {
+    let route = if peer.is_called {
         Route::Grpc(called(simulation, index))
     } else {
         let requests = simulation.outlet(Kind::Requests(index), &format!("/{name}/input"));
@@ -194,7 +194,7 @@ fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) 
     NodeSource {
         priority: u16::try_from(index).unwrap(),
         name,
-        way,
+        route,
         enabled: true,
         deadline: (index == LOCAL).then_some(Duration::from_secs(1)),
         hints: peer.hints.then(|| Box::new(hints) as Box<dyn Publish>),
@@ -206,7 +206,7 @@ fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) 
 async fn feed(simulation: &Arc<SimulationState>) {
     for (serial, input) in simulation.inputs.iter().enumerate() {
         sleep_until(simulation.start + input.at).await;
-        simulation.log().came.push(simulation.now());
+        simulation.log().arrived_at.push(simulation.now());
         let body = match input.form {
             Form::NotCdr => None,
             Form::Short => Some(vec![1, 2, 3]),
@@ -249,8 +249,8 @@ async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbanc
 /// A request on its way to its peer and back.
 async fn travel(simulation: Arc<SimulationState>, index: usize, serial: usize) {
     let Input { key, fates, .. } = &simulation.inputs[serial];
-    let Delivery { way: Some(way), took, replies } = &fates[index] else { return };
-    sleep(*way).await;
+    let Delivery { delay: Some(delay), took, replies } = &fates[index] else { return };
+    sleep(*delay).await;
     let before = simulation.health()[index];
     sleep(*took).await;
     let after = simulation.health()[index];
@@ -259,12 +259,12 @@ async fn travel(simulation: Arc<SimulationState>, index: usize, serial: usize) {
     }
     // The later ones are sent first: they overtake nobody by that.
     let mut replies = replies.clone();
-    replies.sort_by_key(|reply| Reverse(reply.way));
-    for Reply { way, what } in replies {
+    replies.sort_by_key(|reply| Reverse(reply.delay));
+    for Reply { delay, kind } in replies {
         let (simulation, key) = (Arc::clone(&simulation), *key);
         tokio::spawn(async move {
-            sleep(way).await;
-            simulation.reply(Value { key, serial, index }, what).await;
+            sleep(delay).await;
+            simulation.reply(Value { key, serial, index }, kind).await;
         });
     }
 }
@@ -278,18 +278,18 @@ fn called(simulation: &Arc<SimulationState>, index: usize) -> Handle {
         drop(request);
         Box::pin(async move {
             let Input { key, fates, .. } = &simulation.inputs[serial];
-            let Delivery { way, took, replies } = &fates[index];
+            let Delivery { delay, took, replies } = &fates[index];
             if simulation.health()[index].is_gone {
                 return Err("connection refused".into());
             }
-            let (Some(way), Some(reply)) = (way, replies.first()) else {
+            let (Some(delay), Some(reply)) = (delay, replies.first()) else {
                 return std::future::pending().await;
             };
-            sleep(*way + *took + reply.way).await;
+            sleep(*delay + *took + reply.delay).await;
             if simulation.health()[index].is_dead {
                 return std::future::pending().await;
             }
-            match reply.what {
+            match reply.kind {
                 DisturbanceKind::Result => {
                     let value = Value { key: *key, serial, index };
                     Ok(simulation.sample(Some(value.bytes())).unwrap())
@@ -315,9 +315,9 @@ impl SimulationState {
         self.health.lock().unwrap()
     }
 
-    fn outlet(self: &Arc<Self>, what: Kind, topic: &str) -> SimulatedPublisher {
+    fn outlet(self: &Arc<Self>, kind: Kind, topic: &str) -> SimulatedPublisher {
         let end = Arc::new(Endpoint::new(topic, "tests/msg/Text"));
-        SimulatedPublisher { simulation: Arc::clone(self), what, end }
+        SimulatedPublisher { simulation: Arc::clone(self), kind, end }
     }
 
     /// A message of these bytes, or one that cannot be read.
@@ -338,8 +338,8 @@ impl SimulationState {
     }
 
     /// Something comes on a peer's topic.
-    async fn reply(&self, value: Value, what: DisturbanceKind) {
-        let body = match what {
+    async fn reply(&self, value: Value, kind: DisturbanceKind) {
+        let body = match kind {
             DisturbanceKind::Result => Some(value.bytes()),
             DisturbanceKind::Stray => {
                 Some(Value { key: STRAY_KEYS + value.serial as u64, ..value }.bytes())
@@ -347,7 +347,7 @@ impl SimulationState {
             DisturbanceKind::Short => Some(vec![4; 7]),
             DisturbanceKind::NotCdr => None,
         };
-        match what {
+        match kind {
             DisturbanceKind::Result => {}
             DisturbanceKind::Stray => self.log().unmatched[value.index].unknown_stamp += 1,
             DisturbanceKind::Short | DisturbanceKind::NotCdr => {
@@ -358,7 +358,7 @@ impl SimulationState {
         drop(self.mouths.results.send((value.index, self.sample(body))).await);
     }
 
-    /// Tells the node what to do, and hears how that went.
+    /// Sends the node an order, and receives its result.
     async fn publish_report(&self, task: LifecycleTask) {
         let (order, done) = LifecycleRequest::new(task);
         assert!(self.mouths.orders.send(order).await.is_ok(), "the node ended");
@@ -393,8 +393,8 @@ impl Value {
 
 impl Publish for SimulatedPublisher {
     fn publish(&self, payload: Payload) -> bool {
-        let Self { simulation, what, .. } = self;
-        match *what {
+        let Self { simulation, kind, .. } = self;
+        match *kind {
             Kind::Requests(index) => {
                 let serial = simulation.requested(index, &payload);
                 tokio::spawn(travel(Arc::clone(simulation), index, serial));
@@ -416,7 +416,7 @@ impl Publish for SimulatedPublisher {
     }
 
     fn matched(&self) -> usize {
-        match self.what {
+        match self.kind {
             Kind::Requests(index) => usize::from(!self.simulation.health()[index].is_gone),
             Kind::Hints(_) | Kind::Output => 1,
         }

@@ -37,11 +37,11 @@ impl Steps for Scenario {
 fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     let mut all: Vec<Simplification<Scenario>> = Vec::new();
     let inputs = 0..scenario.inputs.len().min(40);
-    for place in 0..scenario.peers.len() {
-        all.push(Box::new(move |it| it.peers[place].hints = false));
-        all.push(Box::new(move |it| it.peers[place].is_called = false));
+    for index in 0..scenario.peers.len() {
+        all.push(Box::new(move |it| it.peers[index].hints = false));
+        all.push(Box::new(move |it| it.peers[index].is_called = false));
         for input in inputs.clone() {
-            all.push(Box::new(move |it| it.inputs[input].fates[place] = Delivery::fair(place)));
+            all.push(Box::new(move |it| it.inputs[input].fates[index] = Delivery::fair(index)));
         }
     }
     for input in inputs {

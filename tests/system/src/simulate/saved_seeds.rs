@@ -17,7 +17,7 @@ pub struct KeptSeed {
 /// # Panics
 /// If `seeds.toml` is no list of seeds with reasons; a test reads it.
 #[must_use]
-pub fn kept() -> Vec<KeptSeed> {
+pub fn saved_seeds() -> Vec<KeptSeed> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct File {
