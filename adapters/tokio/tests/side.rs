@@ -280,7 +280,7 @@ async fn a_result_that_comes_too_late_is_a_hint_for_the_next_messages_and_no_out
         setup.use_hints(move |hint| {
             let age = hint.age.as_millis();
             last_plan.with(|last_plan| {
-                *last_plan = format!("{} {age} ms old, {}", hint.value, hint.why)
+                *last_plan = format!("{} {age} ms old, {}", hint.value, hint.why);
             });
         });
         local(&last)

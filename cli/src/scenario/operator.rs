@@ -187,7 +187,7 @@ impl ScenarioOperator {
             }
             match decision {
                 Decision::Emit { at, t, p } => {
-                    outputs.push(ScenarioOutput { at, t, source: Some(p) })
+                    outputs.push(ScenarioOutput { at, t, source: Some(p) });
                 }
                 Decision::Miss { at, t } => outputs.push(ScenarioOutput { at, t, source: None }),
                 // Timestamps rise, so that nothing else refuses one.

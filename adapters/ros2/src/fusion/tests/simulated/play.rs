@@ -230,7 +230,7 @@ async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbanc
             }
             Disturbance::Activate(true) => simulation.publish_report(LifecycleTask::Activate).await,
             Disturbance::Activate(false) => {
-                simulation.publish_report(LifecycleTask::Deactivate).await
+                simulation.publish_report(LifecycleTask::Deactivate).await;
             }
             Disturbance::Dies { peer, is_seen } => {
                 let health = &mut simulation.health()[peer];
