@@ -137,12 +137,12 @@ fn the_guard_never_collides_where_local_alone_does_not_and_half_a_second_does() 
         let random = &mut Rng::with_seed(seed);
         let speed = if seed % 3 == 0 { 20.0 } else { random.f64_between(9.0, 28.0) };
         let phase = random.f64();
-        let loss = random.f64();
+        let drop_rate = random.f64();
         // A response for each frame, by its instant.
         let response = |at: u64| {
             let random = &mut Rng::with_seed(seed ^ at.rotate_left(20));
             let response = random.one_of(&[0.1, 0.3, 0.6, 1.2]) * random.f64_between(0.5, 1.5);
-            (random.f64() > loss).then(|| nanos(response))
+            (random.f64() > drop_rate).then(|| nanos(response))
         };
         let local = end(&drive(&REFERENCE, speed, phase, Approach::Local), response).hits();
         let ours = |deadline| {
